@@ -1,0 +1,35 @@
+"""One error base. Its messages are for the person who reads them: what was wrong, where, and what would be right."""
+
+from __future__ import annotations
+
+
+class SimgrabError(Exception):
+    """Anything a user can put right. The command line prints the message alone and exits with status 2."""
+
+
+class ScenarioError(SimgrabError):
+    """A scenario that cannot be: an unknown key, a value out of range, a contradiction.
+
+    Parameters
+    ----------
+    key : str
+        Dotted key of the offending value, e.g. ``camera.beta_deg``; empty where the file as a whole is meant.
+    problem : str
+        What is wrong, and what would be right.
+    """
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key = key
+
+
+class CalibrationError(SimgrabError):
+    """A camera file that cannot be read or describes no camera."""
+
+
+class DatasetError(SimgrabError):
+    """A dataset folder that cannot be written, read, resumed or trusted."""
+
+
+class RendererError(SimgrabError):
+    """No usable offscreen OpenGL, or a picture that the renderer did not draw whole."""
