@@ -1,0 +1,161 @@
+"""A part: one watertight shape with its material, and how it becomes a MuJoCo mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """How a surface looks under MuJoCo's classic renderer.
+
+    Attributes
+    ----------
+    name : str
+        Unique within a model.
+    rgba : tuple of 4 floats
+        Colour, multiplied with the texture where there is one.
+    texture : ndarray, shape (H, W, 3), uint8, or None
+        Repeats; its first row is the top of the picture (v = 1).
+    tile_m : float
+        Side of one tile of the texture, metres, where UVs are metric (see `Part.uv`).
+    specular, shininess, emission : float
+        In [0, 1].
+    """
+
+    name: str
+    rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    texture: NDArray[np.uint8] | None = field(default=None, repr=False)
+    tile_m: float = 1.0
+    specular: float = 0.2
+    shininess: float = 0.2
+    emission: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One shape, fixed in the frame of one body.
+
+    Attributes
+    ----------
+    name : str
+    mesh : trimesh.Trimesh
+        Metres, in the body's frame, outward-facing.
+    material : Material
+    uv : ndarray, shape (V, 2), or None
+        Texture coordinates of the mesh's vertices in tiles. None projects the texture along the axis that each
+        face looks along, in metres divided by ``material.tile_m``.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    material: Material
+    uv: NDArray[np.float64] | None = None
+
+    def moved(self, transform: NDArray[np.float64], name: str | None = None) -> Part:
+        """Return the part moved by a 4×4 transform; a given ``uv`` moves along, a projected one is projected anew."""
+        mesh = self.mesh.copy()
+        mesh.apply_transform(transform)
+        return Part(name or self.name, mesh, self.material, self.uv)
+
+
+def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
+    """Add parts to a body as visual geoms, one per material: no collision, no mass.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+    body : mujoco.MjsBody
+    parts : iterable of Part
+    group : int
+        MuJoCo geom group, which tells what a pixel belongs to.
+    prefix : str
+        Unique name stem of the geoms and meshes.
+    """
+    by_material: dict[str, list[Part]] = {}
+    for part in parts:
+        by_material.setdefault(part.material.name, []).append(part)
+    for name, same in by_material.items():
+        _add_material(spec, same[0].material)
+        corners = [_corners(part) for part in same]
+        vertices, normals, uvs = (np.concatenate([c[i] for c in corners]) for i in range(3))
+        mesh = spec.add_mesh(name=f"{prefix}/{name}")
+        mesh.uservert = vertices.ravel()
+        mesh.usernormal = normals.ravel()
+        mesh.usertexcoord = uvs.ravel()
+        mesh.userface = np.arange(len(vertices))
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # for drawing only: sheets are welcome
+        body.add_geom(
+            name=f"{prefix}/{name}",
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=mesh.name,
+            material=name,
+            group=group,
+            contype=0,
+            conaffinity=0,
+            mass=0,
+        )
+
+
+def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
+    if spec.material(material.name) is not None:
+        return
+    mat = spec.add_material(
+        name=material.name,
+        rgba=material.rgba,
+        specular=material.specular,
+        shininess=material.shininess,
+        emission=material.emission,
+    )
+    if material.texture is not None:
+        height, width, channels = material.texture.shape
+        texture = spec.add_texture(
+            name=material.name,
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            width=width,
+            height=height,
+            nchannel=channels,
+        )
+        texture.data = np.ascontiguousarray(material.texture[::-1]).tobytes()
+        mat.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
+
+
+def _corners(part: Part) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Positions, normals and UVs of every face corner, each (3F, 3|3|2): facets keep sharp edges, curves stay smooth."""
+    mesh = part.mesh
+    faces = np.asarray(mesh.faces)
+    normals = _corner_normals(mesh)
+    corners = np.asarray(mesh.vertices)[faces].reshape(-1, 3)
+    if part.uv is not None:
+        return corners, normals, np.asarray(part.uv)[faces].reshape(-1, 2)
+    axis = np.abs(np.asarray(mesh.face_normals)).argmax(axis=1).repeat(3)
+    # Look along x: (y, z); along y: (x, z); along z: (x, y).
+    first, second = np.array([1, 0, 0])[axis], np.array([2, 2, 1])[axis]
+    rows = np.arange(len(corners))
+    uv = np.stack([corners[rows, first], corners[rows, second]], axis=1) / part.material.tile_m
+    return corners, normals, uv
+
+
+def _corner_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+    """Average, at every face corner, the normals of the smoothly joined faces around it, weighted by angle."""
+    faces = np.asarray(mesh.faces)
+    face_normals = np.asarray(mesh.face_normals)
+    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < CREASE_ANGLE]
+    labels = trimesh.graph.connected_component_labels(smooth, node_count=len(faces))
+    # One accumulator per (vertex, smooth patch).
+    keys = faces.astype(np.int64) * (labels.max() + 1) + labels[:, None]
+    unique, inverse = np.unique(keys.ravel(), return_inverse=True)
+    total = np.zeros((len(unique), 3))
+    weights = np.asarray(mesh.face_angles).ravel()[:, None]
+    np.add.at(total, inverse, face_normals.repeat(3, axis=0) * weights)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    normals = np.where(length > 1e-12, total / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
+    return np.asarray(normals[inverse])
