@@ -39,7 +39,9 @@ def rotation_y(angle: ArrayLike) -> Array:
 
 def lean(angle: ArrayLike, azimuth: ArrayLike) -> Array:
     """Rotate the downward vertical by ``angle`` towards ``azimuth``, about a horizontal axis: Rz(φ)·Ry(−angle)·Rz(−φ)."""
-    return rotation_z(azimuth) @ rotation_y(-np.asarray(angle, float)) @ rotation_z(-np.asarray(azimuth, float))
+    return (
+        rotation_z(azimuth) @ rotation_y(-np.asarray(angle, float)) @ rotation_z(-np.asarray(azimuth, float))
+    )
 
 
 def camera_rotation(beta: ArrayLike, azimuth: ArrayLike, roll: ArrayLike) -> Array:
@@ -228,7 +230,9 @@ class Intrinsics:
             Clockwise in the picture, in (−π, π].
         """
         xy = np.asarray(ideal_pixels, float) - (self.cx_px, self.cy_px)
-        return np.hypot(xy[..., 0], xy[..., 1]), wrap(np.arctan2(xy[..., 1], xy[..., 0]) - np.asarray(axis, float))
+        return np.hypot(xy[..., 0], xy[..., 1]), wrap(
+            np.arctan2(xy[..., 1], xy[..., 0]) - np.asarray(axis, float)
+        )
 
     def from_polar(self, m: ArrayLike, theta: ArrayLike, axis: ArrayLike = 0.0) -> Array:
         """Ideal pixels (..., 2) from (m, θ); the inverse of `polar`."""

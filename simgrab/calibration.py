@@ -1,0 +1,81 @@
+"""The camera TOML: what the instrument knows of its camera. Never the tilt, which is what it has to find."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import tomli_w
+
+from simgrab.errors import CalibrationError
+from simgrab.geometry import Distortion, Intrinsics
+from simgrab.strict import convert
+
+Meta = msgspec.Meta
+
+
+class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Intrinsics, distortion and the nominal offset of the camera from the rope exit.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+    focal_length_px : float
+        h = fx = fy.
+    cx_px, cy_px : float
+        Principal point; (0, 0) is the outer corner of the top-left pixel.
+    k1, k2, p1, p2, k3 : float
+        Brown–Conrady, OpenCV's order and signs.
+    offset_m : tuple of 3 floats
+        Nominal camera centre minus rope exit O, jib frame (x outboard, z up).
+    offset_sd_m : float
+        Standard deviation of each component of the offset.
+    roll_deg : float
+        Nominal turn of the picture about the optical axis, which orients the offset in the picture.
+    display_constant_m : float
+        \\|OA\\| minus the rope length on the display.
+    """
+
+    width_px: Annotated[int, Meta(ge=1)]
+    height_px: Annotated[int, Meta(ge=1)]
+    focal_length_px: Annotated[float, Meta(gt=0)]
+    cx_px: float
+    cy_px: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset_sd_m: Annotated[float, Meta(ge=0)] = 0.5
+    roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    display_constant_m: float = 0.0
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The pinhole and its lens."""
+        return Intrinsics(
+            self.width_px,
+            self.height_px,
+            self.focal_length_px,
+            self.cx_px,
+            self.cy_px,
+            Distortion(self.k1, self.k2, self.p1, self.p2, self.k3),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write a camera TOML."""
+        path.write_text(tomli_w.dumps(msgspec.to_builtins(self)), encoding="utf-8")
+
+
+def load(path: str | Path) -> Calibration:
+    """Read a camera TOML; raises `CalibrationError` with one line that names file and key."""
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return convert(data, Calibration, CalibrationError)
+    except CalibrationError as problem:
+        raise CalibrationError(f"{path}: {problem}") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise CalibrationError(f"cannot read camera file {path}: {problem}") from None

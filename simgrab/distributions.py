@@ -1,0 +1,189 @@
+"""Laws that a scenario draws from: one small struct each, with one `sample`.
+
+Values carry the unit of the key that holds the law, e.g. metres under ``rope_length_m``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from simgrab.geometry import Array
+
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+
+
+class Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="dist"):
+    """A one-dimensional probability law.
+
+    Each law gives `sample`, its root mean square `rms`, and the interval `support` outside which it never falls.
+    """
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:
+        """Draw ``size`` values, shape (size,), or one, shape ()."""
+        raise NotImplementedError
+
+    def rms(self) -> float:
+        """√E[X²]."""
+        raise NotImplementedError
+
+    def support(self) -> tuple[float, float]:
+        """Lowest and highest value that can be drawn."""
+        raise NotImplementedError
+
+
+class HalfNormal(Law, frozen=True, tag="half-normal"):
+    """\\|N(0, scale²)\\|: the paper's law of α (section 4.3)."""
+
+    scale: NonNegative = 1.0
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
+        return np.abs(rng.normal(0.0, self.scale, size))
+
+    def rms(self) -> float:  # noqa: D102
+        return self.scale
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        return 0.0, math.inf
+
+
+class Rayleigh(Law, frozen=True, tag="rayleigh"):
+    """Length of a two-dimensional normal vector: what isotropic forcing of a pendulum gives."""
+
+    scale: NonNegative = 1.0
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
+        return np.asarray(rng.rayleigh(self.scale, size))
+
+    def rms(self) -> float:  # noqa: D102
+        return math.sqrt(2) * self.scale
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        return 0.0, math.inf
+
+
+class Exponential(Law, frozen=True, tag="exponential"):
+    """Exponential law of the given mean: a heavy tail."""
+
+    mean: NonNegative = 1.0
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
+        return np.asarray(rng.exponential(self.mean, size))
+
+    def rms(self) -> float:  # noqa: D102
+        return math.sqrt(2) * self.mean
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        return 0.0, math.inf
+
+
+class Normal(Law, frozen=True, tag="normal"):
+    """Normal law, truncated to [low, high] where these are given."""
+
+    mean: float = 0.0
+    sd: NonNegative = 1.0
+    low: float | None = None
+    high: float | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.support()
+        if low >= high:
+            raise ValueError(f"low must lie below high, got {low:g} and {high:g}")
+        if self.sd == 0 and not low <= self.mean <= high:
+            raise ValueError(f"with sd = 0 the mean must lie in [{low:g}, {high:g}], got {self.mean:g}")
+        if self.sd > 0 and self._mass()[1] - self._mass()[0] < 1e-9:
+            raise ValueError(f"hardly any of the law lies in [{low:g}, {high:g}]")
+
+    def _mass(self) -> tuple[float, float]:
+        low, high = self.support()
+        return float(ndtr((low - self.mean) / self.sd)), float(ndtr((high - self.mean) / self.sd))
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
+        if self.sd == 0:
+            return np.full(() if size is None else size, self.mean)
+        below, above = self._mass()
+        quantile = ndtri(below + (above - below) * rng.random(size))
+        return np.clip(self.mean + self.sd * quantile, *self.support())
+
+    def rms(self) -> float:  # noqa: D102
+        if self.sd == 0:
+            return abs(self.mean)
+        a, b = ((bound - self.mean) / self.sd for bound in self.support())
+        below, above = self._mass()
+        density_a, density_b = (math.exp(-z * z / 2) / math.sqrt(2 * math.pi) for z in (a, b))
+        tail_a, tail_b = (z * d if math.isfinite(z) else 0.0 for z, d in ((a, density_a), (b, density_b)))
+        first = (density_a - density_b) / (above - below)
+        second = 1 + (tail_a - tail_b) / (above - below)
+        return math.sqrt(self.mean**2 + 2 * self.mean * self.sd * first + self.sd**2 * second)
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        low = -math.inf if self.low is None else self.low
+        return low, math.inf if self.high is None else self.high
+
+
+class Uniform(Law, frozen=True, tag="uniform"):
+    """Uniform on [low, high)."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if self.low > self.high:
+            raise ValueError(f"low must not exceed high, got {self.low:g} and {self.high:g}")
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
+        return np.asarray(rng.uniform(self.low, self.high, size))
+
+    def rms(self) -> float:  # noqa: D102
+        return math.sqrt((self.low**2 + self.low * self.high + self.high**2) / 3)
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        return self.low, self.high
+
+
+class Constant(Law, frozen=True, tag="constant"):
+    """Always the same value."""
+
+    value: float
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: ARG002, D102
+        return np.full(() if size is None else size, self.value)
+
+    def rms(self) -> float:  # noqa: D102
+        return abs(self.value)
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        return self.value, self.value
+
+
+class Choice(Law, frozen=True, tag="choice"):
+    """One of several values, with weights that need not sum to 1 (equal unless given)."""
+
+    values: Annotated[tuple[float, ...], msgspec.Meta(min_length=1)]
+    weights: tuple[NonNegative, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.weights and len(self.weights) != len(self.values):
+            raise ValueError(f"{len(self.values)} values need as many weights, got {len(self.weights)}")
+        if self.weights and sum(self.weights) <= 0:
+            raise ValueError("at least one weight must be above 0")
+
+    def _probabilities(self) -> Array:
+        weights = np.array(self.weights or [1.0] * len(self.values))
+        return np.asarray(weights / weights.sum())
+
+    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
+        return np.asarray(rng.choice(np.array(self.values), size, p=self._probabilities()))
+
+    def rms(self) -> float:  # noqa: D102
+        return math.sqrt(float(self._probabilities() @ np.square(self.values)))
+
+    def support(self) -> tuple[float, float]:  # noqa: D102
+        return min(self.values), max(self.values)
+
+
+Distribution = HalfNormal | Rayleigh | Exponential | Normal | Uniform | Constant | Choice

@@ -1,0 +1,306 @@
+"""A scenario: everything that can change a number or a pixel, as frozen typed structs. Strict TOML in, TOML or JSON out."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from simgrab.distributions import Constant, Distribution, HalfNormal, Law, Uniform
+from simgrab.errors import ScenarioError
+from simgrab.geometry import (
+    PAPER_FOCAL_LENGTH_MM,
+    PAPER_PIXELS_PER_MM,
+    Distortion,
+    Intrinsics,
+    focal_length_px,
+    pixels_per_mm,
+)
+
+Meta = msgspec.Meta
+Positive = Annotated[float, Meta(gt=0)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Cargo = Literal["coal", "ore", "grain"]
+
+MOST_ALPHA_DEG = 80.0
+ROPE_LENGTH_RANGE_M = (6.0, 45.0)
+
+
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of every table."""
+
+
+class Tagged(Strict, frozen=True, tag_field="model"):
+    """Base of every table that comes in kinds, told apart by ``model``."""
+
+
+class PixelFocal(Tagged, frozen=True, tag="pixels"):
+    """Focal length given in pixels."""
+
+    focal_length_px: Annotated[float, Meta(ge=100, le=100_000)]
+
+    def pixels(self, width_px: int, height_px: int) -> float:  # noqa: ARG002
+        """Focal length h, px."""
+        return self.focal_length_px
+
+
+class LensFocal(Tagged, frozen=True, tag="lens"):
+    """Lens and pixel density; the defaults are the paper's camera, h = 1644.82 px (section 4.3)."""
+
+    focal_length_mm: Annotated[float, Meta(ge=0.5, le=500)] = PAPER_FOCAL_LENGTH_MM
+    pixels_per_mm: Annotated[float, Meta(ge=10, le=5000)] = PAPER_PIXELS_PER_MM
+
+    def pixels(self, width_px: int, height_px: int) -> float:  # noqa: ARG002
+        """Focal length h, px."""
+        return focal_length_px(self.focal_length_mm, self.pixels_per_mm)
+
+
+class SensorFocal(Tagged, frozen=True, tag="sensor"):
+    """Lens and sensor diagonal, the sensor being read out whole."""
+
+    focal_length_mm: Annotated[float, Meta(ge=0.5, le=500)] = PAPER_FOCAL_LENGTH_MM
+    sensor_diagonal_mm: Annotated[float, Meta(ge=1, le=100)] = 6.43
+
+    def pixels(self, width_px: int, height_px: int) -> float:
+        """Focal length h, px."""
+        return focal_length_px(
+            self.focal_length_mm, pixels_per_mm(width_px, height_px, self.sensor_diagonal_mm)
+        )
+
+
+class Lens(Strict, frozen=True):
+    """Brown–Conrady coefficients, OpenCV's order and signs."""
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+
+class Camera(Strict, frozen=True):
+    """The surveillance camera at the jib head: the truth, which the instrument never gets."""
+
+    width_px: Annotated[int, Meta(ge=64, le=4096)] = 1920
+    height_px: Annotated[int, Meta(ge=64, le=4096)] = 1080
+    focal: PixelFocal | LensFocal | SensorFocal = LensFocal()
+    principal_offset_px: tuple[float, float] = (0.0, 0.0)
+    distortion: Lens = Lens()
+    beta_deg: Annotated[float, Meta(ge=0, le=30)] = 3.0
+    tilt_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    offset_x_m: Annotated[float, Meta(ge=-3, le=3)] = 0.0
+    offset_y_m: Annotated[float, Meta(ge=-3, le=3)] = 0.6
+    offset_z_m: Annotated[float, Meta(ge=-3, le=1)] = -0.3
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The pinhole and its lens."""
+        d = self.distortion
+        return Intrinsics(
+            self.width_px,
+            self.height_px,
+            self.focal.pixels(self.width_px, self.height_px),
+            self.width_px / 2 + self.principal_offset_px[0],
+            self.height_px / 2 + self.principal_offset_px[1],
+            Distortion(d.k1, d.k2, d.p1, d.p2, d.k3),
+        )
+
+    @property
+    def offset_m(self) -> tuple[float, float, float]:
+        """Camera centre minus O, jib frame, m."""
+        return self.offset_x_m, self.offset_y_m, self.offset_z_m
+
+
+class Alpha(Strict, frozen=True):
+    """The swing angle: ``law`` gives the shape and ``sigma_deg`` the scale, √E[α²], for every law."""
+
+    sigma_deg: Annotated[float, Meta(ge=0, le=30)] = 2.0
+    law: Distribution = HalfNormal()
+
+    def __post_init__(self) -> None:
+        if self.law.rms() <= 0:
+            raise ValueError("the law must not be all zeros; for a still grab set sigma_deg = 0")
+
+    @property
+    def scale_deg(self) -> float:
+        """Degrees a unit of the law: α = scale · \\|X\\|."""
+        return self.sigma_deg / self.law.rms()
+
+
+class Iid(Tagged, frozen=True, tag="iid"):
+    """Independent frames: each draws its own swing, rope length, yaw, jaws and load."""
+
+    alpha: Alpha = Alpha()
+    gamma_deg: Distribution = Uniform(0.0, 360.0)
+    rope_length_m: Distribution = Uniform(8.0, 23.0)
+    yaw_deg: Distribution = Uniform(-15.0, 15.0)
+    jaw_deg: Distribution = Constant(0.0)
+    load: Distribution = Constant(0.0)
+
+
+class Grab(Strict, frozen=True):
+    """Looks of the bucket grab. ``wear`` and ``residue`` go from 0 (new, clean) to 1."""
+
+    paint_rgb: tuple[Share, Share, Share] = (0.86, 0.52, 0.07)
+    wear: Share = 0.4
+    residue: Share = 0.3
+    cargo: Cargo = "coal"
+
+
+class Jib(Strict, frozen=True):
+    """The jib head: how high the rope exit O hangs above the quay."""
+
+    head_height_m: Annotated[float, Meta(ge=22, le=35)] = 28.0
+
+
+class Quay(Tagged, frozen=True, tag="quay"):
+    """Quay apron: rails, markings, a bulk pile, and a hopper or truck to dump into."""
+
+    cargo: Cargo = "coal"
+    receiver: Literal["hopper", "truck", "none"] = "hopper"
+    pile_height_m: Annotated[float, Meta(ge=0, le=5)] = 2.5
+    wear: Share = 0.5
+
+
+class Hold(Tagged, frozen=True, tag="hold"):
+    """A bulk carrier's hold: coaming, frames, tank top, and a heap that fills it by ``fill``."""
+
+    cargo: Cargo = "coal"
+    fill: Share = 0.4
+    depth_m: Annotated[float, Meta(ge=12, le=18)] = 15.0
+    wear: Share = 0.5
+
+
+class Water(Tagged, frozen=True, tag="water"):
+    """Water beside the hull, with the quay wall opposite."""
+
+    freeboard_m: Annotated[float, Meta(ge=2, le=8)] = 4.0
+    quay_height_m: Annotated[float, Meta(ge=1.5, le=6)] = 3.0
+    chop: Share = 0.3
+
+
+class Light(Strict, frozen=True):
+    """Sun and sky. Azimuth as all azimuths: counter-clockwise from x, seen from above."""
+
+    sun_elevation_deg: Annotated[float, Meta(ge=10, le=90)] = 48.0
+    sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 130.0
+    sun: Annotated[float, Meta(ge=0, le=2)] = 0.75
+    sky: Annotated[float, Meta(ge=0, le=2)] = 0.45
+
+    def __post_init__(self) -> None:
+        if self.sun == 0 and self.sky == 0:
+            raise ValueError("sun and sky must not both be 0: nothing would be seen")
+
+
+class Image(Strict, frozen=True):
+    """How frames are drawn and stored."""
+
+    format: Literal["jpeg", "png"] = "jpeg"
+    quality: Annotated[int, Meta(ge=1, le=100)] = 95
+    samples: Literal[0, 2, 4, 8] = 4
+    shadow_map_px: Literal[0, 1024, 2048, 4096, 8192] = 4096
+    ids: bool = False
+    depth: bool = False
+
+
+class Labels(Strict, frozen=True):
+    """Which frames get a detection box: those that show at least this fraction of the grab's silhouette."""
+
+    least_visible_fraction: Share = 0.1
+
+
+class Splits(Strict, frozen=True):
+    """Shares of the seeded draw into train, val and test."""
+
+    train: Share = 0.8
+    val: Share = 0.1
+    test: Share = 0.1
+
+    def __post_init__(self) -> None:
+        if not math.isclose(self.train + self.val + self.test, 1.0, abs_tol=1e-9):
+            raise ValueError(f"train + val + test must be 1, got {self.train + self.val + self.test:g}")
+
+
+class Scenario(Strict, frozen=True):
+    """One scene, whole. Two scenarios with the same `digest` give the same dataset."""
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
+    description: str = ""
+    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
+    camera: Camera = Camera()
+    swing: Iid = Iid()
+    grab: Grab = Grab()
+    jib: Jib = Jib()
+    place: Quay | Hold | Water = Quay()
+    light: Light = Light()
+    image: Image = Image()
+    labels: Labels = Labels()
+    splits: Splits = Splits()
+
+    def __post_init__(self) -> None:
+        _within("swing.rope_length_m", self.swing.rope_length_m, *ROPE_LENGTH_RANGE_M)
+        _within("swing.load", self.swing.load, 0.0, 1.0)
+        _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
+        _check_lens(self.camera.intrinsics)
+
+    def digest(self) -> str:
+        """SHA-256 of the canonical JSON of everything in the scenario."""
+        return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, as `from_dict` takes it."""
+        return dict(msgspec.to_builtins(self))
+
+
+def _within(key: str, law: Law, low: float, high: float) -> None:
+    least, most = law.support()
+    if least < low or most > high:
+        raise ScenarioError(
+            key, f"draws must stay within {low:g} … {high:g}, this law spans {least:g} … {most:g}"
+        )
+
+
+def _check_lens(intrinsics: Intrinsics) -> None:
+    """Refuse a lens that folds within the picture."""
+    w, h = intrinsics.width_px, intrinsics.height_px
+    border = [(x, y) for x in (0, w / 2, w) for y in (0, h / 2, h)]
+    if any(map(math.isnan, intrinsics.undistort(border).ravel())):
+        raise ScenarioError("camera.distortion", "the lens folds the picture: no ray reaches its corners")
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, for editors."""
+    return _open_base(msgspec.json.schema(Scenario))
+
+
+def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
+    properties = schema["$defs"]["Scenario"]["properties"]
+    properties["base"] = {"type": "string", "description": "Bundled scene that this file departs from."}
+    return schema
+
+
+def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge nested tables, ``change`` winning. A table of another kind (``model``, ``dist``) replaces the old one whole."""
+    result = dict(base)
+    for key, value in change.items():
+        old = result.get(key)
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value):
+            result[key] = merged(old, value)
+        else:
+            result[key] = value
+    return result
+
+
+def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    return any(tag in new and new[tag] != old.get(tag) for tag in ("model", "dist"))
+
+
+def save_schema(path: Path) -> None:
+    """Write the JSON schema."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(schema()), indent=2) + b"\n")

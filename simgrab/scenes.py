@@ -1,0 +1,111 @@
+"""Find, read and change scenarios: bundled scenes by name, TOML files, a finished dataset's manifest."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from simgrab.errors import ScenarioError
+from simgrab.resources import SCENES
+from simgrab.scenario import Scenario, merged
+from simgrab.strict import convert
+
+
+def names() -> list[str]:
+    """Names of the bundled scenes."""
+    return sorted(p.stem for p in SCENES.glob("*.toml"))
+
+
+def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Read a scenario and apply changes to it.
+
+    Parameters
+    ----------
+    scene : str or Path
+        A bundled scene's name (see `names`), a TOML file, or the ``manifest.json`` of a dataset.
+    changes : mapping, optional
+        Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        With one line that names the key and what would be valid there.
+
+    Examples
+    --------
+    >>> load("quay-day", {"camera.beta_deg": 5.0}).camera.beta_deg
+    5.0
+    """
+    data = merged(Scenario().to_dict(), _read(scene))
+    for key, value in (changes or {}).items():
+        data = merged(data, _nested(key, value))
+    return convert(data, Scenario)
+
+
+def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
+    """Parse ``a.b=value`` assignments; values are TOML, and anything else is taken as a string."""
+    changes: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = (s.strip() for s in assignment.partition("="))
+        if not equals or not key or not text:
+            raise ScenarioError("", f"--set takes key=value, got {assignment!r}")
+        try:
+            changes[key] = tomllib.loads(f"v = {text}")["v"]
+        except tomllib.TOMLDecodeError:
+            changes[key] = text
+    return changes
+
+
+def _nested(dotted: str, value: Any) -> dict[str, Any]:
+    for step in reversed(dotted.split(".")):
+        value = {step: value}
+    return dict(value)
+
+
+def _read(scene: str | Path) -> dict[str, Any]:
+    """Plain data of a scene, laid over its base where it names one."""
+    path = Path(scene)
+    if isinstance(scene, str) and (SCENES / f"{scene}.toml").is_file():
+        path = SCENES / f"{scene}.toml"
+    elif not path.is_file():
+        close = difflib.get_close_matches(str(scene), names(), n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise ScenarioError(
+            "", f"no scene or file {str(scene)!r}{hint}; bundled scenes: {', '.join(names())}"
+        )
+    if path.suffix == ".json":
+        return _manifest_scenario(path)
+    data = _toml(path)
+    base = data.pop("base", None)
+    if base is None:
+        return data
+    if base not in names():
+        raise ScenarioError("base", f"{path}: no bundled scene {base!r}; one of: {', '.join(names())}")
+    below = _toml(SCENES / f"{base}.toml")
+    if "base" in below:
+        raise ScenarioError("base", f"{path}: {base!r} has a base of its own; name one that has none")
+    return merged(below, data)
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as problem:
+        raise ScenarioError("", f"{path} is not valid TOML: {problem}") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise ScenarioError("", f"cannot read {path}: {problem}") from None
+
+
+def _manifest_scenario(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ScenarioError("", f"{path} is not a simgrab manifest: it holds no scenario") from None
