@@ -51,24 +51,22 @@ def lumps(rng: np.random.Generator, *, count: int, fill: float) -> tuple[Image, 
 
 
 def bulk(rng: np.random.Generator, layers: list[tuple[int, float]], *, fines: float) -> Image:
-    """Brightness in [0, 1] of a heaped lumpy material: facets, crevices and fines; ``layers`` of (count, fill)."""
-    height = fines * fractal(SIZE, rng, slope=1.2, low=20)
+    """Brightness in [0, 1] of a heaped lumpy material: facets, crevices, fines; ``layers`` of (count, fill)."""
+    height: Image = fines * fractal(SIZE, rng, slope=1.2, low=20)
     tone = 0.5 + 0.35 * (fractal(SIZE, rng, slope=0.6, low=40) - 0.5)
     for count, fill in layers:
         rock, rock_tone = lumps(rng, count=count, fill=fill)
         tone = np.where(rock > height, rock_tone, tone)
         height = np.maximum(height, rock)
-    crevice = sum(
-        np.tanh((height - gaussian_filter(height, s, mode="wrap")) / (0.7 * s)) for s in (2.0, 6.0, 16.0)
-    )
+    crevice = sum(np.tanh((height - gaussian_filter(height, s, mode="wrap")) / (0.7 * s)) for s in (2.0, 6.0, 16.0))
     grit = fractal(SIZE, rng, slope=0.3, low=60) - 0.5
-    return stretch(0.55 * tone + 0.35 * np.asarray(crevice) + 0.30 * grit)
+    return np.asarray(stretch(0.55 * tone + 0.35 * crevice + 0.30 * grit))
 
 
 def coal(rng: np.random.Generator) -> Image:
     """Run-of-mine coal: black lumps up to a hand's breadth, grey fines, a little brown."""
     light = bulk(rng, [(30000, 0.5), (5000, 0.33), (700, 0.26)], fines=1.5)
-    picture = ramp(light, [(0, (13, 13, 14)), (0.45, (33, 33, 35)), (0.85, (58, 58, 60)), (1, (88, 88, 90))])
+    picture: Image = ramp(light, [(0, (13, 13, 14)), (0.45, (33, 33, 35)), (0.85, (58, 58, 60)), (1, (88, 88, 90))])
     dust = 0.5 * fractal(SIZE, rng, slope=2.4, low=3) + 0.5 * fractal(SIZE, rng, slope=1.5, low=12)
     return picture + (np.clip(dust - 0.45, 0, 1) * 26)[..., None] * np.array([1.05, 0.96, 0.84])
 
@@ -89,12 +87,150 @@ def grain(rng: np.random.Generator) -> Image:
     return picture * (0.90 + 0.20 * chaff)[..., None] + (np.clip(chaff - 0.7, 0, 1) * 40)[..., None]
 
 
-TEXTURES: dict[str, Callable[[np.random.Generator], Image]] = {"coal": coal, "ore": ore, "grain": grain}
+def cracks(rng: np.random.Generator, *, cells: int, width: float) -> Image:
+    """Map cracking: 1 on hairlines between ``cells`` cells a tile, fading with noise so that most are broken off."""
+    centre = rng.uniform(0, SIZE, (cells, 2))
+    spot = np.moveaxis(np.indices((SIZE, SIZE)).astype(float), 0, -1).copy()
+    for axis in range(2):
+        for slope, reach in ((3.0, 90.0), (1.6, 10.0)):
+            spot[..., axis] += reach * (fractal(SIZE, rng, slope=slope, low=2) - 0.5)
+    distance, _ = cKDTree(centre, boxsize=SIZE).query((spot % SIZE).reshape(-1, 2), k=2)
+    gap = (distance[:, 1] - distance[:, 0]).reshape(SIZE, SIZE)
+    seen = np.clip(5 * (fractal(SIZE, rng, slope=2.4, low=2) - 0.6), 0, 1)
+    return np.asarray(np.exp(-((gap / width) ** 2)) * seen)
+
+
+def concrete(rng: np.random.Generator) -> Image:
+    """Old dusty concrete at about 1.2 cm a pixel (tile of 12 m)."""
+    cloud = fractal(SIZE, rng, slope=2.2, low=2)
+    blotch = fractal(SIZE, rng, slope=1.5, low=8)
+    speckle = fractal(SIZE, rng, slope=0.4, low=50)
+    light = 0.34 * cloud + 0.33 * blotch + 0.33 * speckle
+    picture: Image = ramp(
+        stretch(light), [(0, (92, 90, 86)), (0.35, (121, 118, 112)), (0.7, (137, 134, 127)), (1, (158, 155, 147))]
+    )
+    spots = np.clip((fractal(SIZE, rng, slope=1.6, low=14) - 0.80) * 7, 0, 1)
+    picture *= 1 - 0.30 * spots[..., None]
+    picture *= 1 - 0.40 * cracks(rng, cells=14, width=1.3)[..., None]
+    warm = fractal(SIZE, rng, slope=2.6, low=2) - 0.5
+    return picture * (1 + 0.035 * warm[..., None] * np.array([1.0, 0.2, -1.0]))
+
+
+def water(rng: np.random.Generator) -> Image:
+    """Ripples of harbour water from above, without foam (tile of 16 m): sky on the slopes, depth between them."""
+    phase = np.fft.fftfreq(SIZE, 1 / SIZE)
+    ky, kx = np.meshgrid(phase, phase, indexing="ij")
+    k = np.hypot(ky, kx)
+    wind = 0.35 + 0.65 * (np.cos(np.arctan2(ky, kx) - 0.5)) ** 2
+    amplitude = np.where((k >= 4) & (k <= 300), np.maximum(k, 1.0) ** -1.9 * wind, 0.0)
+    amplitude *= 1 - np.exp(-((k / 14) ** 2))
+    spectrum = np.fft.fft2(rng.standard_normal((SIZE, SIZE))) * amplitude
+    slope_y, slope_x = (np.fft.ifft2(1j * axis * spectrum).real for axis in (ky, kx))
+    tilt = slope_x * 0.8 + slope_y * 0.6
+    tilt = tilt / tilt.std() + 0.30 * (slope_x**2 + slope_y**2) / (slope_x**2 + slope_y**2).mean()
+    cloud = fractal(SIZE, rng, slope=2.6, low=2, high=40)
+    light = tilt + 1.2 * (cloud - 0.5)
+    stops = [
+        (-2.5, (43, 50, 47)),
+        (-0.6, (55, 63, 59)),
+        (0.5, (65, 73, 69)),
+        (1.6, (82, 91, 88)),
+        (3.2, (118, 127, 126)),
+    ]
+    return ramp(light, [(at, (r, g, b)) for at, (r, g, b) in stops])
+
+
+def seams(rng: np.random.Generator, *, rows: int, columns: int) -> tuple[Image, Image]:
+    """Plates in brick bond: a weld-seam mask and a tone in [0, 1] for each plate."""
+    row, column = np.indices((SIZE, SIZE), dtype=float)
+    band = SIZE / rows
+    which = (row // band).astype(int)
+    along = (column + rng.uniform(0, SIZE, rows)[which]) % SIZE
+    across = np.abs((row + band / 2) % band - band / 2)
+    length = SIZE / columns
+    butt = np.abs((along + length / 2) % length - length / 2)
+    weld = np.exp(-((np.minimum(across, butt) / 1.4) ** 2))
+    tone = rng.uniform(0, 1, (rows, columns))[which, (along // length).astype(int)]
+    return weld, tone
+
+
+def streaks(rng: np.random.Generator, *, length: float) -> Image:
+    """Vertical run marks in [0, 1], ``length`` pixels long and fading."""
+    source = (rng.uniform(size=(SIZE, SIZE)) > 0.9998).astype(float) * rng.uniform(0.3, 1, (SIZE, SIZE))
+    source = gaussian_filter(source, (0.5, 1.8), mode="wrap")
+    decay = np.exp(-np.arange(SIZE) / length)
+    run = np.fft.irfft(np.fft.rfft(source, axis=0) * np.fft.rfft(decay)[:, None], n=SIZE, axis=0)
+    return stretch(run) * (0.5 + 0.5 * fractal(SIZE, rng, slope=1.2, low=10))
+
+
+def rust(rng: np.random.Generator) -> Image:
+    """Colours of rusty steel, (SIZE, SIZE, 3)."""
+    light = 0.5 * fractal(SIZE, rng, slope=1.6, low=4) + 0.5 * fractal(SIZE, rng, slope=0.6, low=30)
+    return ramp(stretch(light), [(0, (48, 34, 28)), (0.5, (84, 58, 45)), (1, (124, 88, 66))])
+
+
+def mix(below: Image, above: Image, share: Image) -> Image:
+    """Blend two pictures by a mask in [0, 1]."""
+    return below + (above - below) * np.clip(share, 0, 1)[..., None]
+
+
+def deck(rng: np.random.Generator) -> Image:
+    """Deck paint, pale so that a tint colours it, worn, with rust at seams and scuffs (tile of 8 m)."""
+    weld, tone = seams(rng, rows=4, columns=1)
+    grey = 176 + 16 * (tone - 0.5) + 60 * (fractal(SIZE, rng, slope=1.6, low=3) - 0.5)
+    picture = np.repeat(grey[..., None], 3, axis=-1) + 24 * (fractal(SIZE, rng, slope=0.4, low=40) - 0.5)[..., None]
+    near_weld = gaussian_filter(weld, 5, mode="wrap")
+    worn = fractal(SIZE, rng, slope=1.7, low=5) + 0.9 * near_weld
+    picture = mix(picture, rust(rng) * 1.25, (worn - 0.80) * 7)
+    return picture * (1 - 0.30 * weld[..., None])
+
+
+def tanktop(rng: np.random.Generator) -> Image:
+    """Bare hold bottom: rusty plates, weld seams, scrapes of loader buckets (tile of 10 m)."""
+    weld, tone = seams(rng, rows=4, columns=2)
+    picture = rust(rng) * (0.92 + 0.16 * tone)[..., None]
+    scrape = np.zeros((SIZE, SIZE), np.float32)
+    for _ in range(90):
+        start = rng.uniform(0, SIZE, 2)
+        angle, run = rng.normal(0.3, 0.5), rng.uniform(60, 360)
+        for shift_row in (-SIZE, 0, SIZE):
+            for shift_column in (-SIZE, 0, SIZE):
+                a = start + np.array([shift_column, shift_row])
+                b = a + run * np.array([np.cos(angle), np.sin(angle)])
+                ends = [(int(p[0]), int(p[1])) for p in (a, b)]
+                cv2.line(scrape, ends[0], ends[1], float(rng.uniform(0.2, 0.7)), int(rng.integers(1, 4)), cv2.LINE_AA)
+    bright = np.repeat((112 + 40 * fractal(SIZE, rng, slope=1.0))[..., None], 3, axis=-1)
+    picture = mix(picture, bright, 0.5 * gaussian_filter(scrape, 0.8, mode="wrap") * fractal(SIZE, rng, slope=1.0))
+    return picture * (1 - 0.35 * weld[..., None] + 0.2 * np.roll(weld, 2, axis=0)[..., None])
+
+
+def hullplate(rng: np.random.Generator) -> Image:
+    """Painted ship's plating, pale so that a tint colours it: seams, dents, rust runs (tile of 10 m)."""
+    weld, tone = seams(rng, rows=4, columns=1)
+    frames = np.cos(np.arange(SIZE) / SIZE * 2 * np.pi * 12)[None, :] * fractal(SIZE, rng, slope=2.4, low=2)
+    grey = 182 + 10 * (tone - 0.5) + 9 * frames + 34 * (fractal(SIZE, rng, slope=1.9, low=2) - 0.5)
+    picture = np.repeat(grey[..., None], 3, axis=-1) + 14 * (fractal(SIZE, rng, slope=0.4, low=40) - 0.5)[..., None]
+    picture = mix(picture, rust(rng) * 1.2, 1.1 * streaks(rng, length=130) ** 1.3)
+    patch = fractal(SIZE, rng, slope=1.8, low=6) + 0.5 * gaussian_filter(weld, 4, mode="wrap")
+    picture = mix(picture, rust(rng) * 1.15, (patch - 0.88) * 6)
+    return picture * (1 - 0.22 * weld[..., None])
+
+
+TEXTURES: dict[str, Callable[[np.random.Generator], Image]] = {
+    "coal": coal,
+    "ore": ore,
+    "grain": grain,
+    "concrete": concrete,
+    "water": water,
+    "deck": deck,
+    "tanktop": tanktop,
+    "hullplate": hullplate,
+}
 
 
 def write_all(folder: Path) -> None:
     """Write every ground texture as JPEG into a folder; the same bytes each time."""
     for seed, (name, make) in enumerate(TEXTURES.items(), start=100):
-        picture = np.clip(make(np.random.default_rng(seed)), 0, 255).round().astype(np.uint8)
+        picture = np.asarray(np.clip(make(np.random.default_rng(seed)), 0, 255).round(), np.uint8)
         path = folder / f"{name}.jpg"
         cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
