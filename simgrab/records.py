@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, get_args, get_type_hints
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args, get_type_hints
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
 
 KEYPOINT_NAMES = (
     "grab_centre",
@@ -54,9 +60,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     height_px: Annotated[int, _column("px", "height of the picture")]
     fx_px: Annotated[float, _column("px", "focal length, the paper's h")]
     fy_px: Annotated[float, _column("px", "focal length, equal to fx_px")]
-    cx_px: Annotated[
-        float, _column("px", "principal point; (0, 0) is the outer corner of the top-left pixel")
-    ]
+    cx_px: Annotated[float, _column("px", "principal point; (0, 0) is the outer corner of the top-left pixel")]
     cy_px: Annotated[float, _column("px", "principal point")]
     k1: Annotated[float, _column("", "Brown-Conrady radial distortion, OpenCV order and signs")]
     k2: Annotated[float, _column("", "radial distortion")]
@@ -66,12 +70,8 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     jib_from_camera: Annotated[
         tuple[float, ...], _column("m", "camera pose: upper 3x4 of the transform, row by row (12)")
     ]
-    jib_from_grab: Annotated[
-        tuple[float, ...], _column("m", "grab pose: upper 3x4 of the transform, row by row (12)")
-    ]
-    grab_u_px: Annotated[
-        float | None, _column("px", "grab centre A where the picture has it; empty behind the camera")
-    ]
+    jib_from_grab: Annotated[tuple[float, ...], _column("m", "grab pose: upper 3x4 of the transform, row by row (12)")]
+    grab_u_px: Annotated[float | None, _column("px", "grab centre A where the picture has it; empty behind the camera")]
     grab_v_px: Annotated[float | None, _column("px", "grab centre A where the picture has it")]
     ideal_u_px: Annotated[float | None, _column("px", "grab centre A without lens distortion")]
     ideal_v_px: Annotated[float | None, _column("px", "grab centre A without lens distortion")]
@@ -80,9 +80,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         float | None,
         _column("deg", "its angle from C'G', G' being the image of the vertical, clockwise, (-180, 180]"),
     ]
-    box_x0_px: Annotated[
-        int | None, _column("px", "tight box of the visible grab, half open; empty when unseen")
-    ]
+    box_x0_px: Annotated[int | None, _column("px", "tight box of the visible grab, half open; empty when unseen")]
     box_y0_px: Annotated[int | None, _column("px", "visible box, top")]
     box_x1_px: Annotated[int | None, _column("px", "visible box, right edge")]
     box_y1_px: Annotated[int | None, _column("px", "visible box, bottom edge")]
@@ -92,9 +90,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     amodal_y0_px: Annotated[float | None, _column("px", "amodal box, top")]
     amodal_x1_px: Annotated[float | None, _column("px", "amodal box, right edge")]
     amodal_y1_px: Annotated[float | None, _column("px", "amodal box, bottom edge")]
-    visible_fraction: Annotated[
-        float, _column("", "pixels of the grab seen over pixels of its whole silhouette")
-    ]
+    visible_fraction: Annotated[float, _column("", "pixels of the grab seen over pixels of its whole silhouette")]
     in_frame_fraction: Annotated[float, _column("", "share of the whole silhouette that lies in the picture")]
     oriented_box: Annotated[
         tuple[float, ...] | None,
@@ -105,9 +101,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ]
     keypoints: Annotated[
         tuple[float, ...],
-        _column(
-            "px", "u, v, visibility (0 out of the picture, 1 hidden, 2 seen) of each named point in turn (30)"
-        ),
+        _column("px", "u, v, visibility (0 out of the picture, 1 hidden, 2 seen) of each named point in turn (30)"),
     ]
     image_sha256: Annotated[str, _column("", "digest of the picture file")]
 
@@ -121,3 +115,154 @@ def columns() -> dict[str, tuple[str, str]]:
         assert meta.description is not None
         result[name] = (str(meta.extra["unit"]), meta.description)
     return result
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Intervals at one level, by one way of counting what the frames know. Radians; leading axes as in the estimate.
+
+    Attributes
+    ----------
+    kind : str
+        ``"iid"``: frames are independent. ``"blocks"``: only blocks of seconds are. ``"posterior"``: by a model of
+        the motion.
+    level : float
+        Nominal coverage.
+    beta, sigma : ndarray, shape (..., 2), or None
+        Lower and upper end; None (NaN within a batch) where none can be given, and then `note` says why.
+    alpha : ndarray, shape (..., n, 2), or None
+        Of each frame, given the pixel: what the tilt's (and offset's) uncertainty does to α.
+    blocks : int or None
+        How many blocks.
+    note : str
+        Why there is none, or what it takes for granted; empty otherwise.
+    """
+
+    kind: str
+    level: float
+    beta: Array | None
+    sigma: Array | None
+    alpha: Array | None
+    blocks: int | None = None
+    note: str = ""
+
+
+def _of_kind(intervals: tuple[Intervals, ...], kind: str) -> Intervals:
+    for interval in intervals:
+        if interval.kind == kind:
+            return interval
+    raise KeyError(f"no {kind!r} intervals; there are: {', '.join(i.kind for i in intervals) or 'none'}")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator found in one record of n frames, or why it refused. Radians, metres, jib frame.
+
+    Attributes
+    ----------
+    estimator : str
+        Its name in the registry.
+    status : str
+        ``"ok"`` or ``"refused"``.
+    reason : str
+        Of a refusal; empty when ok.
+    frames : int
+        How many frames were used; rows without a finite pixel are missing frames.
+    beta, tilt_azimuth, sigma : float or None
+        Tilt, direction of the optical axis' horizontal part in [0, 2π), √E[α²]; None when refused.
+    alpha : ndarray, shape (n,), or None
+        Swing of each frame, NaN where the frame is missing; None when refused.
+    offset : ndarray, shape (3,), or None
+        Camera centre minus rope exit, m, where it was estimated.
+    intervals : tuple of Intervals
+        One for each way of counting.
+    diagnostics : mapping
+        What the estimator has to say about its own work: iterations, history, concentration, …
+    """
+
+    estimator: str
+    status: str
+    reason: str
+    frames: int
+    beta: float | None
+    tilt_azimuth: float | None
+    sigma: float | None
+    alpha: Array | None
+    offset: Array | None
+    intervals: tuple[Intervals, ...]
+    diagnostics: Mapping[str, Any]
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a result."""
+        return self.status == "ok"
+
+    def interval(self, kind: str) -> Intervals:
+        """Find the intervals of one kind; raises KeyError naming those there are."""
+        return _of_kind(self.intervals, kind)
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """The estimates of M records of n frames each, as arrays; ``estimates[i]`` is the `Estimate` of one.
+
+    Attributes
+    ----------
+    estimator : str
+    ok : ndarray of bool, shape (M,)
+    reason : ndarray of str, shape (M,)
+        Why a record was refused; empty where ok.
+    frames : ndarray of int, shape (M,)
+    beta, tilt_azimuth, sigma : ndarray, shape (M,)
+        NaN where not ok. Count the refusals before you average over the rest.
+    alpha : ndarray, shape (M, n)
+    offset : ndarray, shape (M, 3), or None
+    intervals : tuple of Intervals
+    diagnostics : mapping of str to ndarray, shape (M, ...)
+    """
+
+    estimator: str
+    ok: NDArray[np.bool_]
+    reason: NDArray[np.str_]
+    frames: NDArray[np.int64]
+    beta: Array
+    tilt_azimuth: Array
+    sigma: Array
+    alpha: Array
+    offset: Array | None
+    intervals: tuple[Intervals, ...]
+    diagnostics: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(self.ok)
+
+    def interval(self, kind: str) -> Intervals:
+        """Find the intervals of one kind; raises KeyError naming those there are."""
+        return _of_kind(self.intervals, kind)
+
+    def __getitem__(self, i: int) -> Estimate:
+        ok = bool(self.ok[i])
+
+        def one(interval: Intervals) -> Intervals:
+            beta, sigma, alpha = (
+                None if a is None or bool(np.isnan(a[i]).all()) else a[i]
+                for a in (interval.beta, interval.sigma, interval.alpha)
+            )
+            note = interval.note
+            if sigma is None and not note:
+                note = "no scatter to judge by: the frames are identical"
+            return Intervals(interval.kind, interval.level, beta, sigma, alpha, interval.blocks, note)
+
+        return Estimate(
+            estimator=self.estimator,
+            status="ok" if ok else "refused",
+            reason=str(self.reason[i]),
+            frames=int(self.frames[i]),
+            beta=float(self.beta[i]) if ok else None,
+            tilt_azimuth=float(self.tilt_azimuth[i]) if ok else None,
+            sigma=float(self.sigma[i]) if ok else None,
+            alpha=self.alpha[i] if ok else None,
+            offset=self.offset[i] if ok and self.offset is not None else None,
+            intervals=tuple(one(interval) for interval in self.intervals) if ok else (),
+            diagnostics={name: value[i] for name, value in self.diagnostics.items()},
+        )
