@@ -1,0 +1,171 @@
+"""Steel shapes: plates, profiles, pins and discs as watertight meshes, metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+Axis = Literal["x", "y", "z"]
+
+
+def prism(polygon: shapely.Polygon, low: float, high: float, axis: Axis = "y") -> trimesh.Trimesh:
+    """Extrude a polygon from ``low`` to ``high`` along an axis.
+
+    The polygon's two coordinates are (y, z), (x, z) or (x, y) for the axes x, y and z.
+    """
+    mesh = trimesh.creation.extrude_polygon(polygon, high - low)
+    p = np.asarray(mesh.vertices)
+    along = p[:, 2] + low
+    columns = {"x": (along, p[:, 0], p[:, 1]), "y": (p[:, 0], along, p[:, 1]), "z": (p[:, 0], p[:, 1], along)}
+    faces = np.asarray(mesh.faces)
+    # (x, z, y) is left-handed: turn the faces round.
+    return solid(np.stack(columns[axis], axis=1), faces[:, ::-1] if axis == "y" else faces)
+
+
+def solid(vertices: ArrayLike, faces: ArrayLike) -> trimesh.Trimesh:
+    """Return a mesh whose vertices stay as they are: none merged, none dropped."""
+    return trimesh.Trimesh(np.asarray(vertices, float), np.asarray(faces), process=False)
+
+
+def convex(points: ArrayLike) -> trimesh.Trimesh:
+    """Return the convex hull of points, shape (n, 3)."""
+    mesh: trimesh.Trimesh = trimesh.convex.convex_hull(np.asarray(points, float))
+    return mesh
+
+
+def block(low: Sequence[float], high: Sequence[float], bevel: float = 0.006) -> trimesh.Trimesh:
+    """Return a box between two corners, its edges bevelled."""
+    lo, hi = np.array(low, float), np.array(high, float)
+    signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
+    corners = np.where(signs == 0, lo, hi)
+    inwards = np.where(signs == 0, 1.0, -1.0) * bevel
+    points = [corners + inwards * (np.arange(3) != keep) for keep in range(3)]
+    return convex(np.concatenate(points))
+
+
+def rod(start: ArrayLike, end: ArrayLike, radius: float, sections: int = 10) -> trimesh.Trimesh:
+    """Return a round bar between two points."""
+    ends = np.stack([np.asarray(start, float), np.asarray(end, float)])
+    bar: trimesh.Trimesh = trimesh.creation.cylinder(radius=radius, segment=ends, sections=sections)
+    return bar
+
+
+def pin(x: float, z: float, y_low: float, y_high: float, radius: float, head: float = 0.0) -> trimesh.Trimesh:
+    """Return a pin along y; with ``head`` > 0 its two ends carry keeper discs that far out of the radius."""
+    pieces = [rod((x, y_low, z), (x, y_high, z), radius, 12)]
+    if head > 0:
+        thick = 0.014
+        pieces += [rod((x, y, z), (x, y + thick, z), radius + head, 12) for y in (y_low, y_high - thick)]
+    return join(pieces)
+
+
+def profile(
+    section: shapely.Polygon, start: ArrayLike, end: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
+) -> trimesh.Trimesh:
+    """Run a section from one point to another; its second coordinate points along ``up``, its origin on the line."""
+    a, b, u = (np.asarray(v, float) for v in (start, end, up))
+    length = float(np.linalg.norm(b - a))
+    along = (b - a) / length
+    side = np.cross(u, along)
+    side /= np.linalg.norm(side)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([side, np.cross(along, side), along], axis=1)
+    pose[:3, 3] = a
+    mesh = trimesh.creation.extrude_polygon(section, length)
+    mesh.apply_transform(pose)
+    return mesh
+
+
+def i_section(height: float, width: float, web: float, flange: float) -> shapely.Polygon:
+    """Return an I section centred on the origin."""
+    h, w, t = height / 2, width / 2, web / 2
+    half = [(t, -h + flange), (w, -h + flange), (w, -h)]
+    right = [(w, h), (w, h - flange), (t, h - flange), *half]
+    return shapely.Polygon(right + [(-x, z) for x, z in reversed(right)])
+
+
+def angle_section(leg: float, thickness: float) -> shapely.Polygon:
+    """Return an equal angle with its corner at the origin and its legs along +x and −y of the section."""
+    t = thickness
+    return shapely.Polygon([(0, 0), (leg, 0), (leg, -t), (t, -t), (t, -leg), (0, -leg)])
+
+
+def disc(outline: Sequence[tuple[float, float]], centre: ArrayLike, sections: int = 24) -> trimesh.Trimesh:
+    """Turn a closed (radius, offset) outline about the y axis through ``centre``."""
+    ring = np.array([*outline, outline[0]], float)
+    mesh = trimesh.creation.revolve(ring, sections=sections)
+    if mesh.volume < 0:
+        mesh.invert()
+    p = np.asarray(mesh.vertices)
+    return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
+
+
+def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections: int = 18) -> trimesh.Trimesh:
+    """Return a grooved sheave about the y axis; a rope's centre line runs on its pitch radius."""
+    bottom, rim, half = pitch_radius - rope_radius, pitch_radius + 1.6 * rope_radius, 2.4 * rope_radius
+    inner, hub = bottom - 1.0 * rope_radius, max(0.25 * pitch_radius, 0.045)
+    side = [
+        (hub * 0.5, half * 1.15),
+        (hub, half * 1.15),
+        (hub, half * 0.4),
+        (inner, half * 0.4),
+        (inner, half),
+        (rim, half),
+    ]
+    groove = (bottom, 0.3 * half)
+    outline = [*side, groove, *[(r, -o) for r, o in reversed([*side, groove])]]
+    return disc(outline, centre, sections)
+
+
+def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
+    vertices: list[NDArray[np.float64]] = []
+    faces: list[NDArray[np.int64]] = []
+    count = 0
+    for mesh in meshes:
+        vertices.append(np.asarray(mesh.vertices))
+        faces.append(np.asarray(mesh.faces) + count)
+        count += len(mesh.vertices)
+    return solid(np.concatenate(vertices), np.concatenate(faces))
+
+
+def at_y(mesh: trimesh.Trimesh, *places: float) -> trimesh.Trimesh:
+    """Repeat a mesh, moved along y to each of the places."""
+    return join(mesh.copy().apply_translation((0.0, y, 0.0)) for y in places)
+
+
+def mirrored_y(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the mesh with its mirror image in y = 0."""
+    vertices = np.asarray(mesh.vertices) * (1.0, -1.0, 1.0)
+    return join([mesh, solid(vertices, np.asarray(mesh.faces)[:, ::-1])])
+
+
+def quarter_turn(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the mesh turned by 90° about the z axis, x to y."""
+    return solid(np.asarray(mesh.vertices)[:, [1, 0, 2]] * (-1.0, 1.0, 1.0), mesh.faces)
+
+
+def half_turn(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the mesh turned by 180° about the z axis."""
+    return solid(np.asarray(mesh.vertices) * (-1.0, -1.0, 1.0), mesh.faces)
+
+
+def rounded(polygon: shapely.Polygon, convex: float = 0.0, concave: float = 0.0) -> shapely.Polygon:
+    """Round the corners of a polygon to the given radii, metres."""
+    smooth = polygon.buffer(concave, quad_segs=4).buffer(-concave - convex, quad_segs=4).buffer(convex, quad_segs=4)
+    return smooth.simplify(0.001)
+
+
+def hull(*shapes: shapely.Geometry) -> shapely.Polygon:
+    """Return the convex hull of shapes in a plane: a plate around eyes and welds."""
+    return shapely.convex_hull(shapely.union_all(list(shapes)))
+
+
+def circle(x: float, z: float, radius: float, quarter: int = 5) -> shapely.Polygon:
+    """Return a disc in a plane, ``quarter`` edges to the right angle."""
+    return shapely.Point(x, z).buffer(radius, quad_segs=quarter)
