@@ -35,7 +35,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     roll_deg : float
         Nominal turn of the picture about the optical axis, which orients the offset in the picture.
     display_constant_m : float
-        \\|OA\\| minus the rope length on the display.
+        |OA| minus the rope length on the display.
     """
 
     width_px: Annotated[int, Meta(ge=1)]

@@ -37,7 +37,7 @@ class Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="di
 
 
 class HalfNormal(Law, frozen=True, tag="half-normal"):
-    """\\|N(0, scale²)\\|: the paper's law of α (section 4.3)."""
+    """|N(0, scale²)|: the paper's law of α (section 4.3)."""
 
     scale: NonNegative = 1.0
 

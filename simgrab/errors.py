@@ -19,8 +19,11 @@ class ScenarioError(SimgrabError):
     """
 
     def __init__(self, key: str, problem: str) -> None:
-        super().__init__(f"{key}: {problem}" if key else problem)
-        self.key = key
+        super().__init__(key, problem)
+        self.key, self.problem = key, problem
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.problem}" if self.key else self.problem
 
 
 class CalibrationError(SimgrabError):
@@ -33,3 +36,7 @@ class DatasetError(SimgrabError):
 
 class RendererError(SimgrabError):
     """No usable offscreen OpenGL, or a picture that the renderer did not draw whole."""
+
+
+class RecordError(SimgrabError):
+    """A record of pixels, rope lengths and times that no estimator can use. Names the row or the column."""

@@ -1,14 +1,15 @@
 """The geometry of Yu, Wang & Wang (2025): rays, the tilted camera, and the swing angles they see.
 
-Frames. The *jib frame* has its origin O at the rope exit, x horizontal and outboard, z up. The *camera frame* is OpenCV's:
-x right, y down, z forward. Angles are radians, lengths metres, pixels continuous: (0, 0) is the outer corner of the
-top-left pixel and pixel centres lie at +0.5. Everything is float64 and broadcasts over leading axes (frames).
+Frames. The *jib frame* has its origin O at the rope exit, x horizontal and outboard, z up. The *camera frame* is
+OpenCV's: x right, y down, z forward. Angles are radians, lengths metres, pixels continuous: (0, 0) is the outer corner
+of the top-left pixel and pixel centres lie at +0.5. Everything is float64 and broadcasts over leading axes (frames).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,10 +39,8 @@ def rotation_y(angle: ArrayLike) -> Array:
 
 
 def lean(angle: ArrayLike, azimuth: ArrayLike) -> Array:
-    """Rotate the downward vertical by ``angle`` towards ``azimuth``, about a horizontal axis: Rz(φ)·Ry(−angle)·Rz(−φ)."""
-    return (
-        rotation_z(azimuth) @ rotation_y(-np.asarray(angle, float)) @ rotation_z(-np.asarray(azimuth, float))
-    )
+    """Lean the downward vertical by ``angle`` towards ``azimuth`` φ: Rz(φ)·Ry(−angle)·Rz(−φ)."""
+    return rotation_z(azimuth) @ rotation_y(-np.asarray(angle, float)) @ rotation_z(-np.asarray(azimuth, float))
 
 
 def camera_rotation(beta: ArrayLike, azimuth: ArrayLike, roll: ArrayLike) -> Array:
@@ -79,7 +78,7 @@ def grab_centre(alpha: ArrayLike, azimuth: ArrayLike, rope_length: ArrayLike) ->
     azimuth : array_like, shape (...)
         Direction of the swing in the jib frame: γ plus the camera's tilt azimuth, rad.
     rope_length : array_like, shape (...)
-        \\|OA\\|, m.
+        |OA|, m.
 
     Returns
     -------
@@ -132,6 +131,13 @@ class Distortion:
             ],
             axis=-1,
         )
+
+    @cached_property
+    def fold_radius(self) -> float:
+        """Normalised radius beyond which the radial part maps points back inwards; inf without a fold."""
+        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1.0])
+        real = roots[np.isreal(roots) & (roots.real > 0)].real
+        return float(np.sqrt(real.min())) if real.size else math.inf
 
     def _jacobian(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """∂x_d/∂x, ∂y_d/∂y and the (equal) mixed derivatives."""
@@ -196,8 +202,8 @@ class Intrinsics:
         return self._to_pixels(self._normalised(points_camera))
 
     def project(self, points_camera: ArrayLike) -> Array:
-        """Pixels, as the picture has them, of points (..., 3) in the camera frame; NaN behind the camera."""
-        return self._to_pixels(self.distortion.apply(self._normalised(points_camera)))
+        """Pixels, as the picture has them, of points (..., 3) in the camera frame; NaN where the lens shows none."""
+        return self._to_pixels(self._bend(self._normalised(points_camera)))
 
     def undistort(self, pixels: ArrayLike) -> Array:
         """Ideal pixels (..., 2) of pixels as the picture has them; NaN beyond the fold of the lens."""
@@ -205,10 +211,10 @@ class Intrinsics:
 
     def distort(self, ideal_pixels: ArrayLike) -> Array:
         """Pixels (..., 2) as the picture has them, of ideal ones."""
-        return self._to_pixels(self.distortion.apply(self._from_pixels(ideal_pixels)))
+        return self._to_pixels(self._bend(self._from_pixels(ideal_pixels)))
 
     def rays(self, pixels: ArrayLike) -> Array:
-        """Unit rays (..., 3) in the camera frame through pixels (..., 2) as the picture has them."""
+        """Return unit rays (..., 3), camera frame, through pixels (..., 2) as the picture has them."""
         xy = self.distortion.remove(self._from_pixels(pixels))
         ray = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
         return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
@@ -230,9 +236,7 @@ class Intrinsics:
             Clockwise in the picture, in (−π, π].
         """
         xy = np.asarray(ideal_pixels, float) - (self.cx_px, self.cy_px)
-        return np.hypot(xy[..., 0], xy[..., 1]), wrap(
-            np.arctan2(xy[..., 1], xy[..., 0]) - np.asarray(axis, float)
-        )
+        return np.hypot(xy[..., 0], xy[..., 1]), wrap(np.arctan2(xy[..., 1], xy[..., 0]) - np.asarray(axis, float))
 
     def from_polar(self, m: ArrayLike, theta: ArrayLike, axis: ArrayLike = 0.0) -> Array:
         """Ideal pixels (..., 2) from (m, θ); the inverse of `polar`."""
@@ -245,6 +249,10 @@ class Intrinsics:
         depth = np.where(p[..., 2:] > 0, p[..., 2:], np.nan)
         return np.asarray(p[..., :2] / depth)
 
+    def _bend(self, xy: Array) -> Array:
+        beyond = np.hypot(xy[..., 0], xy[..., 1]) > self.distortion.fold_radius
+        return np.where(beyond[..., None], np.nan, self.distortion.apply(xy))
+
     def _to_pixels(self, xy: Array) -> Array:
         return np.asarray(self.f_px * xy + (self.cx_px, self.cy_px))
 
@@ -253,7 +261,7 @@ class Intrinsics:
 
 
 def to_camera(points_jib: ArrayLike, rotation: ArrayLike, offset: ArrayLike) -> Array:
-    """Express jib-frame points (..., 3) in the camera frame, given ``jib_from_camera``'s rotation and the camera's offset from O."""
+    """Express jib-frame points (..., 3) in the camera frame, from ``jib_from_camera``'s rotation and offset."""
     delta = np.asarray(points_jib, float) - np.asarray(offset, float)
     return np.einsum("...ji,...j->...i", np.asarray(rotation, float), delta)
 
@@ -268,13 +276,13 @@ def vertical_direction(azimuth: ArrayLike, roll: ArrayLike) -> Array:
 
 
 def image_radius(alpha: ArrayLike, gamma: ArrayLike, beta: ArrayLike, h: float) -> Array:
-    """Solve eq. (1) for m: the image radius, in pixels, of a grab with swing (α, γ) seen by a camera tilted by β at O."""
+    """Solve eq. (1) for m: image radius, px, of a grab with swing (α, γ) seen by a camera at O tilted by β."""
     cos_psi = _cos_axis_angle(alpha, gamma, beta)
     return np.asarray(h * np.sqrt(np.maximum(1 / cos_psi**2 - 1, 0.0)))
 
 
 def eq1_residual(m: ArrayLike, alpha: ArrayLike, gamma: ArrayLike, beta: ArrayLike, h: ArrayLike) -> Array:
-    """Relative residual of eq. (1): (m² + h²)(cosα cosβ + sinα sinβ cosγ)² / h² − 1. Zero when camera and O coincide."""
+    """Relative residual of eq. (1): (m² + h²)(cosα cosβ + sinα sinβ cosγ)²/h² − 1. Zero when camera and O coincide."""
     m_, h_ = np.asarray(m, float), np.asarray(h, float)
     return np.asarray((m_**2 + h_**2) * _cos_axis_angle(alpha, gamma, beta) ** 2 / h_**2 - 1)
 

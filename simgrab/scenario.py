@@ -1,4 +1,4 @@
-"""A scenario: everything that can change a number or a pixel, as frozen typed structs. Strict TOML in, TOML or JSON out."""
+"""A scenario: everything that can change a number or a pixel, as frozen typed structs."""
 
 from __future__ import annotations
 
@@ -67,9 +67,7 @@ class SensorFocal(Tagged, frozen=True, tag="sensor"):
 
     def pixels(self, width_px: int, height_px: int) -> float:
         """Focal length h, px."""
-        return focal_length_px(
-            self.focal_length_mm, pixels_per_mm(width_px, height_px, self.sensor_diagonal_mm)
-        )
+        return focal_length_px(self.focal_length_mm, pixels_per_mm(width_px, height_px, self.sensor_diagonal_mm))
 
 
 class Lens(Strict, frozen=True):
@@ -128,7 +126,7 @@ class Alpha(Strict, frozen=True):
 
     @property
     def scale_deg(self) -> float:
-        """Degrees a unit of the law: α = scale · \\|X\\|."""
+        """Degrees a unit of the law: α = scale · |X|."""
         return self.sigma_deg / self.law.rms()
 
 
@@ -261,9 +259,7 @@ class Scenario(Strict, frozen=True):
 def _within(key: str, law: Law, low: float, high: float) -> None:
     least, most = law.support()
     if least < low or most > high:
-        raise ScenarioError(
-            key, f"draws must stay within {low:g} … {high:g}, this law spans {least:g} … {most:g}"
-        )
+        raise ScenarioError(key, f"draws must stay within {low:g} … {high:g}, this law spans {least:g} … {most:g}")
 
 
 def _check_lens(intrinsics: Intrinsics) -> None:
@@ -286,7 +282,7 @@ def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge nested tables, ``change`` winning. A table of another kind (``model``, ``dist``) replaces the old one whole."""
+    """Merge nested tables, ``change`` winning; a table of another kind (``model``, ``dist``) replaces the old one whole."""
     result = dict(base)
     for key, value in change.items():
         old = result.get(key)

@@ -78,9 +78,7 @@ def _read(scene: str | Path) -> dict[str, Any]:
     elif not path.is_file():
         close = difflib.get_close_matches(str(scene), names(), n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise ScenarioError(
-            "", f"no scene or file {str(scene)!r}{hint}; bundled scenes: {', '.join(names())}"
-        )
+        raise ScenarioError("", f"no scene or file {str(scene)!r}{hint}; bundled scenes: {', '.join(names())}")
     if path.suffix == ".json":
         return _manifest_scenario(path)
     data = _toml(path)

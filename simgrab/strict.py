@@ -40,7 +40,7 @@ def convert(data: Mapping[str, Any], kind: type[T], error: type[SimgrabError] = 
 
 
 def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:
-    """The struct types that an annotation admits."""
+    """Return the struct types that an annotation admits."""
     if get_origin(annotation) in (Union, types.UnionType):
         return [s for a in get_args(annotation) for s in _structs_of(a)]
     if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
@@ -72,9 +72,7 @@ def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any], path:
         raise ScenarioError(f"{path}.{tag_field}", f"missing; one of: {', '.join(by_tag)}")
     if tag not in by_tag:
         hint = _suggest(str(tag), list(by_tag))
-        raise ScenarioError(
-            f"{path}.{tag_field}", f"unknown value {tag!r}{hint}; one of: {', '.join(by_tag)}"
-        )
+        raise ScenarioError(f"{path}.{tag_field}", f"unknown value {tag!r}{hint}; one of: {', '.join(by_tag)}")
     return by_tag[str(tag)]
 
 
@@ -86,13 +84,7 @@ def _suggest(word: str, valid: list[str]) -> str:
 def _refuse_nonfinite(value: Any, path: str) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ScenarioError(path, f"must be a finite number, got {value}")
-    items = (
-        value.items()
-        if isinstance(value, Mapping)
-        else enumerate(value)
-        if isinstance(value, list | tuple)
-        else ()
-    )
+    items = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list | tuple) else ()
     for key, inner in items:
         _refuse_nonfinite(inner, f"{path}.{key}" if path else str(key))
 

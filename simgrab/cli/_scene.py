@@ -1,0 +1,38 @@
+"""Options that name a scenario, shared by verbs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from simgrab import scenes
+from simgrab.scenario import Scenario
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+SHORT_NAMES = {"beta": "camera.beta_deg", "sigma": "swing.alpha.sigma_deg", "frames": "frames", "seed": "seed"}
+
+
+def scene_options(function: F) -> F:
+    """Add SCENE and the options that change it."""
+    for option in (
+        click.option(
+            "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Set any key, e.g. camera.roll_deg=3."
+        ),
+        click.option("--seed", type=int, help="Seed of every draw."),
+        click.option("--frames", type=int, help="Number of frames."),
+        click.option("--sigma", type=float, help="Swing: √E[α²], degrees."),
+        click.option("--beta", type=float, help="Camera tilt β, degrees."),
+        click.argument("scene", default="quay-day"),
+    ):
+        function = option(function)
+    return function
+
+
+def load_scene(scene: str, assignments: tuple[str, ...], **short: float | None) -> Scenario:
+    """Read the scene that the options describe; short options win over ``--set``."""
+    changes = scenes.parse_changes(assignments)
+    changes |= {SHORT_NAMES[name]: value for name, value in short.items() if value is not None}
+    return scenes.load(scene, changes)

@@ -1,0 +1,76 @@
+"""``simgrab render``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from simgrab.cli._scene import load_scene, scene_options
+
+
+@click.command(name="render")
+@scene_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the dataset.  [default: runs/SCENE]")
+@click.option("--workers", default=1, show_default=True, help="Processes that draw.")
+@click.option("--resume", is_flag=True, help="Go on with an unfinished dataset.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def command(
+    scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None,
+    assignments: tuple[str, ...], out: Path | None, workers: int, resume: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) into a dataset of labelled frames."""
+    scenario = load_scene(scene, assignments, beta=beta, sigma=sigma, frames=frames, seed=seed)
+    out = out or Path("runs") / scenario.name
+    from simgrab.world.dataset import render
+
+    console = Console(stderr=True, quiet=quiet or as_json)
+    columns = (
+        TextColumn("drawing"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=scenario.frames, rate="")
+
+        def progress(done: int, total: int) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f} frames/s" if speed else "")
+
+        try:
+            summary = render(scenario, out, workers=workers, resume=resume, progress=progress)
+        except KeyboardInterrupt:
+            bar.stop()
+            click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
+            sys.exit(130)
+    if as_json:
+        click.echo(json.dumps(dataclasses.asdict(summary), default=str))
+    elif not quiet:
+        Console().print(_table(dataclasses.asdict(summary)))
+        click.echo(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}")
+
+
+def _table(summary: dict[str, object]) -> Table:
+    table = Table(show_header=False)
+    for key, value in summary.items():
+        table.add_row(key.replace("_", " "), _text(value))
+    return table
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    if isinstance(value, tuple):
+        return " … ".join(_text(v) for v in value)
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {v}" for k, v in value.items())
+    return str(value)

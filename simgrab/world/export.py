@@ -1,0 +1,122 @@
+"""A dataset's tables: Parquet, YOLO and COCO, as bytes."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+from pycocotools import mask as coco_mask
+
+from simgrab.calibration import Calibration
+from simgrab.records import KEYPOINT_NAMES, Truth, columns
+from simgrab.scenario import Scenario
+from simgrab.world.frames import Record
+
+SPLITS = ("train", "val", "test")
+_ARROW = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "tuple": pa.list_(pa.float64())}
+
+
+def labels_schema() -> pa.Schema:
+    """Arrow schema of ``labels.parquet``; each column's metadata holds its unit and description."""
+    kinds = Truth.__annotations__
+    return pa.schema(
+        [
+            pa.field(name, _arrow_type(str(kinds[name])), metadata={"unit": unit, "description": text})
+            for name, (unit, text) in columns().items()
+        ],
+        metadata={"keypoint_names": json.dumps(KEYPOINT_NAMES)},
+    )
+
+
+def _arrow_type(annotation: str) -> pa.DataType:
+    inner = annotation.removeprefix("Annotated[").lstrip()
+    return next(kind for word, kind in _ARROW.items() if inner.startswith(word))
+
+
+def parquet(rows: Sequence[Truth], metadata: dict[str, Any]) -> bytes:
+    """Labels as Parquet; ``metadata`` is kept under the schema key ``simgrab``."""
+    schema = labels_schema()
+    schema = schema.with_metadata({**(schema.metadata or {}), "simgrab": json.dumps(metadata, sort_keys=True)})
+    table = pa.Table.from_pylist([msgspec.structs.asdict(row) for row in rows], schema=schema)
+    sink = io.BytesIO()
+    pq.write_table(table, sink, compression="zstd")
+    return sink.getvalue()
+
+
+def is_labelled(row: Truth, scenario: Scenario) -> bool:
+    """Whether detection labels hold a box for the row: the grab shows, and at least the scenario's fraction of it."""
+    return row.box_x0_px is not None and row.visible_fraction >= scenario.labels.least_visible_fraction
+
+
+def _box(row: Truth) -> tuple[int, int, int, int]:
+    box = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    assert None not in box
+    return box  # type: ignore[return-value]
+
+
+def yolo(row: Truth, scenario: Scenario) -> bytes:
+    """One frame's YOLO label: ``0 cx cy w h`` in shares of the picture, or nothing."""
+    if not is_labelled(row, scenario):
+        return b""
+    x0, y0, x1, y1 = _box(row)
+    w, h = row.width_px, row.height_px
+    return f"0 {(x0 + x1) / 2 / w:.8f} {(y0 + y1) / 2 / h:.8f} {(x1 - x0) / w:.8f} {(y1 - y0) / h:.8f}\n".encode()
+
+
+def yolo_yaml() -> bytes:
+    """``data.yaml``; without ``path``, trainers look beside the file itself."""
+    lines = [*(f"{split}: images/{split}" for split in SPLITS), "nc: 1", "names: [grab]", ""]
+    return "\n".join(lines).encode()
+
+
+def coco(records: Sequence[Record], split: str, scenario: Scenario) -> bytes:
+    """COCO instances of one split, with run-length masks and keypoints.
+
+    Boxes and masks are of the visible grab; keypoints keep simgrab's pixel convention, (0, 0) being the corner of
+    the top-left pixel.
+    """
+    images, annotations = [], []
+    for record in records:
+        row = record.truth
+        if row.split != split:
+            continue
+        images.append({"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px})
+        if not is_labelled(row, scenario):
+            continue
+        x0, y0, x1, y1 = _box(row)
+        annotations.append(
+            {
+                "id": row.frame + 1,
+                "image_id": row.frame,
+                "category_id": 1,
+                "bbox": [x0, y0, x1 - x0, y1 - y0],
+                "area": int(coco_mask.area(record.mask)),
+                "segmentation": record.mask,
+                "iscrowd": 0,
+                "keypoints": row.keypoints,
+                "num_keypoints": sum(v > 0 for v in row.keypoints[2::3]),
+            }
+        )
+    category = {"id": 1, "name": "grab", "supercategory": "crane", "keypoints": KEYPOINT_NAMES, "skeleton": []}
+    info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
+    return json.dumps(
+        {"info": info, "licenses": [], "images": images, "annotations": annotations, "categories": [category]}
+    ).encode()
+
+
+def camera_toml(scenario: Scenario) -> bytes:
+    """Write out what an instrument gets to know of the camera: nominal values, never the tilt."""
+    camera, k = scenario.camera, scenario.camera.intrinsics
+    d = k.distortion
+    calibration = Calibration(
+        width_px=k.width_px, height_px=k.height_px, focal_length_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px,
+        k1=d.k1, k2=d.k2, p1=d.p1, p2=d.p2, k3=d.k3,
+        offset_m=camera.offset_m, roll_deg=camera.roll_deg, offset_sd_m=0.05,
+    )  # fmt: skip
+    return tomli_w.dumps(msgspec.to_builtins(calibration)).encode()

@@ -1,0 +1,164 @@
+"""A dataset's folder while it is being made: who may write there, what is done, and how it is taken up again.
+
+A frame counts as done once its record lies in ``.partial/rows``; pictures and records appear whole or not at all.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from simgrab.errors import DatasetError
+from simgrab.world.frames import Frame, Record
+
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True)
+class Folder:
+    """An output folder.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    path: Path
+
+    @property
+    def partial(self) -> Path:
+        """Working folder; it exists while the dataset is unfinished."""
+        return self.path / ".partial"
+
+    def _row(self, frame: int) -> Path:
+        return self.partial / "rows" / f"{frame:08d}.json"
+
+    def open(self, identity: dict[str, Any], *, resume: bool) -> bool:
+        """Claim the folder for a dataset.
+
+        Parameters
+        ----------
+        identity : dict
+            What makes the dataset what it is (`simgrab.world.manifest.identity`).
+        resume : bool
+            Go on with an unfinished dataset of the same identity; leave a finished one as it is.
+
+        Returns
+        -------
+        bool
+            Whether frames remain to be made.
+
+        Raises
+        ------
+        DatasetError
+            If the folder holds anything else. Nothing in it is touched then.
+        """
+        known = self._identity()
+        if known is not None:
+            if not resume:
+                state = "an unfinished" if self.partial.exists() else "a finished"
+                advice = "go on with --resume, or choose" if self.partial.exists() else "choose"
+                raise DatasetError(f"{self.path} holds {state} dataset; {advice} another --out")
+            changed = [key for key in identity if known.get(key) != identity[key]]
+            if changed:
+                raise DatasetError(
+                    f"{self.path} holds another dataset (its {_differences(known, identity)} differs); "
+                    "--resume needs the same scenario and packages, or choose another --out"
+                )
+            if not self.partial.exists():
+                return False
+        else:
+            self._refuse_foreign()
+        with writing(self.path):
+            (self.partial / "rows").mkdir(parents=True, exist_ok=True)
+            self.write(".partial/identity.json", json.dumps(identity, indent=1).encode())
+        return True
+
+    def _refuse_foreign(self) -> None:
+        with writing(self.path):
+            if self.path.exists() and not self.path.is_dir():
+                raise DatasetError(f"{self.path} is not a folder; choose another --out")
+            if self.path.is_dir() and any(p != self.partial for p in self.path.iterdir()):
+                raise DatasetError(f"{self.path} holds something else than a simgrab dataset; choose another --out")
+
+    def _identity(self) -> dict[str, Any] | None:
+        for path in (self.partial / "identity.json", self.path / MANIFEST):
+            try:
+                data = json.loads(path.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                continue
+            if isinstance(data, dict) and "scenario" in data:
+                return data
+        return None
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the folder against a second writer."""
+        with writing(self.path), (self.partial / "lock").open("w") as handle:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise DatasetError(f"{self.path} is being written by another simgrab") from None
+            yield
+
+    def done(self) -> set[int]:
+        """Frames that are finished."""
+        return {int(path.stem) for path in (self.partial / "rows").glob("*.json")}
+
+    def record(self, frame: int) -> Record:
+        """Record of a finished frame."""
+        return msgspec.json.decode(self._row(frame).read_bytes(), type=Record)
+
+    def store(self, frame: Frame) -> None:
+        """Keep a finished frame: pictures first, then its record, which makes it count."""
+        with writing(self.path):
+            for name, data in frame.files.items():
+                self.write(name, data)
+            row = self._row(frame.record.truth.frame)
+            self.write(str(row.relative_to(self.path)), msgspec.json.encode(frame.record))
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file whole or not at all."""
+        target = self.path / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        draft = self.partial / f"draft-{os.getpid()}"
+        draft.write_bytes(data)
+        draft.replace(target)
+
+    def close(self) -> None:
+        """Drop the working folder: the dataset is finished."""
+        shutil.rmtree(self.partial)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the file system says into one line that names the folder."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise DatasetError(f"no space left for {path}; free some and go on with --resume") from None
+        raise DatasetError(f"cannot write to {path}: {problem.strerror or problem}") from None
+
+
+def _differences(known: dict[str, Any], wanted: dict[str, Any], prefix: str = "") -> str:
+    """Dotted keys in which two identities differ, the first few."""
+    found: list[str] = []
+    for key in wanted:
+        a, b = known.get(key), wanted[key]
+        if isinstance(a, dict) and isinstance(b, dict):
+            inner = _differences(a, b, f"{prefix}{key}.")
+            found += [inner] if inner else []
+        elif a != b and key != "digest":
+            found.append(f"{prefix}{key}")
+    return ", ".join(found[:3]) + (" …" if len(found) > 3 else "")

@@ -1,0 +1,75 @@
+"""Offscreen OpenGL: which backend MuJoCo uses, and what drew the pictures."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+from dataclasses import dataclass
+
+from simgrab.errors import RendererError
+
+INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1-mesa-dri"
+
+
+def choose() -> str:
+    """Set ``MUJOCO_GL`` unless the user has: EGL where a device answers, else OSMesa, else ``disabled``.
+
+    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is.
+
+    Returns
+    -------
+    str
+        The backend, also when the user chose it.
+    """
+    if not os.environ.get("MUJOCO_GL"):
+        os.environ["MUJOCO_GL"] = "egl" if _has_egl_device() else "osmesa" if _loads("libOSMesa.so.8") else "disabled"
+    return os.environ["MUJOCO_GL"]
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _has_egl_device() -> bool:
+    """Whether EGL lists a device. Debian's libegl1 alone, without Mesa's driver, lists none."""
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return False
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+    if not address:
+        return False
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))(address)
+    count = ctypes.c_int(0)
+    return bool(query(0, None, ctypes.byref(count))) and count.value > 0
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """What drew the pictures. Equal fingerprints draw equal bytes; EGL and OSMesa of one Mesa build do too."""
+
+    renderer: str
+    version: str
+    mujoco: str
+
+    @property
+    def digest(self) -> str:
+        """First 16 hexadecimal digits of a SHA-256 over all fields."""
+        return hashlib.sha256("\n".join((self.renderer, self.version, self.mujoco)).encode()).hexdigest()[:16]
+
+
+def fingerprint() -> Fingerprint:
+    """Read the fingerprint of the current OpenGL context; call it while one is current."""
+    import mujoco
+    from OpenGL import GL
+
+    names = [GL.glGetString(name) for name in (GL.GL_RENDERER, GL.GL_VERSION)]
+    if any(name is None for name in names):
+        raise RendererError("no current OpenGL context")
+    return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__)

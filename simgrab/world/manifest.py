@@ -1,0 +1,54 @@
+"""The manifest: what a dataset is, from which the same one can be made again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from importlib.metadata import version
+from typing import Any
+
+from simgrab import __version__
+from simgrab.scenario import Scenario
+from simgrab.world.gl import Fingerprint
+
+PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pyarrow", "pycocotools", "scipy", "trimesh")
+
+
+def identity(scenario: Scenario) -> dict[str, Any]:
+    """Say what must be equal for two runs to make the same dataset, but for what draws it."""
+    return {
+        "simgrab": __version__,
+        "scenario": scenario.to_dict(),
+        "digest": scenario.digest(),
+        "seed": scenario.seed,
+        "frames": scenario.frames,
+        "packages": {name: version(name) for name in PACKAGES},
+    }
+
+
+def compose(scenario: Scenario, drawn_by: Fingerprint, files: dict[str, bytes]) -> dict[str, Any]:
+    """Compose the manifest.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    drawn_by : Fingerprint
+    files : dict of str to bytes
+        The dataset's tables, by name; each picture's digest is in its row of labels.
+    """
+    manifest = identity(scenario) | {
+        "renderer": {
+            "renderer": drawn_by.renderer,
+            "version": drawn_by.version,
+            "mujoco": drawn_by.mujoco,
+            "fingerprint": drawn_by.digest,
+        },
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
+    }
+    return manifest | {"manifest_digest": digest(manifest)}
+
+
+def digest(manifest: dict[str, Any]) -> str:
+    """SHA-256 over the canonical JSON of a manifest, its own digest left out."""
+    rest = {key: value for key, value in manifest.items() if key != "manifest_digest"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,249 @@
+"""From a scenario to a MuJoCo model: the grab on its ropes, the jib head above it, the place below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from simgrab.errors import ScenarioError
+from simgrab.geometry import Array
+from simgrab.rng import stream
+from simgrab.scenario import Light, Scenario
+from simgrab.world import places
+from simgrab.world.meshes import grab, jib, ropes
+from simgrab.world.meshes.part import Part, add_parts
+from simgrab.world.swing import GrabState
+
+# Geom groups tell what a pixel belongs to.
+PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
+
+NEAR_M, FAR_M = 0.1, 200.0
+SHADOW_HALF_WIDTH_M = 30.0
+SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
+CLEARANCE_M = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A compiled model and what it takes to pose it.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+        World frame = jib frame.
+    outline : dict of str to ndarray, shape (N, 3)
+        Points that cover the steel of each grab body, in the body's frame.
+    cargo_outline : tuple of ndarray, shape (N, 3)
+        Points that cover each cargo heap, in the grab frame.
+    switches : dict of str to ndarray
+        Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``.
+    top_z : float
+        Highest solid thing below the grab, jib frame, m.
+    """
+
+    model: mujoco.MjModel
+    outline: dict[str, Array]
+    cargo_outline: tuple[Array, ...]
+    switches: dict[str, NDArray[np.int64]]
+    top_z: float
+
+    def grab_points(self, state: GrabState) -> Array:
+        """Points (N, 3), grab frame, that cover the grab and what it holds."""
+        frames = grab.body_frames(state.jaw)
+        points = [p @ frames[body][:3, :3].T + frames[body][:3, 3] for body, p in self.outline.items()]
+        level = cargo_level(state.load)
+        if level is not None:
+            points.append(self.cargo_outline[level])
+        return np.concatenate(points)
+
+    def check_clearance(self, frame: int, state: GrabState, points_jib: Array) -> None:
+        """Refuse a frame whose grab would stand in the ground or in the cargo heap."""
+        lowest = float(points_jib[:, 2].min())
+        if lowest < self.top_z + CLEARANCE_M:
+            longest = state.rope_length - (self.top_z + CLEARANCE_M - lowest)
+            raise ScenarioError(
+                "swing.rope_length_m",
+                f"frame {frame} draws {state.rope_length:.2f} m, which lowers the grab into the ground or heap; "
+                f"at most {longest:.2f} m here",
+            )
+
+    def pose(self, data: mujoco.MjData, state: GrabState) -> None:
+        """Set ``data`` to the state and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
+        model = self.model
+        half = state.alpha / 2
+        data.joint("swing").qpos = (
+            np.cos(half),
+            np.sin(half) * np.sin(state.azimuth),
+            -np.sin(half) * np.cos(state.azimuth),
+            0.0,
+        )
+        data.joint("hoist").qpos = -state.rope_length
+        data.joint("yaw").qpos = state.yaw
+        for name, position in grab.joint_positions(state.jaw).items():
+            data.joint(name).qpos = position
+        shown = cargo_level(state.load)
+        for level in range(len(self.cargo_outline)):
+            self._show(f"cargo_{level}", level == shown, GRAB)
+        self._hang_ropes(data, state)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+
+    def _hang_ropes(self, data: mujoco.MjData, state: GrabState) -> None:
+        """Draw each rope straight from its termination to its exit, with the shortest mesh that reaches."""
+        pose = state.jib_from_grab
+        ends = grab.ROPE_TERMINATIONS @ pose[:3, :3].T + pose[:3, 3]
+        for rope, (end, top) in enumerate(zip(ends, ropes.ROPE_EXITS, strict=True)):
+            needed = float(np.linalg.norm(top - end))
+            shown = next((c for c in ropes.ROPE_CLASSES_M if c >= needed), ropes.ROPE_CLASSES_M[-1])
+            mocap = self.model.body(f"rope_{rope}").mocapid[0]
+            data.mocap_pos[mocap] = end
+            data.mocap_quat[mocap] = _turn_up_to((top - end) / needed)
+            for length in ropes.ROPE_CLASSES_M:
+                self._show(f"rope_{rope}/{length}", length == shown, ROPE)
+
+    def _show(self, stem: str, shown: bool, group: int) -> None:
+        self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
+
+
+def cargo_level(load: float) -> int | None:
+    """Index of the heap that stands for a fill, None when empty."""
+    if load <= 0:
+        return None
+    return int(np.abs(np.array(grab.CARGO_LEVELS) - load).argmin())
+
+
+def build(scenario: Scenario) -> World:
+    """Build the world of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    World
+    """
+    spec = mujoco.MjSpec()
+    _set_visuals(spec, scenario)
+    place = places.build(scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, 0, "place"))
+    add_parts(spec, spec.worldbody, place.parts, group=PLACE, prefix="place")
+    add_parts(spec, spec.worldbody, jib.jib_parts(), group=JIB, prefix="jib")
+    look = scenario.grab
+    parts = grab.grab_parts(
+        paint=look.paint_rgb,
+        wear=look.wear,
+        residue=look.residue,
+        cargo=look.cargo,
+        rng=stream(scenario.seed, 0, "grab"),
+    )
+    heaps = grab.cargo_parts(look.cargo, stream(scenario.seed, 0, "cargo"))
+    _add_grab(spec, parts, heaps)
+    _add_ropes(spec)
+    model = spec.compile()
+    return World(
+        model=model,
+        outline={body: _cover([p.mesh for p in own]) for body, own in parts.items()},
+        cargo_outline=tuple(_cover([heap.mesh]) for heap in heaps),
+        switches=_switches(model),
+        top_z=place.top_z,
+    )
+
+
+def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
+    # Clipping planes, fog and the shadow box scale with the extent: fix it, so that no object moves them.
+    centre = np.array([0.0, 0.0, -scenario.jib.head_height_m])
+    spec.stat.extent, spec.stat.center = 1.0, centre
+    visual = spec.visual
+    visual.map.znear, visual.map.zfar, visual.map.shadowclip = NEAR_M, FAR_M, SHADOW_HALF_WIDTH_M
+    visual.quality.offsamples = scenario.image.samples
+    visual.quality.shadowsize = scenario.image.shadow_map_px
+    visual.headlight.active = 0
+    _add_lights(spec, scenario.light, centre, shadows=scenario.image.shadow_map_px > 0)
+
+
+def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bool) -> None:
+    elevation, azimuth = np.radians(light.sun_elevation_deg), np.radians(light.sun_azimuth_deg)
+    to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    warm, cool = np.array([1.0, 0.965, 0.9]), np.array([0.92, 0.97, 1.06])
+    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(
+        name="sun", type=directional, dir=-to_sun, pos=centre + SHADOW_LIGHT_DISTANCE_M * to_sun, castshadow=shadows,
+        diffuse=light.sun * warm, specular=0.5 * light.sun * warm, ambient=0.5 * light.sky * cool,
+    )  # fmt: skip
+    spec.worldbody.add_light(
+        name="sky", type=directional, dir=(0, 0, -1), castshadow=False,
+        diffuse=0.5 * light.sky * cool, specular=np.zeros(3), ambient=np.zeros(3),
+    )  # fmt: skip
+
+
+def _add_grab(spec: mujoco.MjSpec, parts: dict[str, list[Part]], heaps: Sequence[Part]) -> None:
+    hinge, slide, ball = (getattr(mujoco.mjtJoint, f"mjJNT_{kind}") for kind in ("HINGE", "SLIDE", "BALL"))
+    head = spec.worldbody.add_body(name="head")
+    head.add_joint(name="swing", type=ball)
+    head.add_joint(name="hoist", type=slide, axis=(0, 0, 1))
+    head.add_joint(name="yaw", type=hinge, axis=(0, 0, 1))
+    bodies = {"head": head}
+    for name in grab.BODIES[1:]:
+        parent, pin = grab.PINS[name]
+        bodies[name] = bodies[parent].add_body(name=name, pos=pin)
+        kind, axis = (slide, (0, 0, 1)) if name == "beam" else (hinge, (0, 1, 0))
+        bodies[name].add_joint(name=name, type=kind, axis=axis)
+    for name, body in bodies.items():
+        add_parts(spec, body, parts[name], group=GRAB, prefix=name)
+        _set_inertia(body, parts[name], grab.MASSES_KG[name])
+    for level, heap in enumerate(heaps):
+        add_parts(spec, head, [heap], group=HIDDEN, prefix=f"cargo_{level}")
+    # The inner falls run down inside the closed shells, so their full length may be drawn whatever the jaws do.
+    for k, (top, bottom) in enumerate(grab.REEVING):
+        drop = bottom + grab.body_frames(grab.MAX_JAW)["beam"][:3, 3] - top
+        fall = ropes.rope_part(float(np.linalg.norm(drop)), f"fall_{k}")
+        turn = trimesh.geometry.align_vectors([0, 0, 1], -drop)
+        turn[:3, 3] = top + drop
+        add_parts(spec, head, [fall.moved(turn)], group=ROPE, prefix=f"fall_{k}")
+
+
+def _set_inertia(body: mujoco.MjsBody, parts: Sequence[Part], mass: float) -> None:
+    """Spread a body's mass evenly over the volume of its parts."""
+    solid = trimesh.util.concatenate([p.mesh for p in parts])
+    solid.density = mass / solid.volume
+    inertia = solid.moment_inertia
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = solid.center_mass
+    body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _add_ropes(spec: mujoco.MjSpec) -> None:
+    for rope in range(len(ropes.ROPE_EXITS)):
+        body = spec.worldbody.add_body(name=f"rope_{rope}", mocap=True)
+        for length in ropes.ROPE_CLASSES_M:
+            part = ropes.rope_part(length, f"rope_{rope}_{length}")
+            add_parts(spec, body, [part], group=HIDDEN, prefix=f"rope_{rope}/{length}")
+
+
+def _turn_up_to(direction: Array) -> Array:
+    """Quaternion of the shortest turn from +z to a unit direction that does not point down."""
+    quaternion = np.array([1 + direction[2], -direction[1], direction[0], 0.0])
+    return np.asarray(quaternion / np.linalg.norm(quaternion))
+
+
+def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
+    """Geoms that come and go, by the stem of their name: ``cargo_2``, ``rope_0/15``."""
+    found: dict[str, list[int]] = {}
+    for geom in range(model.ngeom):
+        stem = model.geom(geom).name.rpartition("/")[0]
+        if model.geom_group[geom] == HIDDEN:
+            found.setdefault(stem, []).append(geom)
+    return {stem: np.array(geoms) for stem, geoms in found.items()}
+
+
+def _cover(meshes: Sequence[trimesh.Trimesh], spacing_m: float = 0.15) -> Array:
+    """Points on meshes, none of whose edges is longer than the spacing, so that distorted outlines stay true."""
+    points = [trimesh.remesh.subdivide_to_size(m.vertices, m.faces, max_edge=spacing_m, max_iter=20)[0] for m in meshes]
+    return np.unique(np.concatenate(points).round(6), axis=0)

@@ -1,0 +1,217 @@
+"""Draw a posed world with MuJoCo's classic renderer: rgb, ids, depth and silhouette, in exact pixel geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import RendererError, ScenarioError
+from simgrab.geometry import Array, Intrinsics, camera_rotation
+from simgrab.scenario import Scenario
+from simgrab.world import gl
+from simgrab.world.model import FAR_M, GRAB, HIDDEN, NEAR_M, World
+from simgrab.world.swing import GrabState
+
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
+NOTHING = 255  # id of a pixel that shows no geom
+LARGEST_BUFFER_PX = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one look through a window gives, shapes (h, w).
+
+    Attributes
+    ----------
+    window : Window
+    ids : ndarray of uint8
+        Geom group of each pixel (`simgrab.world.model`), 255 where there is none.
+    depth : ndarray of float32
+        Distance along the optical axis, m.
+    """
+
+    window: Window
+    ids: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+
+    def crop(self, window: Window) -> View:
+        """Cut a window out of this one, which must hold it."""
+        x0, y0, x1, y1 = window
+        at = np.s_[y0 - self.window[1] : y1 - self.window[1], x0 - self.window[0] : x1 - self.window[0]]
+        return View(window, self.ids[at], self.depth[at])
+
+
+class Renderer:
+    """Draws one world through one camera. Use as a context manager: it owns an OpenGL context, one per process.
+
+    Parameters
+    ----------
+    world : World
+    scenario : Scenario
+    """
+
+    def __init__(self, world: World, scenario: Scenario) -> None:
+        camera = scenario.camera
+        self.world, self.intrinsics = world, camera.intrinsics
+        self._rotation = camera_rotation(*np.radians((camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg)))
+        self._centre = np.array(camera.offset_m)
+        self._full: Window = (0, 0, camera.width_px, camera.height_px)
+        self._lens = _PictureMap(self.intrinsics) if not self.intrinsics.distortion.is_null else None
+        drawn = self._lens.source if self._lens else self._full
+        self._size = drawn[2] - drawn[0], drawn[3] - drawn[1]
+        if max(self._size) > LARGEST_BUFFER_PX:
+            raise ScenarioError(
+                "camera.distortion",
+                f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
+            )
+        model = world.model
+        model.vis.global_.offwidth, model.vis.global_.offheight = self._size
+        self.data = mujoco.MjData(model)
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[:] = 1
+        self._option.geomgroup[HIDDEN] = 0
+        self._grab_only = mujoco.MjvOption()
+        self._grab_only.geomgroup[:] = 0
+        self._grab_only.geomgroup[GRAB] = 1
+        self._open(model)
+
+    def _open(self, model: mujoco.MjModel) -> None:
+        try:
+            self._gl = mujoco.GLContext(*self._size)
+            self._gl.make_current()
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        except (ImportError, AttributeError, RuntimeError, mujoco.FatalError) as problem:
+            raise RendererError(f"no offscreen OpenGL ({problem}); {gl.INSTALL_HINT}") from problem
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self.fingerprint = gl.fingerprint()
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
+        self._abstract = mujoco.MjvCamera()
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._context.free()
+        self._gl.free()
+
+    def pose(self, state: GrabState) -> None:
+        """Pose the world; what follows is drawn so."""
+        self.world.pose(self.data, state)
+
+    def rgb(self) -> NDArray[np.uint8]:
+        """Draw the picture as the lens shows it, shape (height, width, 3)."""
+        self._gather(self._option)
+        if self._lens is None:
+            return self._draw_rgb(self._full)
+        return self._lens.resample(self._draw_rgb(self._lens.source), cv2.INTER_CUBIC)
+
+    def look(self, window: Window | None = None, *, grab_only: bool = False) -> View:
+        """Draw ids and depth through a window of the picture.
+
+        Parameters
+        ----------
+        window : Window, optional
+            The whole picture unless given. It may reach beyond the picture.
+        grab_only : bool
+            Draw the grab and what it holds as if nothing were in front of it.
+        """
+        window = window or self._full
+        self._gather(self._grab_only if grab_only else self._option)
+        if self._lens is None:
+            return View(window, *self._draw_tiles(window))
+        lens = _PictureMap(self.intrinsics, window)
+        ids, depth = self._draw_tiles(lens.source)
+        return View(
+            window,
+            lens.resample(ids, cv2.INTER_NEAREST, NOTHING),
+            lens.resample(depth, cv2.INTER_NEAREST, FAR_M),
+        )
+
+    def _gather(self, option: mujoco.MjvOption) -> None:
+        scene = self._scene
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(self.world.model, self.data, option, None, self._abstract, everything, scene)
+        if scene.status:
+            raise RendererError("the scene holds more geoms than its buffer")
+
+    def _aim(self, window: Window) -> mujoco.MjrRect:
+        """Point both eyes of the scene along the camera, through a window of the undistorted picture."""
+        k, (x0, y0, x1, y1) = self.intrinsics, window
+        scale = NEAR_M / k.f_px
+        for eye in self._scene.camera:
+            eye.pos = self._centre
+            eye.forward, eye.up = self._rotation[:, 2], -self._rotation[:, 1]
+            eye.orthographic = 0
+            eye.frustum_near, eye.frustum_far = NEAR_M, FAR_M
+            eye.frustum_center = scale * ((x0 + x1) / 2 - k.cx_px)
+            eye.frustum_width = scale * (x1 - x0) / 2
+            eye.frustum_top, eye.frustum_bottom = scale * (k.cy_px - y0), scale * (k.cy_px - y1)
+        return mujoco.MjrRect(0, 0, x1 - x0, y1 - y0)
+
+    def _draw_rgb(self, window: Window) -> NDArray[np.uint8]:
+        flags = self._scene.flags
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
+        rect = self._aim(window)
+        mujoco.mjr_render(rect, self._scene, self._context)
+        rgb = np.empty((rect.height, rect.width, 3), np.uint8)
+        mujoco.mjr_readPixels(rgb, None, rect, self._context)
+        return rgb[::-1]
+
+    def _draw_tiles(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Ids and depth of a window of the undistorted picture, in tiles that fit the buffer."""
+        x0, y0, x1, y1 = window
+        ids = np.empty((y1 - y0, x1 - x0), np.uint8)
+        depth = np.empty((y1 - y0, x1 - x0), np.float32)
+        for y in range(y0, y1, self._size[1]):
+            for x in range(x0, x1, self._size[0]):
+                tile = (x, y, min(x + self._size[0], x1), min(y + self._size[1], y1))
+                at = np.s_[y - y0 : tile[3] - y0, x - x0 : tile[2] - x0]
+                ids[at], depth[at] = self._draw_ids(tile)
+        return ids, depth
+
+    def _draw_ids(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        scene = self._scene
+        scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
+        rect = self._aim(window)
+        mujoco.mjr_render(rect, scene, self._context)
+        colour = np.empty((rect.height, rect.width, 3), np.uint8)
+        buffer = np.empty((rect.height, rect.width), np.float32)
+        mujoco.mjr_readPixels(colour, buffer, rect, self._context)
+        # The id colour is the geom's place in the scene plus one, least significant byte first.
+        groups = self.world.model.geom_group
+        lookup = np.array([NOTHING, *(groups[g.objid] for g in scene.geoms[: scene.ngeom])], np.uint8)
+        place = colour[..., 0].astype(np.intp) | (colour[..., 1].astype(np.intp) << 8)
+        return lookup[place][::-1], _metres(buffer)[::-1]
+
+
+def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Distance along the optical axis from MuJoCo's reversed depth buffer: 1 at the near plane, 0 at the far one."""
+    return np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer.astype(float) * (FAR_M - NEAR_M)), np.float32)
+
+
+class _PictureMap:
+    """Where each pixel of a window of the lens' picture comes from in the undistorted one."""
+
+    def __init__(self, intrinsics: Intrinsics, window: Window | None = None) -> None:
+        x0, y0, x1, y1 = window or (0, 0, intrinsics.width_px, intrinsics.height_px)
+        grid = np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
+        ideal: Array = intrinsics.undistort(grid)
+        low, high = np.nanmin(ideal, axis=(0, 1)), np.nanmax(ideal, axis=(0, 1))
+        # Two pixels of margin for the resampling kernel.
+        self.source: Window = (*(int(v) - 2 for v in np.floor(low)), *(int(v) + 2 for v in np.ceil(high)))  # type: ignore[assignment]
+        # OpenCV counts from the centre of the first pixel.
+        self._map = np.where(np.isnan(ideal), -10.0, ideal - self.source[:2] - 0.5).astype(np.float32)
+
+    def resample(self, picture: NDArray[Any], interpolation: int, outside: float = 0) -> NDArray[Any]:
+        source = np.ascontiguousarray(picture)
+        return cv2.remap(source, self._map, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
