@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ def parts() -> dict[str, list[Part]]:
     return make(0)
 
 
+@cache
 def make(seed: int, paint: tuple[float, float, float] = (0.7, 0.3, 0.1), wear: float = 0.2) -> dict[str, list[Part]]:
     return grab.grab_parts(paint=paint, wear=wear, residue=0.3, cargo="ore", rng=np.random.default_rng(seed))
 
@@ -144,7 +146,8 @@ def test_shapes_do_not_depend_on_the_paint(parts: dict[str, list[Part]]) -> None
 
 
 def test_paint_repeats_with_its_stream(parts: dict[str, list[Part]]) -> None:
-    np.testing.assert_array_equal(parts["head"][0].material.texture, make(0)["head"][0].material.texture)
+    again = make.__wrapped__(0)
+    np.testing.assert_array_equal(parts["head"][0].material.texture, again["head"][0].material.texture)
 
 
 def test_no_wear_leaves_no_rust_and_full_wear_no_paint() -> None:
@@ -183,8 +186,9 @@ def test_unknown_cargo_is_named() -> None:
 
 def test_terminations_are_in_the_head_and_falls_run_down_to_the_beam(parts: dict[str, list[Part]]) -> None:
     low, high = box([points(parts, 0.0)["head"]])
-    assert np.all((grab.ROPE_TERMINATIONS > low) & (grab.ROPE_TERMINATIONS < high))
-    assert np.all((grab.ROPE_TERMINATIONS[:, 2] > 1.6) & (grab.ROPE_TERMINATIONS[:, 2] <= 1.7))
+    ends = grab.ROPE_TERMINATIONS
+    assert np.all((ends > low) & (ends < high))
+    assert np.all((ends[:, 2] > 1.6) & (ends[:, 2] <= 1.7))
     assert grab.REEVING.ndim == 3
     assert grab.REEVING.shape[1:] == (2, 3)
     for jaw in JAWS:

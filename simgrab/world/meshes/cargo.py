@@ -17,6 +17,7 @@ _CLEARANCE = 0.012  # between the heap and the plates' inside
 _HALF_Y = HALF_WIDTH - 0.045
 _SHOULDER = (-1.05, -0.75, -0.46, -0.19)  # height of the heap at its edge, per level
 _DOME = (0.16, 0.20, 0.24, 0.27)  # rise of the middle
+_SLUMP = (0.0, 0.0, 0.03, 0.12)  # how far it falls away towards the side plates, whose top edge is hollowed
 _LUMPS = {"coal": 0.045, "ore": 0.028, "grain": 0.010}  # roughness, metres
 _GRID = (41, 37)
 
@@ -40,8 +41,8 @@ def cargo_parts(cargo: str, rng: np.random.Generator) -> list[Part]:
         raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_LUMPS))}")
     material = Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
     return [
-        Part(f"cargo_{round(100 * level)}", _heap(shoulder, dome, _roughness(rng, _LUMPS[cargo])), material)
-        for level, shoulder, dome in zip(CARGO_LEVELS, _SHOULDER, _DOME, strict=True)
+        Part(f"cargo_{round(100 * level)}", _heap(shoulder, dome, slump, _roughness(rng, _LUMPS[cargo])), material)
+        for level, shoulder, dome, slump in zip(CARGO_LEVELS, _SHOULDER, _DOME, _SLUMP, strict=True)
     ]
 
 
@@ -63,16 +64,16 @@ def _roughness(rng: np.random.Generator, size: float) -> NDArray[np.float64]:
     return np.asarray(size * (0.6 * fine + 1.2 * coarse / coarse.std()))
 
 
-def _heap(shoulder: float, dome: float, rough: NDArray[np.float64]) -> trimesh.Trimesh:
+def _heap(shoulder: float, dome: float, slump: float, rough: NDArray[np.float64]) -> trimesh.Trimesh:
     nx, ny = _GRID
     v = np.linspace(-1.0, 1.0, ny)
     y = _HALF_Y * v
     curve = back_curve(81)
-    edge_x = np.interp(shoulder, curve[:, 1], curve[:, 0]) - 2.5 * _CLEARANCE
+    edge_x = np.interp(shoulder - slump, curve[:, 1], curve[:, 0]) - 2.5 * _CLEARANCE
     u = np.linspace(-1.0, 1.0, nx)[:, None]
     x = np.broadcast_to(edge_x * u, (nx, ny))
-    fade = (1 - u**4) * (1 - 0.75 * v**6)
-    top = shoulder + dome * (1 - np.abs(u) ** 1.6) * (1 - 0.6 * v**2) + rough * fade
+    fade = (1 - u**4) * (1 - v**6)
+    top = shoulder + dome * (1 - np.abs(u) ** 1.6) * (1 - v**2) - slump * np.abs(v) ** 3 + rough * fade
     bottom = np.minimum(_floor(x), top - 0.02)
     grid = np.arange(nx * ny).reshape(nx, ny)
     vertices = np.concatenate(

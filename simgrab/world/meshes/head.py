@@ -40,7 +40,7 @@ def head_parts(look: Finish) -> list[Part]:
         Part("guide_frames", join([_guide_frame(-ROPE_X, ROPE_Y), _guide_frame(ROPE_X, -ROPE_Y)]), look.body),
         Part("rollers", join([_rollers(-ROPE_X, ROPE_Y), _rollers(ROPE_X, -ROPE_Y)]), look.dark),
         Part("pins", _pins(), look.dark),
-        Part("plate", block((-0.20, -0.13, _DECK_Z + 0.012), (0.20, 0.13, _DECK_Z + 0.02), 0.003), look.lip),
+        *_plates(look),
     ]
 
 
@@ -62,19 +62,21 @@ def _frame() -> trimesh.Trimesh:
 
 
 def _deck() -> trimesh.Trimesh:
-    """Return the deck plate: slots over the sheaves, corners cut."""
+    """Return the deck plate: open over the sheaves and the middle, corners cut, with a kerb."""
     outline = rounded(shapely.box(-0.50, -_HALF_Y, 0.50, _HALF_Y).intersection(_octagon(0.50, _HALF_Y, 0.14)), 0.02)
-    slots = [rounded(shapely.box(-0.30, s * 0.5 - 0.15, 0.30, s * 0.5 + 0.15), 0.03) for s in (-1, 1)]
-    hatch = rounded(shapely.box(-0.22, -0.22, 0.22, 0.22), 0.04)
-    plate = outline.difference(shapely.union_all(slots))
-    kerb = outline.difference(outline.buffer(-0.035))
-    return join(
-        [
-            prism(plate, _DECK_Z - 0.021, _DECK_Z, "z"),
-            prism(kerb, _DECK_Z - 0.002, _DECK_Z + 0.05, "z"),
-            prism(hatch, _DECK_Z - 0.002, _DECK_Z + 0.014, "z"),
-        ]
-    )
+    openings = [rounded(shapely.box(-0.30, y - 0.14, 0.30, y + 0.14), 0.03) for y in (-ROPE_Y, ROPE_Y)]
+    openings.append(rounded(shapely.box(-0.29, -0.245, 0.29, 0.245), 0.05))
+    plate = outline.difference(shapely.union_all(openings))
+    kerb = outline.difference(outline.buffer(-0.03))
+    return join([prism(plate, _DECK_Z - 0.021, _DECK_Z, "z"), prism(kerb, _DECK_Z - 0.002, _DECK_Z + 0.05, "z")])
+
+
+def _plates(look: Finish) -> list[Part]:
+    """Return the number plates on the deck's ends, each read from its own end."""
+    mesh = block((-0.21, 0.74, _DECK_Z - 0.002), (0.21, 0.90, _DECK_Z + 0.010), 0.002)
+    p = np.asarray(mesh.vertices)
+    plate = Part("plate", mesh, look.plate, np.stack([0.5 - p[:, 0] / 0.42, (0.90 - p[:, 1]) / 0.16], axis=1))
+    return [plate, plate.moved(np.diag([-1.0, -1.0, 1.0, 1.0]), "plate_inner")]
 
 
 def _octagon(half_x: float, half_y: float, cut: float) -> shapely.Polygon:
@@ -105,7 +107,9 @@ def _fascia() -> trimesh.Trimesh:
     """Return the striped warning plates on the head's ends and along its sides."""
     end = block((-0.33, _HALF_Y - 0.03, 0.98), (0.33, _HALF_Y - 0.012, 1.27), 0.004)
     side = block((_GIRDER_X + 0.084, -0.60, 1.06), (_GIRDER_X + 0.096, 0.60, 1.24), 0.003)
-    return join([end, shapes.half_turn(end), side, shapes.half_turn(side)])
+    band = block((-0.30, _HALF_Y - 0.115, _DECK_Z - 0.002), (0.30, _HALF_Y - 0.035, _DECK_Z + 0.010), 0.002)
+    one = join([end, side, band])
+    return join([one, shapes.half_turn(one)])
 
 
 def _arm_lugs() -> trimesh.Trimesh:
@@ -138,7 +142,7 @@ def _guards() -> trimesh.Trimesh:
 def _socket(x: float, y: float) -> trimesh.Trimesh:
     """Return a rope socket standing on its pin: fork, cone and collar, pulled straight up."""
     cone = [(0.004, 1.54), (0.058, 1.54), (0.062, 1.56), (0.040, 1.68), (0.030, TOP_Z), (0.004, TOP_Z)]
-    body = trimesh.creation.revolve(np.array([*cone, cone[0]]), sections=16)
+    body = trimesh.creation.revolve(np.array([*cone, cone[0]]), sections=12)
     body.apply_translation((x, y, 0.0))
     cheek = hull(circle(x, 1.41, 0.052), shapely.box(x - 0.045, 1.53, x + 0.045, 1.56))
     fork = [prism(cheek, y + o - 0.013, y + o + 0.013) for o in (-0.043, 0.043)]
@@ -151,7 +155,7 @@ def _guide_frame(x: float, y: float) -> trimesh.Trimesh:
     plates = [block((x - 0.12, y + o - 0.008, 1.42), (x + 0.12, y + o + 0.008, 1.60), 0.003) for o in (-0.10, 0.10)]
     ends = [block((x + o - 0.008, y - 0.10, 1.42), (x + o + 0.008, y + 0.10, 1.60), 0.003) for o in (-0.112, 0.112)]
     funnel = [(0.045, 1.585), (0.115, 1.62), (0.125, 1.66), (0.118, 1.662), (0.108, 1.63), (0.035, 1.598)]
-    mouth = trimesh.creation.revolve(np.array([*funnel, funnel[0]]), sections=20)
+    mouth = trimesh.creation.revolve(np.array([*funnel, funnel[0]]), sections=16)
     if mouth.volume < 0:
         mouth.invert()
     mouth.apply_translation((x, y, 0.0))
@@ -160,9 +164,9 @@ def _guide_frame(x: float, y: float) -> trimesh.Trimesh:
 
 def _rollers(x: float, y: float) -> trimesh.Trimesh:
     waist = [(0.010, -0.09), (0.036, -0.09), (0.026, 0.0), (0.036, 0.09), (0.010, 0.09)]
-    along = [disc(waist, (x + o, y, 1.46), 12) for o in (-0.05, 0.05)]
+    along = [disc(waist, (x + o, y, 1.46), 10) for o in (-0.05, 0.05)]
     across = [
-        shapes.quarter_turn(disc(waist, (0.0, -x, 0.0), 12)).apply_translation((0, y + o, 1.54)) for o in (-0.05, 0.05)
+        shapes.quarter_turn(disc(waist, (0.0, -x, 0.0), 10)).apply_translation((0, y + o, 1.54)) for o in (-0.05, 0.05)
     ]
     return join([*along, *across])
 

@@ -27,13 +27,21 @@ class Finish:
 
     Attributes
     ----------
-    body, hazard, dark, shell, lining, lip : Material
-        Painted profiles; striped warning paint; greasy pins and sheaves; the shells' painted outside, which wears
-        towards the lip (give UVs that span `SHELL_SIZE` once); their scoured inside; the bright cutting edges.
+    body, hazard : Material
+        Painted profiles; striped warning paint.
+    plate : Material
+        The number plate; UVs span it once.
+    dark : Material
+        Greasy pins and sheaves.
+    shell : Material
+        The shells' painted outside, which wears towards the lip; UVs span `SHELL_SIZE` once.
+    lining, lip : Material
+        The shells' scoured inside (UVs as ``shell``); the bright cutting edges.
     """
 
     body: Material
     hazard: Material
+    plate: Material
     dark: Material
     shell: Material
     lining: Material
@@ -77,6 +85,7 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     return Finish(
         body=_material("grab_body", body, TILE_M, 0.25),
         hazard=_material("grab_hazard", stripes, 0.8, 0.25),
+        plate=_material("grab_plate", dusty.on(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5), 1.0, 0.3),
         dark=_material("grab_dark", dusty.on(grease, 0.6), 0.6, 0.35),
         shell=_material("grab_shell", shell, 1.0, 0.25),
         lining=_material("grab_lining", lining, 1.0, 0.3),
@@ -119,6 +128,16 @@ def _stripes() -> Picture:
     i, j = np.indices((_SIZE, _SIZE))
     yellow = (((i + j) * 4 / _SIZE) % 1.0 < 0.5)[..., None]
     return np.where(yellow, (0.86, 0.68, 0.08), (0.07, 0.07, 0.07))
+
+
+def _plate() -> Picture:
+    """Black on white: the grab's number and its two masses."""
+    image = np.full((_SIZE, _SIZE), 225, np.uint8)
+    cv2.rectangle(image, (8, 18), (_SIZE - 9, _SIZE - 19), 20, 8)
+    lines = (("G7", (30, 395), 7.5, 40), ("10.5 t", (330, 220), 1.6, 10), ("24 t", (330, 400), 1.6, 10))
+    for text, at, scale, thick in lines:
+        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, 25, thick, cv2.LINE_AA)
+    return np.repeat(image[..., None], 3, axis=2) / 255.0
 
 
 def _masks(rng: np.random.Generator) -> tuple[Picture, Picture, Picture]:

@@ -105,7 +105,7 @@ def disc(outline: Sequence[tuple[float, float]], centre: ArrayLike, sections: in
     return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
 
 
-def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections: int = 18) -> trimesh.Trimesh:
+def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections: int = 16) -> trimesh.Trimesh:
     """Return a grooved sheave about the y axis; a rope's centre line runs on its pitch radius."""
     bottom, rim, half = pitch_radius - rope_radius, pitch_radius + 1.6 * rope_radius, 2.4 * rope_radius
     inner, hub = bottom - 1.0 * rope_radius, max(0.25 * pitch_radius, 0.045)
@@ -169,3 +169,23 @@ def hull(*shapes: shapely.Geometry) -> shapely.Polygon:
 def circle(x: float, z: float, radius: float, quarter: int = 5) -> shapely.Polygon:
     """Return a disc in a plane, ``quarter`` edges to the right angle."""
     return shapely.Point(x, z).buffer(radius, quad_segs=quarter)
+
+
+def bent_rod(bend_radius: float, radius: float, steps: int, sections: int = 8) -> trimesh.Trimesh:
+    """Return a quarter of a round bar about the y axis through the origin, from +x to +z."""
+    angle = np.linspace(0.0, np.pi / 2, steps + 1)[:, None]
+    turn = np.arange(sections) * 2 * np.pi / sections
+    reach = bend_radius + radius * np.cos(turn)
+    across = np.broadcast_to(radius * np.sin(turn), (steps + 1, sections))
+    tube = np.stack([reach * np.cos(angle), across, reach * np.sin(angle)], axis=-1).reshape(-1, 3)
+    i = np.arange(sections)
+    j = (i + 1) % sections
+    rings = np.arange(steps)[:, None] * sections
+    walls = [
+        np.stack([i + rings, q, p], axis=-1).reshape(-1, 3)
+        for q, p in ((j + rings + sections, j + rings), (i + rings + sections, j + rings + sections))
+    ]
+    k = np.arange(1, sections - 1)
+    last = steps * sections
+    ends = [np.stack([0 * k, k + 1, k], axis=1)[:, ::-1], np.stack([0 * k, k, k + 1], axis=1)[:, ::-1] + last]
+    return solid(tube, np.concatenate([*walls, *ends])[:, ::-1])

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+
+from simgrab.world.meshes.jib import CLEAR_Z, SHEAVE_Z, jib_parts
+from simgrab.world.meshes.part import Part
+from simgrab.world.meshes.ropes import ROPE_EXITS, ROPE_RADIUS
+
+CAMERAS = np.array([(0.0, 0.6, -0.3), (0.0, -0.6, -0.3)])
+HANGING = ("floodlights", "lenses")
+
+
+@pytest.fixture(scope="module")
+def parts() -> list[Part]:
+    return jib_parts()
+
+
+@cache
+def surface(part: Part) -> np.ndarray:
+    return np.asarray(trimesh.sample.sample_surface(part.mesh, 8_000, seed=1)[0])
+
+
+def test_every_mesh_is_closed_and_faces_outwards(parts: list[Part]) -> None:
+    for part in parts:
+        assert part.mesh.is_watertight, part.name
+        assert part.mesh.is_winding_consistent, part.name
+        assert part.mesh.volume > 0, part.name
+
+
+def test_names_are_unique(parts: list[Part]) -> None:
+    assert len({part.name for part in parts}) == len(parts)
+
+
+def test_only_the_floodlights_hang_below_the_sheaves(parts: list[Part]) -> None:
+    for part in parts:
+        near = np.abs(part.mesh.vertices[:, 0]) < 1.2
+        if part.name not in HANGING and near.any():
+            assert part.mesh.vertices[near, 2].min() > CLEAR_Z, part.name
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_nothing_stands_in_the_cameras_cone(camera: np.ndarray, parts: list[Part]) -> None:
+    for part in parts:
+        ray = surface(part) - camera
+        below = ray[:, 2] < 0
+        angle = np.arctan2(np.hypot(ray[below, 0], ray[below, 1]), -ray[below, 2])
+        assert np.all(angle > np.radians(40.0)), part.name
+        assert np.linalg.norm(ray, axis=1).min() > 0.3, part.name
+
+
+def test_hanging_ropes_are_clear_of_steel(parts: list[Part]) -> None:
+    for part in parts:
+        if part.name == "sheaves" or part.name.startswith("bend"):
+            continue  # what the ropes lie on
+        p = surface(part)
+        p = p[p[:, 2] < SHEAVE_Z]
+        gaps = np.linalg.norm(p[:, None, :2] - ROPE_EXITS[None, :, :2], axis=2)
+        assert gaps.min(initial=9.0) > 1.5 * ROPE_RADIUS, part.name
+
+
+def test_floodlights_are_clear_of_ropes_that_swing_15_degrees(parts: list[Part]) -> None:
+    p = np.concatenate([surface(part) for part in parts if part.name in HANGING])
+    p = p[p[:, 2] < 0]
+    for exit_ in ROPE_EXITS:
+        ray = p - exit_
+        assert np.degrees(np.arctan2(np.hypot(ray[:, 0], ray[:, 1]), -ray[:, 2])).min() > 20.0
+
+
+def test_sheaves_are_tangent_to_the_ropes(parts: list[Part]) -> None:
+    sheaves = next(part for part in parts if part.name == "sheaves")
+    for x, y, _ in ROPE_EXITS:
+        v = np.asarray(sheaves.mesh.vertices)
+        groove = v[(np.abs(v[:, 1] - y) < 0.015) & (np.abs(v[:, 2] - SHEAVE_Z) < 0.01) & (v[:, 0] > x - 0.1)]
+        # The bottom of the groove carries the rope from inboard.
+        assert groove[:, 0].min() == pytest.approx(x - ROPE_RADIUS, abs=0.005)
