@@ -74,7 +74,8 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     rust, bright, grease = (_picture(name) for name in ("rust", "worn_steel", "grease"))
     dusty = _Dust(np.array(_DUST[cargo]), residue, dust)
     height = np.linspace(1.0, 0.0, _SIZE)[:, None]  # 1 at the rim, 0 at the lip
-    local = np.clip(wear * (0.35 + 2.2 * (1.0 - height) ** 2) + 0.9 * np.clip(0.13 - height, 0, 1) / 0.13, 0, 1)
+    ground = np.clip((0.10 + 0.45 * wear - height) / 0.12, 0.0, 1.0)  # what the cargo keeps bright
+    local = np.clip(wear * (0.35 + 1.6 * (1.0 - height) ** 2) + 0.9 * ground, 0.0, 1.0)
 
     painted = _paint(np.array(paint), tone)
     body = dusty.on(_worn(painted, lost, np.full_like(lost, wear), rust, bright))
@@ -110,7 +111,7 @@ def _worn(painted: Picture, lost: Picture, wear: Picture, rust: Picture, bright:
     """Lay paint over steel: the share ``wear`` of it is gone; what went first is bright, the rest has rusted."""
     bare = _step(lost, wear, 0.03, below=True)
     faded = _step(lost, wear + 0.06, 0.06, below=True)[..., None]  # rust creeps under the edge and stains
-    scoured = np.clip((wear - 0.55) / 0.4, 0.0, 1.0) * _step(lost, 0.75 * wear, 0.1, below=True)
+    scoured = np.clip((wear - 0.45) / 0.4, 0.0, 1.0) * _step(lost, 0.8 * wear, 0.3, below=True)
     steel = (1 - scoured[..., None]) * rust + scoured[..., None] * bright
     stained = painted * (1 - 0.35 * faded) + rust * 0.35 * faded
     return stained * (1 - bare[..., None]) + steel * bare[..., None]
