@@ -60,26 +60,26 @@ def floodlights() -> trimesh.Trimesh:
     outrigger = rod((-1.30, 0.70, 0.22), (x, y, 0.30), 0.038)
     strut = rod((-0.2, y - 0.02, _DECK_Z + 0.1), (-0.2, y - 0.25, 0.27), 0.02, 8)
     drop = rod((x, y, 0.34), (x, y, z + 0.13), 0.027)
-    yoke = prism(hull(circle(x, z + 0.12, 0.05), circle(x, z, 0.03)), y - 0.19, y - 0.18)
-    arch = block((x - 0.03, y - 0.19, z + 0.11), (x + 0.03, y + 0.19, z + 0.12), 0.003)
+    yoke = prism(hull(circle(x, z + 0.12, 0.05), circle(x, z, 0.03)), y - 0.15, y - 0.14)
+    arch = block((x - 0.03, y - 0.15, z + 0.11), (x + 0.03, y + 0.15, z + 0.12), 0.003)
     fins = [
-        block((x + o, y - 0.14, z + 0.03), (x + o + 0.006, y + 0.14, z + 0.085), 0.001)
-        for o in np.arange(-0.1, 0.11, 0.028)
+        block((x + o, y - 0.10, z + 0.03), (x + o + 0.006, y + 0.10, z + 0.085), 0.001)
+        for o in np.arange(-0.063, 0.07, 0.021)
     ]
-    one = join([outrigger, strut, drop, yoke, yoke.copy().apply_translation((0, 0.37, 0)), arch, _housing(), *fins])
+    one = join([outrigger, strut, drop, yoke, yoke.copy().apply_translation((0, 0.29, 0)), arch, _housing(), *fins])
     return shapes.mirrored_y(one)
 
 
 def lenses() -> trimesh.Trimesh:
     """Return the floodlights' glass."""
     x, y, z = _LAMP
-    return shapes.mirrored_y(block((x - 0.125, y - 0.16, z - 0.068), (x + 0.125, y + 0.16, z - 0.056), 0.004))
+    return shapes.mirrored_y(block((x - 0.09, y - 0.122, z - 0.068), (x + 0.09, y + 0.122, z - 0.056), 0.004))
 
 
 def _housing() -> trimesh.Trimesh:
     """Return a housing that widens downwards."""
     x, y, z = _LAMP
-    rings = [(0.10, 0.14, 0.04), (0.14, 0.175, -0.02), (0.14, 0.175, -0.06)]
+    rings = [(0.07, 0.10, 0.04), (0.10, 0.135, -0.02), (0.10, 0.135, -0.06)]
     points = [(x + sx * a, y + sy * b, z + c) for a, b, c in rings for sx in (-1, 1) for sy in (-1, 1)]
     shell = shapes.convex(points)
     return solid(shell.vertices, shell.faces)
