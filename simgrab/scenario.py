@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import tomli_w
 
 from simgrab.distributions import Constant, Distribution, HalfNormal, Law, Uniform
 from simgrab.errors import ScenarioError
@@ -187,8 +188,8 @@ class Light(Strict, frozen=True):
 
     sun_elevation_deg: Annotated[float, Meta(ge=10, le=90)] = 48.0
     sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 130.0
-    sun: Annotated[float, Meta(ge=0, le=2)] = 0.75
-    sky: Annotated[float, Meta(ge=0, le=2)] = 0.45
+    sun: Annotated[float, Meta(ge=0, le=2)] = 1.0
+    sky: Annotated[float, Meta(ge=0, le=2)] = 0.8
 
     def __post_init__(self) -> None:
         if self.sun == 0 and self.sky == 0:
@@ -255,6 +256,17 @@ class Scenario(Strict, frozen=True):
         """Return plain data, as `from_dict` takes it."""
         return dict(msgspec.to_builtins(self))
 
+    def to_toml(self) -> str:
+        """Return a scene file with every key filled in."""
+        return tomli_w.dumps(_without_none(self.to_dict()))
+
+
+def _without_none(value: Any) -> Any:
+    """TOML knows no null: an absent key says the same."""
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return value
+
 
 def _within(key: str, law: Law, low: float, high: float) -> None:
     least, most = law.support()
@@ -282,7 +294,7 @@ def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge nested tables, ``change`` winning; a table of another kind (``model``, ``dist``) replaces the old one whole."""
+    """Merge nested tables, ``change`` winning; a table of another ``model`` or ``dist`` replaces the old one whole."""
     result = dict(base)
     for key, value in change.items():
         old = result.get(key)

@@ -75,6 +75,23 @@ def yolo_yaml() -> bytes:
     return "\n".join(lines).encode()
 
 
+def annotation(record: Record) -> dict[str, Any]:
+    """One frame's COCO annotation."""
+    row = record.truth
+    x0, y0, x1, y1 = _box(row)
+    return {
+        "id": row.frame + 1,
+        "image_id": row.frame,
+        "category_id": 1,
+        "bbox": [x0, y0, x1 - x0, y1 - y0],
+        "area": int(coco_mask.area(record.mask)),
+        "segmentation": record.mask,
+        "iscrowd": 0,
+        "keypoints": row.keypoints,
+        "num_keypoints": sum(v > 0 for v in row.keypoints[2::3]),
+    }
+
+
 def coco(records: Sequence[Record], split: str, scenario: Scenario) -> bytes:
     """COCO instances of one split, with run-length masks and keypoints.
 
@@ -87,22 +104,8 @@ def coco(records: Sequence[Record], split: str, scenario: Scenario) -> bytes:
         if row.split != split:
             continue
         images.append({"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px})
-        if not is_labelled(row, scenario):
-            continue
-        x0, y0, x1, y1 = _box(row)
-        annotations.append(
-            {
-                "id": row.frame + 1,
-                "image_id": row.frame,
-                "category_id": 1,
-                "bbox": [x0, y0, x1 - x0, y1 - y0],
-                "area": int(coco_mask.area(record.mask)),
-                "segmentation": record.mask,
-                "iscrowd": 0,
-                "keypoints": row.keypoints,
-                "num_keypoints": sum(v > 0 for v in row.keypoints[2::3]),
-            }
-        )
+        if is_labelled(row, scenario):
+            annotations.append(annotation(record))
     category = {"id": 1, "name": "grab", "supercategory": "crane", "keypoints": KEYPOINT_NAMES, "skeleton": []}
     info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
     return json.dumps(

@@ -130,7 +130,7 @@ def check(scenario: Scenario) -> None:
         raise ScenarioError(
             "camera",
             f"it never sees the grab in any of the {scenario.frames} frames; "
-            "lower camera.beta_deg or the focal length, or set offset and tilt_azimuth_deg so that it looks at the rope",
+            "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
         )
 
 

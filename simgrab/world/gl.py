@@ -5,9 +5,15 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from simgrab.errors import RendererError
+
+if TYPE_CHECKING:
+    import mujoco
 
 INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1-mesa-dri"
 
@@ -73,3 +79,29 @@ def fingerprint() -> Fingerprint:
     if any(name is None for name in names):
         raise RendererError("no current OpenGL context")
     return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__)
+
+
+@contextmanager
+def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[mujoco.MjrContext]:
+    """Open an offscreen context for a model and make it current; free it afterwards.
+
+    Raises
+    ------
+    RendererError
+        If there is none to be had, with what to install.
+    """
+    import mujoco
+
+    try:
+        window = mujoco.GLContext(width_px, height_px)
+        window.make_current()
+        model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    except (ImportError, AttributeError, RuntimeError, mujoco.FatalError) as problem:
+        raise RendererError(f"no offscreen OpenGL ({problem}); {INSTALL_HINT}") from problem
+    try:
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+        yield context
+    finally:
+        context.free()
+        window.free()

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.rng import stream
-from simgrab.scenario import Light, Scenario
+from simgrab.scenario import Hold, Light, Scenario
 from simgrab.world import places
-from simgrab.world.meshes import grab, jib, ropes
+from simgrab.world.clearance import HeightMap
+from simgrab.world.meshes import grab, jib, linkage, ropes
 from simgrab.world.meshes.part import Part, add_parts
 from simgrab.world.swing import GrabState
 
@@ -23,7 +24,7 @@ from simgrab.world.swing import GrabState
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
 
 NEAR_M, FAR_M = 0.1, 200.0
-SHADOW_HALF_WIDTH_M = 30.0
+SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
 SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
 CLEARANCE_M = 0.3
 
@@ -36,40 +37,35 @@ class World:
     ----------
     model : mujoco.MjModel
         World frame = jib frame.
+    shapes : dict of str to trimesh.Trimesh
+        Steel of each grab body, in the body's frame, and each cargo heap (``cargo_0`` …), in the grab frame.
     outline : dict of str to ndarray, shape (N, 3)
-        Points that cover the steel of each grab body, in the body's frame.
-    cargo_outline : tuple of ndarray, shape (N, 3)
-        Points that cover each cargo heap, in the grab frame.
+        Points that cover each shape.
     switches : dict of str to ndarray
         Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``.
-    top_z : float
-        Highest solid thing below the grab, jib frame, m.
+    ground : HeightMap
+        What stands below the grab.
     """
 
     model: mujoco.MjModel
+    shapes: dict[str, trimesh.Trimesh]
     outline: dict[str, Array]
-    cargo_outline: tuple[Array, ...]
     switches: dict[str, NDArray[np.int64]]
-    top_z: float
+    ground: HeightMap
 
     def grab_points(self, state: GrabState) -> Array:
         """Points (N, 3), grab frame, that cover the grab and what it holds."""
-        frames = grab.body_frames(state.jaw)
-        points = [p @ frames[body][:3, :3].T + frames[body][:3, 3] for body, p in self.outline.items()]
-        level = cargo_level(state.load)
-        if level is not None:
-            points.append(self.cargo_outline[level])
-        return np.concatenate(points)
+        placed = placed_shapes(state.jaw, state.load)
+        return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
 
     def check_clearance(self, frame: int, state: GrabState, points_jib: Array) -> None:
         """Refuse a frame whose grab would stand in the ground or in the cargo heap."""
-        lowest = float(points_jib[:, 2].min())
-        if lowest < self.top_z + CLEARANCE_M:
-            longest = state.rope_length - (self.top_z + CLEARANCE_M - lowest)
+        gap = self.ground.gap(points_jib)
+        if gap < CLEARANCE_M:
             raise ScenarioError(
                 "swing.rope_length_m",
-                f"frame {frame} draws {state.rope_length:.2f} m, which lowers the grab into the ground or heap; "
-                f"at most {longest:.2f} m here",
+                f"frame {frame} draws {state.rope_length:.2f} m, which lowers the grab into what is below it; "
+                f"at most {state.rope_length - CLEARANCE_M + gap:.2f} m there",
             )
 
     def pose(self, data: mujoco.MjData, state: GrabState) -> None:
@@ -87,7 +83,7 @@ class World:
         for name, position in grab.joint_positions(state.jaw).items():
             data.joint(name).qpos = position
         shown = cargo_level(state.load)
-        for level in range(len(self.cargo_outline)):
+        for level in range(len(grab.CARGO_LEVELS)):
             self._show(f"cargo_{level}", level == shown, GRAB)
         self._hang_ropes(data, state)
         mujoco.mj_kinematics(model, data)
@@ -118,6 +114,13 @@ def cargo_level(load: float) -> int | None:
     return int(np.abs(np.array(grab.CARGO_LEVELS) - load).argmin())
 
 
+def placed_shapes(jaw: float, load: float) -> dict[str, Array]:
+    """Shapes that the grab shows, each with ``grab_from_shape``, shape (4, 4)."""
+    placed = dict(grab.body_frames(jaw))
+    level = cargo_level(load)
+    return placed if level is None else placed | {f"cargo_{level}": np.eye(4)}
+
+
 def build(scenario: Scenario) -> World:
     """Build the world of a scenario.
 
@@ -146,21 +149,24 @@ def build(scenario: Scenario) -> World:
     _add_grab(spec, parts, heaps)
     _add_ropes(spec)
     model = spec.compile()
+    shapes = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in parts.items()}
+    shapes |= {f"cargo_{level}": heap.mesh for level, heap in enumerate(heaps)}
     return World(
         model=model,
-        outline={body: _cover([p.mesh for p in own]) for body, own in parts.items()},
-        cargo_outline=tuple(_cover([heap.mesh]) for heap in heaps),
+        shapes=shapes,
+        outline={name: _cover(mesh) for name, mesh in shapes.items()},
         switches=_switches(model),
-        top_z=place.top_z,
+        ground=HeightMap.of(part.mesh for part in place.parts),
     )
 
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
     # Clipping planes, fog and the shadow box scale with the extent: fix it, so that no object moves them.
-    centre = np.array([0.0, 0.0, -scenario.jib.head_height_m])
+    depth = scenario.jib.head_height_m + (scenario.place.depth_m if isinstance(scenario.place, Hold) else 0.0)
+    centre = np.array([0.0, 0.0, -depth])
     spec.stat.extent, spec.stat.center = 1.0, centre
     visual = spec.visual
-    visual.map.znear, visual.map.zfar, visual.map.shadowclip = NEAR_M, FAR_M, SHADOW_HALF_WIDTH_M
+    visual.map.znear, visual.map.zfar, visual.map.shadowclip = NEAR_M, FAR_M, SHADOW_HALF_WIDTH_SHARE * depth
     visual.quality.offsamples = scenario.image.samples
     visual.quality.shadowsize = scenario.image.shadow_map_px
     visual.headlight.active = 0
@@ -174,24 +180,24 @@ def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bo
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     spec.worldbody.add_light(
         name="sun", type=directional, dir=-to_sun, pos=centre + SHADOW_LIGHT_DISTANCE_M * to_sun, castshadow=shadows,
-        diffuse=light.sun * warm, specular=0.5 * light.sun * warm, ambient=0.5 * light.sky * cool,
+        diffuse=light.sun * warm, specular=0.5 * light.sun * warm, ambient=0.6 * light.sky * cool,
     )  # fmt: skip
     spec.worldbody.add_light(
         name="sky", type=directional, dir=(0, 0, -1), castshadow=False,
-        diffuse=0.5 * light.sky * cool, specular=np.zeros(3), ambient=np.zeros(3),
+        diffuse=0.4 * light.sky * cool, specular=np.zeros(3), ambient=np.zeros(3),
     )  # fmt: skip
 
 
 def _add_grab(spec: mujoco.MjSpec, parts: dict[str, list[Part]], heaps: Sequence[Part]) -> None:
     hinge, slide, ball = (getattr(mujoco.mjtJoint, f"mjJNT_{kind}") for kind in ("HINGE", "SLIDE", "BALL"))
-    head = spec.worldbody.add_body(name="head")
-    head.add_joint(name="swing", type=ball)
-    head.add_joint(name="hoist", type=slide, axis=(0, 0, 1))
+    rope_line = spec.worldbody.add_body(name="rope_line", mass=1e-3, inertia=(1e-3, 1e-3, 1e-3), explicitinertial=True)
+    rope_line.add_joint(name="swing", type=ball)
+    rope_line.add_joint(name="hoist", type=slide, axis=(0, 0, 1))
+    head = rope_line.add_body(name="head")  # MuJoCo wants a body of its own for a hinge after a ball
     head.add_joint(name="yaw", type=hinge, axis=(0, 0, 1))
     bodies = {"head": head}
     for name in grab.BODIES[1:]:
-        parent, pin = grab.PINS[name]
-        bodies[name] = bodies[parent].add_body(name=name, pos=pin)
+        bodies[name] = bodies[linkage.PARENTS[name]].add_body(name=name, pos=linkage.pins[name])
         kind, axis = (slide, (0, 0, 1)) if name == "beam" else (hinge, (0, 1, 0))
         bodies[name].add_joint(name=name, type=kind, axis=axis)
     for name, body in bodies.items():
@@ -243,7 +249,7 @@ def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
     return {stem: np.array(geoms) for stem, geoms in found.items()}
 
 
-def _cover(meshes: Sequence[trimesh.Trimesh], spacing_m: float = 0.15) -> Array:
-    """Points on meshes, none of whose edges is longer than the spacing, so that distorted outlines stay true."""
-    points = [trimesh.remesh.subdivide_to_size(m.vertices, m.faces, max_edge=spacing_m, max_iter=20)[0] for m in meshes]
-    return np.unique(np.concatenate(points).round(6), axis=0)
+def _cover(mesh: trimesh.Trimesh, spacing_m: float = 0.15) -> Array:
+    """Points on a mesh, no edge between which is longer than the spacing, so that distorted outlines stay true."""
+    points = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, max_edge=spacing_m, max_iter=20)[0]
+    return np.unique(points.round(6), axis=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -71,7 +72,6 @@ class Renderer:
                 f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
             )
         model = world.model
-        model.vis.global_.offwidth, model.vis.global_.offheight = self._size
         self.data = mujoco.MjData(model)
         self._option = mujoco.MjvOption()
         self._option.geomgroup[:] = 1
@@ -79,19 +79,11 @@ class Renderer:
         self._grab_only = mujoco.MjvOption()
         self._grab_only.geomgroup[:] = 0
         self._grab_only.geomgroup[GRAB] = 1
-        self._open(model)
-
-    def _open(self, model: mujoco.MjModel) -> None:
-        try:
-            self._gl = mujoco.GLContext(*self._size)
-            self._gl.make_current()
-            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except (ImportError, AttributeError, RuntimeError, mujoco.FatalError) as problem:
-            raise RendererError(f"no offscreen OpenGL ({problem}); {gl.INSTALL_HINT}") from problem
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        self.fingerprint = gl.fingerprint()
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
         self._abstract = mujoco.MjvCamera()
+        self._stack = ExitStack()
+        self._context = self._stack.enter_context(gl.offscreen(model, *self._size))
+        self.fingerprint = gl.fingerprint()
 
     def __enter__(self) -> Renderer:
         return self
@@ -101,8 +93,7 @@ class Renderer:
 
     def close(self) -> None:
         """Free the OpenGL context."""
-        self._context.free()
-        self._gl.free()
+        self._stack.close()
 
     def pose(self, state: GrabState) -> None:
         """Pose the world; what follows is drawn so."""

@@ -1,0 +1,44 @@
+"""``simgrab audit``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import Progress
+
+EXIT = {"passed": 0, "failed": 1, "incomplete": 3}
+
+
+@click.command(name="audit")
+@click.argument("dataset", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print the proofs as JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but failures.")
+def command(dataset: Path, as_json: bool, quiet: bool) -> None:
+    """Prove the labels of DATASET anew. Exit status: 0 passed, 1 failed, 3 a proof could not be made."""
+    from simgrab.judge.audit import audit, summarise
+
+    with Progress(console=Console(stderr=True, quiet=quiet or as_json)) as bar:
+        tasks: dict[str, int] = {}
+
+        def progress(name: str, done: int, total: int) -> None:
+            task = tasks.setdefault(name, -1)
+            if task < 0:
+                tasks[name] = task = bar.add_task(name, total=total)
+            bar.update(task, completed=done)  # type: ignore[arg-type]
+
+        report = audit(dataset, progress=progress)
+    if as_json:
+        proofs = [dataclasses.asdict(p) | {"status": p.status} for p in report.proofs]
+        click.echo(json.dumps({"status": report.status, "proofs": proofs}))
+    else:
+        shown = [p for p in report.proofs if p.status != "passed"] if quiet else report.proofs
+        for line in summarise(shown):
+            click.echo(line)
+        if not quiet or report.status != "passed":
+            click.echo(f"audit of {dataset}: {report.status}")
+    sys.exit(EXIT[report.status])

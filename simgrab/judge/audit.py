@@ -1,0 +1,227 @@
+"""Are the labels of a dataset true? Every proof is made anew, from the files alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from simgrab.errors import DatasetError, SimgrabError
+from simgrab.judge import identities, silhouettes
+from simgrab.judge.proof import Audit, Findings, Proof
+from simgrab.records import Truth
+from simgrab.scenario import Scenario
+from simgrab.strict import convert
+from simgrab.world import export, manifest
+from simgrab.world.folder import MANIFEST
+from simgrab.world.frames import Record, Studio
+
+# What depends on the renderer. Another fingerprint than the dataset's may differ by so much.
+DRAWN = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px", "visible_fraction", "in_frame_fraction")
+OTHER_RENDERER_PX, OTHER_RENDERER_FRACTION, OTHER_RENDERER_PSNR_DB = 1.0, 0.02, 30.0
+FIRST_FINDINGS = 5
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    path: Path
+    manifest: dict[str, Any]
+    scenario: Scenario
+    schema: pa.Schema
+    rows: list[Truth]
+
+
+def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
+    """Prove a dataset's labels.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder that `simgrab.world.dataset.render` finished.
+    progress : callable, optional
+        Called with (proof, frames done, frames in all).
+
+    Returns
+    -------
+    Audit
+        Its ``status`` is ``incomplete`` where the second renderer is not installed.
+
+    Raises
+    ------
+    DatasetError
+        If there is no finished dataset to audit.
+    """
+    data = _read(Path(path))
+    proofs = [
+        _manifest_proof(data),
+        identities.paper_identities(data.rows),
+        identities.poses(data.rows),
+        identities.projections(data.rows),
+    ]
+
+    def ticks(name: str) -> Iterator[None]:
+        for done in range(len(data.rows)):
+            if progress:
+                progress(name, done + 1, len(data.rows))
+            yield
+
+    with Studio(data.scenario) as studio:
+        proofs += _redraw(data, studio, ticks("drawing again"))
+        proofs.append(silhouettes.compare(data.rows, studio, ticks("second renderer")))
+    return Audit(tuple(proofs))
+
+
+def _read(path: Path) -> _Dataset:
+    if not (path / MANIFEST).is_file():
+        unfinished = (path / ".partial").exists()
+        raise DatasetError(f"{path} holds {'an unfinished' if unfinished else 'no'} simgrab dataset")
+    try:
+        known = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        scenario = convert(known["scenario"], Scenario)
+    except (ValueError, KeyError, TypeError, AttributeError, SimgrabError) as problem:
+        raise DatasetError(f"{path / MANIFEST}: not a simgrab manifest ({problem})") from None
+    try:
+        table = pq.read_table(path / "labels.parquet")
+        rows = [msgspec.convert(row, Truth) for row in table.to_pylist()]
+    except (OSError, pa.ArrowInvalid, msgspec.ValidationError) as problem:
+        raise DatasetError(f"{path / 'labels.parquet'}: not simgrab labels ({problem})") from None
+    return _Dataset(path, known, scenario, table.schema, rows)
+
+
+def _manifest_proof(data: _Dataset) -> Proof:
+    """Digests, and the copy of the manifest that the labels carry."""
+    found, known = Findings(), data.manifest
+    copy = json.loads((data.schema.metadata or {}).get(b"simgrab", b"{}"))
+    for key in sorted({*copy, *known} - {"renderer", "files", "manifest_digest"}):
+        for dotted, a, b in _leaves(key, known.get(key), copy.get(key)):
+            found.expect(a == b, f"manifest.json, {dotted}", f"{a!r}, but labels.parquet was written for {b!r}")
+    found.expect(known.get("digest") == data.scenario.digest(), "manifest.json, digest", "not that of its scenario")
+    found.expect(
+        known.get("manifest_digest") == manifest.digest(known), "manifest.json, manifest_digest",
+        "not that of the other fields: one of them was changed",
+    )  # fmt: skip
+    for name, digest in known.get("files", {}).items():
+        file = data.path / name
+        actual = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "missing"
+        found.expect(actual == digest, name, "missing" if actual == "missing" else "changed since it was written")
+    frames = [row.frame for row in data.rows]
+    found.expect(frames == list(range(data.scenario.frames)), "labels.parquet, frame", "rows missing, doubled or moved")
+    return found.proof("the manifest agrees with itself, the labels and the files")
+
+
+def _leaves(key: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Dotted keys with their values on both sides."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for inner in sorted({*a, *b}):
+            yield from _leaves(f"{key}.{inner}", a.get(inner), b.get(inner))
+    else:
+        yield key, a, b
+
+
+def _redraw(data: _Dataset, studio: Studio, tick: Iterator[None]) -> list[Proof]:
+    """Make every frame again from the scenario and compare labels, pictures, masks and exports."""
+    labels, pictures, exports = Findings(), Findings(), Findings()
+    same = data.manifest["renderer"].get("fingerprint") == studio.renderer.fingerprint.digest
+    coco = {split: _coco_by_image(data.path, split) for split in export.SPLITS}
+    for row, _ in zip(data.rows, tick, strict=False):
+        if not 0 <= row.frame < data.scenario.frames:
+            labels.expect(False, f"frame {row.frame}, frame", "no such frame in the scenario")
+            continue
+        made = studio.make(row.frame)
+        _compare_columns(labels, row, made.record.truth, same)
+        _compare_picture(pictures, data.path, row, made.files[made.record.truth.file], same)
+        _compare_exports(exports, data, made.record, coco[made.record.truth.split], same)
+    drawn = (
+        "drawn by the same renderer" if same else f"drawn by another renderer ({studio.renderer.fingerprint.renderer})"
+    )
+    return [
+        labels.proof("every label column follows from the scenario; visible boxes equal the ids'", drawn),
+        pictures.proof("every picture is the one that the scenario draws", drawn),
+        exports.proof("YOLO and COCO labels follow from the rows and ids"),
+    ]
+
+
+def _compare_columns(found: Findings, row: Truth, expected: Truth, same: bool) -> None:
+    for name in row.__struct_fields__:
+        if name == "image_sha256" and not same:
+            continue
+        a, b = getattr(row, name), getattr(expected, name)
+        slack = 0.0
+        if not same and name in DRAWN:
+            slack = OTHER_RENDERER_PX if name.endswith("px") else OTHER_RENDERER_FRACTION
+        if not same and name == "keypoints":  # visibility hangs on single depth samples
+            a, b = (np.delete(np.reshape(v, (-1, 3)), 2, axis=1).ravel().tolist() for v in (a, b))
+        found.expect(_close(a, b, slack), f"frame {row.frame}, {name}", f"{a!r}, should be {b!r}")
+
+
+def _close(a: Any, b: Any, slack: float) -> bool:
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(_close(x, y, slack) for x, y in zip(a, b, strict=True))
+    if isinstance(a, float | int) and isinstance(b, float | int):
+        return bool(abs(a - b) <= slack + 1e-9 * max(1.0, abs(b)))
+    return bool(a == b)
+
+
+def _compare_picture(found: Findings, path: Path, row: Truth, expected: bytes, same: bool) -> None:
+    where, file = f"frame {row.frame}, {row.file}", path / row.file
+    if not file.is_file():
+        found.expect(False, where, "missing")
+        return
+    data = file.read_bytes()
+    found.expect(hashlib.sha256(data).hexdigest() == row.image_sha256, where, "differs from its image_sha256")
+    if same:
+        found.expect(data == expected, where, "not the picture that the scenario draws")
+        return
+    ours, theirs = (cv2.imdecode(np.frombuffer(d, np.uint8), cv2.IMREAD_COLOR) for d in (expected, data))
+    comparable = ours is not None and theirs is not None and ours.shape == theirs.shape
+    psnr = cv2.PSNR(ours, theirs) if comparable else 0.0
+    found.expect(psnr >= OTHER_RENDERER_PSNR_DB, where, f"not the picture that the scenario draws (PSNR {psnr:.1f} dB)")
+
+
+def _compare_exports(found: Findings, data: _Dataset, record: Record, coco: dict[int, Any], same: bool) -> None:
+    row = record.truth
+    name = f"labels/{row.split}/{row.frame:06d}.txt"
+    file = data.path / name
+    text = file.read_bytes() if file.is_file() else None
+    if same:
+        found.expect(text == export.yolo(row, data.scenario), f"frame {row.frame}, {name}", "not the label of this row")
+    else:
+        found.expect(text is not None, f"frame {row.frame}, {name}", "missing")
+    annotation = coco.get(row.frame)
+    labelled = export.is_labelled(row, data.scenario)
+    found.expect((annotation is not None) == labelled, f"frame {row.frame}, COCO", "annotated, or not, against its row")
+    if annotation is not None and same:
+        expected = msgspec.json.decode(msgspec.json.encode(export.annotation(record)))
+        for key in expected:
+            found.expect(annotation.get(key) == expected[key], f"frame {row.frame}, COCO {key}", "not that of this row")
+
+
+def _coco_by_image(path: Path, split: str) -> dict[int, Any]:
+    file = path / "annotations" / f"instances_{split}.json"
+    try:
+        return {a["image_id"]: a for a in json.loads(file.read_text(encoding="utf-8"))["annotations"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def summarise(proofs: Sequence[Proof]) -> list[str]:
+    """Lines for people: one a proof, and the first few findings of each that failed."""
+    lines = []
+    for proof in proofs:
+        note = f" ({proof.note})" if proof.note else ""
+        lines.append(f"{proof.status:>8}  {proof.claim}: {proof.checked} checks{note}")
+        lines += [f"          {finding}" for finding in proof.findings[:FIRST_FINDINGS]]
+        if len(proof.findings) > FIRST_FINDINGS:
+            lines.append(f"          … and {len(proof.findings) - FIRST_FINDINGS} more")
+    return lines
