@@ -1,10 +1,10 @@
-"""Write the bundled textures into assets/textures: `python scripts/make_textures.py`."""
+"""Write the bundled textures into assets/textures: `python -m scripts.make_textures`, from the repository's root."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from textures import ground, steel
+from scripts.textures import ground, steel
 
 FOLDER = Path(__file__).resolve().parents[1] / "assets" / "textures"
 

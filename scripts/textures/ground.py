@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from .noise import Image, fractal, ramp, stretch
+from scripts.textures.noise import Image, fractal, ramp, stretch
 
 SIZE = 1024
 
@@ -66,15 +66,16 @@ def bulk(rng: np.random.Generator, layers: list[tuple[int, float]], *, fines: fl
 def coal(rng: np.random.Generator) -> Image:
     """Run-of-mine coal: black lumps up to a hand's breadth, grey fines, a little brown."""
     light = bulk(rng, [(30000, 0.5), (5000, 0.33), (700, 0.26)], fines=1.5)
-    picture: Image = ramp(light, [(0, (13, 13, 14)), (0.45, (33, 33, 35)), (0.85, (58, 58, 60)), (1, (88, 88, 90))])
+    picture = ramp(light, [(0, (15, 15, 16)), (0.45, (41, 41, 42)), (0.85, (70, 70, 71)), (1, (108, 108, 108))])
     dust = 0.5 * fractal(SIZE, rng, slope=2.4, low=3) + 0.5 * fractal(SIZE, rng, slope=1.5, low=12)
-    return picture + (np.clip(dust - 0.45, 0, 1) * 26)[..., None] * np.array([1.05, 0.96, 0.84])
+    picture += (np.clip(dust - 0.45, 0, 1) * 26)[..., None] * np.array([1.05, 0.96, 0.84])
+    return picture
 
 
 def ore(rng: np.random.Generator) -> Image:
     """Iron-ore fines with some lumps: dull red-brown."""
     light = bulk(rng, [(40000, 0.45), (4000, 0.25), (300, 0.2)], fines=2.5)
-    picture = ramp(light, [(0, (44, 28, 24)), (0.5, (92, 60, 50)), (0.9, (122, 84, 70)), (1, (146, 110, 96))])
+    picture = ramp(light, [(0, (43, 30, 27)), (0.5, (87, 63, 55)), (0.9, (115, 87, 76)), (1, (140, 112, 101))])
     damp = fractal(SIZE, rng, slope=2.2, low=4)
     return picture * (0.86 + 0.28 * damp)[..., None]
 
@@ -82,7 +83,7 @@ def ore(rng: np.random.Generator) -> Image:
 def grain(rng: np.random.Generator) -> Image:
     """Maize or wheat: fine, pale, dusty, with streaks of chaff."""
     light = bulk(rng, [(60000, 0.5)], fines=2.0)
-    picture = ramp(light, [(0, (118, 94, 60)), (0.5, (170, 142, 96)), (1, (206, 182, 138))])
+    picture = ramp(light, [(0, (114, 94, 64)), (0.5, (163, 140, 101)), (1, (200, 180, 142))])
     chaff = 0.6 * fractal(SIZE, rng, slope=1.8, low=6) + 0.4 * fractal(SIZE, rng, slope=2.6, low=3)
     return picture * (0.90 + 0.20 * chaff)[..., None] + (np.clip(chaff - 0.7, 0, 1) * 40)[..., None]
 
@@ -106,14 +107,15 @@ def concrete(rng: np.random.Generator) -> Image:
     blotch = fractal(SIZE, rng, slope=1.5, low=8)
     speckle = fractal(SIZE, rng, slope=0.4, low=50)
     light = 0.34 * cloud + 0.33 * blotch + 0.33 * speckle
-    picture: Image = ramp(
+    picture = ramp(
         stretch(light), [(0, (92, 90, 86)), (0.35, (121, 118, 112)), (0.7, (137, 134, 127)), (1, (158, 155, 147))]
     )
     spots = np.clip((fractal(SIZE, rng, slope=1.6, low=14) - 0.80) * 7, 0, 1)
     picture *= 1 - 0.30 * spots[..., None]
     picture *= 1 - 0.40 * cracks(rng, cells=14, width=1.3)[..., None]
     warm = fractal(SIZE, rng, slope=2.6, low=2) - 0.5
-    return picture * (1 + 0.035 * warm[..., None] * np.array([1.0, 0.2, -1.0]))
+    picture *= 1 + 0.035 * warm[..., None] * np.array([1.0, 0.2, -1.0])
+    return picture
 
 
 def water(rng: np.random.Generator) -> Image:
@@ -166,7 +168,7 @@ def streaks(rng: np.random.Generator, *, length: float) -> Image:
 def rust(rng: np.random.Generator) -> Image:
     """Colours of rusty steel, (SIZE, SIZE, 3)."""
     light = 0.5 * fractal(SIZE, rng, slope=1.6, low=4) + 0.5 * fractal(SIZE, rng, slope=0.6, low=30)
-    return ramp(stretch(light), [(0, (48, 34, 28)), (0.5, (84, 58, 45)), (1, (124, 88, 66))])
+    return ramp(stretch(light), [(0, (46, 36, 31)), (0.5, (80, 61, 51)), (1, (118, 91, 75))])
 
 
 def mix(below: Image, above: Image, share: Image) -> Image:

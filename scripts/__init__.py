@@ -1,0 +1,1 @@
+"""Asset builders and measurements, run from the repository root."""

@@ -1,0 +1,206 @@
+"""A large picture of the ground on which markings, dirt and spilt cargo are painted before it becomes a texture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Picture = NDArray[np.uint8]
+Plane = NDArray[np.float32]
+Colour = tuple[int, int, int]
+COARSE = 2  # dirt and spill are kept at half the resolution: both are soft
+
+
+def cloud(shape: tuple[int, int], rng: np.random.Generator, *, cells: float, octaves: int = 3) -> Plane:
+    """Smooth noise in [0, 1], mean 0.5, that repeats seamlessly, with ``cells`` cells across in its coarsest octave."""
+    total = np.zeros(shape, np.float32)
+    weight, norm = 1.0, 0.0
+    for octave in range(octaves):
+        n = max(2, round(cells * 2**octave))
+        small = np.pad(rng.random((n, n), dtype=np.float32), 2, mode="wrap")
+        step = [n / s for s in shape[::-1]]  # cells a pixel
+        grid = np.array([[step[0], 0, 1.5 + step[0] / 2], [0, step[1], 1.5 + step[1] / 2]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        total += weight * cv2.warpAffine(cv2.GaussianBlur(small, (3, 3), 0.5), grid, shape[::-1], flags=flags)
+        norm += weight
+        weight *= 0.6
+    return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32)
+
+
+class Canvas:
+    """A square picture of level ground, seen from above, painted in metres.
+
+    Attributes
+    ----------
+    size : float
+        Side, metres; the ground's (0, 0) is the middle of the picture.
+    per_m : float
+        Pixels a metre.
+    """
+
+    def __init__(self, base: Picture, size: float, *, rng: np.random.Generator) -> None:
+        self.picture = base
+        self.size = size
+        self.per_m = len(base) / size
+        n = len(base) // COARSE
+        self._dirt = np.zeros((n, n), np.float32)  # optical depth of grime
+        self._spill = np.zeros((n, n), np.float32)  # cover by cargo, 0 to 1 and more
+        self._wear = cv2.resize(cloud((n, n), rng, cells=n / 60, octaves=5), (len(base), len(base)))
+        self._rng = rng
+
+    def uv(self, xy: ArrayLike) -> NDArray[np.float64]:
+        """Texture coordinates of ground points (metres), mirrored beyond the picture's border; shape (N, 2)."""
+        share = np.asarray(xy, float)[:, :2] / self.size + 0.5
+        folded = np.abs(share - 2 * np.round(share / 2))
+        return np.asarray(folded)
+
+    def pixels(self, xy: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
+        """Continuous (column, row) of ground points, shape (N, 2)."""
+        p = np.atleast_2d(np.asarray(xy, float))
+        return np.stack([p[:, 0] + self.size / 2, self.size / 2 - p[:, 1]], 1) * self.per_m * scale
+
+    def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4) -> None:
+        """Fill a polygon (metres) with road paint; ``wear`` in [0, 1] is the share that has come off."""
+        corners = self.pixels(outline)
+        low = np.maximum(np.floor(corners.min(0)).astype(int) - 2, 0)
+        high = np.minimum(np.ceil(corners.max(0)).astype(int) + 3, len(self.picture))
+        if (high <= low).any():
+            return
+        window = np.s_[low[1] : high[1], low[0] : high[0]]
+        mask = np.zeros(tuple(high[::-1] - low[::-1]), np.uint8)
+        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+        left = np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
+        alpha = mask.astype(np.float32) * (opacity / 255) * left
+        fill = np.empty((*mask.shape, 3), np.uint8)
+        fill[:] = colour
+        self.picture[window] = cv2.blendLinear(
+            np.ascontiguousarray(self.picture[window]), fill, 1 - alpha, alpha.astype(np.float32)
+        )
+
+    def stripe(
+        self, start: ArrayLike, end: ArrayLike, width: float, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4
+    ) -> None:
+        """Paint a straight line of a given width (metres)."""
+        a, b = np.asarray(start, float), np.asarray(end, float)
+        side = np.array([a[1] - b[1], b[0] - a[0]])
+        side *= width / 2 / np.linalg.norm(side)
+        self.paint([a - side, b - side, b + side, a + side], colour, opacity=opacity, wear=wear)
+
+    def text(
+        self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float = 0.4
+    ) -> None:
+        """Stencil block letters centred at a point (metres); ``turned`` reads along y."""
+        scale = height * self.per_m / 21
+        (width, tall), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+        stroke = max(2, round(height * self.per_m * 0.13))
+        mask = np.zeros((tall + 4 * stroke, width + 4 * stroke), np.uint8)
+        cv2.putText(
+            mask, words, (2 * stroke, tall + 2 * stroke), cv2.FONT_HERSHEY_SIMPLEX, scale, 255, stroke, cv2.LINE_AA
+        )
+        mask = np.rot90(mask).copy() if turned else mask
+        column, row = np.round(self.pixels(at)[0] - np.array(mask.shape[::-1]) / 2).astype(int)
+        if min(column, row) < 0 or max(column + mask.shape[1], row + mask.shape[0]) > len(self.picture):
+            return
+        window = np.s_[row : row + mask.shape[0], column : column + mask.shape[1]]
+        left = np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
+        alpha = mask[..., None] / 255.0 * left[..., None]
+        self.picture[window] = self.picture[window] * (1 - alpha) + np.array(colour) * alpha
+
+    def grime(self, outline: ArrayLike, depth: float, *, blur: float) -> None:
+        """Darken a polygon (metres) softly by an optical depth; ``blur`` is the width of its edge, metres."""
+        corners = self.pixels(outline, 1 / COARSE)
+        sigma = blur * self.per_m / COARSE
+        margin = int(3 * sigma) + 2
+        low = np.maximum(np.floor(corners.min(0)).astype(int) - margin, 0)
+        high = np.minimum(np.ceil(corners.max(0)).astype(int) + margin, len(self._dirt))
+        if (high <= low).any():
+            return
+        mask = np.zeros(tuple(high[::-1] - low[::-1]), np.float32)
+        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], depth, cv2.LINE_AA, 4)
+        self._dirt[low[1] : high[1], low[0] : high[0]] += cv2.GaussianBlur(mask, (0, 0), max(sigma, 0.3))
+
+    def tracks(self, way: ArrayLike, depth: float, *, width: float = 0.45, gauge: float = 2.0) -> None:
+        """Two tyre tracks along a polyline (metres)."""
+        points = np.asarray(way, float)
+        along = np.gradient(points, axis=0)
+        side = np.stack([-along[:, 1], along[:, 0]], 1) / np.linalg.norm(along, axis=1, keepdims=True)
+        mask = np.zeros_like(self._dirt, np.uint8)
+        for offset in (-gauge / 2, gauge / 2):
+            for shift, weight in ((0.0, width), (0.1 * width, 0.5 * width)):
+                line = np.round(self.pixels(points + side * (offset + shift), 1 / COARSE) * 16).astype(np.int32)
+                thick = max(1, round(weight * self.per_m / COARSE))
+                cv2.polylines(mask, [line], False, 255 if weight < width else 150, thick, cv2.LINE_AA, 4)
+        broken = 0.35 + 0.65 * cloud(mask.shape, self._rng, cells=14, octaves=2)
+        self._dirt += cv2.GaussianBlur(mask, (0, 0), 1.2).astype(np.float32) * (depth / 255) * broken
+
+    def blot(self, at: ArrayLike, radius: float, depth: float) -> None:
+        """Stain with a ragged edge: oil, damp, or soot (metres, optical depth)."""
+        angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+        reach = np.ones(40)
+        for wave in range(2, 8):
+            reach += self._rng.normal(0, 0.45 / wave) * np.cos(wave * angle + self._rng.uniform(0, 6.3))
+        outline = np.asarray(at) + radius * np.clip(reach, 0.3, 2)[:, None] * np.stack(
+            [np.cos(angle), np.sin(angle)], 1
+        )
+        self.grime(outline, 0.65 * depth, blur=0.12 * radius)
+        self.grime(np.asarray(at) + 0.7 * (outline - np.asarray(at)), 0.5 * depth, blur=0.2 * radius)
+
+    def mottle(self, depth: float) -> None:
+        """Darken everything unevenly: dust and damp at the scale of metres, up to an optical depth."""
+        n = len(self._dirt) // 4
+        patchy = cloud((n, n), self._rng, cells=9, octaves=5)
+        self._dirt += cv2.resize(depth * np.clip((patchy - 0.42) * 2, 0, 1), self._dirt.shape[::-1])
+
+    def glance(self, pixels: int) -> Picture:
+        """Return the dirty picture so far at a lower resolution."""
+        small = cv2.resize(self.picture, (pixels, pixels), interpolation=cv2.INTER_AREA)
+        dirt = cv2.resize(self._dirt, (pixels, pixels), interpolation=cv2.INTER_AREA)
+        return np.asarray(small * np.exp(-dirt[..., None]), np.uint8)
+
+    def spill(self, cover: NDArray[np.float64], low: ArrayLike, high: ArrayLike) -> None:
+        """Strew cargo: ``cover`` (rows along −y, columns along x) stretched over a rectangle given in metres."""
+        left, bottom = np.round(self.pixels(low, 1 / COARSE)[0]).astype(int)
+        right, top = np.round(self.pixels(high, 1 / COARSE)[0]).astype(int)
+        full = cv2.resize(cover.astype(np.float32), (right - left, bottom - top))
+        n = len(self._spill)
+        x0, x1, y0, y1 = max(left, 0), min(right, n), max(top, 0), min(bottom, n)
+        if x0 < x1 and y0 < y1:
+            self._spill[y0:y1, x0:x1] = np.maximum(
+                self._spill[y0:y1, x0:x1], full[y0 - top : y1 - top, x0 - left : x1 - left]
+            )
+
+    def finish(
+        self, cargo: Picture | None, cargo_per_m: float, *, tint: tuple[float, float, float] = (1, 1.04, 1.1)
+    ) -> Picture:
+        """Lay dirt and cargo on the picture; ``cargo`` is a seamless tile of ``cargo_per_m`` pixels a metre."""
+        n = len(self.picture)
+        broken = cv2.resize(self._wear, self._dirt.shape[::-1])
+        depth = cv2.convertScaleAbs(self._dirt * (0.45 + 1.1 * broken), alpha=100)
+        lut = np.exp(-np.arange(256)[:, None] / 100 * np.array(tint)) * 255
+        shade = cv2.LUT(cv2.merge([depth] * 3), lut.astype(np.uint8)[None])
+        shade = cv2.resize(shade, (n, n))
+        picture = cv2.multiply(self.picture, shade, scale=1 / 255)
+        if cargo is None or not self._spill.any():
+            return np.asarray(picture, np.uint8)
+        tile = cv2.resize(
+            cargo, None, fx=self.per_m / cargo_per_m, fy=self.per_m / cargo_per_m, interpolation=cv2.INTER_AREA
+        )
+        rows, columns = np.nonzero(self._spill.any(1))[0], np.nonzero(self._spill.any(0))[0]
+        y0, y1, x0, x1 = (COARSE * int(v) for v in (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1))
+        shape = (y1 - y0, x1 - x0)
+        repeat = [-(-s // t) for s, t in zip(shape, tile.shape[:2], strict=True)]
+        laid = np.tile(tile, (*repeat, 1))[: shape[0], : shape[1]]
+        uneven = (205 + 85 * (cloud((shape[0] // 8, shape[1] // 8), self._rng, cells=9, octaves=4) - 0.5)).astype(
+            np.uint8
+        )
+        uneven = cv2.resize(uneven, shape[::-1])
+        laid = cv2.multiply(laid, cv2.merge([uneven] * 3), scale=1 / 205)
+        window = self._spill[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE]
+        # Loose lumps thin out one by one rather than fade.
+        grit = cv2.GaussianBlur(self._rng.integers(0, 256, window.shape, np.uint8), (0, 0), 1.1)
+        threshold = 0.55 * broken[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE] + (grit * 0.006 - 0.45)
+        thinned = np.clip((window * 1.35 - threshold) * 4.0, 0, 1) * np.clip(window * 4, 0, 1)
+        alpha = cv2.resize(thinned.astype(np.float32), shape[::-1])
+        picture[y0:y1, x0:x1] = cv2.blendLinear(np.ascontiguousarray(picture[y0:y1, x0:x1]), laid, 1 - alpha, alpha)
+        return np.asarray(picture, np.uint8)

@@ -1,0 +1,100 @@
+"""Heaps of bulk cargo as height fields that nowhere stand steeper than the cargo lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cargo:
+    """A bulk material.
+
+    Attributes
+    ----------
+    texture : str
+        Bundled texture.
+    tile_m : float
+        Side of one tile of it, metres.
+    repose : float
+        Angle of repose, radians.
+    rough : float
+        Standard deviation of the heap's surface at scales below a metre, metres.
+    """
+
+    texture: str
+    tile_m: float
+    repose: float
+    rough: float
+
+
+CARGOES = {
+    "coal": Cargo("coal", 5.5, np.radians(37.0), 0.085),
+    "ore": Cargo("ore", 5.0, np.radians(36.0), 0.07),
+    "grain": Cargo("grain", 4.5, np.radians(27.0), 0.02),
+}
+
+
+def cones(x: Field, y: Field, tops: NDArray[np.float64], slope: float) -> Field:
+    """Upper hull of cones: ``tops`` (N, 3) in metres, ``slope`` = tan of the angle of repose."""
+    gx, gy = np.meshgrid(x, y, indexing="ij")
+    field = np.full(gx.shape, -np.inf)
+    for tx, ty, tz in tops:
+        field = np.maximum(field, tz - slope * np.hypot(gx - tx, gy - ty))
+    return field
+
+
+def dug(x: Field, y: Field, field: Field, pits: NDArray[np.float64], slope: float) -> Field:
+    """Cut craters into a field: each pit (x, y, floor z, floor radius) leaves walls at the angle of repose."""
+    gx, gy = np.meshgrid(x, y, indexing="ij")
+    for px, py, pz, radius in pits:
+        field = np.minimum(field, pz + slope * np.maximum(np.hypot(gx - px, gy - py) - radius, 0.0))
+    return field
+
+
+def roughened(field: Field, step: float, rough: float, rng: np.random.Generator) -> Field:
+    """Add what pouring and sliding leave: lumps of a few decimetres and broad waves; ``step`` is the grid, metres."""
+    noise = np.zeros_like(field)
+    for width, weight in ((0.18, 0.6), (0.45, 1.0), (1.3, 1.6)):
+        layer = gaussian_filter(rng.standard_normal(field.shape), width / step, mode="reflect")
+        noise += weight * layer / max(float(layer.std()), 1e-9)
+    return gaussian_filter(field, 0.12 / step) + rough * noise
+
+
+def pile(x: Field, y: Field, height: float, cargo: Cargo, *, spread: float, rng: np.random.Generator) -> Field:
+    """Pour a heap as grabs leave it: a ridge of some drops, a bite or two taken out, centred on the grid.
+
+    Parameters
+    ----------
+    x, y : ndarray
+        Grid lines, metres.
+    height : float
+        Height of the highest top, metres.
+    cargo : Cargo
+    spread : float
+        Length of the ridge along x, metres.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (len(x), len(y))
+        Height above the ground, negative outside the heap.
+    """
+    slope = float(np.tan(cargo.repose))
+    count = 6
+    along = np.linspace(-0.5, 0.5, count) * spread + rng.normal(0, 0.08 * spread, count)
+    tall = height * (1 - 0.45 * np.abs(np.linspace(-1, 1, count)) ** 1.5) * rng.uniform(0.82, 1.0, count)
+    tall *= height / tall.max()
+    tops = np.stack([along, rng.normal(0, 0.12 * height, count), tall], 1)
+    field = cones(x, y, tops, slope)
+    bite = np.array([[rng.uniform(-0.3, 0.3) * spread, rng.choice([-1, 1]) * 0.9 * height, 0.25 * height, 0.6]])
+    field = np.where(field > 0, np.maximum(dug(x, y, field, bite, slope), 0.05), field)
+    rim = np.exp(-np.maximum(field, 0) / 0.25)
+    ragged = gaussian_filter(rng.standard_normal(field.shape), 4)
+    field = field + 0.16 * rim * ragged / ragged.std()
+    return roughened(field, float(x[1] - x[0]), cargo.rough, rng)

@@ -1,0 +1,190 @@
+"""Small watertight solids that the places are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+Vector = NDArray[np.float64]
+
+
+def box(low: ArrayLike, high: ArrayLike) -> trimesh.Trimesh:
+    """Return the axis-aligned box between two corners, metres."""
+    return trimesh.creation.box(bounds=np.sort(np.array([low, high], float), axis=0))
+
+
+def bar(start: ArrayLike, end: ArrayLike, radius: float, *, sides: int = 8) -> trimesh.Trimesh:
+    """Return a round bar (capped tube of ``sides`` facets) between two points, metres."""
+    return trimesh.creation.cylinder(radius, segment=np.array([start, end], float), sections=sides)
+
+
+def beam(start: ArrayLike, end: ArrayLike, width: float, height: float) -> trimesh.Trimesh:
+    """Return a rectangular beam between two points: ``height`` is its depth in the plane that holds the vertical."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    along = end - start
+    length = float(np.linalg.norm(along))
+    along = along / length
+    side = np.cross([0.0, 0.0, 1.0], along)
+    side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = along, side, np.cross(along, side), (start + end) / 2
+    return trimesh.creation.box((length, width, height), transform=pose)
+
+
+def prism(outline: Sequence[Sequence[float]] | shapely.Polygon, low: float, high: float) -> trimesh.Trimesh:
+    """Extrude an outline in the xy plane (metres; a polygon may have holes) from z = low to z = high."""
+    polygon = outline if isinstance(outline, shapely.Polygon) else shapely.Polygon(outline)
+    mesh = trimesh.creation.extrude_polygon(polygon, high - low)
+    mesh.apply_translation((0, 0, low))
+    return mesh
+
+
+def profile(outline: Sequence[Sequence[float]], start: ArrayLike, end: ArrayLike) -> trimesh.Trimesh:
+    """Extrude an outline of (sideways, up) points along a level line; sideways is to the left of the way, metres."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    along = end - start
+    length = float(np.linalg.norm(along))
+    mesh = prism(outline, 0.0, length)
+    pose = np.eye(4)
+    pose[:3, 2] = along / length
+    pose[:3, 0] = np.cross([0.0, 0.0, 1.0], pose[:3, 2])
+    pose[:3, 1] = np.cross(pose[:3, 2], pose[:3, 0])
+    pose[:3, 3] = start
+    mesh.apply_transform(pose)
+    return mesh
+
+
+def across(outline: Sequence[Sequence[float]], y0: float, y1: float) -> trimesh.Trimesh:
+    """Extrude a side view, given as (x, z) points, from y0 to y1."""
+    return profile([(-x, z) for x, z in outline], (0, y0, 0), (0, y1, 0))
+
+
+def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
+    """Join rings of equally many points (counter-clockwise seen from the last ring) and cap both ends."""
+    ring = [np.asarray(r, float) for r in rings]
+    n = len(ring[0])
+    vertices = np.concatenate([*ring, [ring[0].mean(axis=0), ring[-1].mean(axis=0)]])
+    i = np.arange(n)
+    j = (i + 1) % n
+    faces = []
+    for k in range(len(ring) - 1):
+        a, b = k * n, (k + 1) * n
+        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
+    last, bottom, top = (len(ring) - 1) * n, len(vertices) - 2, len(vertices) - 1
+    faces += [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
+    return trimesh.Trimesh(vertices, np.concatenate(faces), process=False)
+
+
+def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Trimesh:
+    """Return an open vessel: walls through rectangular rings (as in `loft`), offset inwards per ring, metres.
+
+    The walls are closed at the first and the last ring by a lip, so that the vessel is a watertight solid.
+    """
+    outer = [np.asarray(r, float) for r in rings]
+    inner = []
+    for ring, wall in zip(outer, thickness, strict=True):
+        centre = ring.mean(axis=0)
+        inner.append(ring - np.sign(ring - centre) * [wall, wall, 0.0])
+    loop = [*outer, *inner[::-1]]
+    n, m = len(outer[0]), len(loop)
+    i = np.arange(n)
+    j = (i + 1) % n
+    faces = []
+    for k in range(m):
+        a, b = k * n, (k + 1) % m * n
+        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
+    return trimesh.Trimesh(np.concatenate(loop), np.concatenate(faces), process=False)
+
+
+def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Vector:
+    """Corners of a level rectangle, counter-clockwise from above, shape (4, 3), metres."""
+    x, y = width / 2, depth / 2
+    return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]]) + [*centre, 0.0]
+
+
+def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trimesh.Trimesh:
+    """Join round bars along a polyline, with a ball at every inner corner."""
+    p = [np.asarray(q, float) for q in points]
+    solids = [bar(a, b, radius, sides=sides) for a, b in pairwise(p)]
+    for corner in p[1:-1]:
+        ball = trimesh.creation.icosphere(1, radius)
+        ball.apply_translation(corner)
+        solids.append(ball)
+    return join(solids)
+
+
+def railing(points: Sequence[ArrayLike], *, height: float = 1.1, spacing: float = 1.5) -> trimesh.Trimesh:
+    """Handrail along a polyline of foot points: posts, a top rail and two middle rails, metres."""
+    p = [np.asarray(q, float) for q in points]
+    solids = []
+    for a, b in pairwise(p):
+        count = max(2, round(float(np.linalg.norm(b - a)) / spacing) + 1)
+        for foot in np.linspace(a, b, count):
+            solids.append(bar(foot - [0, 0, 0.02], foot + [0, 0, height], 0.025, sides=5))
+        for level, radius in ((1.0, 0.024), (0.66, 0.016), (0.33, 0.016)):
+            solids.append(bar(a + [0, 0, height * level], b + [0, 0, height * level], radius, sides=5))
+    return join(solids)
+
+
+def ladder(foot: ArrayLike, top: ArrayLike, *, width: float = 0.45, side: ArrayLike = (1, 0, 0)) -> trimesh.Trimesh:
+    """Straight ladder with two stringers and rungs 0.3 m apart; ``side`` is the direction of the rungs."""
+    foot, top = np.asarray(foot, float), np.asarray(top, float)
+    half = np.asarray(side, float) / np.linalg.norm(side) * width / 2
+    solids = [bar(foot + half, top + half, 0.025, sides=6), bar(foot - half, top - half, 0.025, sides=6)]
+    count = int(np.linalg.norm(top - foot) / 0.3)
+    for share in (np.arange(count) + 0.5) / count:
+        at = foot + (top - foot) * share
+        solids.append(bar(at - half, at + half, 0.014, sides=5))
+    return join(solids)
+
+
+def join(solids: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Put several solids into one mesh; each stays closed by itself."""
+    return trimesh.util.concatenate(list(solids))
+
+
+def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Vector:
+    """4×4 transform: turn by ``yaw`` radians about z, then move."""
+    matrix = trimesh.transformations.rotation_matrix(yaw, (0, 0, 1))
+    matrix[:3, 3] = x, y, z
+    return np.asarray(matrix, float)
+
+
+def placed(mesh: trimesh.Trimesh, x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> trimesh.Trimesh:
+    """Copy of a mesh turned by ``yaw`` and moved."""
+    copy = mesh.copy()
+    copy.apply_transform(pose(x, y, z, yaw))
+    return copy
+
+
+def sheet(x: ArrayLike, y: ArrayLike, z: ArrayLike, *, bottom: float) -> trimesh.Trimesh:
+    """Close a height field with a skirt and a flat bottom.
+
+    Parameters
+    ----------
+    x : ndarray, shape (N,)
+    y : ndarray, shape (M,)
+        Grid lines, ascending, metres.
+    z : ndarray, shape (N, M)
+        Heights, metres, all above ``bottom``.
+    bottom : float
+    """
+    x, y, z = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
+    n, m = len(x), len(y)
+    top = np.stack([*np.meshgrid(x, y, indexing="ij"), np.broadcast_to(z, (n, m))], axis=-1).reshape(-1, 3)
+    index = np.arange(n * m).reshape(n, m)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = [np.stack([p.ravel() for p in t], 1) for t in ((a, b, c), (a, c, d))]
+    rim = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
+    low = n * m + np.arange(len(rim))
+    nxt, low_nxt = np.roll(rim, -1), np.roll(low, -1)
+    centre = np.full(len(rim), n * m + len(rim))
+    faces += [np.stack(t, 1) for t in ((rim, low, low_nxt), (rim, low_nxt, nxt), (low, centre, low_nxt))]
+    under = np.column_stack([top[rim][:, :2], np.full(len(rim), bottom)])
+    middle = [[(x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2, bottom]]
+    return trimesh.Trimesh(np.concatenate([top, under, middle]), np.concatenate(faces), process=False)
