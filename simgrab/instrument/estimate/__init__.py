@@ -1,0 +1,3 @@
+"""Tilt and swing from pixels: six estimators, one contract."""
+
+from __future__ import annotations

@@ -1,0 +1,300 @@
+"""What every estimator is: frozen settings, a pure act on pixels, a value that says how far it can be trusted."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError
+from simgrab.geometry import Array
+from simgrab.instrument.estimate import intervals as iv
+from simgrab.instrument.estimate.frames import Frames, check_record, groups, tangent_basis
+from simgrab.instrument.estimate.intervals import IntervalSettings
+from simgrab.records import Estimate, Estimates, Intervals
+
+# Below this scatter (radians; a ten-thousandth of a pixel) all frames are the same frame.
+NO_SCATTER = 1e-7
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What one estimator finds in M records, before uncertainty. Rows with a reason hold NaN.
+
+    Attributes
+    ----------
+    reason : sequence of M str
+        Empty where the record was solved.
+    beta, azimuth : ndarray, shape (M,)
+    influence : ndarray, shape (M, p, n)
+        Of each frame on gravity's direction along and across the tilt (p = 2) and, where it is estimated, on minus the
+        horizontal offset in the same two directions (p = 4). Zero where the frame is missing.
+    swing : ndarray, shape (M, 3, n), or None
+        Unit direction OA along and across the tilt and down; by default the ray itself, which is right without offset.
+    lever : ndarray, shape (M, n), or None
+        By how much an error of the offset turns OA: 1/l, for p = 4.
+    known : ndarray, shape (M, p + 1, p + 1), or None
+        Covariance of gravity, minus offset, and σ̂² that comes from a prior and not from the frames.
+    radial : ndarray, shape (M, n), or None
+        Variance of each α that comes from what no frame can tell.
+    reach : callable, optional
+        From the covariance (M, p, p) and a quantile (M,), how far β's interval reaches down and up, both (M,), where the
+        estimate answers to its frames too unevenly for a variance to say so.
+    offset : ndarray, shape (M, 3), or None
+    diagnostics : mapping of str to ndarray, shape (M, ...)
+    """
+
+    reason: Sequence[str]
+    beta: Array
+    azimuth: Array
+    influence: Array
+    swing: Array | None = None
+    lever: Array | None = None
+    known: Array | None = None
+    radial: Array | None = None
+    reach: Callable[[Array, Array], tuple[Array, Array]] | None = None
+    offset: Array | None = None
+    diagnostics: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Estimator(ABC):
+    """Base of the estimators that treat every frame alike.
+
+    Attributes
+    ----------
+    intervals : IntervalSettings
+    """
+
+    name: ClassVar[str]
+    parameters: ClassVar[int] = 3  # β, its azimuth, σ: as many frames at least
+    needs_rope: ClassVar[bool] = False
+    needs_time: ClassVar[bool] = False
+
+    intervals: IntervalSettings = field(default=IntervalSettings(), kw_only=True)
+
+    @abstractmethod
+    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
+        """Solve M records, each with enough frames."""
+
+    def estimate(
+        self,
+        pixels: ArrayLike,
+        calibration: Calibration,
+        *,
+        rope_length: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> Estimate:
+        """Estimate tilt and swing from one record.
+
+        Parameters
+        ----------
+        pixels : array_like, shape (n, 2)
+            Grab centre of each frame as the picture has it; NaN where it was not found.
+        calibration : Calibration
+        rope_length : array_like, shape (n,), optional
+            \\|OA\\|, m: the display's length plus the calibration's display constant.
+        time : array_like, shape (n,), optional
+            Seconds. Without it there are no intervals by blocks.
+
+        Returns
+        -------
+        Estimate
+            A refusal is a result too: see its ``status`` and ``reason``.
+
+        Raises
+        ------
+        RecordError
+            For wrong shapes, and for a rope length or time that is missing where needed or cannot be.
+        """
+        uv = np.asarray(pixels, float)
+        if uv.ndim != 2 or uv.shape[-1] != 2:
+            raise RecordError(f"pixels must have shape (n, 2), got {uv.shape}")
+        return self.batch(uv[None], calibration, rope_length=rope_length, time=time)[0]
+
+    def batch(
+        self,
+        pixels: ArrayLike,
+        calibration: Calibration,
+        *,
+        rope_length: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> Estimates:
+        """Estimate M records at once: pixels (M, n, 2), rope_length (n,) or (M, n), time (n,). See `estimate`."""
+        if self.needs_rope and rope_length is None:
+            raise RecordError(f"{self.name} needs the rope length of every frame")
+        if self.needs_time and time is None:
+            raise RecordError(f"{self.name} needs the time of every frame")
+        uv, rope, t = check_record(pixels, rope_length, time, ordered=self.needs_time)
+        parts = [self._part(frames, calibration) for frames in groups(uv, rope, t, calibration)]
+        return (
+            _join(parts)
+            if parts
+            else self._refuse(Frames(np.empty((0, 3, uv.shape[1])), None, np.empty(0), None, t), 0)
+        )
+
+    def _part(self, frames: Frames, calibration: Calibration) -> Estimates:
+        enough = frames.count >= self.parameters
+        if not enough.any():
+            return self._refuse(frames, len(enough))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found = self._conclude(frames.rows(enough), calibration)
+        return found if enough.all() else _spread(found, enough, self._refuse(frames, len(enough)))
+
+    def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
+        return conclude(self.name, frames, self._solve(frames, calibration), self.intervals)
+
+    def _refuse(self, frames: Frames, m: int) -> Estimates:
+        text = [f"{int(c)} frames: fewer than the {self.parameters} parameters" for c in frames.count]
+        nothing = np.full(m, np.nan)
+        alpha = np.full((m, frames.rays.shape[-1]), np.nan)
+        return Estimates(
+            self.name, np.zeros(m, bool), np.array(text, str), frames.count.astype(np.int64),
+            nothing, nothing, nothing, alpha, None, (), {},
+        )  # fmt: skip
+
+
+def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSettings) -> Estimates:
+    """Angles of every frame, σ, and the intervals of all three, from a solution."""
+    ok = np.array([not r for r in found.reason], bool)
+    beta = np.where(ok, found.beta, np.nan)
+    azimuth = np.where(ok, found.azimuth, np.nan)
+    swing = tangent_basis(beta, azimuth) @ frames.rays if found.swing is None else found.swing
+    sine = np.hypot(swing[:, 0], swing[:, 1])
+    alpha = np.arctan2(sine, swing[:, 2])
+    if frames.present is not None:
+        alpha = np.where(frames.present, alpha, 0.0)
+    sigma2 = frames.mean(alpha**2)
+    unit = swing[:, :2] / np.maximum(sine, 1e-300)[:, None]  # direction of the swing along and across the tilt
+    influence = np.concatenate([found.influence, _of_sigma2(frames, found, alpha, unit, sigma2)], axis=1)
+    sigma = np.sqrt(sigma2)
+    # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
+    bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
+
+    def made(kind: str, covariance: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
+        q = iv.student(settings.level, degrees)
+        covariance = covariance if found.known is None else covariance + found.known
+        cov = covariance[:, :-1, :-1]
+        of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
+        if found.reach is not None:
+            low, high = found.reach(cov, q)
+            of_beta = np.stack([np.maximum(beta - low, 0), np.hypot(beta + high, q * np.sqrt(0.56 * cov[:, 1, 1]))], -1)
+        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], q)
+        of_alpha = _of_alpha(frames, found, alpha, unit, cov, q)
+        for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
+            ends[bare] = np.nan
+        return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note)
+
+    kinds = [made("iid", iv.iid_covariance(influence, frames.count), frames.count - 1, None, "")]
+    kinds.append(_by_blocks(frames, influence, settings, made))
+    if frames.present is not None:
+        alpha = np.where(frames.present, alpha, np.nan)
+    return Estimates(
+        name, ok, np.array(found.reason, str), frames.count.astype(np.int64),
+        beta, azimuth, sigma, alpha, found.offset, tuple(kinds), found.diagnostics,
+    )  # fmt: skip
+
+
+def _of_sigma2(frames: Frames, found: Solution, alpha: Array, unit: Array, sigma2: Array) -> Array:
+    """Influence on σ̂² = mean α², which also depends on where the estimate puts gravity: shape (M, 1, n)."""
+    own = alpha**2 - sigma2[:, None]
+    if frames.present is not None:
+        own = own * frames.present
+    pull = alpha[:, None] * unit
+    slope = [-2 * frames.mean(pull)]
+    if found.lever is not None:
+        slope.append(-2 * frames.mean(pull * found.lever[:, None]))
+    return own[:, None] + np.concatenate(slope, axis=-1)[:, None] @ found.influence
+
+
+def _of_alpha(frames: Frames, found: Solution, alpha: Array, unit: Array, cov: Array, quantile: Array) -> Array:
+    c, lever = cov[..., None], found.lever
+    if lever is None:
+        along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
+    else:
+        along = c[:, 0, 0] + lever * (2 * c[:, 0, 2] + lever * c[:, 2, 2])
+        across = c[:, 1, 1] + lever * (2 * c[:, 1, 3] + lever * c[:, 3, 3])
+        mixed = c[:, 0, 1] + lever * (c[:, 0, 3] + c[:, 1, 2] + lever * c[:, 2, 3])
+    x, y = unit[:, 0], unit[:, 1]
+    radial = np.maximum((along - across) * (x * x) + across + 2 * mixed * (x * y), 0)
+    across = np.maximum(along + across - radial, 0)
+    ends = iv.radial(alpha, radial if found.radial is None else radial + found.radial, across, quantile[:, None])
+    return ends if frames.present is None else np.where(frames.present[..., None], ends, np.nan)
+
+
+def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, made: Any) -> Intervals:
+    if frames.time is None:
+        return Intervals("blocks", settings.level, None, None, None, None, "no times were given")
+    block, blocks = iv.block_starts(frames.time, settings)
+    if blocks < settings.min_blocks:
+        note = f"too few blocks: {blocks} of at least {settings.block_s:g} s, where {settings.min_blocks} are needed"
+        return Intervals("blocks", settings.level, None, None, None, blocks, note)
+    covariance = iv.block_covariance(influence, frames.count, block, blocks)
+    result: Intervals = made("blocks", covariance, np.full(len(covariance), blocks - 1), blocks, "")
+    return result
+
+
+def _spread(found: Estimates, where: NDArray[np.bool_], base: Estimates) -> Estimates:
+    """Put the estimates of some records among the refusals of the others."""
+
+    def place(values: NDArray[Any], into: NDArray[Any] | None = None) -> NDArray[Any]:
+        if into is None:
+            into = np.full((len(where), *values.shape[1:]), np.nan)
+        result = into.astype(np.promote_types(into.dtype, values.dtype))
+        result[where] = values
+        return result
+
+    def spread(i: Intervals) -> Intervals:
+        ends = (None if a is None else place(a) for a in (i.beta, i.sigma, i.alpha))
+        beta, sigma, alpha = ends
+        return Intervals(i.kind, i.level, beta, sigma, alpha, i.blocks, i.note)
+
+    return Estimates(
+        found.estimator,
+        place(found.ok, base.ok),
+        place(found.reason, base.reason),
+        base.frames,
+        place(found.beta),
+        place(found.tilt_azimuth),
+        place(found.sigma),
+        place(found.alpha),
+        None if found.offset is None else place(found.offset),
+        tuple(spread(i) for i in found.intervals),
+        {name: place(value) for name, value in found.diagnostics.items()},
+    )
+
+
+def _join(parts: list[Estimates]) -> Estimates:
+    """Put groups of records back together."""
+    first = max(parts, key=lambda part: len(part.intervals))
+    if len(parts) == 1:
+        return first
+    m = [len(part) for part in parts]
+
+    def join(pieces: list[NDArray[Any] | None]) -> NDArray[Any]:
+        like = next(p for p in pieces if p is not None)
+        filled = [np.full((k, *like.shape[1:]), np.nan) if p is None else p for k, p in zip(m, pieces, strict=True)]
+        return np.concatenate(filled)
+
+    def of_kind(k: int) -> Intervals:
+        model = first.intervals[k]
+        chosen = [part.intervals[k] if part.intervals else None for part in parts]
+        beta, sigma, alpha = (
+            None if getattr(model, end) is None else join([None if c is None else getattr(c, end) for c in chosen])
+            for end in ("beta", "sigma", "alpha")
+        )
+        return Intervals(model.kind, model.level, beta, sigma, alpha, model.blocks, model.note)
+
+    return Estimates(
+        first.estimator,
+        *(join([getattr(part, name) for part in parts]) for name in ("ok", "reason", "frames")),
+        *(join([getattr(part, name) for part in parts]) for name in ("beta", "tilt_azimuth", "sigma", "alpha")),
+        None if first.offset is None else join([part.offset for part in parts]),
+        tuple(of_kind(k) for k in range(len(first.intervals))),
+        {name: join([part.diagnostics.get(name) for part in parts]) for name in first.diagnostics},
+    )

@@ -1,0 +1,160 @@
+"""What an estimator works on: rays in the mount frame, one array per record.
+
+The *mount frame* is the jib frame as it would be if the camera hung straight: the picture turned by the nominal roll and
+looked at from above, z along the optical axis and pointing back at the camera. Tilting the camera by β towards an azimuth
+turns it into the jib frame, so gravity, seen in it, is ``(−sinβ cos az, −sinβ sin az, −cosβ)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError
+from simgrab.geometry import Array, camera_rotation
+
+# Records are worked on in groups of about this many frames, which bounds the memory and keeps the arrays in cache.
+FRAMES_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True)
+class Frames:
+    """M records of n frames.
+
+    Attributes
+    ----------
+    rays : ndarray, shape (M, 3, n)
+        Unit rays in the mount frame; zero where the frame is missing.
+    present : ndarray of bool, shape (M, n), or None
+        None when no frame is missing.
+    count : ndarray, shape (M,)
+        Frames present, as float.
+    rope_length : ndarray, shape (M, n), or None
+        \\|OA\\|, m.
+    time : ndarray, shape (n,), or None
+        Seconds.
+    """
+
+    rays: Array
+    present: NDArray[np.bool_] | None
+    count: Array
+    rope_length: Array | None
+    time: Array | None
+
+    def mean(self, values: Array) -> Array:
+        """Mean over the frames present, shape (..., n) → (...); ``values`` must be finite where the frame is missing."""
+        if self.present is None:
+            return np.asarray(values.mean(axis=-1))
+        present = self.present if values.ndim == 2 else self.present[:, None]
+        count = self.count.reshape(-1, *[1] * (values.ndim - 2))
+        return np.asarray((values * present).sum(axis=-1) / np.maximum(count, 1))
+
+    def rows(self, keep: NDArray[np.bool_]) -> Frames:
+        """Keep some of the records."""
+        if keep.all():
+            return self
+        return Frames(
+            self.rays[keep],
+            None if self.present is None else self.present[keep],
+            self.count[keep],
+            None if self.rope_length is None else self.rope_length[keep],
+            self.time,
+        )
+
+
+def mount_from_camera(calibration: Calibration) -> Array:
+    """Rotation, shape (3, 3), from the camera frame to the mount frame."""
+    return camera_rotation(0.0, 0.0, np.deg2rad(calibration.roll_deg))
+
+
+def check_record(
+    pixels: ArrayLike, rope_length: ArrayLike | None, time: ArrayLike | None, ordered: bool
+) -> tuple[Array, Array | None, Array | None]:
+    """Shapes and values of a batch; raises `RecordError` with the row.
+
+    Parameters
+    ----------
+    pixels : array_like, shape (M, n, 2)
+    rope_length : array_like, shape (n,) or (M, n), optional
+    time : array_like, shape (n,), optional
+    ordered : bool
+        Whether the times must increase.
+    """
+    uv = np.asarray(pixels, float)
+    if uv.ndim != 3 or uv.shape[-1] != 2:
+        raise RecordError(f"pixels must have shape (M, n, 2), got {uv.shape}")
+    m, n = uv.shape[:2]
+    rope = t = None
+    if rope_length is not None:
+        rope = np.asarray(rope_length, float)
+        if rope.shape not in {(n,), (m, n)}:
+            raise RecordError(f"rope_length must have shape ({n},) or ({m}, {n}), got {rope.shape}")
+        bad = np.argwhere(~(np.isfinite(rope) & (rope > 0)))
+        if bad.size:
+            raise RecordError(f"rope_length, row {bad[0][-1]}: must be above 0 m, got {rope[tuple(bad[0])]:g}")
+        rope = np.broadcast_to(rope, (m, n))
+    if time is not None:
+        t = np.asarray(time, float)
+        if t.shape != (n,):
+            raise RecordError(f"time must have shape ({n},), got {t.shape}")
+        bad = np.flatnonzero(~np.isfinite(t))
+        if bad.size:
+            raise RecordError(f"time, row {bad[0]}: must be finite, got {t[bad[0]]:g}")
+        back = np.flatnonzero(np.diff(t) <= 0)
+        if ordered and back.size:
+            row = back[0] + 1
+            raise RecordError(f"time, row {row}: must increase, got {t[row]:g} s after {t[row - 1]:g} s")
+    return uv, rope, t
+
+
+def groups(pixels: Array, rope: Array | None, time: Array | None, calibration: Calibration) -> Iterator[Frames]:
+    """Rays of checked pixels (M, n, 2), as the picture has them, a few records at a time."""
+    m, n = pixels.shape[:2]
+    step = max(1, FRAMES_AT_ONCE // max(n, 1))
+    for first in range(0, m, step):
+        some = slice(first, min(first + step, m))
+        yield _frames(pixels[some], None if rope is None else rope[some], time, calibration)
+
+
+def _frames(pixels: Array, rope: Array | None, time: Array | None, calibration: Calibration) -> Frames:
+    camera = calibration.intrinsics
+    xy = camera.distortion.remove((pixels - (camera.cx_px, camera.cy_px)) / camera.f_px)
+    turn = mount_from_camera(calibration)
+    x, y = xy[..., 0], xy[..., 1]
+    m, n = x.shape
+    rays = np.empty((m, 3, n))
+    rays[:, 2] = -1 / np.sqrt(1 + x * x + y * y)
+    rays[:, 0] = -(turn[0, 0] * x + turn[0, 1] * y) * rays[:, 2]
+    rays[:, 1] = -(turn[1, 0] * x + turn[1, 1] * y) * rays[:, 2]
+    present = np.isfinite(rays[:, 2]) & (rays[:, 2] != 0)
+    if present.all():
+        return Frames(rays, None, np.full(m, float(n)), rope, time)
+    rays = np.where(present[:, None], rays, 0.0)
+    return Frames(rays, present, present.sum(axis=-1).astype(float), rope, time)
+
+
+def gravity(beta: ArrayLike, azimuth: ArrayLike) -> Array:
+    """Direction of gravity in the mount frame, shape (..., 3)."""
+    b, a = np.broadcast_arrays(np.asarray(beta, float), np.asarray(azimuth, float))
+    return np.stack([-np.sin(b) * np.cos(a), -np.sin(b) * np.sin(a), -np.cos(b)], axis=-1)
+
+
+def tilt_of(down: ArrayLike) -> tuple[Array, Array]:
+    """Tilt (β, azimuth in [0, 2π)) whose gravity is ``down``, shape (..., 3), in the mount frame; inverse of `gravity`."""
+    g = np.asarray(down, float)
+    return (
+        np.arctan2(np.hypot(g[..., 0], g[..., 1]), -g[..., 2]),
+        np.arctan2(-g[..., 1], -g[..., 0]) % (2 * np.pi),
+    )
+
+
+def tangent_basis(beta: Array, azimuth: Array) -> Array:
+    """Rows: gravity's direction of growing β, of growing azimuth, and gravity itself; shape (..., 3, 3), mount frame."""
+    s, c = np.sin(azimuth), np.cos(azimuth)
+    along = np.stack([-np.cos(beta) * c, -np.cos(beta) * s, np.sin(beta)], axis=-1)
+    across = np.stack([s, -c, np.zeros_like(s)], axis=-1)
+    return np.stack([along, across, gravity(beta, azimuth)], axis=-2)

@@ -1,0 +1,154 @@
+"""Gravity is the direction from which the rays lie least far away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.geometry import Array
+from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
+
+
+@dataclass(frozen=True)
+class GeometricMedian(Estimator):
+    """Direction of least mean angle to the rays (Fletcher, Venkatasubramanian & Joshi 2009), by a safeguarded Newton method.
+
+    The angle α is smoothed to arccos(cosα/√(1+ε²)), with ε a thousandth of the mean angle from the mean ray: far below the
+    standard error, and enough to make the median unique on collinear points. Where the density of rays is singular at
+    gravity, as under the paper's half-normal α, this beats every mean.
+
+    Attributes
+    ----------
+    smoothing : float
+        ε over the mean angle.
+    tolerance : float
+        Step at which the iteration ends, rad.
+    max_iterations : int
+    """
+
+    name: ClassVar[str] = "geometric-median"
+
+    smoothing: float = 1e-3
+    tolerance: float = 1e-9
+    max_iterations: int = 200
+
+    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:  # noqa: ARG002
+        start = frames.mean(frames.rays)
+        start /= np.linalg.norm(start, axis=-1, keepdims=True)
+        x, y, _ = np.moveaxis(tangent_basis(*tilt_of(start)) @ frames.rays, 1, 0)
+        epsilon = np.maximum(self.smoothing * frames.mean(np.hypot(x, y)), 1e-9)
+        down, iterations = self._minimise(frames, start, epsilon)
+        beta, azimuth = tilt_of(down)
+        influence, slope = _influence(frames, beta, azimuth, epsilon)
+        return Solution(
+            reason=[
+                "" if i < self.max_iterations else f"no minimum in {self.max_iterations} steps" for i in iterations
+            ],
+            beta=beta,
+            azimuth=azimuth,
+            influence=influence,
+            reach=lambda covariance, q: _reach(frames, beta, azimuth, epsilon, slope, covariance, q),
+            diagnostics={"iterations": iterations},
+        )
+
+    def _minimise(self, frames: Frames, start: Array, epsilon: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Newton steps, halved until the gradient shrinks: that it does for short ones is what convexity gives."""
+        down, base, iterations = start.copy(), start.copy(), np.zeros(len(start), np.int64)
+        step, scale, size = np.zeros_like(start), np.ones(len(start)), np.full(len(start), np.inf)
+        active = np.ones(len(start), bool)
+        while active.any():
+            index = np.flatnonzero(active)
+            some, at = frames.rows(active), down[index]
+            pull, hessian = _derivatives(some, at, epsilon[index])
+            length = np.linalg.norm(pull, axis=-1)
+            worse = (length > size[index]) & (scale[index] > 1e-6)
+            good, bad = index[~worse], index[worse]
+            base[good], size[good], scale[good] = at[~worse], length[~worse], 1.0
+            step[good] = np.linalg.solve(hessian[~worse], pull[~worse][..., None])[..., 0]
+            scale[bad] /= 2
+            move = step[index] * scale[index, None]
+            moved = base[index] + move
+            down[index] = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+            iterations[index] += 1
+            active[index] = (np.linalg.norm(move, axis=-1) > self.tolerance) & (iterations[index] < self.max_iterations)
+        return down, iterations
+
+
+def _weights(frames: Frames, down: Array, epsilon2: Array) -> tuple[Array, Array]:
+    """Cosine z of each ray to ``down``, and 1/√(sin² + ε²); both (M, n)."""
+    z = (down[:, None] @ frames.rays)[:, 0]
+    w = z * z
+    np.subtract(1 + epsilon2[:, None], w, out=w)
+    np.maximum(w, epsilon2[:, None], out=w)
+    np.sqrt(w, out=w)
+    return z, np.divide(1, w, out=w)
+
+
+def _pull(frames: Frames, down: Array, w: Array) -> Array:
+    """Downhill gradient of the mean smoothed angle, a tangent vector (M, 3). A missing frame's ray is 0 and pulls nowhere."""
+    toward = (frames.rays @ w[..., None])[..., 0] / frames.count[:, None]
+    return np.asarray(toward - np.sum(toward * down, axis=-1, keepdims=True) * down)
+
+
+def _hessian(frames: Frames, down: Array, z: Array, w: Array) -> Array:
+    """Second derivative (M, 3, 3) on the tangent plane, and the identity along ``down``."""
+    zw = z * w
+    second = -(frames.rays * (zw * w**2)[:, None]) @ frames.rays.swapaxes(1, 2) / frames.count[:, None, None]
+    along = down[:, :, None] * down[:, None, :]
+    plane = np.eye(3) - along
+    second = plane @ second @ plane + (zw.sum(axis=-1) / frames.count)[:, None, None] * plane
+    # Collinear rays leave one direction flat; a millionth of the other keeps the step finite.
+    return np.asarray(second + 1e-6 * np.trace(second, axis1=1, axis2=2)[:, None, None] * plane + along)
+
+
+def _derivatives(frames: Frames, down: Array, epsilon: Array) -> tuple[Array, Array]:
+    z, w = _weights(frames, down, epsilon**2)
+    return _pull(frames, down, w), _hessian(frames, down, z, w)
+
+
+def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> tuple[Array, Array]:
+    """Influence (M, 2, n), and the slope (M, 2, 2) by which it was divided: the Hessian over the standard error itself.
+
+    E[1/α] is infinite under a singular density, so the Hessian at a point says nothing of the slope over the distance by
+    which the estimate errs. Brown & Wang (2005) smooth at that distance, found here by two rounds of substitution.
+    """
+    basis = tangent_basis(beta, azimuth)
+    down = basis[:, 2]
+    _, w = _weights(frames, down, epsilon**2)
+    unit = basis[:, :2] @ frames.rays * w[:, None]
+    scatter = unit @ unit.swapaxes(1, 2) / frames.count[:, None, None]
+    error = 1e3 * epsilon / np.sqrt(frames.count)
+    for _ in range(2):
+        slope = basis[:, :2] @ _hessian(frames, down, *_weights(frames, down, error**2)) @ basis[:, :2].swapaxes(1, 2)
+        inverse = np.linalg.inv(slope)
+        error = np.sqrt(np.trace(inverse @ scatter @ inverse, axis1=1, axis2=2) / (2 * frames.count))
+    return inverse @ unit, slope
+
+
+def _reach(
+    frames: Frames, beta: Array, azimuth: Array, epsilon: Array, slope: Array, covariance: Array, quantile: Array
+) -> tuple[Array, Array]:
+    """How far β may lie below and above: until the mean pull back exceeds its quantile (a score interval).
+
+    Near a singular density the pull grows faster than any slope measured at the estimate, which would be too wide an interval.
+    """
+    score = slope @ covariance @ slope
+    limit = quantile * np.sqrt(score[:, 0, 0])
+    reaches = []
+    for side in (-1.0, 1.0):
+        far = quantile * np.sqrt(covariance[:, 0, 0])
+        near, pull_near = np.zeros_like(far), np.zeros_like(far)
+        for _ in range(3):
+            basis = tangent_basis(beta + side * far, azimuth)
+            _, w = _weights(frames, basis[:, 2], epsilon**2)
+            pull = -side * np.sum(_pull(frames, basis[:, 2], w) * basis[:, 0], axis=-1)
+            secant = (pull - pull_near) / np.where(far == near, np.inf, far - near)
+            step = np.where(secant > 0, (limit - pull) / np.where(secant > 0, secant, 1.0), 0.0)
+            near, pull_near, far = far, pull, np.clip(far + step, far / 4, far * 4)
+        reaches.append(far)
+    return reaches[0], reaches[1]

@@ -1,0 +1,90 @@
+"""Intervals from influences: what each frame, or each block of seconds, did to the estimate.
+
+An estimate that solves Σ ψ(frame; θ) = 0 errs by the mean of its frames' influences, so the scatter of the influences is its
+variance (the sandwich; Huber 1967). Frames of one swing are far from independent: then only sums over blocks are, and there
+are so few blocks that the quantiles have to be Student's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from simgrab.geometry import Array
+
+
+@dataclass(frozen=True)
+class IntervalSettings:
+    """How intervals are made.
+
+    Attributes
+    ----------
+    level : float
+        Nominal coverage.
+    block_s : float
+        Least length of a block, s. The energy of a swing with 1 % damping forgets itself in about 70 s, and blocks must be
+        several times as long.
+    min_blocks, max_blocks : int
+        Fewer blocks than the least give no interval; longer records get longer blocks rather than more than the most.
+    """
+
+    level: float = 0.95
+    block_s: float = 300.0
+    min_blocks: int = 6
+    max_blocks: int = 12
+
+
+def iid_covariance(influence: Array, count: Array) -> Array:
+    """Covariance (M, p, p) of estimates with influences (M, p, n), frames independent."""
+    return np.asarray(influence @ influence.swapaxes(-1, -2) / (count * np.maximum(count - 1, 1))[:, None, None])
+
+
+def block_starts(time: Array, settings: IntervalSettings) -> tuple[Array, int]:
+    """Block of each frame, shape (n,), as whole numbers from 0, and how many there are.
+
+    Blocks are equal stretches of the record; a stretch without frames is no block.
+    """
+    if time.size < 2:
+        return np.zeros(time.size, np.int64), min(time.size, 1)
+    start = time.min()
+    length = (time.max() - start) * time.size / (time.size - 1)  # the last frame lasts as long as the others
+    wanted = int(np.clip(np.floor(length / settings.block_s + 1e-9), 1, settings.max_blocks))
+    label = np.minimum((time - start) * wanted / length, wanted - 1).astype(np.int64)
+    used, label = np.unique(label, return_inverse=True)
+    return label, len(used)
+
+
+def block_covariance(influence: Array, count: Array, block: Array, blocks: int) -> Array:
+    """Covariance (M, p, p) of estimates with influences (M, p, n), only blocks of frames being independent."""
+    order = np.argsort(block, kind="stable")
+    starts = np.searchsorted(block[order], np.arange(blocks))
+    ordered = influence if np.all(order[1:] > order[:-1]) else influence[..., order]
+    sums = np.add.reduceat(ordered, starts, axis=-1)
+    return np.asarray(sums @ sums.swapaxes(-1, -2) * (blocks / (blocks - 1)) / (count**2)[:, None, None])
+
+
+def student(level: float, degrees: Array | int) -> Array:
+    """Two-sided quantile of Student's law."""
+    return np.asarray(stats.t.ppf(0.5 + level / 2, np.maximum(degrees, 1)))
+
+
+def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -> Array:
+    """Interval, shape (..., 2), of a distance on the sphere of which the far end is uncertain.
+
+    The distance cannot be negative, and an error across it only lengthens it. Far from 0 this is the ordinary interval;
+    at 0 its upper end is that of the length of a two-dimensional Gaussian, for which (1.96² + 2.15)^½ = 2.45.
+    """
+    reach = quantile * np.sqrt(var_along)
+    ends = np.empty((*value.shape, 2))
+    np.maximum(value - reach, 0.0, out=ends[..., 0])
+    np.sqrt((value + reach) ** 2 + 0.56 * quantile**2 * var_across, out=ends[..., 1])
+    return ends
+
+
+def of_scale(sigma: Array, var_sigma2: Array, quantile: Array) -> Array:
+    """Interval, shape (..., 2), of σ from the variance of σ̂²: Gaussian in log σ², which is the less skewed."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        reach = quantile * np.sqrt(var_sigma2) / sigma**2
+    return np.asarray(sigma[..., None] * np.exp(np.stack([-reach, reach], axis=-1) / 2))

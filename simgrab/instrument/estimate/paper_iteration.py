@@ -1,0 +1,177 @@
+"""The paper's iteration, exactly: eqs (est-1) to (est-3) of section 4.3."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.geometry import Array
+from simgrab.instrument.estimate.circular_median import circular_median
+from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tangent_basis, tilt_of
+
+
+@dataclass(frozen=True)
+class PaperIteration(Estimator):
+    """Yu, Wang & Wang (2025), section 4.3: σ² from α, β from E[h/√(m²+h²)] = cosβ·exp(−σ²/2), and again.
+
+    With ψ the angle of a ray from the optical axis, h/√(m²+h²) = cosψ, and each round computes
+
+    - (est-1) α_i = arccos{(m_i sinβ cosθ_i + h cosβ)/√(m_i² + h²)}
+    - (est-2) σ² = mean α_i²
+    - (est-3) β = arccos{mean(cosψ_i)·exp(σ²/2)}
+
+    until neither changes by ε. The argument of (est-3) exceeds 1 when the start lies above twice β, and, from start 0, when
+    the kurtosis mean(ψ⁴)/mean(ψ²)² exceeds 3. Then there is no next step, and the record is refused.
+
+    Attributes
+    ----------
+    axis : "circular-median" or "known"
+        The 0-degree line C'G': by the paper's rule, the line through C' for which the circular median of θ is 0; or given,
+        as in the paper's simulation.
+    axis_direction : float
+        Of C'G' in the picture, clockwise from its x axis, rad; for ``axis="known"``.
+    start : float or "mean-ray"
+        β⁽⁰⁾, rad; the repaired variant starts at the tilt of the mean ray, from where the domain is not left.
+    epsilon : float
+        The paper's 1e-6, absolute, for β (rad) and σ² (rad²).
+    max_iterations : int
+
+    Notes
+    -----
+    Diagnostics: ``iterations``; ``beta_history`` and ``sigma2_history``, one column for each t from 0 and NaN beyond the
+    last; ``kurtosis`` of ψ about 0.
+    """
+
+    name: ClassVar[str] = "paper-iteration"
+
+    axis: Literal["circular-median", "known"] = "circular-median"
+    axis_direction: float = 0.0
+    start: float | Literal["mean-ray"] = 0.0
+    epsilon: float = 1e-6
+    max_iterations: int = 50
+
+    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
+        direction = self._axis(frames, calibration)
+        c = -frames.rays[:, 2]  # h/√(m²+h²)
+        p = np.cos(direction)[:, None] * frames.rays[:, 0] + np.sin(direction)[:, None] * frames.rays[:, 1]
+        mean_c = frames.mean(c)
+        kurtosis = _kurtosis(frames, c)
+        beta0 = self._start(frames, direction)
+        beta, sigma2, history, reason = self._iterate(frames, p, c, mean_c, beta0, kurtosis)
+        azimuth = (direction + np.pi) % (2 * np.pi)
+        count = np.sum(np.isfinite(history[0]), axis=-1) - 1
+        return Solution(
+            reason=reason,
+            beta=beta,
+            azimuth=azimuth,
+            influence=self._influence(frames, direction, beta, sigma2, mean_c, c),
+            diagnostics={
+                "iterations": count,
+                "beta_history": history[0],
+                "sigma2_history": history[1],
+                "kurtosis": kurtosis,
+            },
+        )
+
+    def _axis(self, frames: Frames, calibration: Calibration) -> Array:
+        """Direction of C'G' in the mount frame, counter-clockwise about z, shape (M,)."""
+        if self.axis == "known":
+            x, y, _ = mount_from_camera(calibration) @ (math.cos(self.axis_direction), math.sin(self.axis_direction), 0)
+            return np.full(len(frames.rays), math.atan2(y, x))
+        angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0])
+        present = frames.present
+        return np.array([circular_median(a if present is None else a[present[i]]) for i, a in enumerate(angle)])
+
+    def _start(self, frames: Frames, direction: Array) -> Array:
+        if self.start != "mean-ray":
+            return np.full(len(direction), float(self.start))
+        mean = frames.mean(frames.rays)
+        along = np.cos(direction) * mean[:, 0] + np.sin(direction) * mean[:, 1]
+        return np.arctan2(np.maximum(along, 0.0), -mean[:, 2])
+
+    def _iterate(
+        self, frames: Frames, p: Array, c: Array, mean_c: Array, beta0: Array, kurtosis: Array
+    ) -> tuple[Array, Array, tuple[Array, Array], list[str]]:
+        m = len(beta0)
+        beta, sigma2 = beta0.copy(), np.full(m, np.nan)
+        betas, sigma2s = [beta0.copy()], [np.full(m, np.nan)]
+        reason = ["not run"] * m
+        active = np.ones(m, bool)
+        for t in range(self.max_iterations):
+            index = np.flatnonzero(active)
+            if not index.size:
+                break
+            some = frames.rows(active)
+            now = beta[index]
+            cos_alpha = np.sin(now)[:, None] * p[index] + np.cos(now)[:, None] * c[index]
+            alpha = np.arccos(np.minimum(cos_alpha, 1.0))  # (est-1); the cosine between unit vectors, but for rounding
+            new_sigma2 = some.mean(alpha**2 if some.present is None else alpha**2 * some.present)  # (est-2)
+            argument = mean_c[index] * np.exp(new_sigma2 / 2)  # (est-3)
+            new = np.arccos(np.where(argument <= 1, argument, np.nan))
+            for i in np.flatnonzero(argument > 1):
+                reason[index[i]] = _why(t + 1, argument[i], beta0[index[i]], kurtosis[index[i]])
+            small = (np.abs(new - now) < self.epsilon) & (np.abs(new_sigma2 - sigma2[index]) < self.epsilon)
+            for i in index[small]:
+                reason[i] = ""
+            beta[index], sigma2[index] = new, new_sigma2
+            betas.append(np.where(active, beta, np.nan))
+            sigma2s.append(np.where(active, sigma2, np.nan))
+            active[index] = ~small & (argument <= 1)
+        for i in np.flatnonzero(active):
+            reason[i] = f"not converged in {self.max_iterations} iterations"
+        histories = [np.full((m, self.max_iterations + 1), np.nan) for _ in range(2)]
+        for history, steps in zip(histories, (betas, sigma2s), strict=True):
+            history[:, : len(steps)] = np.stack(steps, axis=-1)
+        return beta, sigma2, (histories[0], histories[1]), reason
+
+    def _influence(
+        self, frames: Frames, direction: Array, beta: Array, sigma2: Array, mean_c: Array, c: Array
+    ) -> Array:
+        """Influence (M, 2, n): of the two equations at their fixed point, and of the circular median."""
+        x, y, z = np.moveaxis(tangent_basis(beta, (direction + np.pi) % (2 * np.pi)) @ frames.rays, 1, 0)
+        sine = np.sqrt(x * x + y * y)
+        alpha = np.arctan2(sine, z)
+        ratio = np.where(sine > 1e-12, alpha / np.maximum(sine, 1e-12), 1.0)
+        # f1 = c·exp(σ²/2) − cosβ and f2 = α² − σ² have mean 0; solve their linearisation for β.
+        f1 = c * np.exp(sigma2 / 2)[:, None] - np.cos(beta)[:, None]
+        f2 = alpha**2 - sigma2[:, None]
+        slope = -2 * frames.mean(ratio * x)
+        bottom = np.sin(beta) + slope * np.cos(beta) / 2
+        of_beta = -(f1 + f2 * np.cos(beta)[:, None] / 2) / np.where(np.abs(bottom) > 1e-12, bottom, np.inf)[:, None]
+        result = np.stack([of_beta, np.zeros_like(of_beta)], axis=1)
+        if self.axis == "circular-median":
+            result[:, 1] = np.sin(beta)[:, None] * _median_influence(frames, direction)
+        return result if frames.present is None else result * frames.present[:, None]
+
+
+def _kurtosis(frames: Frames, c: Array) -> Array:
+    psi2 = 2 * (1 - c) + (1 - c) ** 2 / 3  # ψ² to sixth order
+    if frames.present is not None:
+        psi2 = psi2 * frames.present
+    return np.asarray(frames.mean(psi2**2) / np.maximum(frames.mean(psi2) ** 2, 1e-300))
+
+
+def _why(step: int, argument: float, start: float, kurtosis: float) -> str:
+    text = f"step {step} of (est-3) asks for arccos({argument:.8g}), which is above 1: "
+    if start == 0:
+        return text + f"the kurtosis of the ray angles is {kurtosis:.3g}, and from start 0 it must be below 3"
+    return text + f"the start, {math.degrees(start):.3g} deg, is more than twice the tilt"
+
+
+def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:
+    """Influence of each frame on the circular median: the sign of its side over twice the density there less the antipode's."""
+    angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0]) - direction[:, None]
+    angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
+    present = np.ones_like(angle) if frames.present is None else frames.present.astype(float)
+    spread = np.sqrt(frames.mean(np.abs(angle) * present)[:, None] * np.sqrt(2 * np.pi) / 2)
+    width = np.minimum(spread * frames.count[:, None] ** -0.4, 1.0)
+    near = (np.abs(angle) < width) * present - (np.abs(angle) > np.pi - width) * present
+    density = frames.mean(near) / (2 * width[:, 0])
+    # Without a preferred side the line is not determined at all; a tenth of a uniform law's density marks that.
+    return np.asarray(np.sign(angle) * present / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])
