@@ -254,7 +254,7 @@ class Scenario(Strict, frozen=True):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as `from_dict` takes it."""
-        return dict(msgspec.to_builtins(self))
+        return dict(msgspec.json.decode(msgspec.json.encode(self)))
 
     def to_toml(self) -> str:
         """Return a scene file with every key filled in."""

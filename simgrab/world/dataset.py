@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simgrab.errors import DatasetError
 from simgrab.records import Truth
 from simgrab.scenario import Scenario
-from simgrab.world import export, frames, manifest, preview
+from simgrab.world import export, frames, manifest, model, preview
 from simgrab.world.folder import MANIFEST, Folder, writing
 from simgrab.world.gl import Fingerprint
 
@@ -95,7 +95,8 @@ def render(
     if workers < 1:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
     folder = Folder(Path(out))
-    frames.check(scenario)
+    world = model.build(scenario)
+    frames.check(scenario, world)
     if not folder.open(manifest.identity(scenario), resume=resume):
         return _summary(folder.path, scenario, 0)
     with folder.lock():
@@ -104,7 +105,8 @@ def render(
         missing = [frame for frame in range(scenario.frames) if frame not in done]
         if progress:
             progress(len(done), scenario.frames)
-        for count, fingerprint in enumerate(frames.make_all(scenario, missing, workers, folder.store), len(done) + 1):
+        made = frames.make_all(scenario, world, missing, workers, folder.store)
+        for count, fingerprint in enumerate(made, len(done) + 1):
             drawn_by = drawn_by or fingerprint
             if fingerprint != drawn_by:
                 raise DatasetError(
@@ -162,7 +164,7 @@ def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
     alpha, rope = (table[name].to_numpy() for name in ("alpha_deg", "rope_length_m"))
     split = table["split"].to_pylist()
     seen = table["visible_fraction"].to_numpy() >= max(scenario.labels.least_visible_fraction, 1e-12)
-    manifest_text = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+    written = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
     return Summary(
         path=path,
         frames=table.num_rows,
@@ -173,5 +175,5 @@ def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
         alpha_max_deg=float(alpha.max()),
         beta_deg=scenario.camera.beta_deg,
         rope_length_m=(float(rope.min()), float(rope.max())),
-        fingerprint=manifest_text["renderer"]["fingerprint"],
+        fingerprint=written["renderer"]["fingerprint"],
     )

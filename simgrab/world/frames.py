@@ -23,6 +23,7 @@ from simgrab.records import Truth
 from simgrab.scenario import Scenario
 from simgrab.world import model, truth
 from simgrab.world.gl import Fingerprint
+from simgrab.world.model import World
 from simgrab.world.render import Renderer, View
 from simgrab.world.swing import split
 
@@ -56,6 +57,12 @@ class Frame:
 class Studio:
     """The built world of a scenario with a renderer before it. Use as a context manager.
 
+    Parameters
+    ----------
+    scenario : Scenario
+    world : World, optional
+        Of the same scenario, where it was built already.
+
     Examples
     --------
     >>> from simgrab import scenes
@@ -63,9 +70,9 @@ class Studio:
     ...     frame = studio.make(812)
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, world: World | None = None) -> None:
         self.scenario = scenario
-        self.world = model.build(scenario)
+        self.world = world or model.build(scenario)
         self.renderer = Renderer(self.world, scenario)
 
     def __enter__(self) -> Studio:
@@ -118,9 +125,8 @@ def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
     return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}
 
 
-def check(scenario: Scenario) -> None:
+def check(scenario: Scenario, world: World) -> None:
     """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab."""
-    world = model.build(scenario)
     k = scenario.camera.intrinsics
     seen = False
     for frame in range(scenario.frames):
@@ -151,13 +157,15 @@ def _make_and_store(frame: int, store: Callable[[Frame], None]) -> Fingerprint:
 
 
 def make_all(
-    scenario: Scenario, frames: Iterable[int], workers: int, store: Callable[[Frame], None]
+    scenario: Scenario, world: World, frames: Iterable[int], workers: int, store: Callable[[Frame], None]
 ) -> Iterator[Fingerprint]:
     """Make frames and store each where it was made; yields what drew each as they come, in no set order.
 
     Parameters
     ----------
     scenario : Scenario
+    world : World
+        Of the same scenario.
     frames : iterable of int
     workers : int
         Processes. The software renderer uses every core already, so more than one gains little there.
@@ -165,7 +173,7 @@ def make_all(
         Takes each finished frame, in the process that made it; must be picklable when there are several.
     """
     if workers == 1:
-        with Studio(scenario) as studio:
+        with Studio(scenario, world) as studio:
             for index in frames:
                 frame = studio.make(index)
                 store(frame)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from simgrab.errors import RendererError
 
@@ -81,8 +82,20 @@ def fingerprint() -> Fingerprint:
     return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__)
 
 
+@dataclass(frozen=True, eq=False)
+class Offscreen:
+    """An offscreen buffer with a model's textures and meshes in it."""
+
+    window: Any
+    context: mujoco.MjrContext
+
+    def make_current(self) -> None:
+        """Take the thread back from whoever else drew in between."""
+        self.window.make_current()
+
+
 @contextmanager
-def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[mujoco.MjrContext]:
+def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[Offscreen]:
     """Open an offscreen context for a model and make it current; free it afterwards.
 
     Raises
@@ -93,7 +106,10 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     import mujoco
 
     try:
-        window = mujoco.GLContext(width_px, height_px)
+        # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.
+        backend = os.environ["MUJOCO_GL"]
+        platform = importlib.import_module(f"mujoco.{backend}" if backend in ("egl", "osmesa") else "mujoco")
+        window = platform.GLContext(width_px, height_px)
         window.make_current()
         model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -101,7 +117,8 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         raise RendererError(f"no offscreen OpenGL ({problem}); {INSTALL_HINT}") from problem
     try:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-        yield context
+        context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # as drawn: the other way loses far digits
+        yield Offscreen(window, context)
     finally:
         context.free()
         window.free()

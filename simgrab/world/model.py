@@ -27,6 +27,7 @@ NEAR_M, FAR_M = 0.1, 200.0
 SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
 SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
 CLEARANCE_M = 0.3
+COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class World:
     shapes : dict of str to trimesh.Trimesh
         Steel of each grab body, in the body's frame, and each cargo heap (``cargo_0`` …), in the grab frame.
     outline : dict of str to ndarray, shape (N, 3)
-        Points that cover each shape.
+        Points of each shape among which the outermost of every picture are.
     switches : dict of str to ndarray
         Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``.
     ground : HeightMap
@@ -150,11 +151,12 @@ def build(scenario: Scenario) -> World:
     _add_ropes(spec)
     model = spec.compile()
     shapes = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in parts.items()}
+    straight = scenario.camera.intrinsics.distortion.is_null
     shapes |= {f"cargo_{level}": heap.mesh for level, heap in enumerate(heaps)}
     return World(
         model=model,
         shapes=shapes,
-        outline={name: _cover(mesh) for name, mesh in shapes.items()},
+        outline={name: _cover(mesh, straight=straight) for name, mesh in shapes.items()},
         switches=_switches(model),
         ground=HeightMap.of(part.mesh for part in place.parts),
     )
@@ -249,7 +251,19 @@ def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
     return {stem: np.array(geoms) for stem, geoms in found.items()}
 
 
-def _cover(mesh: trimesh.Trimesh, spacing_m: float = 0.15) -> Array:
-    """Points on a mesh, no edge between which is longer than the spacing, so that distorted outlines stay true."""
-    points = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, max_edge=spacing_m, max_iter=20)[0]
-    return np.unique(points.round(6), axis=0)
+def _cover(mesh: trimesh.Trimesh, *, straight: bool) -> Array:
+    """Points of a mesh, shape (N, 3), among which the outermost of every picture are.
+
+    A lens that draws straight lines straight shows corners of the convex hull outermost. One that bends them may show
+    a point along an edge, so the surface near the hull is covered at `COVER_SPACING_M`.
+    """
+    hull = mesh.convex_hull
+    if straight:
+        return np.asarray(hull.vertices)
+    points = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, max_edge=COVER_SPACING_M, max_iter=20)[0]
+    points = np.unique(points.round(6), axis=0)
+    normals, on_plane = np.asarray(hull.face_normals), np.asarray(hull.triangles)[:, 0]
+    outside = np.full(len(points), -np.inf)
+    for normal, offset in zip(normals, np.einsum("ij,ij->i", normals, on_plane), strict=True):
+        np.maximum(outside, points @ normal - offset, out=outside)
+    return np.asarray(points[outside > -COVER_DEPTH_M])

@@ -82,7 +82,7 @@ class Renderer:
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
         self._abstract = mujoco.MjvCamera()
         self._stack = ExitStack()
-        self._context = self._stack.enter_context(gl.offscreen(model, *self._size))
+        self._buffer = self._stack.enter_context(gl.offscreen(model, *self._size))
         self.fingerprint = gl.fingerprint()
 
     def __enter__(self) -> Renderer:
@@ -129,6 +129,7 @@ class Renderer:
         )
 
     def _gather(self, option: mujoco.MjvOption) -> None:
+        self._buffer.make_current()
         scene = self._scene
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.world.model, self.data, option, None, self._abstract, everything, scene)
@@ -153,9 +154,9 @@ class Renderer:
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
         rect = self._aim(window)
-        mujoco.mjr_render(rect, self._scene, self._context)
+        mujoco.mjr_render(rect, self._scene, self._buffer.context)
         rgb = np.empty((rect.height, rect.width, 3), np.uint8)
-        mujoco.mjr_readPixels(rgb, None, rect, self._context)
+        mujoco.mjr_readPixels(rgb, None, rect, self._buffer.context)
         return rgb[::-1]
 
     def _draw_tiles(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -174,10 +175,10 @@ class Renderer:
         scene = self._scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
         rect = self._aim(window)
-        mujoco.mjr_render(rect, scene, self._context)
+        mujoco.mjr_render(rect, scene, self._buffer.context)
         colour = np.empty((rect.height, rect.width, 3), np.uint8)
         buffer = np.empty((rect.height, rect.width), np.float32)
-        mujoco.mjr_readPixels(colour, buffer, rect, self._context)
+        mujoco.mjr_readPixels(colour, buffer, rect, self._buffer.context)
         # The id colour is the geom's place in the scene plus one, least significant byte first.
         groups = self.world.model.geom_group
         lookup = np.array([NOTHING, *(groups[g.objid] for g in scene.geoms[: scene.ngeom])], np.uint8)

@@ -67,7 +67,9 @@ class Part:
         return Part(name or self.name, mesh, self.material, self.uv)
 
 
-def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
+def add_parts(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str
+) -> None:
     """Add parts to a body as visual geoms, one per material: no collision, no mass.
 
     Parameters

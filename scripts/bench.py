@@ -1,0 +1,119 @@
+"""Measure simgrab on this machine. Ratios are taken pair by pair within one run, so that a noisy machine cancels.
+
+scripts/bench.py render [--pairs 30] [--memory-frames 2000]
+scripts/bench.py estimate
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+
+def render(pairs: int, memory_frames: int) -> None:
+    """Print the time of a finished labelled frame over that of a bare ``mujoco.Renderer``, and how memory grows.
+
+    The bare one draws rgb and segmentation of the same posed model at the same size and writes nothing; simgrab draws,
+    labels, encodes and writes.
+    """
+    from simgrab import scenes
+    from simgrab.world.folder import Folder
+    from simgrab.world.frames import Studio
+    from simgrab.world.manifest import identity
+
+    scenario = scenes.load("quay-day", {"camera.beta_deg": 5.0, "frames": max(pairs, memory_frames)})
+    with tempfile.TemporaryDirectory() as temporary, Studio(scenario) as studio:
+        folder = Folder(Path(temporary) / "bench")
+        folder.open(identity(scenario), resume=False)
+        k = scenario.camera.intrinsics
+        print(f"{studio.renderer.fingerprint.renderer}, {k.width_px}x{k.height_px}, MSAA {scenario.image.samples}")
+        ratios = []
+        for frame in range(pairs + 2):
+            start = time.perf_counter()
+            folder.store(studio.make(frame % scenario.frames))
+            ours = time.perf_counter() - start
+            bare = _bare(studio, k.width_px, k.height_px)
+            if frame >= 2:  # the first ones warm up
+                ratios.append((ours / bare, ours, bare))
+        ratio, ours, bare = np.median(ratios, axis=0)
+        low, high = np.percentile([r[0] for r in ratios], [10, 90])
+        print(
+            f"finished labelled frame {ours * 1e3:.0f} ms, bare rgb + segmentation {bare * 1e3:.0f} ms (medians of {pairs})"
+        )
+        print(f"ratio {ratio:.2f} (10–90 %: {low:.2f}–{high:.2f})")
+        _close_bare()
+        if memory_frames:
+            _memory(studio, folder, memory_frames)
+
+
+_bare_renderer = None
+
+
+def _bare(studio, width: int, height: int) -> float:  # type: ignore[no-untyped-def]
+    global _bare_renderer
+    import mujoco
+
+    if _bare_renderer is None:
+        _bare_renderer = mujoco.Renderer(studio.world.model, height, width, max_geom=studio.world.model.ngeom + 16)
+    camera = mujoco.MjvCamera()
+    camera.lookat, camera.distance, camera.elevation = (0, 0, -28.0), 28.0, -90.0
+    start = time.perf_counter()
+    _bare_renderer.disable_segmentation_rendering()
+    _bare_renderer.update_scene(studio.renderer.data, camera)
+    _bare_renderer.render()
+    _bare_renderer.enable_segmentation_rendering()
+    _bare_renderer.update_scene(studio.renderer.data, camera)
+    _bare_renderer.render()
+    return time.perf_counter() - start
+
+
+def _close_bare() -> None:
+    global _bare_renderer
+    if _bare_renderer is not None:
+        _bare_renderer.close()
+    _bare_renderer = None
+
+
+def _memory(studio, folder, frames: int) -> None:  # type: ignore[no-untyped-def]
+    """Resident memory after the first tenth and after all frames."""
+    settled = max(frames // 10, 1)
+    for frame in range(frames):
+        folder.store(studio.make(frame))
+        if frame + 1 == settled:
+            before = _resident_mb()
+    after = _resident_mb()
+    print(f"memory after {settled} frames {before:.0f} MB, after {frames} {after:.0f} MB: {after - before:+.1f} MB")
+    print(f"peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def main() -> None:
+    """Parse and run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    verb = verbs.add_parser("render")
+    verb.add_argument("--pairs", type=int, default=30)
+    verb.add_argument("--memory-frames", type=int, default=2000)
+    verbs.add_parser("estimate")
+    chosen = parser.parse_args()
+    if chosen.verb == "render":
+        render(chosen.pairs, chosen.memory_frames)
+    else:
+        sys.path.insert(0, str(Path(__file__).parent))
+        from bench_estimate import estimate
+
+        estimate()
+
+
+if __name__ == "__main__":
+    main()

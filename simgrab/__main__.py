@@ -1,0 +1,5 @@
+"""``python -m simgrab``."""
+
+from simgrab.cli import main
+
+main()

@@ -1,0 +1,58 @@
+import pytest
+
+from simgrab import scenes
+
+# A picture a sixteenth of the size, drawn without antialiasing: labels are computed the same way.
+SMALL = {
+    "camera.width_px": 480,
+    "camera.height_px": 270,
+    "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
+    "image.samples": 0,
+    "image.shadow_map_px": 1024,
+    "frames": 6,
+}
+# Everything that a camera can have at once.
+CROOKED = {
+    "camera.beta_deg": 6.5,
+    "camera.tilt_azimuth_deg": 70.0,
+    "camera.roll_deg": -25.0,
+    "camera.offset_x_m": 0.4,
+    "camera.offset_y_m": -0.7,
+    "camera.offset_z_m": -0.5,
+    "camera.principal_offset_px": [5.0, -3.0],
+    "camera.distortion": {"k1": -0.28, "k2": 0.09, "p1": 5e-4, "p2": -8e-4, "k3": -0.01},
+    "swing.alpha.sigma_deg": 4.0,
+}
+
+
+def small_scene(name="quay-day", **changes):
+    return scenes.load(name, SMALL | {key.replace("__", "."): value for key, value in changes.items()})
+
+
+@pytest.fixture(scope="session")
+def scene():
+    return small_scene()
+
+
+@pytest.fixture(scope="session")
+def crooked_scene():
+    return scenes.load("quay-day", SMALL | CROOKED)
+
+
+@pytest.fixture(scope="session")
+def dataset(scene, tmp_path_factory):
+    """A finished small dataset; copy it before changing it."""
+    from simgrab.world.dataset import render
+
+    path = tmp_path_factory.mktemp("data") / "small"
+    render(scene, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def crooked_dataset(crooked_scene, tmp_path_factory):
+    from simgrab.world.dataset import render
+
+    path = tmp_path_factory.mktemp("data") / "crooked"
+    render(crooked_scene, path)
+    return path

@@ -1,0 +1,73 @@
+"""Imports run downwards only: see the table. The instrument never sees the world, its scenes or MuJoCo."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "simgrab"
+GROUND = {"geometry", "records", "distributions", "calibration", "strict", "rng", "errors", "resources"}
+SCENARIO = {"scenario", "scenes"}
+# Room: what it may import of simgrab.
+MAY = {
+    "instrument": GROUND | {"instrument"},
+    "world": GROUND | SCENARIO | {"world"},
+    "judge": GROUND | SCENARIO | {"world", "instrument", "judge"},
+    "cli": GROUND | SCENARIO | {"world", "instrument", "judge", "cli"},
+}
+FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender"}
+
+
+def imported(source: str) -> set[str]:
+    """Dotted names that a module imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative imports hide the room"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def violations(room: str, source: str) -> set[str]:
+    allowed = MAY.get(room, GROUND | SCENARIO)
+    bad = set()
+    for name in imported(source):
+        top, _, rest = name.partition(".")
+        if top == "simgrab" and rest.split(".")[0] not in allowed | {"__version__"}:
+            bad.add(name)
+        if room == "instrument" and top in FORBIDDEN_TO_INSTRUMENT:
+            bad.add(name)
+    return bad
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_run_downwards(path):
+    relative = path.relative_to(PACKAGE)
+    room = relative.parts[0] if len(relative.parts) > 1 else "ground"
+    if relative.name == "__init__.py" and room == "ground":
+        return
+    assert not violations(room, path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("room", "line"),
+    [
+        ("instrument", "from simgrab.world.truth import label"),
+        ("instrument", "from simgrab import scenario"),
+        ("instrument", "import mujoco"),
+        ("world", "def f():\n    import simgrab.instrument.estimate"),
+        ("world", "from simgrab.judge import audit"),
+        ("ground", "from simgrab import world"),
+    ],
+)
+def test_a_planted_violation_is_seen(room, line):
+    assert violations(room, line)
+
+
+def test_import_touches_no_opengl():
+    code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'simgrab.world'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

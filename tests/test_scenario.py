@@ -1,0 +1,112 @@
+import json
+import math
+import tomllib
+
+import msgspec
+import pytest
+
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.resources import SCENES
+from simgrab.scenario import Scenario, merged, schema
+from simgrab.strict import convert
+
+BAD = {
+    "camera.betta_deg": (1.0, "did you mean 'beta_deg'"),
+    "camera.beta_deg": (95.0, "<= 30"),
+    "camera.beta_mrad": (5.0, "valid here: .*beta_deg"),
+    "camera.offset_y_m": (math.nan, "finite"),
+    "camera.height_px": (1080.5, "int"),
+    "camera.distortion.k1": (-3.0, "unknown|folds"),
+    "swing.alpha.sigma_deg": (-2.0, ">= 0"),
+    "swing.alpha.law.dist": ("cauchy", "one of: half-normal"),
+    "swing.alpha.law": ({"dist": "constant", "value": 0.0}, "sigma_deg = 0"),
+    "swing.rope_length_mm": (8000, "rope_length_m"),
+    "swing.rope_length_m": ({"dist": "normal", "mean": 15.0}, "stay within"),
+    "swing.load": ({"dist": "constant", "value": 2.0}, "stay within"),
+    "swing.jaw_deg": ({"dist": "choice", "values": []}, "length >= 1"),
+    "swing.gamma_deg": ({"dist": "uniform", "low": 5.0, "high": 1.0}, "exceed"),
+    "swing.model": ("iidd", "did you mean 'iid'"),
+    "place.model": ("moon", "quay, hold, water"),
+    "place": ({"model": "hold", "receiver": "truck"}, "unknown key"),
+    "light": ({"sun": 0.0, "sky": 0.0}, "both"),
+    "splits.train": (0.5, "must be 1"),
+    "image.format": ("gif", "jpeg|enum"),
+    "seed": (-1, ">= 0"),
+    "frames": (0, ">= 1"),
+    "frames.count": (3, "int|object"),
+    "name": ("a b", "regex"),
+    "grab.paint_rgb": ([1.0, 2.0], "length 3"),
+}
+
+
+@pytest.mark.parametrize("key", BAD)
+def test_bad_input_is_refused_by_its_key(key):
+    value, message = BAD[key]
+    with pytest.raises(ScenarioError, match=message) as caught:
+        scenes.load("quay-day", {key: value})
+    assert key.split(".")[0] in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_every_bundled_scene_reads_and_survives_the_round_trip(name):
+    scenario = scenes.load(name)
+    assert scenario.name == name
+    assert scenario.description
+    assert convert(tomllib.loads(scenario.to_toml()), Scenario) == scenario
+    assert convert(json.loads(json.dumps(scenario.to_dict())), Scenario) == scenario
+    assert (SCENES / f"{name}.toml").read_text().startswith("#:schema schema.json\n")
+
+
+def test_the_schema_file_is_current():
+    assert json.loads((SCENES / "schema.json").read_text()) == json.loads(msgspec.json.encode(schema()))
+
+
+def test_digest_sees_every_change_and_nothing_else():
+    scene = scenes.load("quay-day")
+    assert scene.digest() == scenes.load("quay-day").digest()
+    for changes in ({"seed": 1}, {"frames": 65}, {"camera.roll_deg": 1e-9}, {"swing.alpha.sigma_deg": 2.0000001}):
+        assert scenes.load("quay-day", changes).digest() != scene.digest()
+
+
+def test_sigma_is_the_rms_of_every_law():
+    for law in ({"dist": "half-normal"}, {"dist": "uniform", "low": 0.0, "high": 5.0}, {"dist": "exponential"}):
+        alpha = scenes.load("quay-day", {"swing.alpha": {"sigma_deg": 3.0, "law": law}}).swing.alpha
+        assert alpha.scale_deg * alpha.law.rms() == pytest.approx(3.0)
+
+
+def test_set_takes_toml_values():
+    changes = scenes.parse_changes(["camera.beta_deg=4", "place.model=hold", 'image.format = "png"', "image.ids=true"])
+    assert changes == {"camera.beta_deg": 4, "place.model": "hold", "image.format": "png", "image.ids": True}
+    assert scenes.load("quay-day", changes).place.depth_m == 15.0
+    for broken in ("camera.beta_deg", "=3", "camera.beta_deg="):
+        with pytest.raises(ScenarioError, match="key=value"):
+            scenes.parse_changes([broken])
+
+
+def test_another_kind_replaces_a_table_whole():
+    assert merged({"a": {"model": "x", "p": 1}}, {"a": {"model": "y"}}) == {"a": {"model": "y"}}
+    assert merged({"a": {"model": "x", "p": 1}}, {"a": {"q": 2}}) == {"a": {"model": "x", "p": 1, "q": 2}}
+
+
+def test_files_may_name_one_base(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text('base = "quay-day"\nname = "own"\n[camera]\nbeta_deg = 7.0\n')
+    scenario = scenes.load(own)
+    assert (scenario.name, scenario.camera.beta_deg) == ("own", 7.0)
+    assert scenario.swing == scenes.load("quay-day").swing
+    for text, message in (
+        ('base = "nowhere"', "no bundled scene"), ("beta = [", "TOML"), ("camera.beta = 3", "beta_deg"),
+    ):  # fmt: skip
+        own.write_text(text)
+        with pytest.raises(ScenarioError, match=message):
+            scenes.load(own)
+
+
+def test_unknown_scenes_are_named(tmp_path):
+    with pytest.raises(ScenarioError, match="did you mean 'quay-day'"):
+        scenes.load("quay-dya")
+    (tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(ScenarioError, match="not a simgrab manifest"):
+        scenes.load(tmp_path / "manifest.json")

@@ -1,0 +1,236 @@
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from conftest import SMALL, small_scene
+
+from simgrab import scenes
+from simgrab.errors import DatasetError, ScenarioError
+from simgrab.records import columns
+from simgrab.world.dataset import render
+from simgrab.world.folder import Folder
+
+
+def digest(path: Path) -> dict[str, str]:
+    """Digest of every file in a folder."""
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    return {str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def options(changes):
+    return [part for key, value in changes.items() for part in ("--set", f"{key}={toml(value)}")]
+
+
+def toml(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
+    return json.dumps(value)
+
+
+def simgrab(*arguments):
+    return [sys.executable, "-m", "simgrab", *map(str, arguments)]
+
+
+def test_layout_and_columns(dataset, scene):
+    table = pq.read_table(dataset / "labels.parquet")
+    assert table.column_names == list(columns())
+    assert table["frame"].to_pylist() == list(range(scene.frames))
+    for field in table.schema:
+        assert set(field.metadata) == {b"unit", b"description"}
+    for row in table.to_pylist():
+        assert (dataset / row["file"]).is_file()
+        assert row["file"].split("/")[1] == row["split"]
+    assert not (dataset / ".partial").exists()
+    known = json.loads((dataset / "manifest.json").read_text())
+    assert known["digest"] == scene.digest()
+    assert known["seed"] == 0
+    text = (dataset / "camera.toml").read_text()
+    assert "beta" not in text
+    assert "tilt" not in text
+
+
+def test_labels_hold_what_the_scenario_set(crooked_dataset):
+    table = pq.read_table(crooked_dataset / "labels.parquet").to_pandas()
+    assert (table.beta_deg == 6.5).all()
+    assert np.allclose(table.roll_deg, -25.0)
+    assert np.allclose(table.tilt_azimuth_deg, 70.0)
+    assert table.alpha_deg.between(0, 30).all()
+    assert table.gamma_deg.between(0, 360).all()
+    assert not np.allclose(table.grab_u_px, table.ideal_u_px)
+
+
+def test_two_workers_give_the_same_bytes(dataset, scene, tmp_path):
+    render(scene, tmp_path / "two", workers=2)
+    assert digest(tmp_path / "two") == digest(dataset)
+
+
+def test_the_manifest_and_the_command_line_give_the_same_bytes(dataset, tmp_path):
+    render(scenes.load(dataset / "manifest.json"), tmp_path / "again")
+    assert digest(tmp_path / "again") == digest(dataset)
+    command = simgrab("render", "quay-day", *options(SMALL), "--out", tmp_path / "cli", "--quiet")
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+    assert digest(tmp_path / "cli") == digest(dataset)
+
+
+def test_a_longer_dataset_begins_with_the_shorter(dataset, scene, tmp_path):
+    render(small_scene(frames=scene.frames + 3), tmp_path / "longer")
+    rows, longer = (pq.read_table(p / "labels.parquet").to_pylist() for p in (dataset, tmp_path / "longer"))
+    assert longer[: scene.frames] == rows
+    assert all((tmp_path / "longer" / r["file"]).read_bytes() == (dataset / r["file"]).read_bytes() for r in rows)
+
+
+def test_another_seed_gives_another_dataset(dataset, tmp_path):
+    render(small_scene(seed=1, frames=1), tmp_path / "other")
+    a, b = (pq.read_table(p / "labels.parquet").to_pylist()[0] for p in (dataset, tmp_path / "other"))
+    assert a["alpha_deg"] != b["alpha_deg"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers):
+    out = tmp_path / "killed"
+    command = simgrab(
+        "render", "quay-day", *options(SMALL), "--out", out, "--quiet", "--resume", "--workers", workers
+    )  # fmt: skip
+    moments = random.Random(workers)
+    rows = out / ".partial" / "rows"
+    for kill_after in (0, 2, 4):
+        process = subprocess.Popen(command, start_new_session=True)
+        while process.poll() is None and len(list(rows.glob("*.json"))) < kill_after + (not rows.exists()):
+            time.sleep(0.005)
+        time.sleep(moments.uniform(0, 0.15))
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    subprocess.run(command, check=True)
+    assert digest(out) == digest(dataset)
+
+
+def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
+    folder = Folder(tmp_path / "half")
+    from simgrab.world.manifest import identity
+
+    folder.open(identity(scene), resume=False)
+    before = digest(folder.path)
+    with pytest.raises(DatasetError, match=r"unfinished.*--resume"):
+        render(scene, folder.path)
+    with pytest.raises(DatasetError, match="seed differs"):
+        render(small_scene(seed=5), folder.path, resume=True)
+    assert digest(folder.path) == before
+
+
+def test_a_finished_folder_is_never_touched(dataset, scene):
+    before = digest(dataset)
+    with pytest.raises(DatasetError, match=r"finished dataset.*--out"):
+        render(scene, dataset)
+    with pytest.raises(DatasetError, match="another dataset"):
+        render(small_scene(seed=5), dataset, resume=True)
+    assert render(scene, dataset, resume=True).made == 0
+    assert digest(dataset) == before
+
+
+def test_foreign_folders_are_refused(scene, tmp_path):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter1.tex").write_text("…")
+    with pytest.raises(DatasetError, match="something else"):
+        render(scene, tmp_path / "thesis")
+    with pytest.raises(DatasetError, match="not a folder"):
+        render(scene, tmp_path / "thesis" / "chapter1.tex")
+    with pytest.raises(DatasetError, match="cannot write"):
+        render(scene, tmp_path / "thesis" / "chapter1.tex" / "below")
+    with pytest.raises(DatasetError, match="cannot write"):
+        render(scene, "/proc/simgrab")
+    assert [p.name for p in tmp_path.rglob("*")] == ["thesis", "chapter1.tex"]
+
+
+def test_a_full_disk_is_told_and_survived(dataset, scene, tmp_path, monkeypatch):
+    real, left = Path.write_bytes, [9]
+
+    def write_bytes(self, data):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(28, "No space left on device")
+        return real(self, data)
+
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
+    with pytest.raises(DatasetError, match=r"no space left.*--resume"):
+        render(scene, tmp_path / "full")
+    monkeypatch.undo()
+    assert render(scene, tmp_path / "full", resume=True).made < scene.frames
+    assert digest(tmp_path / "full") == digest(dataset)
+
+
+def test_two_writers_do_not_share_a_folder(scene, tmp_path):
+    from simgrab.world.manifest import identity
+
+    folder = Folder(tmp_path / "shared")
+    folder.open(identity(scene), resume=False)
+    with folder.lock(), pytest.raises(DatasetError, match="another simgrab"):
+        render(scene, folder.path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"camera.principal_offset_px": [9000.0, 0.0]}, "camera"),
+        ({"swing.rope_length_m": {"dist": "constant", "value": 40.0}}, "swing.rope_length_m"),
+        ({"swing.jaw_deg": {"dist": "constant", "value": 120.0}}, "swing.jaw_deg"),
+        ({"swing.alpha": {"sigma_deg": 30.0, "law": {"dist": "exponential"}}, "frames": 400}, "swing"),
+    ],
+)
+def test_scenes_that_cannot_be_are_refused_before_anything_is_written(changes, key, tmp_path):
+    with pytest.raises(ScenarioError) as caught:
+        render(scenes.load("quay-day", SMALL | changes), tmp_path / "out")
+    assert caught.value.key.startswith(key)
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_workers(scene, tmp_path):
+    with pytest.raises(DatasetError, match="workers"):
+        render(scene, tmp_path / "out", workers=0)
+
+
+def test_a_grab_out_of_the_picture_keeps_its_row(tmp_path):
+    scenario = small_scene(
+        swing__alpha={"sigma_deg": 15.0, "law": {"dist": "choice", "values": [0.0, 1.0]}}, frames=8
+    )  # fmt: skip
+    render(scenario, tmp_path / "out")
+    rows = pq.read_table(tmp_path / "out" / "labels.parquet").to_pylist()
+    partly = [r for r in rows if r["in_frame_fraction"] < 1]
+    assert len(rows) == 8
+    assert partly
+    for row in rows:
+        text = (tmp_path / "out" / "labels" / row["split"] / f"{row['frame']:06d}.txt").read_text()
+        assert bool(text) == (row["visible_fraction"] >= 0.1)
+        assert row["visible_fraction"] <= row["in_frame_fraction"] + 1e-9
+
+
+def test_ids_and_depth_on_demand(tmp_path):
+    import cv2
+
+    render(small_scene(frames=1, image__ids=True, image__depth=True, image__format="png"), tmp_path / "out")
+    row = pq.read_table(tmp_path / "out" / "labels.parquet").to_pylist()[0]
+    stem = f"{row['split']}/000000.png"
+    ids = cv2.imread(str(tmp_path / "out" / "ids" / stem), cv2.IMREAD_UNCHANGED)
+    depth = cv2.imread(str(tmp_path / "out" / "depth" / stem), cv2.IMREAD_UNCHANGED)
+    y, x = np.nonzero(ids == 3)
+    assert [x.min(), y.min(), x.max() + 1, y.max() + 1] == [row[f"box_{k}_px"] for k in ("x0", "y0", "x1", "y1")]
+    assert depth.dtype == np.uint16
+    assert abs(np.median(depth[ids == 3]) / 1000 - row["distance_m"]) < 3
+    assert (tmp_path / "out" / row["file"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_summary(dataset, scene):
+    summary = render(scene, dataset, resume=True)
+    assert summary.frames == sum(summary.splits.values()) == scene.frames
+    assert summary.labelled == scene.frames
+    assert 0 < summary.alpha_rms_deg <= summary.alpha_max_deg
