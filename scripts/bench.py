@@ -43,10 +43,8 @@ def render(pairs: int, memory_frames: int) -> None:
                 ratios.append((ours / bare, ours, bare))
         ratio, ours, bare = np.median(ratios, axis=0)
         low, high = np.percentile([r[0] for r in ratios], [10, 90])
-        print(
-            f"finished labelled frame {ours * 1e3:.0f} ms, bare rgb + segmentation {bare * 1e3:.0f} ms (medians of {pairs})"
-        )
-        print(f"ratio {ratio:.2f} (10–90 %: {low:.2f}–{high:.2f})")
+        print(f"finished labelled frame {ours * 1e3:.0f} ms, bare rgb + segmentation {bare * 1e3:.0f} ms")
+        print(f"ratio {ratio:.2f} (median of {pairs} pairs; 10–90 %: {low:.2f}–{high:.2f})")
         _close_bare()
         if memory_frames:
             _memory(studio, folder, memory_frames)

@@ -1,0 +1,140 @@
+"""Places: solid, finite, on the ground, wide enough, and the same from the same stream."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from simgrab.rng import stream
+from simgrab.scenario import Hold, Quay, Water
+from simgrab.world.places import REACH, Place, build
+
+HEIGHT = 28.0
+OPTIONS: dict[str, Quay | Hold | Water] = {
+    "quay, coal, hopper": Quay(),
+    "quay, ore, truck, no pile": Quay(cargo="ore", receiver="truck", pile_height_m=0.0, wear=1.0),
+    "quay, grain, high pile": Quay(cargo="grain", receiver="none", pile_height_m=5.0, wear=0.0),
+    "hold, coal, full": Hold(fill=1.0, depth_m=12.0),
+    "hold, ore, empty": Hold(cargo="ore", fill=0.0, depth_m=18.0, wear=1.0),
+    "water, rough": Water(freeboard_m=8.0, quay_height_m=6.0, chop=1.0),
+}
+GROUND = ("apron", "water", "deck 0", "deck 1", "deck 2", "deck 3", "deck 4", "hull", "tank top", "quay wall")
+STANDING = {  # what stands on the quay: parts of which every solid, or the lowest one, must touch the slabs
+    "every": ("cones", "barrels", "pallet", "loader tyres", "truck tyres", "tarpaulin", "pile"),
+    "lowest": ("hopper frame", "hopper walkway", "hopper conveyor", "loader bucket", "skip", "bollards", "kerb"),
+}
+_BUILT: dict[str, Place] = {}
+
+
+def place(name: str) -> Place:
+    if name not in _BUILT:
+        _BUILT[name] = build(OPTIONS[name], head_height=HEIGHT, rng=stream(0, 0, "place"))
+    return _BUILT[name]
+
+
+def bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Low and high corners of the boxes around the connected solids of a mesh, each (N, 3)."""
+    label = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
+    corners, key = mesh.triangles.reshape(-1, 3), label.repeat(3)
+    low, high = (np.full((label.max() + 1, 3), v) for v in (np.inf, -np.inf))
+    np.minimum.at(low, key, corners)
+    np.maximum.at(high, key, corners)
+    return low, high
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_parts_are_closed_finite_and_named_once(name: str) -> None:
+    parts = place(name).parts
+    assert len({p.name for p in parts}) == len(parts)
+    for part in parts:
+        assert np.isfinite(part.mesh.vertices).all(), part.name
+        assert part.mesh.is_watertight, part.name
+        assert part.mesh.is_winding_consistent, part.name
+        assert part.mesh.volume > 0, part.name
+        if part.uv is not None:
+            assert part.uv.shape == (len(part.mesh.vertices), 2), part.name
+            assert np.isfinite(part.uv).all(), part.name
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_a_place_stays_within_its_budget(name: str) -> None:
+    parts = place(name).parts
+    materials = {p.material.name: p.material for p in parts}
+    assert sum(len(p.mesh.faces) for p in parts) < 120_000
+    assert len(materials) <= 60
+    assert sum(m.texture.nbytes for m in materials.values() if m.texture is not None) < 115e6
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_no_vertex_within_reach_is_above_top_z(name: str) -> None:
+    built = place(name)
+    vertices = np.concatenate([p.mesh.vertices for p in built.parts])
+    near = vertices[np.linalg.norm(vertices[:, :2], axis=1) < REACH]
+    assert near[:, 2].max() <= built.top_z + 1e-9
+    assert built.top_z < -8.0  # a grab on a short rope hangs clear
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_the_world_has_no_edge_within_70_m(name: str) -> None:
+    corners = np.concatenate([p.mesh.triangles[:, :, :2] for p in place(name).parts])
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    broad = (high - low).min(axis=1) > 0.05
+    corners, low, high = corners[broad], low[broad], high[broad]
+    radius, angle = np.meshgrid([0.0, 11.0, 23.0, 36.0, 49.0, 60.0, 70.0], np.arange(0, 2 * np.pi, 0.21))
+    for spot in np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1).reshape(-1, 2) + 0.0137:
+        a, b, c = (corners[((low <= spot) & (spot <= high)).all(axis=1)][:, i] - spot for i in range(3))
+        turn = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((a, b), (b, c), (c, a))])
+        assert ((turn >= 0).all(axis=0) | (turn <= 0).all(axis=0)).any(), spot
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_nothing_floats(name: str) -> None:
+    """Every solid is joined to the ground by a chain of solids whose boxes touch within a centimetre."""
+    parts = place(name).parts
+    boxes = [bodies(p.mesh) for p in parts]
+    low, high = (np.concatenate([b[i] for b in boxes]) for i in (0, 1))
+    owner = np.repeat(np.arange(len(parts)), [len(b[0]) for b in boxes])
+    held = np.array([p.name.startswith(GROUND) for p in parts])[owner]
+    new = held.copy()
+    while new.any():
+        touched = np.zeros_like(held)
+        for k in np.flatnonzero(new):
+            touched |= ((low <= high[k] + 0.01) & (high >= low[k] - 0.01)).all(axis=1)
+        new = touched & ~held
+        held |= new
+    assert not [(parts[owner[k]].name, *low[k].round(2), *high[k].round(2)) for k in np.flatnonzero(~held)[:6]]
+
+
+@pytest.mark.parametrize("name", [n for n in OPTIONS if n.startswith("quay")])
+def test_what_stands_on_the_quay_touches_it(name: str) -> None:
+    for part in place(name).parts:
+        foot = bodies(part.mesh)[0][:, 2] + HEIGHT
+        if part.name in STANDING["every"]:
+            feet = foot if part.name not in ("cones", "pallet") else np.sort(foot)[: len(foot) // 3]
+            assert (feet <= 0.01).all(), part.name
+            assert (feet >= -0.6).all(), part.name
+        elif part.name in STANDING["lowest"]:
+            assert foot.min() <= 0.01, part.name
+
+
+def test_the_same_stream_gives_the_same_place_and_another_seed_another() -> None:
+    option = OPTIONS["water, rough"]
+    first = place("water, rough").parts
+    again = build(option, head_height=HEIGHT, rng=stream(0, 0, "place")).parts
+    other = build(option, head_height=HEIGHT, rng=stream(1, 0, "place")).parts
+    assert [p.name for p in first] == [p.name for p in again]
+    for a, b in zip(first, again, strict=True):
+        assert np.array_equal(a.mesh.vertices, b.mesh.vertices)
+        assert a.material.texture is None or np.array_equal(a.material.texture, b.material.texture)
+    lines = [next(p for p in parts if p.name == "mooring lines").mesh.vertices for parts in (first, other)]
+    assert not np.array_equal(*lines)
+
+
+def test_the_head_height_moves_the_place_and_changes_nothing_else() -> None:
+    low = place("water, rough")
+    high = build(OPTIONS["water, rough"], head_height=HEIGHT + 7.0, rng=stream(0, 0, "place"))
+    assert high.top_z == pytest.approx(low.top_z - 7.0)
+    for a, b in zip(low.parts, high.parts, strict=True):
+        np.testing.assert_allclose(a.mesh.vertices - [0, 0, 7.0], b.mesh.vertices, atol=1e-9)
