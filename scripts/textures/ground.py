@@ -83,7 +83,7 @@ def ore(rng: np.random.Generator) -> Image:
 def grain(rng: np.random.Generator) -> Image:
     """Maize or wheat: fine, pale, dusty, with streaks of chaff."""
     light = bulk(rng, [(60000, 0.5)], fines=2.0)
-    picture = ramp(light, [(0, (114, 94, 64)), (0.5, (163, 140, 101)), (1, (200, 180, 142))])
+    picture = ramp(light, [(0, (110, 94, 68)), (0.5, (158, 140, 108)), (1, (195, 180, 148))])
     chaff = 0.6 * fractal(SIZE, rng, slope=1.8, low=6) + 0.4 * fractal(SIZE, rng, slope=2.6, low=3)
     return picture * (0.90 + 0.20 * chaff)[..., None] + (np.clip(chaff - 0.7, 0, 1) * 40)[..., None]
 

@@ -131,7 +131,7 @@ class Canvas:
                 line = np.round(self.pixels(points + side * (offset + shift), 1 / COARSE) * 16).astype(np.int32)
                 thick = max(1, round(weight * self.per_m / COARSE))
                 cv2.polylines(mask, [line], False, 255 if weight < width else 150, thick, cv2.LINE_AA, 4)
-        broken = 0.35 + 0.65 * cloud(mask.shape, self._rng, cells=14, octaves=2)
+        broken = cv2.resize(0.35 + 0.65 * cloud((512, 512), self._rng, cells=14, octaves=2), mask.shape)
         self._dirt += cv2.GaussianBlur(mask, (0, 0), 1.2).astype(np.float32) * (depth / 255) * broken
 
     def blot(self, at: ArrayLike, radius: float, depth: float) -> None:
@@ -143,8 +143,8 @@ class Canvas:
         outline = np.asarray(at) + radius * np.clip(reach, 0.3, 2)[:, None] * np.stack(
             [np.cos(angle), np.sin(angle)], 1
         )
-        self.grime(outline, 0.65 * depth, blur=0.12 * radius)
-        self.grime(np.asarray(at) + 0.7 * (outline - np.asarray(at)), 0.5 * depth, blur=0.2 * radius)
+        self.grime(outline, 0.65 * depth, blur=0.07 * radius)
+        self.grime(np.asarray(at) + 0.7 * (outline - np.asarray(at)), 0.5 * depth, blur=0.14 * radius)
 
     def mottle(self, depth: float) -> None:
         """Darken everything unevenly: dust and damp at the scale of metres, up to an optical depth."""

@@ -28,7 +28,7 @@ def cover(length: float, width: float) -> trimesh.Trimesh:
     for x in (-0.42 * length, 0.42 * length):
         for s in (-1, 1):
             solids.append(
-                shapes.bar((x, s * (width / 2 + 0.02), 0.18), (x, s * (width / 2 + 0.20), 0.18), 0.18, sides=12)
+                shapes.bar((x, s * (width / 2 - 0.02), 0.18), (x, s * (width / 2 + 0.20), 0.18), 0.18, sides=12)
             )
     return shapes.join(solids)
 

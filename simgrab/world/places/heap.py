@@ -1,4 +1,4 @@
-"""Heaps of bulk cargo as height fields that nowhere stand steeper than the cargo lies."""
+"""Heaps of bulk cargo as height fields that stand about as steep as the cargo lies."""
 
 from __future__ import annotations
 
@@ -40,27 +40,36 @@ CARGOES = {
 }
 
 
-def cones(x: Field, y: Field, tops: NDArray[np.float64], slope: float) -> Field:
-    """Upper hull of cones: ``tops`` (N, 3) in metres, ``slope`` = tan of the angle of repose."""
+def warped(x: Field, y: Field, rng: np.random.Generator) -> tuple[Field, Field]:
+    """Grid points (len(x), len(y)) shifted by smooth noise, so that cones lose their perfect circles."""
     gx, gy = np.meshgrid(x, y, indexing="ij")
+    step = float(x[1] - x[0])
+    for grid in (gx, gy):
+        for width, reach in ((1.8, 0.32), (0.7, 0.07)):
+            noise = gaussian_filter(rng.standard_normal(grid.shape), width / step, mode="reflect")
+            grid += reach * noise / noise.std()
+    return gx, gy
+
+
+def cones(gx: Field, gy: Field, tops: NDArray[np.float64], slope: float) -> Field:
+    """Upper hull of cones: ``tops`` (N, 3) in metres, ``slope`` = tan of the angle of repose."""
     field = np.full(gx.shape, -np.inf)
-    for tx, ty, tz in tops:
-        field = np.maximum(field, tz - slope * np.hypot(gx - tx, gy - ty))
+    for x, y, z in tops:
+        field = np.maximum(field, z - slope * np.hypot(gx - x, gy - y))
     return field
 
 
-def dug(x: Field, y: Field, field: Field, pits: NDArray[np.float64], slope: float) -> Field:
+def dug(gx: Field, gy: Field, field: Field, pits: NDArray[np.float64], slope: float) -> Field:
     """Cut craters into a field: each pit (x, y, floor z, floor radius) leaves walls at the angle of repose."""
-    gx, gy = np.meshgrid(x, y, indexing="ij")
-    for px, py, pz, radius in pits:
-        field = np.minimum(field, pz + slope * np.maximum(np.hypot(gx - px, gy - py) - radius, 0.0))
+    for x, y, z, radius in pits:
+        field = np.minimum(field, z + slope * np.maximum(np.hypot(gx - x, gy - y) - radius, 0.0))
     return field
 
 
 def roughened(field: Field, step: float, rough: float, rng: np.random.Generator) -> Field:
     """Add what pouring and sliding leave: lumps of a few decimetres and broad waves; ``step`` is the grid, metres."""
     noise = np.zeros_like(field)
-    for width, weight in ((0.18, 0.6), (0.45, 1.0), (1.3, 1.6)):
+    for width, weight in ((0.2, 0.35), (0.45, 0.9), (1.3, 1.6)):
         layer = gaussian_filter(rng.standard_normal(field.shape), width / step, mode="reflect")
         noise += weight * layer / max(float(layer.std()), 1e-9)
     return gaussian_filter(field, 0.12 / step) + rough * noise
@@ -89,12 +98,13 @@ def pile(x: Field, y: Field, height: float, cargo: Cargo, *, spread: float, rng:
     count = 6
     along = np.linspace(-0.5, 0.5, count) * spread + rng.normal(0, 0.08 * spread, count)
     tall = height * (1 - 0.45 * np.abs(np.linspace(-1, 1, count)) ** 1.5) * rng.uniform(0.82, 1.0, count)
-    tall *= height / tall.max()
+    tall *= height / max(tall.max(), 1e-9)
     tops = np.stack([along, rng.normal(0, 0.12 * height, count), tall], 1)
-    field = cones(x, y, tops, slope)
-    bite = np.array([[rng.uniform(-0.3, 0.3) * spread, rng.choice([-1, 1]) * 0.9 * height, 0.25 * height, 0.6]])
-    field = np.where(field > 0, np.maximum(dug(x, y, field, bite, slope), 0.05), field)
+    gx, gy = warped(x, y, rng)
+    field = cones(gx, gy, tops, slope)
+    bite = np.array([[rng.uniform(-0.3, 0.3) * spread, rng.choice([-1, 1]) * 0.9 * height, 0.3 * height, 0.9]])
+    field = np.where(field > 0, np.maximum(dug(gx, gy, field, bite, slope), 0.05), field)
     rim = np.exp(-np.maximum(field, 0) / 0.25)
     ragged = gaussian_filter(rng.standard_normal(field.shape), 4)
-    field = field + 0.16 * rim * ragged / ragged.std()
+    field = field + 0.10 * rim * ragged / ragged.std()
     return roughened(field, float(x[1] - x[0]), cargo.rough, rng)

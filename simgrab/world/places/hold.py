@@ -10,7 +10,7 @@ from simgrab.scenario import Hold
 from simgrab.world.meshes.part import Material, Part
 from simgrab.world.places import apron, materials, sea, shapes, ship
 from simgrab.world.places.canvas import Canvas, Picture
-from simgrab.world.places.heap import CARGOES, Cargo, Field, cones, dug, roughened
+from simgrab.world.places.heap import CARGOES, Cargo, Field, cones, dug, roughened, warped
 from simgrab.world.textures import load
 
 LENGTH, BREADTH = 26.0, 31.6  # of the hold, metres
@@ -57,7 +57,7 @@ def _shaded(
     rows, columns = 1024, 1024
     plates = load(texture).astype(np.float32) / 0.68 * np.array(tint, np.float32)
     down = np.linspace(0, 1, rows)[:, None]
-    light = 1.0 - 0.35 * down
+    light = 1.15 - 0.35 * down
     dust = np.asarray(load(cargo.texture).reshape(-1, 3).mean(axis=0), np.float32)
     blotch = cv2.resize(rng.random((24, 40), dtype=np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
     cover = np.clip((down - (1 - soiled)) * 5 + 1.6 * (blotch - 0.5), 0, 1) * 0.65 + 0.15 * blotch
@@ -68,7 +68,7 @@ def _shaded(
 def _walls(depth: float, place: Hold, rng: np.random.Generator) -> list[Part]:
     """Corrugated bulkheads on stools, ship's sides with frames, wing tanks above and below, ladders."""
     half_l, half_b, floor = LENGTH / 2, BREADTH / 2, -depth
-    tint = ((0.40, 0.37, 0.34), (0.38, 0.29, 0.25), (0.36, 0.38, 0.36))[int(rng.integers(3))]
+    tint = ((0.40, 0.38, 0.35), (0.38, 0.30, 0.26), (0.36, 0.36, 0.33))[int(rng.integers(3))]
     picture = _shaded("hullplate", tint, rng, soiled=0.25 + 0.6 * place.fill, cargo=CARGOES[place.cargo])
     plate = Material("hold plating", texture=picture, specular=0.02)
     bulkheads, sides, frames = [], [], []
@@ -101,9 +101,9 @@ def _walls(depth: float, place: Hold, rng: np.random.Generator) -> list[Part]:
             rungs += [shapes.bar((at, y + d, z), (s * (half_l + 0.2), y + d, z), 0.02, sides=5) for d in (-0.22, 0.22)]
         rungs.append(shapes.box((at - 0.05, y + 0.3, floor + 7.0), (s * (half_l + 0.3), y + 1.4, floor + 7.06)))
     return [
-        _hung("bulkheads", shapes.join(bulkheads), plate, floor),
-        _hung("hold sides", shapes.join(sides), plate, floor),
-        _hung("side frames", shapes.join(frames), plate, floor),
+        _hung("bulkheads", shapes.join(bulkheads), plate, floor, 1),
+        _hung("hold sides", shapes.join(sides), plate, floor, 0),
+        _hung("side frames", shapes.join(frames), plate, floor, 0),
         Part("hold ladders", shapes.join(rungs), materials.rusty("ladder rust")),
     ]
 
@@ -124,10 +124,10 @@ def _corrugated(x: float, low: float, high: float) -> trimesh.Trimesh:
     return shapes.prism([*line, *back], low, high)
 
 
-def _hung(name: str, mesh: trimesh.Trimesh, material: Material, floor: float) -> Part:
-    """Give a wall its picture: once over the depth of the hold, repeating every 9 m along."""
+def _hung(name: str, mesh: trimesh.Trimesh, material: Material, floor: float, along: int) -> Part:
+    """Give a wall its picture: once over the depth of the hold, repeating every 9 m along an axis."""
     v = mesh.vertices
-    u = (v[:, 0] + v[:, 1]) / 9.0
+    u = v[:, along] / 9.0
     uv = np.stack([u, 0.002 + 0.996 * np.clip((v[:, 2] - floor) / -floor, 0, 1)], 1)
     return Part(name, mesh, material, uv)
 
@@ -152,6 +152,7 @@ def heap(place: Hold, cargo: Cargo, depth: float, x: Field, y: Field, rng: np.ra
     """
     slope = float(np.tan(cargo.repose))
     level = place.fill * (depth - 2.2)
+    gx, gy = warped(x, y, rng)
     angle = rng.uniform(0, 2 * np.pi, 22)
     tops = np.stack(
         [
@@ -164,13 +165,13 @@ def heap(place: Hold, cargo: Cargo, depth: float, x: Field, y: Field, rng: np.ra
     inner = np.column_stack(
         [rng.uniform(-9, 9, 9), rng.uniform(-9, 9, 9), np.minimum(level + rng.normal(0.0, 0.7, 9), depth - 1.9)]
     )
-    field = cones(x, y, np.vstack([tops, inner]), slope)
+    field = cones(gx, gy, np.vstack([tops, inner]), slope)
     field = np.maximum(field, level - rng.uniform(0.8, 1.4) if level > 1.5 else -0.4)
     pits = [
-        [rng.uniform(-5.5, 5.5), rng.uniform(-5, 5), max(level - rng.uniform(0.8, 3.2), -0.5), rng.uniform(0.6, 1.8)]
+        [rng.uniform(-5.5, 5.5), rng.uniform(-5, 5), max(level - rng.uniform(0.8, 3.2), -0.5), rng.uniform(1.4, 2.6)]
         for _ in range(6)
     ]
-    field = dug(x, y, field, np.array(pits), slope)
+    field = dug(gx, gy, field, np.array(pits), 0.8 * slope)
     return np.maximum(roughened(field, float(x[1] - x[0]), cargo.rough * 1.5, rng), -0.3)
 
 
@@ -199,7 +200,8 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
         )
     for _ in range(24):
         canvas.blot(rng.uniform(-12, 12, 2), float(rng.uniform(0.3, 1.6)), float(rng.uniform(0.1, 0.35)))
-    picture = canvas.finish(load(cargo.texture), 1024 / cargo.tile_m)
+    # The eye of the camera opens to the hold; the renderer knows no light between walls.
+    picture = cv2.convertScaleAbs(canvas.finish(load(cargo.texture), 1024 / cargo.tile_m), alpha=1.45)
     dim = 1.0 - 0.22 * (1 - place.fill)  # less sky reaches the bottom of an empty hold
     material = Material("hold bottom", rgba=(dim, dim, dim, 1.0), texture=picture, specular=0.02)
     floor = shapes.box((-half_l, -half_b, -depth - 0.3), (half_l, half_b, -depth))

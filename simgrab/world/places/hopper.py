@@ -13,7 +13,7 @@ from simgrab.world.textures import load
 HALF = 3.2  # half width of the mouth, metres
 RIM = 7.8
 NECK = 3.4
-PAINTS = ((0.38, 0.35, 0.24), (0.29, 0.33, 0.36), (0.27, 0.32, 0.29), (0.36, 0.35, 0.33))
+PAINTS = ((0.38, 0.35, 0.24), (0.29, 0.33, 0.36), (0.29, 0.32, 0.30), (0.36, 0.35, 0.33))
 
 
 def footprints() -> list[list[tuple[float, float]]]:
@@ -163,7 +163,7 @@ def _rails() -> list[trimesh.Trimesh]:
     solids = [shapes.railing([(-out, -out, 6.49), (-out, -out - 0.88, 6.49), (out, -out - 0.88, 6.49)], spacing=1.2)]
     for z in np.arange(2.6, 7.4, 0.8):
         angle = np.linspace(-np.pi / 2, np.pi / 2, 7)
-        hoop = [(out + 0.35 + 0.65 * np.cos(a), -out - 0.45 + 0.35 * np.sin(a), z) for a in angle]
+        hoop = [(out + 0.35 + 0.65 * np.cos(a), -out - 0.45 + 0.24 * np.sin(a), z) for a in angle]
         solids.append(shapes.pipe(hoop, 0.02, sides=5))
     return solids
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from simgrab.scenario import Quay
@@ -11,7 +13,6 @@ from simgrab.world.places.canvas import cloud
 from simgrab.world.places.heap import CARGOES, Cargo, Field, pile
 from simgrab.world.textures import load
 
-GRID = (np.linspace(-11.0, 11.0, 157), np.linspace(-8.6, 8.6, 124))  # the pile's, metres about its middle
 LANE = 5.25  # from the seaward rail to the middle of the lane between the rails, metres
 
 
@@ -22,17 +23,16 @@ def quay(place: Quay, *, head_height: float, rng: np.random.Generator) -> list[P
     site = apron.apron(edge_y, pixels=4096, wear=place.wear, rng=rng)
     canvas = site.canvas
     water_z = -float(rng.uniform(2.6, 3.8))
-    heap_at = (float(rng.uniform(-1.5, 1.5)), 2.6 + place.pile_height_m * float(rng.uniform(0.85, 1.15)))
-    field = _pile_field(place, cargo, rng)
+    heap = _heap(place, cargo, site.rails_y[1], rng)
     parts = [
         *_receiver(place, site, cargo, rng),
-        *_clutter(site, _spread(place) / 2 + place.pile_height_m * 1.35, rng),
+        *_clutter(site, heap.x[-1] - 1.5, rng),
         *_trench(site),
     ]
-    _strew(site, place, field, heap_at, rng)
+    _strew(site, place, heap, rng)
     surface = Material("apron", texture=canvas.finish(load(cargo.texture), 1024 / cargo.tile_m), specular=0.0)
     if place.pile_height_m > 0:
-        mesh = shapes.sheet(heap_at[0] + GRID[0], heap_at[1] + GRID[1], field, bottom=-0.4)
+        mesh = shapes.sheet(heap.x, heap.y, heap.field, bottom=-0.4)
         parts.append(Part("pile", mesh, surface, canvas.uv(mesh.vertices)))
     parts += [*apron.ground(site, surface), *apron.edge(site, water_z, float(rng.uniform(-3, 3)))]
     style = ship.looks(rng)
@@ -51,36 +51,44 @@ def quay(place: Quay, *, head_height: float, rng: np.random.Generator) -> list[P
     return [p.moved(shapes.pose(0, 0, -head_height, yaw)) for p in parts]
 
 
-def _spread(place: Quay) -> float:
-    """Length of the pile's ridge, metres."""
-    return 1.2 + 0.8 * place.pile_height_m
+@dataclass(frozen=True)
+class _Heap:
+    """The pile: its middle, the reach of its foot beside the ridge, its grid and heights; metres, quay frame."""
+
+    at: tuple[float, float]
+    foot: float
+    x: Field
+    y: Field
+    field: Field
 
 
-def _pile_field(place: Quay, cargo: Cargo, rng: np.random.Generator) -> Field:
-    field = pile(GRID[0], GRID[1], place.pile_height_m, cargo, spread=_spread(place), rng=rng)
-    return np.maximum(field, -0.25)
+def _heap(place: Quay, cargo: Cargo, rail_y: float, rng: np.random.Generator) -> _Heap:
+    """Pour the pile clear of the landward rail."""
+    foot = place.pile_height_m / float(np.tan(cargo.repose))
+    spread = 1.2 + 0.8 * place.pile_height_m
+    reach = (foot + spread / 2 + 1.5, foot + 1.5)
+    step = max(0.14, reach[0] / 80)
+    x, y = (np.linspace(-r, r, round(2 * r / step) + 1) for r in reach)
+    field = np.maximum(pile(x, y, place.pile_height_m, cargo, spread=spread, rng=rng), -0.25)
+    at = (float(rng.uniform(-1.2, 1.2)), rail_y + 2.6 + foot + float(rng.uniform(0.0, 1.2)))
+    return _Heap(at, foot, at[0] + x, at[1] + y, field)
 
 
-def _strew(
-    site: apron.Apron, place: Quay, field: Field, heap_at: tuple[float, float], rng: np.random.Generator
-) -> None:
+def _strew(site: apron.Apron, place: Quay, heap: _Heap, rng: np.random.Generator) -> None:
     """Lay cargo on the ground: solid under the pile, thinning out in a skirt, and a trail to the receiver."""
     canvas, rails_y = site.canvas, site.rails_y
     receiver_y = rails_y[0] + LANE
-    low = np.array(heap_at) + (GRID[0][0], GRID[1][0])
-    high = np.array(heap_at) + (GRID[0][-1], GRID[1][-1])
     if place.pile_height_m > 0:
-        canvas.spill(np.clip((field + 0.25) / 0.27, 0, 1.4)[:, ::-1].T, low, high)
+        cover = np.clip((heap.field + 0.25) / 0.27, 0, 1.4)[:, ::-1].T
+        canvas.spill(cover, (heap.x[0], heap.y[0]), (heap.x[-1], heap.y[-1]))
     n = 512
     half = apron.SIZE / 2
     y, x = np.meshgrid(np.linspace(half, -half, n), np.linspace(-half, half, n), indexing="ij")
     patchy = cloud((n, n), rng, cells=16, octaves=4)
-    out = np.hypot((x - heap_at[0]) / 1.5, y - heap_at[1])
-    skirt = (
-        np.exp(-np.maximum(out - 1.25 * place.pile_height_m, 0) / 1.6) if place.pile_height_m > 0 else np.zeros((n, n))
-    )
-    along = np.clip((y - receiver_y) / (heap_at[1] - receiver_y), 0, 1)
-    trail = 0.75 * np.exp(-(((x - heap_at[0] * along) / 1.5) ** 2)) * (y < heap_at[1]) * (y > receiver_y - 3)
+    out = np.hypot((x - heap.at[0]) / 1.4, y - heap.at[1])
+    skirt = np.exp(-np.maximum(out - heap.foot, 0) / 1.6) * (place.pile_height_m > 0)
+    along = np.clip((y - receiver_y) / (heap.at[1] - receiver_y), 0, 1)
+    trail = 0.75 * np.exp(-(((x - heap.at[0] * along) / 1.5) ** 2)) * (y < heap.at[1]) * (y > receiver_y - 3)
     drift = np.zeros((n, n))
     for rail in rails_y:
         drift = drift + 0.5 * np.exp(-(((y - rail) / 0.35) ** 2))
@@ -144,7 +152,7 @@ def _clutter(site: apron.Apron, pile_end: float, rng: np.random.Generator) -> li
     cx, cy = -side * (pile_end + float(rng.uniform(2.0, 4.0))), float(rng.uniform(9.5, 12.5))
     drums = [(cx + 3.2, cy - 1.0), (cx + 3.9, cy - 0.8), (cx + 3.4, cy - 0.3)][: int(rng.integers(2, 4))]
     lane = site.rails_y[1] + 2.0
-    tapers = [(-side * 6.0 + float(rng.normal(0, 0.1)), lane + 1.6 * i) for i in range(4)]
+    tapers = [(-side * (pile_end + 0.8) + float(rng.normal(0, 0.1)), lane + 1.6 * i) for i in range(4)]
     for at, size in (((cx, cy), 1.3), *((d, 0.3) for d in drums), *((c, 0.2) for c in tapers)):
         square = [(at[0] + size * i, at[1] + size * j) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         canvas.grime(square, 0.6, blur=0.15 * size + 0.08)

@@ -14,13 +14,22 @@ Vector = NDArray[np.float64]
 
 
 def box(low: ArrayLike, high: ArrayLike) -> trimesh.Trimesh:
-    """Return the axis-aligned box between two corners, metres."""
-    return trimesh.creation.box(bounds=np.sort(np.array([low, high], float), axis=0))
+    """Return the axis-aligned box between two opposite corners, metres."""
+    x, y, z = np.sort(np.array([low, high], float), axis=0).T
+    return loft([[[x[0], y[0], h], [x[1], y[0], h], [x[1], y[1], h], [x[0], y[1], h]] for h in z])
 
 
 def bar(start: ArrayLike, end: ArrayLike, radius: float, *, sides: int = 8) -> trimesh.Trimesh:
     """Return a round bar (capped tube of ``sides`` facets) between two points, metres."""
-    return trimesh.creation.cylinder(radius, segment=np.array([start, end], float), sections=sides)
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    along = (end - start) / np.linalg.norm(end - start)
+    aside = np.array([0.0, -along[2], along[1]] if abs(along[0]) < 0.9 else [along[2], 0.0, -along[0]])
+    aside /= np.linalg.norm(aside)
+    up = np.array([along[1] * aside[2] - along[2] * aside[1], along[2] * aside[0] - along[0] * aside[2],
+                   along[0] * aside[1] - along[1] * aside[0]])  # fmt: skip
+    angle = (np.arange(sides) + 0.5) * (2 * np.pi / sides)
+    ring = radius * (np.cos(angle)[:, None] * aside + np.sin(angle)[:, None] * up)
+    return loft([start + ring, end + ring])
 
 
 def beam(start: ArrayLike, end: ArrayLike, width: float, height: float) -> trimesh.Trimesh:

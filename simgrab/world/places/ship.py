@@ -105,8 +105,8 @@ def _scatter(canvas: Canvas, wear: float, rng: np.random.Generator) -> None:
     canvas.spill(cover, (-24, -24), (24, 24))
 
 
-def coaming(x: float, *, is_open: bool) -> trimesh.Trimesh:
-    """Hatch coaming about (x, 0) with flange, stiffener and brackets; open ones reach below the deck."""
+def coaming(*, is_open: bool) -> trimesh.Trimesh:
+    """Hatch coaming about the origin with flange, stiffener and brackets; an open one reaches below the deck."""
     foot = -1.3 if is_open else -0.02
     solids = [
         shapes.prism(ring(0.03).difference(ring(0.0)), foot, COAMING),
@@ -132,36 +132,33 @@ def coaming(x: float, *, is_open: bool) -> trimesh.Trimesh:
         if shapely.Point(middle + out).within(ring(0.03)):
             out = -out
         solids.append(shapes.placed(plate, float(middle[0]), float(middle[1]), yaw=float(np.arctan2(out[1], out[0]))))
-    mesh = shapes.join(solids)
-    mesh.apply_translation((x, 0, 0))
-    return mesh
+    return shapes.join(solids)
 
 
 def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[Part]:
     """Coamings, covers, pipes, bitts, winches, ventilators and rails on the deck."""
     covers = []
+    panel = fittings.cover(HATCH[0] + 0.6, HATCH[1] / 2 + 0.28)
     for x in (-PITCH, PITCH) if is_open else (-PITCH, 0.0, PITCH):
         for s in (-1, 1):
-            covers.append(
-                shapes.placed(
-                    fittings.cover(HATCH[0] + 0.6, HATCH[1] / 2 + 0.28), x, s * (HATCH[1] / 4 + 0.15), COAMING + 0.05
-                )
-            )
+            covers.append(shapes.placed(panel, x, s * (HATCH[1] / 4 + 0.15), COAMING + 0.05))
     stand = HATCH[0] / 2 + 1.75
     if is_open:
         covers += [shapes.placed(fittings.folded(HATCH[1] + 0.5), s * stand, 0, 0.0) for s in (-1, 1)]
-    coamings = shapes.join([coaming(x, is_open=is_open and x == 0.0) for x in (-PITCH, 0.0, PITCH)])
+    closed = coaming(is_open=False)
+    middle = coaming(is_open=True) if is_open else closed
+    coamings = shapes.join([shapes.placed(closed, -PITCH, 0), middle, shapes.placed(closed, PITCH, 0)])
     frames, coils = [], []
     for s in (-1, 1):
         frame, coil = fittings.winch()
-        at = (s * PITCH / 2 + 0.2, float(rng.uniform(10.4, 11.2)) * float(rng.choice([-1, 1])))
+        at = (s * PITCH / 2 + 0.2, float(rng.uniform(10.0, 10.3)) * float(rng.choice([-1, 1])))
         frames.append(shapes.placed(frame, *at, yaw=np.pi / 2))
         coils.append(shapes.placed(coil, *at, yaw=np.pi / 2))
     small = []
-    for x in (-21.0, -12.6, -4.0, 5.5, 13.4, 22.0):
+    for x in (-22.0, -18.2, -8.5, -3.0, 5.5, 9.5, 18.4, 22.0):
         for s in (-1, 1):
             kind = (fittings.bitts, fittings.ventilator, fittings.manhole, fittings.access_hatch)[int(rng.integers(4))]
-            y = {"bitts": 14.9, "ventilator": 13.3, "manhole": 10.2, "access_hatch": 9.9}[kind.__name__]
+            y = {"bitts": 14.0, "ventilator": 14.7, "manhole": 10.2, "access_hatch": 9.9}[kind.__name__]
             small.append(shapes.placed(kind(), x + float(rng.uniform(-0.8, 0.8)), s * y))
     rails = [
         shapes.railing([(-40, s * (HALF_BEAM - 0.15), 0), (40, s * (HALF_BEAM - 0.15), 0)], spacing=1.6)

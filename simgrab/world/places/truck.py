@@ -7,7 +7,7 @@ import trimesh
 
 from simgrab.world.meshes.part import Material, Part
 from simgrab.world.places import materials, shapes
-from simgrab.world.places.heap import Cargo, cones, roughened
+from simgrab.world.places.heap import Cargo, cones, roughened, warped
 from simgrab.world.textures import load
 
 PAINTS = ((0.40, 0.16, 0.13), (0.20, 0.29, 0.40), (0.56, 0.55, 0.52), (0.24, 0.34, 0.26), (0.52, 0.39, 0.16))
@@ -131,6 +131,7 @@ def _chassis() -> list[trimesh.Trimesh]:
     solids += [shapes.box((-4.2, s * 0.5 - 0.05, 0.5), (-3.95, s * 0.5 + 0.05, 1.0)) for s in (-1, 1)]
     solids.append(shapes.bar((0.2, 0.95, 0.80), (1.4, 0.95, 0.80), 0.30, sides=14))  # fuel tank
     solids += [shapes.bar((0.3, -0.95, z), (1.5, -0.95, z), 0.13) for z in (0.72, 0.98)]  # air tanks
+    solids += [shapes.box((x, s * 0.4, 0.78), (x + 0.08, s * 0.95, 0.86)) for x in (0.5, 1.2) for s in (-1, 1)]
     solids.append(shapes.bar((1.78, -1.0, 0.8), (1.78, -1.0, 3.15), 0.07))  # exhaust
     for side in (-1, 1):
         for x in AXLES[1:]:
@@ -148,7 +149,7 @@ def _chassis() -> list[trimesh.Trimesh]:
 
 def _lamps(end: int) -> list[trimesh.Trimesh]:
     if end > 0:
-        return [shapes.box((-4.25, s * 1.0 - 0.16, 0.62), (-4.11, s * 1.0 + 0.16, 0.76)) for s in (-1, 1)]
+        return [shapes.box((-4.25, s * 1.0 - 0.16, 0.58), (-4.11, s * 1.0 + 0.16, 0.72)) for s in (-1, 1)]
     return [shapes.box((4.0, s * 0.9 - 0.2, 0.84), (4.10, s * 0.9 + 0.2, 1.04)) for s in (-1, 1)]
 
 
@@ -164,7 +165,7 @@ def _load(cargo: Cargo, rng: np.random.Generator) -> trimesh.Trimesh:
     """Grab drops heaped in the bed, kept inside its walls."""
     x, y = np.arange(REAR + 0.04, FRONT, 0.1), np.linspace(-1.2, 1.2, 25)
     drops = np.array([[rng.uniform(REAR + 1, FRONT - 1), rng.normal(0, 0.15), rng.uniform(2.5, 3.0)] for _ in range(3)])
-    field = np.maximum(cones(x, y, drops, float(np.tan(cargo.repose))), 1.55)
+    field = np.maximum(cones(*warped(x, y, rng), drops, float(np.tan(cargo.repose))), 1.55)
     field = roughened(field, 0.1, 0.6 * cargo.rough, rng)
     gap = np.minimum(np.minimum(x - x[0], x[-1] - x)[:, None], 1.2 - np.abs(y))
     field = np.minimum(field, 2.42 + gap * np.tan(cargo.repose))

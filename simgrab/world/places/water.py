@@ -30,7 +30,7 @@ def water(place: Water, *, head_height: float, rng: np.random.Generator) -> list
         *apron.edge(quay, level, first),
     ]
     bollard_y = -wall + 4.2
-    spots = [(float(rng.uniform(-7, 7)), bollard_y + float(rng.uniform(0.5, 2))) for _ in range(2)]
+    spots = [(s * float(rng.uniform(1.5, 7)), bollard_y + float(rng.uniform(0.5, 2))) for s in (-1, 1)]
     shore += [*clutter.barrels([spots[0], (spots[0][0] + 0.75, spots[0][1] + 0.1)]), clutter.pallet(*spots[1], 0.4)]
     # The quay frame looks landward along y; here land lies at smaller y.
     parts += [p.moved(shapes.pose(0, 0, 0, np.pi)) for p in shore]
