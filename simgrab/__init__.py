@@ -1,3 +1,34 @@
-"""simgrab: frames of a swinging crane grab in which the swing is known because it was set."""
+"""simgrab: frames of a swinging crane grab in which the swing is known because it was set.
+
+>>> import simgrab
+>>> scene = simgrab.load("quay-day", {"camera.beta_deg": 5.0})
+>>> simgrab.render(scene, "runs/quay-day")  # doctest: +SKIP
+>>> simgrab.audit("runs/quay-day").status  # doctest: +SKIP
+'passed'
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from simgrab.judge.audit import audit as audit
+    from simgrab.scenes import load as load
+    from simgrab.world.dataset import render as render
+
+# Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
+_HOME = {"load": "simgrab.scenes", "render": "simgrab.world.dataset", "audit": "simgrab.judge.audit"}
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'simgrab' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
