@@ -104,8 +104,8 @@ def _frame() -> list[trimesh.Trimesh]:
     for x in (-3.5, 3.5):
         for y in (-3.5, 3.5):
             for web in (-0.15, 0.15):
-                solids.append(shapes.box((x - 0.16, y + web - 0.015, -0.02), (x + 0.16, y + web + 0.015, 7.5)))
-            solids.append(shapes.box((x - 0.012, y - 0.14, -0.02), (x + 0.012, y + 0.14, 7.5)))
+                solids.append(shapes.box((x - 0.16, y + web - 0.015, -0.02), (x + 0.16, y + web + 0.015, 7.64)))
+            solids.append(shapes.box((x - 0.012, y - 0.14, -0.02), (x + 0.012, y + 0.14, 7.64)))
             solids.append(shapes.box((x - 0.32, y - 0.32, -0.03), (x + 0.32, y + 0.32, 0.04)))
     for sign in (-3.5, 3.5):
         for z in (3.0, 7.2):
