@@ -68,7 +68,9 @@ def _rim() -> list[trimesh.Trimesh]:
     edge = HALF + 0.09
     solids = []
     for sign in (-1, 1):
-        solids.append(shapes.box((-edge, sign * edge - 0.09, RIM - 0.22), (edge, sign * edge + 0.09, RIM + 0.03)))
+        solids.append(
+            shapes.box((-edge - 0.09, sign * edge - 0.09, RIM - 0.22), (edge + 0.09, sign * edge + 0.09, RIM + 0.03))
+        )
         solids.append(
             shapes.box((sign * edge - 0.09, -edge + 0.09, RIM - 0.22), (sign * edge + 0.09, edge - 0.09, RIM + 0.03))
         )
