@@ -107,8 +107,8 @@ def main() -> None:
     if chosen.verb == "render":
         render(chosen.pairs, chosen.memory_frames)
     else:
-        sys.path.insert(0, str(Path(__file__).parent))
-        from bench_estimate import estimate
+        sys.path.insert(0, str(Path(__file__).parents[1]))
+        from scripts.bench_estimate import estimate
 
         estimate()
 

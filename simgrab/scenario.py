@@ -189,7 +189,7 @@ class Light(Strict, frozen=True):
     sun_elevation_deg: Annotated[float, Meta(ge=10, le=90)] = 48.0
     sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 130.0
     sun: Annotated[float, Meta(ge=0, le=2)] = 1.0
-    sky: Annotated[float, Meta(ge=0, le=2)] = 0.8
+    sky: Annotated[float, Meta(ge=0, le=2)] = 0.85
 
     def __post_init__(self) -> None:
         if self.sun == 0 and self.sky == 0:

@@ -136,7 +136,7 @@ def build(scenario: Scenario) -> World:
     spec = mujoco.MjSpec()
     _set_visuals(spec, scenario)
     place = places.build(scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, 0, "place"))
-    add_parts(spec, spec.worldbody, place.parts, group=PLACE, prefix="place")
+    add_parts(spec, spec.worldbody, place, group=PLACE, prefix="place")
     add_parts(spec, spec.worldbody, jib.jib_parts(), group=JIB, prefix="jib")
     look = scenario.grab
     parts = grab.grab_parts(
@@ -158,7 +158,7 @@ def build(scenario: Scenario) -> World:
         shapes=shapes,
         outline={name: _cover(mesh, straight=straight) for name, mesh in shapes.items()},
         switches=_switches(model),
-        ground=HeightMap.of(part.mesh for part in place.parts),
+        ground=HeightMap.of(part.mesh for part in place),
     )
 
 
@@ -182,11 +182,12 @@ def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bo
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     spec.worldbody.add_light(
         name="sun", type=directional, dir=-to_sun, pos=centre + SHADOW_LIGHT_DISTANCE_M * to_sun, castshadow=shadows,
-        diffuse=light.sun * warm, specular=0.5 * light.sun * warm, ambient=0.6 * light.sky * cool,
+        diffuse=light.sun * warm, specular=0.4 * light.sun * warm, ambient=np.zeros(3),
     )  # fmt: skip
+    # Ambient light belongs here: MuJoCo takes that of a light with shadows away where it does not reach.
     spec.worldbody.add_light(
         name="sky", type=directional, dir=(0, 0, -1), castshadow=False,
-        diffuse=0.4 * light.sky * cool, specular=np.zeros(3), ambient=np.zeros(3),
+        diffuse=0.35 * light.sky * cool, specular=np.zeros(3), ambient=0.5 * light.sky * cool,
     )  # fmt: skip
 
 

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from simgrab.rng import stream
 from simgrab.scenario import Hold, Quay, Water
-from simgrab.world.places import REACH, Place, build
+from simgrab.world.clearance import HeightMap
+from simgrab.world.meshes.part import Part
+from simgrab.world.places import build
 
 HEIGHT = 28.0
 OPTIONS: dict[str, Quay | Hold | Water] = {
@@ -25,10 +27,10 @@ STANDING = {  # what stands on the quay: parts of which every solid, or the lowe
     "every": ("cones", "barrels", "pallet", "loader tyres", "truck tyres", "tarpaulin", "pile"),
     "lowest": ("hopper frame", "hopper walkway", "hopper conveyor", "loader bucket", "skip", "bollards", "kerb"),
 }
-_BUILT: dict[str, Place] = {}
+_BUILT: dict[str, list[Part]] = {}
 
 
-def place(name: str) -> Place:
+def place(name: str) -> list[Part]:
     if name not in _BUILT:
         _BUILT[name] = build(OPTIONS[name], head_height=HEIGHT, rng=stream(0, 0, "place"))
     return _BUILT[name]
@@ -46,7 +48,7 @@ def bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_parts_are_closed_finite_and_named_once(name: str) -> None:
-    parts = place(name).parts
+    parts = place(name)
     assert len({p.name for p in parts}) == len(parts)
     for part in parts:
         assert np.isfinite(part.mesh.vertices).all(), part.name
@@ -60,7 +62,7 @@ def test_parts_are_closed_finite_and_named_once(name: str) -> None:
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_a_place_stays_within_its_budget(name: str) -> None:
-    parts = place(name).parts
+    parts = place(name)
     materials = {p.material.name: p.material for p in parts}
     assert sum(len(p.mesh.faces) for p in parts) < 120_000
     assert len(materials) <= 60
@@ -68,21 +70,29 @@ def test_a_place_stays_within_its_budget(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_no_vertex_within_reach_is_above_top_z(name: str) -> None:
-    built = place(name)
-    vertices = np.concatenate([p.mesh.vertices for p in built.parts])
-    near = vertices[np.linalg.norm(vertices[:, :2], axis=1) < REACH]
-    assert near[:, 2].max() <= built.top_z + 1e-9
-    assert built.top_z < -8.0  # a grab on a short rope hangs clear
+def test_the_height_map_is_as_high_as_every_corner_near(name: str) -> None:
+    parts = place(name)
+    ground = HeightMap.of(p.mesh for p in parts)
+    corners = np.concatenate([p.mesh.vertices for p in parts])
+    near = corners[(np.abs(corners[:, :2]) < 14.0).all(axis=1)]
+    assert ground.gap(near) <= 0.0
+    # A corner may lie on the border of its cell; around it, something is as high.
+    raised = near + [0.0, 0.0, 0.001]
+    shifts = [(dx, dy, 0.0) for dx in (-0.1, 0.0, 0.1) for dy in (-0.1, 0.0, 0.1)]
+    assert all(min(ground.gap(p[None] + s) for s in shifts) <= 0.001 + 1e-9 for p in raised[:: len(raised) // 300])
+    assert np.isfinite(ground.top).mean() > 0.99
+    above = np.array([[0.0, 0.0, -8.0]])  # a grab on a short rope hangs clear
+    assert ground.gap(above) > 0.0
+    assert ground.gap(np.array([[500.0, 0.0, -90.0]])) == np.inf
 
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_world_has_no_edge_within_70_m(name: str) -> None:
-    corners = np.concatenate([p.mesh.triangles[:, :, :2] for p in place(name).parts])
+    corners = np.concatenate([p.mesh.triangles[:, :, :2] for p in place(name)])
     low, high = corners.min(axis=1), corners.max(axis=1)
     broad = (high - low).min(axis=1) > 0.05
     corners, low, high = corners[broad], low[broad], high[broad]
-    radius, angle = np.meshgrid([0.0, 11.0, 23.0, 36.0, 49.0, 60.0, 70.0], np.arange(0, 2 * np.pi, 0.21))
+    radius, angle = np.meshgrid([0.0, 11.0, 23.0, 36.0, 49.0, 60.0, 70.0], np.arange(0, 2 * np.pi, 0.42))
     for spot in np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1).reshape(-1, 2) + 0.0137:
         a, b, c = (corners[((low <= spot) & (spot <= high)).all(axis=1)][:, i] - spot for i in range(3))
         turn = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((a, b), (b, c), (c, a))])
@@ -92,7 +102,7 @@ def test_the_world_has_no_edge_within_70_m(name: str) -> None:
 @pytest.mark.parametrize("name", OPTIONS)
 def test_nothing_floats(name: str) -> None:
     """Every solid is joined to the ground by a chain of solids whose boxes touch within a centimetre."""
-    parts = place(name).parts
+    parts = place(name)
     boxes = [bodies(p.mesh) for p in parts]
     low, high = (np.concatenate([b[i] for b in boxes]) for i in (0, 1))
     owner = np.repeat(np.arange(len(parts)), [len(b[0]) for b in boxes])
@@ -109,7 +119,7 @@ def test_nothing_floats(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n in OPTIONS if n.startswith("quay")])
 def test_what_stands_on_the_quay_touches_it(name: str) -> None:
-    for part in place(name).parts:
+    for part in place(name):
         foot = bodies(part.mesh)[0][:, 2] + HEIGHT
         if part.name in STANDING["every"]:
             feet = foot if part.name not in ("cones", "pallet") else np.sort(foot)[: len(foot) // 3]
@@ -121,9 +131,9 @@ def test_what_stands_on_the_quay_touches_it(name: str) -> None:
 
 def test_the_same_stream_gives_the_same_place_and_another_seed_another() -> None:
     option = OPTIONS["water, rough"]
-    first = place("water, rough").parts
-    again = build(option, head_height=HEIGHT, rng=stream(0, 0, "place")).parts
-    other = build(option, head_height=HEIGHT, rng=stream(1, 0, "place")).parts
+    first = place("water, rough")
+    again = build(option, head_height=HEIGHT, rng=stream(0, 0, "place"))
+    other = build(option, head_height=HEIGHT, rng=stream(1, 0, "place"))
     assert [p.name for p in first] == [p.name for p in again]
     for a, b in zip(first, again, strict=True):
         assert np.array_equal(a.mesh.vertices, b.mesh.vertices)
@@ -135,6 +145,5 @@ def test_the_same_stream_gives_the_same_place_and_another_seed_another() -> None
 def test_the_head_height_moves_the_place_and_changes_nothing_else() -> None:
     low = place("water, rough")
     high = build(OPTIONS["water, rough"], head_height=HEIGHT + 7.0, rng=stream(0, 0, "place"))
-    assert high.top_z == pytest.approx(low.top_z - 7.0)
-    for a, b in zip(low.parts, high.parts, strict=True):
+    for a, b in zip(low, high, strict=True):
         np.testing.assert_allclose(a.mesh.vertices - [0, 0, 7.0], b.mesh.vertices, atol=1e-9)

@@ -67,9 +67,7 @@ class Part:
         return Part(name or self.name, mesh, self.material, self.uv)
 
 
-def add_parts(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str
-) -> None:
+def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
     """Add parts to a body as visual geoms, one per material: no collision, no mass.
 
     Parameters
@@ -108,7 +106,12 @@ def add_parts(
 
 
 def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
-    if spec.material(material.name) is not None:
+    known = spec.material(material.name)
+    if known is not None:
+        if not np.allclose(known.rgba, material.rgba) or (known.specular, known.shininess) != (
+            np.float32(material.specular), np.float32(material.shininess),
+        ):  # fmt: skip
+            raise ValueError(f"two materials are called {material.name!r}")
         return
     mat = spec.add_material(
         name=material.name,
@@ -131,7 +134,7 @@ def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
 
 
 def _corners(part: Part) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Positions, normals and UVs of every face corner, each (3F, 3|3|2): facets keep sharp edges, curves stay smooth."""
+    """Positions, normals and UVs of every face corner: (3F, 3), (3F, 3), (3F, 2). Facets keep their sharp edges."""
     mesh = part.mesh
     faces = np.asarray(mesh.faces)
     normals = _corner_normals(mesh)
