@@ -55,6 +55,17 @@ class Renderer:
     ----------
     world : World
     scenario : Scenario
+
+    Attributes
+    ----------
+    data : mujoco.MjData
+        The posed state.
+    option : mujoco.MjvOption
+        Which geom groups are drawn.
+    full : Window
+        The whole picture.
+    fingerprint : Fingerprint
+        What draws.
     """
 
     def __init__(self, world: World, scenario: Scenario) -> None:
@@ -62,9 +73,9 @@ class Renderer:
         self.world, self.intrinsics = world, camera.intrinsics
         self._rotation = camera_rotation(*np.radians((camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg)))
         self._centre = np.array(camera.offset_m)
-        self._full: Window = (0, 0, camera.width_px, camera.height_px)
+        self.full: Window = (0, 0, camera.width_px, camera.height_px)
         self._lens = _PictureMap(self.intrinsics) if not self.intrinsics.distortion.is_null else None
-        drawn = self._lens.source if self._lens else self._full
+        drawn = self._lens.source if self._lens else self.full
         self._size = drawn[2] - drawn[0], drawn[3] - drawn[1]
         if max(self._size) > LARGEST_BUFFER_PX:
             raise ScenarioError(
@@ -73,9 +84,9 @@ class Renderer:
             )
         model = world.model
         self.data = mujoco.MjData(model)
-        self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = 1
-        self._option.geomgroup[HIDDEN] = 0
+        self.option = mujoco.MjvOption()
+        self.option.geomgroup[:] = 1
+        self.option.geomgroup[HIDDEN] = 0
         self._grab_only = mujoco.MjvOption()
         self._grab_only.geomgroup[:] = 0
         self._grab_only.geomgroup[GRAB] = 1
@@ -101,9 +112,9 @@ class Renderer:
 
     def rgb(self) -> NDArray[np.uint8]:
         """Draw the picture as the lens shows it, shape (height, width, 3)."""
-        self._gather(self._option)
+        self._gather(self.option)
         if self._lens is None:
-            return self._draw_rgb(self._full)
+            return self._draw_rgb(self.full)
         return self._lens.resample(self._draw_rgb(self._lens.source), cv2.INTER_CUBIC)
 
     def look(self, window: Window | None = None, *, grab_only: bool = False) -> View:
@@ -116,8 +127,8 @@ class Renderer:
         grab_only : bool
             Draw the grab and what it holds as if nothing were in front of it.
         """
-        window = window or self._full
-        self._gather(self._grab_only if grab_only else self._option)
+        window = window or self.full
+        self._gather(self._grab_only if grab_only else self.option)
         if self._lens is None:
             return View(window, *self._draw_tiles(window))
         lens = _PictureMap(self.intrinsics, window)
@@ -136,11 +147,11 @@ class Renderer:
         if scene.status:
             raise RendererError("the scene holds more geoms than its buffer")
 
-    def _aim(self, window: Window) -> mujoco.MjrRect:
-        """Point both eyes of the scene along the camera, through a window of the undistorted picture."""
+    def aim(self, window: Window, scene: mujoco.MjvScene) -> mujoco.MjrRect:
+        """Point both eyes of a scene along the camera, through a window of the undistorted picture."""
         k, (x0, y0, x1, y1) = self.intrinsics, window
         scale = NEAR_M / k.f_px
-        for eye in self._scene.camera:
+        for eye in scene.camera:
             eye.pos = self._centre
             eye.forward, eye.up = self._rotation[:, 2], -self._rotation[:, 1]
             eye.orthographic = 0
@@ -153,7 +164,7 @@ class Renderer:
     def _draw_rgb(self, window: Window) -> NDArray[np.uint8]:
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
-        rect = self._aim(window)
+        rect = self.aim(window, self._scene)
         mujoco.mjr_render(rect, self._scene, self._buffer.context)
         rgb = np.empty((rect.height, rect.width, 3), np.uint8)
         mujoco.mjr_readPixels(rgb, None, rect, self._buffer.context)
@@ -174,7 +185,7 @@ class Renderer:
     def _draw_ids(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         scene = self._scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
-        rect = self._aim(window)
+        rect = self.aim(window, self._scene)
         mujoco.mjr_render(rect, scene, self._buffer.context)
         colour = np.empty((rect.height, rect.width, 3), np.uint8)
         buffer = np.empty((rect.height, rect.width), np.float32)

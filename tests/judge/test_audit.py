@@ -189,15 +189,15 @@ def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
 def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
     from simgrab.world.render import Renderer
 
-    right = Renderer._aim
+    right = Renderer.aim
 
-    def shifted(self, window):
-        rect = right(self, window)
-        for eye in self._scene.camera:
+    def shifted(self, window, scene):
+        rect = right(self, window, scene)
+        for eye in scene.camera:
             eye.frustum_center += 0.5 * eye.frustum_near / self.intrinsics.f_px
         return rect
 
-    failed = planted(monkeypatch, tmp_path, "simgrab.world.render.Renderer._aim", shifted)
+    failed = planted(monkeypatch, tmp_path, "simgrab.world.render.Renderer.aim", shifted)
     assert list(failed) == ["a second renderer draws the same silhouette"]
 
 
