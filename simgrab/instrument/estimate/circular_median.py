@@ -19,9 +19,9 @@ def circular_median(angles: ArrayLike) -> float:
     Returns
     -------
     float
-        In [0, 2π). Half of the angles lie to either side of the line through it, and most on its own half of the circle.
-        For an even number it is midway between the two middle angles. Over [0, 2π) as a mere interval a median would
-        depend on where the circle is cut.
+        In [0, 2π). Half of the angles lie to either side of the line through it, and most on its own half of the
+        circle. For an even number it is midway between the two middle angles. Over [0, 2π) as a mere interval a
+        median would depend on where the circle is cut.
     """
     t = np.sort(np.asarray(angles, float) % (2 * np.pi))
     n = len(t)

@@ -43,8 +43,8 @@ class Solution:
     radial : ndarray, shape (M, n), or None
         Variance of each α that comes from what no frame can tell.
     reach : callable, optional
-        From the covariance (M, p, p) and a quantile (M,), how far β's interval reaches down and up, both (M,), where the
-        estimate answers to its frames too unevenly for a variance to say so.
+        From the covariance (M, p, p) and a quantile (M,), how far β's interval reaches down and up, both (M,), where
+        the estimate answers to its frames too unevenly for a variance to say so.
     offset : ndarray, shape (M, 3), or None
     diagnostics : mapping of str to ndarray, shape (M, ...)
     """
@@ -90,7 +90,7 @@ class Estimator(ABC):
         rope_length: ArrayLike | None = None,
         time: ArrayLike | None = None,
     ) -> Estimate:
-        """Estimate tilt and swing from one record.
+        r"""Estimate tilt and swing from one record.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class Estimator(ABC):
             Grab centre of each frame as the picture has it; NaN where it was not found.
         calibration : Calibration
         rope_length : array_like, shape (n,), optional
-            \\|OA\\|, m: the display's length plus the calibration's display constant.
+            \|OA\|, m: the display's length plus the calibration's display constant.
         time : array_like, shape (n,), optional
             Seconds. Without it there are no intervals by blocks.
 
@@ -230,10 +230,9 @@ def _of_alpha(frames: Frames, found: Solution, alpha: Array, unit: Array, cov: A
 def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, made: Any) -> Intervals:
     if frames.time is None:
         return Intervals("blocks", settings.level, None, None, None, None, "no times were given")
-    block, blocks = iv.block_starts(frames.time, settings)
+    block, blocks = iv.block_of(frames.time, settings)
     if blocks < settings.min_blocks:
-        note = f"too few blocks: {blocks} of at least {settings.block_s:g} s, where {settings.min_blocks} are needed"
-        return Intervals("blocks", settings.level, None, None, None, blocks, note)
+        return Intervals("blocks", settings.level, None, None, None, blocks, iv.too_few(blocks, settings))
     covariance = iv.block_covariance(influence, frames.count, block, blocks)
     result: Intervals = made("blocks", covariance, np.full(len(covariance), blocks - 1), blocks, "")
     return result
@@ -292,8 +291,13 @@ def _join(parts: list[Estimates]) -> Estimates:
 
     return Estimates(
         first.estimator,
-        *(join([getattr(part, name) for part in parts]) for name in ("ok", "reason", "frames")),
-        *(join([getattr(part, name) for part in parts]) for name in ("beta", "tilt_azimuth", "sigma", "alpha")),
+        join([part.ok for part in parts]),
+        join([part.reason for part in parts]),
+        join([part.frames for part in parts]),
+        join([part.beta for part in parts]),
+        join([part.tilt_azimuth for part in parts]),
+        join([part.sigma for part in parts]),
+        join([part.alpha for part in parts]),
         None if first.offset is None else join([part.offset for part in parts]),
         tuple(of_kind(k) for k in range(len(first.intervals))),
         {name: join([part.diagnostics.get(name) for part in parts]) for name in first.diagnostics},

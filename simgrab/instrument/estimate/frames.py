@@ -1,8 +1,8 @@
 """What an estimator works on: rays in the mount frame, one array per record.
 
-The *mount frame* is the jib frame as it would be if the camera hung straight: the picture turned by the nominal roll and
-looked at from above, z along the optical axis and pointing back at the camera. Tilting the camera by β towards an azimuth
-turns it into the jib frame, so gravity, seen in it, is ``(−sinβ cos az, −sinβ sin az, −cosβ)``.
+The *mount frame* is the jib frame as it would be if the camera hung straight: the picture turned by the nominal roll
+and looked at from above, z along the optical axis and pointing back at the camera. Tilting the camera by β towards
+an azimuth turns it into the jib frame, so gravity, seen in it, is ``(−sinβ cos az, −sinβ sin az, −cosβ)``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FRAMES_AT_ONCE = 1 << 16
 
 @dataclass(frozen=True)
 class Frames:
-    """M records of n frames.
+    r"""M records of n frames.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Frames:
     count : ndarray, shape (M,)
         Frames present, as float.
     rope_length : ndarray, shape (M, n), or None
-        \\|OA\\|, m.
+        \|OA\|, m.
     time : ndarray, shape (n,), or None
         Seconds.
     """
@@ -46,7 +46,7 @@ class Frames:
     time: Array | None
 
     def mean(self, values: Array) -> Array:
-        """Mean over the frames present, shape (..., n) → (...); ``values`` must be finite where the frame is missing."""
+        """Mean over the frames present, shape (..., n) → (...); ``values`` must be finite at missing frames too."""
         if self.present is None:
             return np.asarray(values.mean(axis=-1))
         present = self.present if values.ndim == 2 else self.present[:, None]
@@ -101,9 +101,8 @@ def check_record(
         t = np.asarray(time, float)
         if t.shape != (n,):
             raise RecordError(f"time must have shape ({n},), got {t.shape}")
-        bad = np.flatnonzero(~np.isfinite(t))
-        if bad.size:
-            raise RecordError(f"time, row {bad[0]}: must be finite, got {t[bad[0]]:g}")
+        for row in np.flatnonzero(~np.isfinite(t))[:1]:
+            raise RecordError(f"time, row {row}: must be finite, got {t[row]:g}")
         back = np.flatnonzero(np.diff(t) <= 0)
         if ordered and back.size:
             row = back[0] + 1
@@ -144,7 +143,7 @@ def gravity(beta: ArrayLike, azimuth: ArrayLike) -> Array:
 
 
 def tilt_of(down: ArrayLike) -> tuple[Array, Array]:
-    """Tilt (β, azimuth in [0, 2π)) whose gravity is ``down``, shape (..., 3), in the mount frame; inverse of `gravity`."""
+    """Tilt (β, azimuth in [0, 2π)) of gravity ``down``, shape (..., 3), mount frame; inverse of `gravity`."""
     g = np.asarray(down, float)
     return (
         np.arctan2(np.hypot(g[..., 0], g[..., 1]), -g[..., 2]),
@@ -153,7 +152,7 @@ def tilt_of(down: ArrayLike) -> tuple[Array, Array]:
 
 
 def tangent_basis(beta: Array, azimuth: Array) -> Array:
-    """Rows: gravity's direction of growing β, of growing azimuth, and gravity itself; shape (..., 3, 3), mount frame."""
+    """Rows: where gravity moves as β grows and as the azimuth does, and gravity; shape (..., 3, 3), mount frame."""
     s, c = np.sin(azimuth), np.cos(azimuth)
     along = np.stack([-np.cos(beta) * c, -np.cos(beta) * s, np.sin(beta)], axis=-1)
     across = np.stack([s, -c, np.zeros_like(s)], axis=-1)

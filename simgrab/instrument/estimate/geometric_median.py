@@ -16,11 +16,11 @@ from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 
 @dataclass(frozen=True)
 class GeometricMedian(Estimator):
-    """Direction of least mean angle to the rays (Fletcher, Venkatasubramanian & Joshi 2009), by a safeguarded Newton method.
+    """Direction of least mean angle to the rays (Fletcher, Venkatasubramanian & Joshi 2009), by a safeguarded Newton.
 
-    The angle α is smoothed to arccos(cosα/√(1+ε²)), with ε a thousandth of the mean angle from the mean ray: far below the
-    standard error, and enough to make the median unique on collinear points. Where the density of rays is singular at
-    gravity, as under the paper's half-normal α, this beats every mean.
+    The angle α is smoothed to arccos(cosα/√(1+ε²)), with ε a thousandth of the mean angle from the mean ray: far
+    below the standard error, and enough to make the median unique on collinear points. Where the density of rays is
+    singular at gravity, as under the paper's half-normal α, this beats every mean.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ def _weights(frames: Frames, down: Array, epsilon2: Array) -> tuple[Array, Array
 
 
 def _pull(frames: Frames, down: Array, w: Array) -> Array:
-    """Downhill gradient of the mean smoothed angle, a tangent vector (M, 3). A missing frame's ray is 0 and pulls nowhere."""
+    """Downhill gradient of the mean smoothed angle, tangent, (M, 3). A missing frame's ray is 0 and pulls nowhere."""
     toward = (frames.rays @ w[..., None])[..., 0] / frames.count[:, None]
     return np.asarray(toward - np.sum(toward * down, axis=-1, keepdims=True) * down)
 
@@ -114,8 +114,9 @@ def _derivatives(frames: Frames, down: Array, epsilon: Array) -> tuple[Array, Ar
 def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> tuple[Array, Array]:
     """Influence (M, 2, n), and the slope (M, 2, 2) by which it was divided: the Hessian over the standard error itself.
 
-    E[1/α] is infinite under a singular density, so the Hessian at a point says nothing of the slope over the distance by
-    which the estimate errs. Brown & Wang (2005) smooth at that distance, found here by two rounds of substitution.
+    E[1/α] is infinite under a singular density, so the Hessian at a point says nothing of the slope over the
+    distance by which the estimate errs. Brown & Wang (2005) smooth at that distance, found here by two rounds of
+    substitution.
     """
     basis = tangent_basis(beta, azimuth)
     down = basis[:, 2]
@@ -135,7 +136,8 @@ def _reach(
 ) -> tuple[Array, Array]:
     """How far β may lie below and above: until the mean pull back exceeds its quantile (a score interval).
 
-    Near a singular density the pull grows faster than any slope measured at the estimate, which would be too wide an interval.
+    Near a singular density the pull grows faster than any slope measured at the estimate, which would be too wide an
+    interval.
     """
     score = slope @ covariance @ slope
     limit = quantile * np.sqrt(score[:, 0, 0])

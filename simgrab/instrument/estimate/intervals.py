@@ -1,8 +1,8 @@
 """Intervals from influences: what each frame, or each block of seconds, did to the estimate.
 
-An estimate that solves Σ ψ(frame; θ) = 0 errs by the mean of its frames' influences, so the scatter of the influences is its
-variance (the sandwich; Huber 1967). Frames of one swing are far from independent: then only sums over blocks are, and there
-are so few blocks that the quantiles have to be Student's.
+An estimate that solves Σ ψ(frame; θ) = 0 errs by the mean of its frames' influences, so the scatter of the
+influences is its variance (the sandwich; Huber 1967). Frames of one swing are far from independent: then only sums
+over blocks are, and there are so few blocks that the quantiles have to be Student's.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from simgrab.geometry import Array
@@ -24,8 +25,8 @@ class IntervalSettings:
     level : float
         Nominal coverage.
     block_s : float
-        Least length of a block, s. The energy of a swing with 1 % damping forgets itself in about 70 s, and blocks must be
-        several times as long.
+        Least length of a block, s. The energy of a swing with 1 % damping forgets itself in about 70 s, and blocks
+        must be several times as long.
     min_blocks, max_blocks : int
         Fewer blocks than the least give no interval; longer records get longer blocks rather than more than the most.
     """
@@ -41,7 +42,7 @@ def iid_covariance(influence: Array, count: Array) -> Array:
     return np.asarray(influence @ influence.swapaxes(-1, -2) / (count * np.maximum(count - 1, 1))[:, None, None])
 
 
-def block_starts(time: Array, settings: IntervalSettings) -> tuple[Array, int]:
+def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64], int]:
     """Block of each frame, shape (n,), as whole numbers from 0, and how many there are.
 
     Blocks are equal stretches of the record; a stretch without frames is no block.
@@ -56,7 +57,12 @@ def block_starts(time: Array, settings: IntervalSettings) -> tuple[Array, int]:
     return label, len(used)
 
 
-def block_covariance(influence: Array, count: Array, block: Array, blocks: int) -> Array:
+def too_few(blocks: int, settings: IntervalSettings) -> str:
+    """Say why there is no interval by blocks."""
+    return f"too few blocks: {blocks} of at least {settings.block_s:g} s, where {settings.min_blocks} are needed"
+
+
+def block_covariance(influence: Array, count: Array, block: NDArray[np.int64], blocks: int) -> Array:
     """Covariance (M, p, p) of estimates with influences (M, p, n), only blocks of frames being independent."""
     order = np.argsort(block, kind="stable")
     starts = np.searchsorted(block[order], np.arange(blocks))
@@ -65,7 +71,7 @@ def block_covariance(influence: Array, count: Array, block: Array, blocks: int) 
     return np.asarray(sums @ sums.swapaxes(-1, -2) * (blocks / (blocks - 1)) / (count**2)[:, None, None])
 
 
-def student(level: float, degrees: Array | int) -> Array:
+def student(level: float, degrees: Array | float) -> Array:
     """Two-sided quantile of Student's law."""
     return np.asarray(stats.t.ppf(0.5 + level / 2, np.maximum(degrees, 1)))
 

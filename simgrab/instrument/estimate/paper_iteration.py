@@ -13,7 +13,7 @@ from simgrab.calibration import Calibration
 from simgrab.geometry import Array
 from simgrab.instrument.estimate.circular_median import circular_median
 from simgrab.instrument.estimate.contract import Estimator, Solution
-from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tangent_basis, tilt_of
+from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tangent_basis
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class PaperIteration(Estimator):
     - (est-2) σ² = mean α_i²
     - (est-3) β = arccos{mean(cosψ_i)·exp(σ²/2)}
 
-    until neither changes by ε. The argument of (est-3) exceeds 1 when the start lies above twice β, and, from start 0, when
-    the kurtosis mean(ψ⁴)/mean(ψ²)² exceeds 3. Then there is no next step, and the record is refused.
+    until neither changes by ε. The argument of (est-3) exceeds 1 when the start lies above twice β, and, from start
+    0, when the kurtosis mean(ψ⁴)/mean(ψ²)² exceeds 3. Then there is no next step, and the record is refused.
 
     Attributes
     ----------
     axis : "circular-median" or "known"
-        The 0-degree line C'G': by the paper's rule, the line through C' for which the circular median of θ is 0; or given,
-        as in the paper's simulation.
+        The 0-degree line C'G': by the paper's rule, the line through C' for which the circular median of θ is 0; or
+        given, as in the paper's simulation.
     axis_direction : float
         Of C'G' in the picture, clockwise from its x axis, rad; for ``axis="known"``.
     start : float or "mean-ray"
@@ -44,8 +44,8 @@ class PaperIteration(Estimator):
 
     Notes
     -----
-    Diagnostics: ``iterations``; ``beta_history`` and ``sigma2_history``, one column for each t from 0 and NaN beyond the
-    last; ``kurtosis`` of ψ about 0.
+    Diagnostics: ``iterations``; ``beta_history`` and ``sigma2_history``, one column for each t from 0 and NaN beyond
+    the last; ``kurtosis`` of ψ about 0.
     """
 
     name: ClassVar[str] = "paper-iteration"
@@ -70,7 +70,7 @@ class PaperIteration(Estimator):
             reason=reason,
             beta=beta,
             azimuth=azimuth,
-            influence=self._influence(frames, direction, beta, sigma2, mean_c, c),
+            influence=self._influence(frames, direction, beta, sigma2, c),
             diagnostics={
                 "iterations": count,
                 "beta_history": history[0],
@@ -130,9 +130,7 @@ class PaperIteration(Estimator):
             history[:, : len(steps)] = np.stack(steps, axis=-1)
         return beta, sigma2, (histories[0], histories[1]), reason
 
-    def _influence(
-        self, frames: Frames, direction: Array, beta: Array, sigma2: Array, mean_c: Array, c: Array
-    ) -> Array:
+    def _influence(self, frames: Frames, direction: Array, beta: Array, sigma2: Array, c: Array) -> Array:
         """Influence (M, 2, n): of the two equations at their fixed point, and of the circular median."""
         x, y, z = np.moveaxis(tangent_basis(beta, (direction + np.pi) % (2 * np.pi)) @ frames.rays, 1, 0)
         sine = np.sqrt(x * x + y * y)
@@ -165,7 +163,7 @@ def _why(step: int, argument: float, start: float, kurtosis: float) -> str:
 
 
 def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:
-    """Influence of each frame on the circular median: the sign of its side over twice the density there less the antipode's."""
+    """Influence on the circular median: the sign of the side over twice the density there less the antipode's."""
     angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0]) - direction[:, None]
     angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
     present = np.ones_like(angle) if frames.present is None else frames.present.astype(float)

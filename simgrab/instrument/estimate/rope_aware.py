@@ -18,14 +18,16 @@ from simgrab.instrument.estimate.frames import Frames, tilt_of
 class RopeAware(Estimator):
     """Robust regression of the swing's direction on 1 and 1/l, with the calibration's offset as prior.
 
-    A camera beside the rope exit sees a plumb rope under an angle of offset/l, a tilted one under the same angle whatever l
-    is. The estimate is where the mean swing, OA over l, is zero at every rope length; the offset's horizontal part is pulled
-    towards its nominal value as strongly as its standard deviation says, its height is taken as it is.
+    A camera beside the rope exit sees a plumb rope under an angle of offset/l, a tilted one under the same angle
+    whatever l is. The estimate is where the mean swing, OA over l, is zero at every rope length; the offset's
+    horizontal part is pulled towards its nominal value as strongly as its standard deviation says, its height is
+    taken as it is.
 
     Attributes
     ----------
     huber : float
-        Swings beyond so many times their typical size per axis (from the median) keep their direction and lose their weight.
+        Swings beyond so many times their typical size per axis (from the median) keep their direction and lose their
+        weight.
     tolerance : float
         Step at which the iteration ends, rad.
     max_iterations : int
@@ -44,15 +46,12 @@ class RopeAware(Estimator):
     max_iterations: int = 50
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
-        assert frames.rope_length is not None
-        rope = frames.rope_length
-        nominal = np.asarray(calibration.offset_m, float)
-        precision = 1 / max(calibration.offset_sd_m, 1e-6) ** 2
-        down, offset, step, iterations, sums = self._fit(frames, nominal, precision)
+        nominal, precision = _prior(calibration)
+        down, offset, step, iterations, sums = self.fit(frames, calibration)
         beta, azimuth = tilt_of(down)
         along = _along(azimuth)
         influence, known = sums.influence(precision)
-        higher = _Sums(frames, down, offset + (0.0, 0.0, calibration.offset_sd_m), self.huber, sums.scale)
+        higher = _Sums(frames, down, offset + (0.0, 0.0, calibration.offset_sd_m), self.huber, (sums.scale, sums.unit))
         known += _of_height(sums, higher, offset - nominal, precision)
         turned = np.zeros((len(beta), 5, 5))
         turned[:, :2, :2] = turned[:, 2:4, 2:4] = along
@@ -70,18 +69,18 @@ class RopeAware(Estimator):
             diagnostics={"iterations": iterations, "offset_sd_m": sums.offset_sd(precision)},
         )
 
-    def _fit(
-        self, frames: Frames, nominal: Array, precision: float
-    ) -> tuple[Array, Array, Array, NDArray[np.int64], _Sums]:
-        m = len(frames.rays)
+    def fit(self, frames: Frames, calibration: Calibration) -> tuple[Array, Array, Array, NDArray[np.int64], _Sums]:
+        """Gravity in the mount frame (M, 3), offset (M, 3), last step (M,), iterations (M,), and the sums there."""
         assert frames.rope_length is not None
+        nominal, precision = _prior(calibration)
+        m = len(frames.rays)
         shortest = frames.rope_length.min(axis=-1)
         down = frames.mean(frames.rays)
         offset = np.tile(nominal, (m, 1))
-        iterations, scale = np.zeros(m, np.int64), None
+        iterations, fixed = np.zeros(m, np.int64), None
         for i in range(self.max_iterations):
-            sums = _Sums(frames, down, offset, self.huber, scale)
-            scale = sums.scale if i < 2 else scale  # a weight that keeps moving never lets the fit come to rest
+            sums = _Sums(frames, down, offset, self.huber, fixed)
+            fixed = (sums.scale, sums.unit) if i < 2 else fixed  # a moving loss never lets the fit come to rest
             turn, shift = sums.step(offset - nominal, precision)
             down = _turned(down, turn)
             offset = offset + np.pad(shift, ((0, 0), (0, 1)))
@@ -100,13 +99,15 @@ class RopeAware(Estimator):
 class _Sums:
     """The swings under one tilt and offset, and the sums over frames that the next step and the sandwich need."""
 
-    def __init__(self, frames: Frames, down: Array, offset: Array, huber: float, scale: Array | None) -> None:
+    def __init__(
+        self, frames: Frames, down: Array, offset: Array, huber: float, fixed: tuple[Array, Array] | None
+    ) -> None:
         assert frames.rope_length is not None
         self.frames, self.lever = frames, 1 / frames.rope_length
         self.swing = swings(frames, down, offset)
         x, y = self.swing[:, 0], self.swing[:, 1]
         self.size = size = np.sqrt(x * x + y * y)
-        self.scale = _typical(frames, size) if scale is None else scale
+        self.scale = _typical(frames, size) if fixed is None else fixed[0]
         limit = huber * self.scale[:, None]
         self.weight = np.minimum(limit / np.maximum(size, 1e-300), 1.0)
         slope = np.where(size <= limit, 1.0, self.weight / 2)  # mean derivative of the two axes
@@ -116,7 +117,8 @@ class _Sums:
         k = self.lever
         self.ones, self.k1, self.k2 = slope.sum(-1), (slope * k).sum(-1), (slope * k * k).sum(-1)
         # One frame's variance per axis, on the scale on which the prior is weighed against the frames.
-        self.unit = np.einsum("min,min->m", self.pull, self.pull) / (2 * np.maximum(self.ones, 1e-300))
+        unit = np.einsum("min,min->m", self.pull, self.pull) / (2 * np.maximum(self.ones, 1e-300))
+        self.unit = unit if fixed is None else fixed[1]
 
     def step(self, away: Array, precision: float) -> tuple[Array, Array]:
         """By how much to turn the rays and shift the camera, horizontally in the jib frame; (M, 2) each."""
@@ -133,7 +135,7 @@ class _Sums:
         return np.stack([c, -self.k1, -self.k1, self.ones], -1).reshape(-1, 2, 2) / det[:, None, None]
 
     def influence(self, precision: float) -> tuple[Array, Array]:
-        """Influence (M, 4, n) on gravity and minus the offset, jib x and y, and the covariance due to the prior, (M, 5, 5) with σ̂²."""
+        """Influence (M, 4, n) on gravity and minus offset, jib x and y; covariance (M, 5, 5), with σ̂², of the prior."""
         n = self.frames.count[:, None, None]
         inverse = self._inverse(precision)
         of_turn = n * (inverse[:, 0, 0, None] + inverse[:, 0, 1, None] * self.lever)[:, None] * self.pull
@@ -144,12 +146,17 @@ class _Sums:
         return np.concatenate([of_turn, of_shift], axis=1), known
 
     def offset_sd(self, precision: float) -> Array:
-        """Standard deviation of the offset per axis given the frames, m."""
+        """Give the standard deviation (M,) of the offset per axis, m, once the frames are known."""
         return np.sqrt(self.unit * self._inverse(precision)[:, 1, 1])
 
 
+def _prior(calibration: Calibration) -> tuple[Array, float]:
+    """Nominal offset (3,), and the precision of each component, 1/m²; no offset is known to less than a micron."""
+    return np.asarray(calibration.offset_m, float), 1 / max(calibration.offset_sd_m, 1e-6) ** 2
+
+
 def _of_height(sums: _Sums, other: _Sums, away: Array, precision: float) -> Array:
-    """Covariance (M, 5, 5) of gravity, minus offset, and σ̂² due to the offset's height, of which ``other`` has one σ more."""
+    """Covariance (M, 5, 5), as above, of the offset's height, of which ``other`` has a standard deviation more."""
     turn, shift = other.step(away, precision)
     moved = other.swing[:, :2] + turn[..., None] + shift[..., None] * sums.lever[:, None]
     grown = sums.frames.mean(np.sum(moved**2, axis=1) - sums.size**2)
@@ -158,7 +165,7 @@ def _of_height(sums: _Sums, other: _Sums, away: Array, precision: float) -> Arra
 
 
 def swings(frames: Frames, down: Array, offset: Array) -> Array:
-    """Unit directions OA, (M, 3, n), in the jib frame: where each ray from the camera meets the sphere of radius l about O."""
+    """Find the unit directions OA, (M, 3, n), jib frame: where each ray meets the sphere of radius l about O."""
     assert frames.rope_length is not None
     rope = frames.rope_length
     rays = lean(*tilt_of(down)) @ frames.rays

@@ -1,0 +1,49 @@
+"""The paper's validation model: the swing from how wide the grab looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from simgrab.geometry import Array
+
+
+@dataclass(frozen=True)
+class GrabWidth:
+    """Section 4.6: with β = 0, x·l·cosα = h·b and tanα = m/h give α̃ = arcsin(m·b/(x·l)).
+
+    It knows nothing of the tilt. For a camera at the rope exit it is, up to the width's own error, the angle ψ of
+    the ray from the optical axis, so that |ψ − α̂| ≤ β̂ holds by the triangle inequality for any β̂, right or wrong:
+    a check that cannot fail.
+
+    Attributes
+    ----------
+    width_m : float
+        b, the grab's width; the paper's is 2.9 m.
+    """
+
+    width_m: float = 2.9
+
+    def angle(self, m_px: ArrayLike, width_px: ArrayLike, rope_length: ArrayLike) -> Array:
+        """Estimate α̃ of each frame.
+
+        Parameters
+        ----------
+        m_px : array_like, shape (n,)
+            Distance of the grab centre from the principal point, undistorted.
+        width_px : array_like, shape (n,)
+            x, how wide the grab looks.
+        rope_length : array_like, shape (n,)
+            Metres.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Radians; NaN where the arcsine has no value.
+        """
+        m, x, rope = (np.asarray(v, float) for v in (m_px, width_px, rope_length))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = m * self.width_m / (x * rope)
+            return np.asarray(np.arcsin(np.where(np.abs(ratio) <= 1, ratio, np.nan)))
