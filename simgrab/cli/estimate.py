@@ -1,0 +1,40 @@
+"""`simgrab estimate`: tilt and swing from a file of pixels."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--camera", type=click.Path(path_type=Path), required=True, help="Camera TOML.")
+@click.option("--estimator", type=click.Choice(list(ESTIMATORS)), default=DEFAULT, show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
+@click.option("--figure", type=click.Path(path_type=Path), help="Where the figure goes; FILE.estimate.png by default.")
+@click.option("--no-figure", is_flag=True, help="Draw none.")
+def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Path | None, no_figure: bool) -> None:
+    """Estimate camera tilt and swing angles from grab centres.
+
+    FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre as the picture has it
+    (empty where it was not found), |OA| in metres, and seconds.
+    """
+    from simgrab.judge import estimate as judge
+
+    measured = judge.measure(file, camera, estimator)
+    if as_json:
+        click.echo(json.dumps(judge.as_json(measured.estimate), indent=1))
+    else:
+        from simgrab.judge.estimate_table import show
+
+        show(measured.estimate)
+    if not no_figure:
+        from simgrab.judge.estimate_figure import save
+
+        target = figure or file.with_suffix(".estimate.png")
+        save(measured, target)
+        click.echo(f"figure: {target}", err=as_json)

@@ -1,0 +1,136 @@
+"""Records of pixels from a file: CSV or parquet in, arrays out, and what is wrong told by row and column."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError
+from simgrab.geometry import Array
+
+# A grab centre may lie outside of the picture by its own size, no more.
+_MARGIN = 0.5
+_LONGEST_ROPE_M = 200.0
+
+
+@dataclass(frozen=True)
+class PixelRecord:
+    r"""One record of n frames.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (n, 2)
+        Grab centre as the picture has it; NaN where it was not found.
+    rope_length : ndarray, shape (n,), or None
+        \|OA\|, m.
+    time : ndarray, shape (n,), or None
+        Seconds.
+    """
+
+    pixels: Array
+    rope_length: Array | None
+    time: Array | None
+
+
+def read_record(path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False) -> PixelRecord:
+    """Read columns ``u_px, v_px[, rope_length_m, time_s]``.
+
+    Parameters
+    ----------
+    path : path
+        ``.parquet``, or else CSV with a header.
+    calibration : Calibration
+        Whose picture the pixels must belong to.
+    rope, time : bool
+        Whether the column is needed. A rope length that is not needed is not looked at.
+
+    Raises
+    ------
+    RecordError
+        One line with the file and the row (the first is 1) or the column.
+    """
+    table = _table(Path(path))
+    needed = ["u_px", "v_px", *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
+    for name in needed:
+        if name not in table.column_names:
+            there = ", ".join(table.column_names) or "none"
+            raise RecordError(f"{path}: column {name} is missing; there are: {there}")
+    if table.num_rows == 0:
+        raise RecordError(f"{path}: no rows below the header")
+    pixels = np.stack([_numbers(path, table, "u_px"), _numbers(path, table, "v_px")], axis=-1)
+    _check_pixels(path, pixels, calibration)
+    length = _numbers(path, table, "rope_length_m") if rope else None
+    if length is not None:
+        for row in np.flatnonzero(~((length > 0) & (length < _LONGEST_ROPE_M)))[:1]:
+            what = "is missing" if np.isnan(length[row]) else f"is {length[row]:g}"
+            raise RecordError(
+                f"{path}: rope_length_m, row {row + 1}: {what}; must be metres, above 0 and below {_LONGEST_ROPE_M:g}"
+            )
+    seconds = _numbers(path, table, "time_s") if "time_s" in table.column_names else None
+    if seconds is not None:
+        for row in np.flatnonzero(~np.isfinite(seconds))[:1]:
+            raise RecordError(f"{path}: time_s, row {row + 1}: is missing")
+        for row in np.flatnonzero(np.diff(seconds) <= 0)[:1] + 1 if time else ():
+            raise RecordError(
+                f"{path}: time_s, row {row + 1}: must increase, got {seconds[row]:g} after {seconds[row - 1]:g}"
+            )
+    return PixelRecord(pixels, length, seconds)
+
+
+def _table(path: Path) -> pa.Table:
+    try:
+        if path.suffix == ".parquet":
+            return pa.parquet.read_table(path)
+        # Every column as text first, so that a cell that is no number can be named.
+        with path.open(encoding="utf-8") as file:
+            names = [name.strip() for name in file.readline().rstrip("\r\n").split(",")]
+        if names == [""]:
+            raise RecordError(f"{path}: the file is empty; a header u_px, v_px[, rope_length_m, time_s] is needed")
+        options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
+        return pa.csv.read_csv(path, pa.csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as problem:
+        if isinstance(problem, pa.ArrowInvalid) and "Empty CSV" in str(problem):
+            return pa.table({name: pa.array([], pa.string()) for name in names})
+        first_line = str(problem).splitlines()[0]
+        raise RecordError(f"cannot read {path}: {first_line}") from None
+
+
+def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
+    column = table.column(name)
+    if not pa.types.is_string(column.type):
+        try:
+            return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+        except pa.ArrowException:
+            raise RecordError(f"{path}: column {name} holds no numbers but {column.type}") from None
+    text = np.array([("nan" if not t or not t.strip() else t) for t in column.to_pylist()], dtype=object)
+    try:
+        return text.astype(np.float64)
+    except ValueError:
+        for row, cell in enumerate(text, start=1):
+            try:
+                float(cell)
+            except ValueError:
+                raise RecordError(f"{path}: {name}, row {row}: {cell.strip()!r} is no number") from None
+        raise
+
+
+def _check_pixels(path: str | Path, pixels: Array, calibration: Calibration) -> None:
+    size = np.array([calibration.width_px, calibration.height_px])
+    seen = pixels[np.isfinite(pixels).all(axis=-1)]
+    if len(seen) > 1 and np.all(np.abs(seen) <= 1.5):
+        raise RecordError(
+            f"{path}: columns u_px, v_px: all within 1.5 of 0; pixels are needed, not fractions of the picture"
+        )
+    outside = (pixels < -_MARGIN * size) | (pixels > (1 + _MARGIN) * size)
+    for row, axis in np.argwhere(outside)[:1]:
+        name = ("u_px", "v_px")[axis]
+        raise RecordError(
+            f"{path}: {name}, row {row + 1}: {pixels[row, axis]:g} lies outside any picture of "
+            f"{calibration.width_px} x {calibration.height_px} pixels"
+        )
