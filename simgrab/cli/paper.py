@@ -1,0 +1,37 @@
+"""`simgrab paper`: the simulation study of the paper, run again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default="paper", show_default=True)
+@click.option(
+    "--replications", type=click.IntRange(min=20), default=1000, show_default=True, help="M; the paper's is 1000."
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+def command(out: Path, replications: int, seed: int) -> None:
+    """Run section 4.4 of the paper and print published beside measured.
+
+    Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
+    """
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from simgrab.judge.paper import PaperSettings, run
+    from simgrab.judge.paper_table import INCONSISTENT, rows
+
+    console = Console()
+    study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
+    table = Table("section", "", "published", "measured", "")
+    for row in rows(study):
+        table.add_row(*map(escape, (row.section, row.quantity, row.published, row.measured, row.note)))
+    console.print(table)
+    console.print("Where the text does not agree with itself:")
+    for section, text in INCONSISTENT:
+        console.print(f"  {section}: {text}", markup=False)
+    console.print(f"page: {out / 'paper.html'}", soft_wrap=True)
