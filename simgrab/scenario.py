@@ -157,6 +157,10 @@ class Jib(Strict, frozen=True):
     head_height_m: Annotated[float, Meta(ge=22, le=35)] = 28.0
 
 
+class Plain(Tagged, frozen=True, tag="plain"):
+    """An empty concrete yard: quick to build, nothing to distract."""
+
+
 class Quay(Tagged, frozen=True, tag="quay"):
     """Quay apron: rails, markings, a bulk pile, and a hopper or truck to dump into."""
 
@@ -236,7 +240,7 @@ class Scenario(Strict, frozen=True):
     swing: Iid = Iid()
     grab: Grab = Grab()
     jib: Jib = Jib()
-    place: Quay | Hold | Water = Quay()
+    place: Quay | Hold | Water | Plain = Quay()
     light: Light = Light()
     image: Image = Image()
     labels: Labels = Labels()

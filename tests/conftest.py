@@ -9,6 +9,7 @@ SMALL = {
     "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
     "image.samples": 0,
     "image.shadow_map_px": 1024,
+    "place": {"model": "plain"},
     "frames": 6,
 }
 # Everything that a camera can have at once.

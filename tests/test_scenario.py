@@ -27,7 +27,7 @@ BAD = {
     "swing.jaw_deg": ({"dist": "choice", "values": []}, "length >= 1"),
     "swing.gamma_deg": ({"dist": "uniform", "low": 5.0, "high": 1.0}, "exceed"),
     "swing.model": ("iidd", "did you mean 'iid'"),
-    "place.model": ("moon", "quay, hold, water"),
+    "place.model": ("moon", "quay, hold, water, plain"),
     "place": ({"model": "hold", "receiver": "truck"}, "unknown key"),
     "light": ({"sun": 0.0, "sky": 0.0}, "both"),
     "splits.train": (0.5, "must be 1"),

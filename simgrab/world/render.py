@@ -22,6 +22,7 @@ from simgrab.world.swing import GrabState
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
 NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
+LENS_SAMPLES = 3  # ids are drawn so much finer before a lens bends them, which takes the nearest
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +132,8 @@ class Renderer:
         self._gather(self._grab_only if grab_only else self.option)
         if self._lens is None:
             return View(window, *self._draw_tiles(window))
-        lens = _PictureMap(self.intrinsics, window)
-        ids, depth = self._draw_tiles(lens.source)
+        lens = _PictureMap(self.intrinsics, window, finer=LENS_SAMPLES)
+        ids, depth = self._draw_tiles(lens.source, LENS_SAMPLES)
         return View(
             window,
             lens.resample(ids, cv2.INTER_NEAREST, NOTHING),
@@ -147,18 +148,21 @@ class Renderer:
         if scene.status:
             raise RendererError("the scene holds more geoms than its buffer")
 
-    def aim(self, window: Window, scene: mujoco.MjvScene) -> mujoco.MjrRect:
-        """Point both eyes of a scene along the camera, through a window of the undistorted picture."""
+    def aim(self, window: Window, scene: mujoco.MjvScene, finer: int = 1) -> mujoco.MjrRect:
+        """Point both eyes of a scene along the camera, through a window of the undistorted picture.
+
+        With ``finer`` the picture, and so the window, has that many pixels for each of the camera's, both ways.
+        """
         k, (x0, y0, x1, y1) = self.intrinsics, window
-        scale = NEAR_M / k.f_px
+        scale, cx, cy = NEAR_M / (k.f_px * finer), k.cx_px * finer, k.cy_px * finer
         for eye in scene.camera:
             eye.pos = self._centre
             eye.forward, eye.up = self._rotation[:, 2], -self._rotation[:, 1]
             eye.orthographic = 0
             eye.frustum_near, eye.frustum_far = NEAR_M, FAR_M
-            eye.frustum_center = scale * ((x0 + x1) / 2 - k.cx_px)
+            eye.frustum_center = scale * ((x0 + x1) / 2 - cx)
             eye.frustum_width = scale * (x1 - x0) / 2
-            eye.frustum_top, eye.frustum_bottom = scale * (k.cy_px - y0), scale * (k.cy_px - y1)
+            eye.frustum_top, eye.frustum_bottom = scale * (cy - y0), scale * (cy - y1)
         return mujoco.MjrRect(0, 0, x1 - x0, y1 - y0)
 
     def _draw_rgb(self, window: Window) -> NDArray[np.uint8]:
@@ -170,7 +174,7 @@ class Renderer:
         mujoco.mjr_readPixels(rgb, None, rect, self._buffer.context)
         return rgb[::-1]
 
-    def _draw_tiles(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _draw_tiles(self, window: Window, finer: int = 1) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of a window of the undistorted picture, in tiles that fit the buffer."""
         x0, y0, x1, y1 = window
         ids = np.empty((y1 - y0, x1 - x0), np.uint8)
@@ -179,13 +183,13 @@ class Renderer:
             for x in range(x0, x1, self._size[0]):
                 tile = (x, y, min(x + self._size[0], x1), min(y + self._size[1], y1))
                 at = np.s_[y - y0 : tile[3] - y0, x - x0 : tile[2] - x0]
-                ids[at], depth[at] = self._draw_ids(tile)
+                ids[at], depth[at] = self._draw_ids(tile, finer)
         return ids, depth
 
-    def _draw_ids(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _draw_ids(self, window: Window, finer: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         scene = self._scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
-        rect = self.aim(window, self._scene)
+        rect = self.aim(window, scene, finer)
         mujoco.mjr_render(rect, scene, self._buffer.context)
         colour = np.empty((rect.height, rect.width, 3), np.uint8)
         buffer = np.empty((rect.height, rect.width), np.float32)
@@ -203,12 +207,12 @@ def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class _PictureMap:
-    """Where each pixel of a window of the lens' picture comes from in the undistorted one."""
+    """Where each pixel of a window of the lens' picture comes from in the undistorted one, drawn ``finer`` or not."""
 
-    def __init__(self, intrinsics: Intrinsics, window: Window | None = None) -> None:
+    def __init__(self, intrinsics: Intrinsics, window: Window | None = None, finer: int = 1) -> None:
         x0, y0, x1, y1 = window or (0, 0, intrinsics.width_px, intrinsics.height_px)
         grid = np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
-        ideal: Array = intrinsics.undistort(grid)
+        ideal: Array = intrinsics.undistort(grid) * finer
         low, high = np.nanmin(ideal, axis=(0, 1)), np.nanmax(ideal, axis=(0, 1))
         # Two pixels of margin for the resampling kernel.
         self.source: Window = (*(int(v) - 2 for v in np.floor(low)), *(int(v) + 2 for v in np.ceil(high)))  # type: ignore[assignment]

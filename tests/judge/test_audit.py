@@ -14,9 +14,11 @@ from simgrab import geometry
 from simgrab.errors import DatasetError
 from simgrab.judge import identities
 from simgrab.judge.audit import audit
+from simgrab.judge.proof import Proof
 from simgrab.records import columns
 from simgrab.world import second_opinion
 from simgrab.world.dataset import render
+from simgrab.world.frames import Studio
 
 
 @pytest.fixture
@@ -50,34 +52,38 @@ def alter(path, column, frame):
     pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path / "labels.parquet")
 
 
-def test_every_altered_column_is_named(dataset, tmp_path, monkeypatch):
-    """One altered cell in every column: the finding names frame and column. The picture itself is drawn once."""
-    from simgrab.world.frames import Studio
-
+@pytest.fixture
+def drawn_once(scene, monkeypatch):
+    """Audits in this test share one studio, which draws each frame once."""
     made = {}
-    original = Studio.make
 
-    def make(self, frame):
-        if frame not in made:
-            made[frame] = original(self, frame)
-        return made[frame]
+    class Once(Studio):
+        def make(self, frame):
+            if frame not in made:
+                made[frame] = super().make(frame)
+            return made[frame]
 
-    monkeypatch.setattr(Studio, "make", make)
-    monkeypatch.setattr("simgrab.judge.silhouettes.compare", lambda *_: second_opinion_passes())
+        def __exit__(self, *_):
+            pass
+
+    studio = Once(scene)
+    monkeypatch.setattr("simgrab.judge.audit.Studio", lambda _: studio)
+    monkeypatch.setattr("simgrab.judge.silhouettes.compare", lambda *_: Proof("not drawn here", 1))
+    yield
+    studio.renderer.close()
+
+
+@pytest.mark.usefixtures("drawn_once")
+def test_every_altered_column_is_named(copy):
+    """One altered cell, in every column in turn: a finding names frame and column."""
+    original = (copy / "labels.parquet").read_bytes()
     for column in columns():
-        path = shutil.copytree(dataset, tmp_path / column)
-        alter(path, column, 2)
-        report = audit(path)
+        alter(copy, column, 2)
+        report = audit(copy)
         assert report.status == "failed", column
         where = [f.where for f in report.findings]
         assert any(w.endswith(column) and (column == "frame" or "frame 2" in w) for w in where), (column, where)
-        shutil.rmtree(path)
-
-
-def second_opinion_passes():
-    from simgrab.judge.proof import Proof
-
-    return Proof("not drawn here", 1)
+        (copy / "labels.parquet").write_bytes(original)
 
 
 def test_altered_pictures_are_named(copy):
@@ -92,10 +98,8 @@ def test_altered_pictures_are_named(copy):
     assert any(str(other.relative_to(copy)) in f and "missing" in f for f in findings)
 
 
-def test_every_altered_manifest_field_is_named(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("simgrab.judge.audit._redraw", lambda *_: [])
-    monkeypatch.setattr("simgrab.judge.silhouettes.compare", lambda *_: second_opinion_passes())
-
+@pytest.mark.usefixtures("drawn_once")
+def test_every_altered_manifest_field_is_named(copy):
     def leaves(node, path=()):
         if isinstance(node, dict):
             for key, value in node.items():
@@ -103,8 +107,7 @@ def test_every_altered_manifest_field_is_named(dataset, tmp_path, monkeypatch):
         else:
             yield path
 
-    known = json.loads((dataset / "manifest.json").read_text())
-    path = shutil.copytree(dataset, tmp_path / "copy")
+    known = json.loads((copy / "manifest.json").read_text())
     for leaf in leaves(known):
         if leaf[0] == "scenario" and leaf[-1] not in ("beta_deg", "seed", "name", "sigma_deg"):
             continue  # the others go the same way; some alterations make no scenario at all
@@ -113,8 +116,8 @@ def test_every_altered_manifest_field_is_named(dataset, tmp_path, monkeypatch):
         for key in leaf[:-1]:
             node = node[key]
         node[leaf[-1]] = node[leaf[-1]] + 1 if isinstance(node[leaf[-1]], int | float) else "altered"
-        (path / "manifest.json").write_text(json.dumps(changed))
-        report = audit(path)
+        (copy / "manifest.json").write_text(json.dumps(changed))
+        report = audit(copy)
         assert report.status == "failed", leaf
         named = [f.where for f in report.findings]
         assert any(leaf[0] in w or leaf[-1] in w or "manifest_digest" in w for w in named), (leaf, named)
@@ -162,9 +165,7 @@ def planted(monkeypatch, tmp_path, target, fault, **changes):
 
 def test_a_wrong_sign_of_gamma_is_caught(monkeypatch, tmp_path):
     right = geometry.grab_centre
-    failed = planted(
-        monkeypatch, tmp_path, "simgrab.geometry.grab_centre", lambda alpha, azimuth, length: right(alpha, -azimuth, length)
-    )  # fmt: skip
+    failed = planted(monkeypatch, tmp_path, "simgrab.geometry.grab_centre", lambda a, phi, r: right(a, -phi, r))
     assert "poses agree with angles, rope length and offset" in failed
 
 
@@ -191,8 +192,8 @@ def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
 
     right = Renderer.aim
 
-    def shifted(self, window, scene):
-        rect = right(self, window, scene)
+    def shifted(self, window, scene, finer=1):
+        rect = right(self, window, scene, finer)
         for eye in scene.camera:
             eye.frustum_center += 0.5 * eye.frustum_near / self.intrinsics.f_px
         return rect
@@ -208,6 +209,13 @@ def test_identities_refuse_small_errors(dataset):
 
     rows = [msgspec.convert(r, Truth) for r in pq.read_table(dataset / "labels.parquet").to_pylist()]
     assert identities.paper_identities(rows).status == "passed"
-    for column, proof in (("theta_deg", identities.paper_identities), ("grab_u_px", identities.projections)):
-        bent = [msgspec.structs.replace(r, **{column: getattr(r, column) + 1e-5}) for r in rows]
-        assert proof(bent).status == "failed"
+    for column, error, proof in (
+        ("theta_deg", 1e-3, identities.paper_identities),
+        ("m_px", 1e-4, identities.paper_identities),
+        ("grab_u_px", 1e-5, identities.projections),
+        ("ideal_v_px", 1e-5, identities.projections),
+        ("yaw_deg", 1e-6, identities.poses),
+        ("roll_deg", 1e-6, identities.poses),
+    ):
+        bent = [msgspec.structs.replace(r, **{column: getattr(r, column) + error}) for r in rows]
+        assert proof(bent).status == "failed", column

@@ -8,21 +8,22 @@ import trimesh
 from numpy.typing import NDArray
 
 from simgrab.rng import stream
-from simgrab.scenario import Hold, Quay, Water
+from simgrab.scenario import Hold, Plain, Quay, Water
 from simgrab.world.clearance import HeightMap
 from simgrab.world.meshes.part import Part
 from simgrab.world.places import build
 
 HEIGHT = 28.0
-OPTIONS: dict[str, Quay | Hold | Water] = {
+OPTIONS: dict[str, Quay | Hold | Water | Plain] = {
     "quay, coal, hopper": Quay(),
     "quay, ore, truck, no pile": Quay(cargo="ore", receiver="truck", pile_height_m=0.0, wear=1.0),
     "quay, grain, high pile": Quay(cargo="grain", receiver="none", pile_height_m=5.0, wear=0.0),
     "hold, coal, full": Hold(fill=1.0, depth_m=12.0),
     "hold, ore, empty": Hold(cargo="ore", fill=0.0, depth_m=18.0, wear=1.0),
+    "plain": Plain(),
     "water, rough": Water(freeboard_m=8.0, quay_height_m=6.0, chop=1.0),
 }
-GROUND = ("apron", "water", "deck 0", "deck 1", "deck 2", "deck 3", "deck 4", "hull", "tank top", "quay wall")
+GROUND = ("apron", "water", "deck 0", "deck 1", "deck 2", "deck 3", "deck 4", "hull", "tank top", "quay wall", "yard")
 STANDING = {  # what stands on the quay: parts of which every solid, or the lowest one, must touch the slabs
     "every": ("cones", "barrels", "pallet", "loader tyres", "truck tyres", "tarpaulin", "pile"),
     "lowest": ("hopper frame", "hopper walkway", "hopper conveyor", "loader bucket", "skip", "bollards", "kerb"),

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.scenario import Hold, Quay, Water
+from simgrab.scenario import Hold, Plain, Quay, Water
 from simgrab.world.meshes.part import Part
 from simgrab.world.places.hold import hold
+from simgrab.world.places.plain import plain
 from simgrab.world.places.quay import quay
 from simgrab.world.places.water import water
 
 
-def build(place: Quay | Hold | Water, *, head_height: float, rng: np.random.Generator) -> list[Part]:
+def build(place: Quay | Hold | Water | Plain, *, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Build a place.
 
     Parameters
     ----------
-    place : Quay, Hold or Water
+    place : Quay, Hold, Water or Plain
     head_height : float
         Rope exit above the quay's surface, metres.
     rng : numpy.random.Generator
@@ -31,4 +32,6 @@ def build(place: Quay | Hold | Water, *, head_height: float, rng: np.random.Gene
         return quay(place, head_height=head_height, rng=rng)
     if isinstance(place, Hold):
         return hold(place, head_height=head_height, rng=rng)
+    if isinstance(place, Plain):
+        return plain(head_height=head_height)
     return water(place, head_height=head_height, rng=rng)
