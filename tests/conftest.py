@@ -1,3 +1,5 @@
+import json
+
 import pytest
 
 from simgrab import scenes
@@ -24,6 +26,17 @@ CROOKED = {
     "camera.distortion": {"k1": -0.28, "k2": 0.09, "p1": 5e-4, "p2": -8e-4, "k3": -0.01},
     "swing.alpha.sigma_deg": 4.0,
 }
+
+
+def toml(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
+    return json.dumps(value)
+
+
+def as_options(changes):
+    """Command-line arguments that make the same changes."""
+    return [part for key, value in changes.items() for part in ("--set", f"{key}={toml(value)}")]
 
 
 def small_scene(name="quay-day", **changes):

@@ -14,12 +14,13 @@ from simgrab.geometry import Array
 from simgrab.records import KEYPOINT_NAMES, Truth
 from simgrab.scenario import Scenario
 from simgrab.world.meshes import grab
-from simgrab.world.model import GRAB, World
+from simgrab.world.model import GRAB, ROPE, World
 from simgrab.world.render import Renderer, View, Window
 from simgrab.world.swing import GrabState, draw, split
 
 NEAREST_DEPTH_M = 0.2
-KEYPOINT_TOLERANCE_M = 0.06  # a keypoint on a surface is seen if nothing lies this much nearer
+KEYPOINT_TOLERANCE_M = 0.12  # a keypoint on a surface is seen if nothing lies this much nearer,
+ROPE_TOLERANCE_M = 1.0  # but for a rope over a termination: the one that ends there, seen nearly end on
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +225,12 @@ def _see_keypoints(scenario: Scenario, aimed: Aim, sight: Sight) -> Array:
         if not (0 <= u < k.width_px and 0 <= v < k.height_px):  # NaN is outside too
             continue
         inside = x0 <= u < x1 and y0 <= v < y1
-        nearest = sight.visible.depth[int(v) - y0, int(u) - x0] if inside else 0.0
-        rows[i] = u, v, 2 if nearest > depth - KEYPOINT_TOLERANCE_M else 1
+        rows[i] = u, v, 1
+        if inside:
+            at = int(v) - y0, int(u) - x0
+            own_rope = KEYPOINT_NAMES[i].startswith("termination") and sight.visible.ids[at] == ROPE
+            tolerance = ROPE_TOLERANCE_M if own_rope else KEYPOINT_TOLERANCE_M
+            rows[i, 2] += sight.visible.depth[at] > depth - tolerance
     return rows
 
 

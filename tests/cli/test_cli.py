@@ -4,7 +4,7 @@ import sys
 
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL
+from conftest import SMALL, as_options
 
 from simgrab import scenes
 from simgrab.cli import cli, main
@@ -66,11 +66,7 @@ def test_main_turns_errors_into_status_2(monkeypatch, capsys):
 
 
 def test_render_prints_a_summary(tmp_path):
-    small = [
-        part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}") if "focal" not in key
-    ]
-    focal = ["--set", "camera.focal={model='pixels', focal_length_px=411.2}"]
-    status, out, _ = run("render", *small, *focal, "--frames", 2, "--out", tmp_path / "out", "--json")
+    status, out, _ = run("render", *as_options(SMALL), "--frames", 2, "--out", tmp_path / "out", "--json")
     assert status == 0
     summary = json.loads(out)
     assert summary["frames"] == 2

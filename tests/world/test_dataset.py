@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import SMALL, small_scene
+from conftest import SMALL, as_options, small_scene
 
 from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
@@ -24,16 +24,6 @@ def digest(path: Path) -> dict[str, str]:
     """Digest of every file in a folder."""
     files = sorted(p for p in path.rglob("*") if p.is_file())
     return {str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
-
-
-def options(changes):
-    return [part for key, value in changes.items() for part in ("--set", f"{key}={toml(value)}")]
-
-
-def toml(value):
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
-    return json.dumps(value)
 
 
 def simgrab(*arguments):
@@ -76,7 +66,7 @@ def test_two_workers_give_the_same_bytes(dataset, scene, tmp_path):
 def test_the_manifest_and_the_command_line_give_the_same_bytes(dataset, tmp_path):
     render(scenes.load(dataset / "manifest.json"), tmp_path / "again")
     assert digest(tmp_path / "again") == digest(dataset)
-    command = simgrab("render", "quay-day", *options(SMALL), "--out", tmp_path / "cli", "--quiet")
+    command = simgrab("render", "quay-day", *as_options(SMALL), "--out", tmp_path / "cli", "--quiet")
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == ""
     assert digest(tmp_path / "cli") == digest(dataset)
@@ -99,7 +89,7 @@ def test_another_seed_gives_another_dataset(dataset, tmp_path):
 def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers):
     out = tmp_path / "killed"
     command = simgrab(
-        "render", "quay-day", *options(SMALL), "--out", out, "--quiet", "--resume", "--workers", workers
+        "render", "quay-day", *as_options(SMALL), "--out", out, "--quiet", "--resume", "--workers", workers
     )  # fmt: skip
     moments = random.Random(workers)
     rows = out / ".partial" / "rows"

@@ -70,7 +70,7 @@ def test_a_place_stays_within_its_budget(name: str) -> None:
     assert sum(m.texture.nbytes for m in materials.values() if m.texture is not None) < 115e6
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", [n for n in OPTIONS if n != "plain"])  # which has no corner near
 def test_the_height_map_is_as_high_as_every_corner_near(name: str) -> None:
     parts = place(name)
     ground = HeightMap.of(p.mesh for p in parts)

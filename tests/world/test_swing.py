@@ -10,8 +10,8 @@ from simgrab.world.swing import CLOSED, draw, split
 
 
 @pytest.fixture(scope="module")
-def states():
-    return [draw(small_scene(), frame, most_jaw=MAX_JAW) for frame in range(3000)]
+def states(scene):
+    return [draw(scene, frame, most_jaw=MAX_JAW) for frame in range(3000)]
 
 
 def test_the_papers_law(states):
@@ -41,8 +41,8 @@ def test_gamma_counts_from_the_tilt_azimuth():
     assert (state.azimuth - state.gamma) % (2 * np.pi) == pytest.approx(np.radians(70))
 
 
-def test_splits_follow_their_shares():
-    names = [split(small_scene(), f) for f in range(4000)]
+def test_splits_follow_their_shares(scene):
+    names = [split(scene, f) for f in range(4000)]
     for name, share in (("train", 0.8), ("val", 0.1), ("test", 0.1)):
         assert names.count(name) / 4000 == pytest.approx(share, abs=0.02)
 
