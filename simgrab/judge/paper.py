@@ -110,7 +110,7 @@ class PaperStudy:
     slope_beta, slope_sigma2 : float
         Of log RMSE against log n, axis known.
     beta_steps, sigma2_steps : ndarray, shape (M, T + 1)
-        \|β⁽ᵗ⁾ − β̂\| and \|σ²⁽ᵗ⁾/σ̂² − 1\|; NaN beyond the last.
+        \|β⁽ᵗ⁾ − β̂\| and \|σ²⁽ᵗ⁾/σ̂² − 1\| from the limit β̂, σ̂²; NaN beyond the last.
     iterations : dict of int to int
         How many records took so many.
     last_beta_step, last_sigma2_step : float
@@ -165,10 +165,12 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
     tell("convergence and start values")
     pixels, alpha = _draw(settings, "convergence", settings.convergence_frames)
     run = rivals["known"].batch(pixels, camera(settings.h))
-    beta_steps, sigma2_steps = _steps(run)
+    limit = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION, epsilon=1e-15)
+    beta_steps, sigma2_steps = _steps(run, limit.batch(pixels, camera(settings.h)))
     counts = Counter(int(t) for t in run.diagnostics["iterations"][run.ok])
     last = np.asarray(run.diagnostics["iterations"][run.ok], int)
     rows = np.flatnonzero(run.ok)
+    betas, sigma2s = run.diagnostics["beta_history"], run.diagnostics["sigma2_history"]
     tell("time")
     single, batch = _times(settings)
     cos_psi = settings.h / np.hypot(settings.h, camera(settings.h).intrinsics.polar(pixels)[0])
@@ -180,8 +182,8 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
         beta_steps=beta_steps,
         sigma2_steps=sigma2_steps,
         iterations=dict(sorted(counts.items())),
-        last_beta_step=float(np.median(beta_steps[rows, last - 1])),
-        last_sigma2_step=float(np.median(sigma2_steps[rows, last - 1])),
+        last_beta_step=float(np.median(np.abs(betas[rows, last] - betas[rows, last - 1]))),
+        last_sigma2_step=float(np.median(np.abs(sigma2s[rows, last] / sigma2s[rows, last - 1] - 1))),
         starts=tuple(_start(settings, pixels, run, s) for s in settings.starts_deg),
         single_s=single,
         batch_s=batch,
@@ -247,12 +249,13 @@ def _slope(rmse: dict[int, float]) -> float:
     return float(np.polyfit(np.log(list(rmse)), np.log(list(rmse.values())), 1)[0])
 
 
-def _steps(found: Estimates) -> tuple[Array, Array]:
+def _steps(found: Estimates, limit: Estimates) -> tuple[Array, Array]:
+    """How far each iterate is from where the iteration would end if it went on."""
     beta, sigma2 = found.diagnostics["beta_history"], found.diagnostics["sigma2_history"]
     width = int(np.isfinite(beta).any(axis=0).sum())
     return (
-        np.abs(beta[:, :width] - found.beta[:, None]),
-        np.abs(sigma2[:, :width] / found.sigma[:, None] ** 2 - 1),
+        np.abs(beta[:, :width] - limit.beta[:, None]),
+        np.abs(sigma2[:, :width] / limit.sigma[:, None] ** 2 - 1),
     )
 
 

@@ -62,7 +62,7 @@ def _convergence(study: PaperStudy) -> Figure:
         columns = range(first, steps.shape[1])
         data = [steps[:, t][np.isfinite(steps[:, t])] for t in columns]
         _boxes(axes, data, [str(t) for t in columns], color)
-        axes.set(xlabel="iteration t", ylabel=label, ylim=(-16.5, 0.5))
+        axes.set(xlabel="iteration t", ylabel=label, ylim=(-16.5, None))
         axes.annotate(
             "differences of 0 are drawn at −16", (0.02, 0.02), xycoords="axes fraction", fontsize=7.5, color=GREY
         )

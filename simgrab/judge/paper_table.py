@@ -1,4 +1,4 @@
-"""Published beside measured: every number that a simulation can be put beside, and where the text contradicts itself."""
+"""Published beside measured: every number that a simulation can be put beside, and where the text errs."""
 
 from __future__ import annotations
 

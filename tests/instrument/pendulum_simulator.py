@@ -1,7 +1,7 @@
 """A spherical pendulum of changing length, written for these tests alone and in other variables than the package's own.
 
-State: the unit vector n from O to A and its rate, so that the length's rate appears: n̈ = (g⃗ + a⃗)ₜ/l − 2(l̇/l + ζω) ṅ − |ṅ|² n,
-with the subscript for the part across the rope.
+State: the unit vector n from O to A and its rate, so that the length's rate appears:
+n̈ = (g⃗ + a⃗)ₜ/l − 2(l̇/l + ζω) ṅ − |ṅ|² n, with the subscript for the part across the rope.
 """
 
 from __future__ import annotations

@@ -183,7 +183,11 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
         of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
         if found.reach is not None:
             low, high = found.reach(cov, q)
-            of_beta = np.stack([np.maximum(beta - low, 0), np.hypot(beta + high, q * np.sqrt(0.56 * cov[:, 1, 1]))], -1)
+            below, above = (
+                iv.radial(beta, (low / q) ** 2, cov[:, 1, 1], q),
+                iv.radial(beta, (high / q) ** 2, cov[:, 1, 1], q),
+            )
+            of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
         of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], q)
         of_alpha = _of_alpha(frames, found, alpha, unit, cov, q)
         for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():

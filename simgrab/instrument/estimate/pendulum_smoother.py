@@ -157,7 +157,7 @@ class PendulumSmoother(Estimator):
         of_swing = state_covariances(found.minimum, STATE)[nodes.frame, :2, :2]
         gain = found.minimum.gain.reshape(-1, STATE, len(found.parameters))[nodes.frame, :2]
         slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
-        var_sigma2 = float(slope @ found.minimum.covariance @ slope)
+        var_sigma = float(slope @ found.minimum.covariance @ slope) / max(4 * sigma2, 1e-300)
         return {
             "reason": "",
             "beta": beta,
@@ -166,7 +166,7 @@ class PendulumSmoother(Estimator):
             "alpha": alpha,
             "offset": found.parameters[OFFSET],
             "beta_ends": iv.radial(np.array(beta), along, across, quantile),
-            "sigma_ends": iv.of_scale(np.array(np.sqrt(sigma2)), np.array(var_sigma2), quantile),
+            "sigma_ends": iv.radial(np.array(np.sqrt(sigma2)), np.array(var_sigma), across, quantile),
             "alpha_ends": iv.radial(alpha, *_split(of_swing, s), quantile),
             "forcing": np.exp(found.strengths[FAST]),
             "lean_sd": np.exp(found.strengths[SLOW]),

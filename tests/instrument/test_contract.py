@@ -1,0 +1,226 @@
+"""One contract for all estimators."""
+
+from __future__ import annotations
+
+import dataclasses
+import time as clock
+import tracemalloc
+
+import msgspec
+import numpy as np
+import pendulum_simulator as pendulum
+import pytest
+import studies
+
+from simgrab.errors import RecordError
+from simgrab.geometry import camera_rotation
+from simgrab.instrument.estimate import ESTIMATORS
+
+CAMERA = studies.camera()
+NAMES = list(ESTIMATORS)
+ORDERLESS = [n for n in NAMES if not ESTIMATORS[n].needs_time]
+
+
+@pytest.fixture(scope="module")
+def record():
+    """A swing that every estimator can work on: pixels, rope and time of 130 frames."""
+    rng = np.random.default_rng(7)
+    swing = pendulum.free(rng, 1, 14.5, pendulum.Hoist(24.0, 16.0, 1.0, 12.0), np.deg2rad(3), 0.005)
+    rotation = camera_rotation(np.deg2rad(4.0), 1.1, 0.0)
+    pixels = pendulum.seen(
+        rng,
+        swing,
+        CAMERA.intrinsics.project,
+        rotation=rotation,
+        offset=np.array([[0.2, -0.1, 0.0]]),
+        missing=0,
+        outliers=0,
+    )[0]
+    return pixels, swing.rope, swing.time
+
+
+def run(name, pixels, rope, time, camera=CAMERA):
+    return ESTIMATORS[name]().estimate(pixels, camera, rope_length=rope, time=time)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("frames", [0, 1])
+def test_too_few_frames_are_refused_with_a_reason(name, frames, record):
+    pixels, rope, time = record
+    found = run(name, pixels[:frames], rope[:frames], time[:frames])
+    assert found.status == "refused"
+    assert str(frames) in found.reason
+    assert "parameters" in found.reason
+    assert (found.beta, found.sigma, found.alpha, found.intervals) == (None, None, None, ())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_identical_frames_give_no_swing_and_no_false_certainty(name, record):
+    time = record[2]
+    pixels = np.tile([1010.0, 600.0], (len(time), 1))
+    found = run(name, pixels, np.full(len(time), 20.0), time)
+    assert found.ok
+    assert np.isfinite([found.beta, found.sigma]).all()
+    if name == "zero-tilt":  # what it takes for swing is the tilt
+        assert found.sigma > 0.03
+    else:
+        assert found.sigma < 1e-6
+    if name != "pendulum-smoother":  # a pendulum at rest does tell where down is
+        assert found.interval("iid").beta is None
+        assert "no scatter" in found.interval("iid").note
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_frame_without_a_pixel_is_a_missing_frame(name, record):
+    pixels, rope, time = record
+    gone = np.zeros(len(time), bool)
+    gone[[3, 40, 41, 90]] = True
+    holed = np.where(gone[:, None], np.nan, pixels)
+    found, short = run(name, holed, rope, time), run(name, pixels[~gone], rope[~gone], time[~gone])
+    assert found.frames == len(time) - 4
+    if name == "pendulum-smoother":  # it knows where the grab was meanwhile
+        assert abs(found.beta - short.beta) < 3e-4
+        assert np.isfinite(found.alpha).all()
+    else:
+        np.testing.assert_allclose([found.beta, found.sigma], [short.beta, short.sigma], atol=1e-12)
+        np.testing.assert_array_equal(np.isnan(found.alpha), gone)
+        np.testing.assert_allclose(found.interval("iid").beta, short.interval("iid").beta, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("through_centre", [True, False])
+def test_collinear_points(name, through_centre, record):
+    _, rope, time = record
+    along = 80 * np.sin(0.7 * time) + 30
+    pixels = np.stack([960 + along, 540 + 0.5 * along + (0 if through_centre else 60)], -1)
+    found = run(name, pixels, rope, time)
+    if found.ok:
+        assert np.isfinite(found.beta)
+        assert np.isfinite(found.alpha).all()
+        beta = found.intervals[0].beta
+        assert beta[0] <= found.beta <= beta[1]
+    else:
+        assert found.reason
+
+
+@pytest.mark.parametrize("name", ORDERLESS)
+def test_the_order_of_frames_does_not_matter(name, record):
+    pixels, rope, time = record
+    order = np.random.default_rng(0).permutation(len(time))
+    one, other = run(name, pixels, rope, time), run(name, pixels[order], rope[order], time[order])
+    np.testing.assert_allclose([one.beta, one.sigma], [other.beta, other.sigma], rtol=1e-8)
+    np.testing.assert_allclose(one.alpha[order], other.alpha, atol=1e-8)
+    np.testing.assert_allclose(one.interval("iid").beta, other.interval("iid").beta, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_turning_the_picture_turns_the_azimuth_alone(name, record):
+    pixels, rope, time = record
+    turn = 0.9  # clockwise in the picture
+    c, s = np.cos(turn), np.sin(turn)
+    centre = np.array([CAMERA.cx_px, CAMERA.cy_px])
+    turned = (pixels - centre) @ np.array([[c, s], [-s, c]]) + centre
+    one, other = run(name, pixels, rope, time), run(name, turned, rope, time)
+    close = 2e-4 if name == "pendulum-smoother" else 1e-8
+    np.testing.assert_allclose([one.beta, one.sigma], [other.beta, other.sigma], atol=close)
+    np.testing.assert_allclose(one.alpha, other.alpha, atol=2 * close)
+    if name != "zero-tilt":  # C'G' turns with the picture, and the azimuth is a right angle less it
+        difference = other.tilt_azimuth + turn - one.tilt_azimuth
+        assert abs((difference + np.pi) % (2 * np.pi) - np.pi) < max(close, 1e-6) * 20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_finer_picture_gives_the_same_angles(name, record):
+    pixels, rope, time = record
+    finer = msgspec.structs.replace(CAMERA, focal_length_px=1.7 * CAMERA.focal_length_px)
+    centre = np.array([CAMERA.cx_px, CAMERA.cy_px])
+    one, other = run(name, pixels, rope, time), run(name, centre + 1.7 * (pixels - centre), rope, time, finer)
+    close = 2e-4 if name == "pendulum-smoother" else 1e-9
+    np.testing.assert_allclose([one.beta, one.sigma], [other.beta, other.sigma], atol=close)
+    np.testing.assert_allclose(one.alpha, other.alpha, atol=2 * close)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_written_into_and_nothing_is_remembered(name, record):
+    given = [np.array(a) for a in record]
+    before = [a.copy() for a in given]
+    for a in given:
+        a.flags.writeable = False
+    estimator = ESTIMATORS[name]()
+    pixels, rope, time = given
+    one = estimator.estimate(pixels, CAMERA, rope_length=rope, time=time)
+    other = estimator.estimate(pixels, CAMERA, rope_length=rope, time=time)
+    for a, b in zip(given, before, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert (one.beta, one.sigma, one.tilt_azimuth) == (other.beta, other.sigma, other.tilt_azimuth)
+    np.testing.assert_array_equal(one.alpha, other.alpha)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        estimator.intervals = None
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.beta = 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_batch_is_its_records(name, record):
+    pixels, rope, time = record
+    many = np.stack([pixels, np.full_like(pixels, np.nan), pixels[::-1]])
+    batch = ESTIMATORS[name]().batch(many, CAMERA, rope_length=rope, time=time)
+    assert batch.ok.tolist() == [True, False, True]
+    assert batch[1].status == "refused"
+    assert batch[1].beta is None
+    for i in (0, 2):
+        alone = run(name, many[i], rope, time)
+        np.testing.assert_allclose([batch[i].beta, batch[i].sigma], [alone.beta, alone.sigma], atol=1e-12)
+        np.testing.assert_allclose(batch[i].alpha, alone.alpha, atol=1e-12)
+        np.testing.assert_allclose(batch[i].intervals[0].beta, alone.intervals[0].beta, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_wrong_shapes_raise(name, record):
+    pixels, rope, time = record
+    estimator = ESTIMATORS[name]()
+    for wrong in (pixels[:, 0], pixels[:, [0, 1, 1]], pixels[None]):
+        with pytest.raises(RecordError, match="shape"):
+            estimator.estimate(wrong, CAMERA, rope_length=rope, time=time)
+    with pytest.raises(RecordError, match="rope_length must have shape"):
+        estimator.estimate(pixels, CAMERA, rope_length=rope[1:], time=time)
+    with pytest.raises(RecordError, match="time must have shape"):
+        estimator.estimate(pixels, CAMERA, rope_length=rope, time=time[1:])
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if ESTIMATORS[n].needs_rope])
+def test_a_rope_that_is_needed_must_be_there(name, record):
+    pixels, rope, time = record
+    with pytest.raises(RecordError, match="needs the rope length"):
+        ESTIMATORS[name]().estimate(pixels, CAMERA, time=time)
+    with pytest.raises(RecordError, match="row 5: must be above 0 m, got 0"):
+        run(name, pixels, np.where(np.arange(len(rope)) == 5, 0.0, rope), time)
+
+
+def test_time_that_is_needed_must_be_there_and_increase(record):
+    pixels, rope, time = record
+    with pytest.raises(RecordError, match="needs the time"):
+        ESTIMATORS["pendulum-smoother"]().estimate(pixels, CAMERA, rope_length=rope)
+    with pytest.raises(RecordError, match="row 1: must increase"):
+        run("pendulum-smoother", pixels, rope, time[::-1])
+
+
+@pytest.mark.parametrize("name", ORDERLESS)
+def test_a_million_frames_in_bounded_memory_and_linear_time(name):
+    rng = np.random.default_rng(1)
+    pixels = rng.normal([1000.0, 580.0], 60.0, (1_000_000, 2))
+    rope, time = rng.uniform(8, 35, 1_000_000), np.arange(1e6) / 9
+    run(name, pixels[:10_000], rope[:10_000], time[:10_000])
+    began = clock.perf_counter()
+    run(name, pixels[:100_000], rope[:100_000], time[:100_000])
+    tenth = clock.perf_counter() - began
+    tracemalloc.start()
+    began = clock.perf_counter()
+    found = run(name, pixels, rope, time)
+    whole = clock.perf_counter() - began
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.ok
+    assert found.interval("blocks").blocks == 12
+    assert peak < 600e6  # 600 bytes a frame, of which the result keeps 40
+    assert whole < 30 * tenth + 0.5  # linear, with room for caches and a busy machine

@@ -1,0 +1,98 @@
+"""What the estimators that treat every frame alike are good for."""
+
+import numpy as np
+import pytest
+import studies
+from scipy.optimize import minimize
+
+from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration
+from simgrab.instrument.estimate.frames import gravity
+from simgrab.judge.paper import PaperSettings, study
+
+
+def test_errors_fall_as_the_root_of_n():
+    found = study(PaperSettings(replications=1000, frames=(100, 316, 1000, 3162), starts_deg=(0,)))
+    assert found.slope_beta == pytest.approx(-0.5, abs=0.03)
+    assert found.slope_sigma2 == pytest.approx(-0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("beta_deg", [5.0, 1.0])
+def test_under_the_papers_law_the_geometric_median_halves_the_error(beta_deg):
+    scores = studies.rivals("half-normal", 300, 1000, beta_deg)
+    paper = scores["paper" if scores["paper"].refused < 0.5 else "paper, from mean ray"]
+    assert scores["geometric-median"].rmse <= 0.5 * paper.rmse
+    assert scores["geometric-median"].refused == 0
+
+
+@pytest.mark.parametrize("beta_deg", [5.0, 1.0])
+def test_under_rayleigh_none_beats_the_mean_ray(beta_deg):
+    scores = studies.rivals("rayleigh", 300, 1000, beta_deg)
+    for name in ("paper", "paper, from mean ray", "geometric-median", "zero-tilt"):
+        assert studies.beats(scores[name], scores["mean-ray"]) < 2, name
+
+
+def test_the_geometric_median_is_where_the_mean_angle_is_least():
+    d = studies.draw("exponential", 3, 200)
+    found = GeometricMedian(smoothing=1e-7).batch(d.pixels, studies.camera())
+    rays = studies.camera().intrinsics.rays(d.pixels) @ np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])
+    for i in range(3):
+
+        def mean_angle(v, rays=rays[i]):
+            return np.arccos(np.clip(rays @ gravity(np.hypot(*v), np.arctan2(v[1], v[0])), -1, 1)).mean()
+
+        start = found.beta[i] * np.array([np.cos(found.tilt_azimuth[i]), np.sin(found.tilt_azimuth[i])])
+        best = minimize(mean_angle, start + 1e-3, method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-14})
+        assert mean_angle(start) <= best.fun + 1e-10
+        np.testing.assert_allclose(start, best.x, atol=1e-5)
+
+
+@pytest.mark.parametrize("law", ["half-normal", "rayleigh"])
+@pytest.mark.parametrize("offset", [0.3, 0.8, 1.5])
+def test_rope_aware_finds_tilt_and_swing_beside_the_rope(law, offset):
+    scores = studies.offsets(law, offset, 60)
+    assert scores["rope-aware"].rmse <= 0.1
+    assert scores["rope-aware"].alpha <= 0.1
+    if offset > 1:
+        assert scores["paper-iteration"].rmse > 2  # degrees
+
+
+def test_a_prior_keeps_rope_aware_sane_where_tilt_and_offset_are_one():
+    mean, aware, cover = studies.drawn_offsets("half-normal", (28.0, 33.0), 300)
+    assert aware.rmse < mean.rmse
+    assert aware.refused == 0
+    assert cover[0] >= 0.93
+
+
+# Bounds are the nominal 93–97 % and two standard errors of 600 records.
+@pytest.mark.parametrize("law", ["half-normal", "rayleigh"])
+def test_intervals_cover_on_independent_frames(law):
+    for name, (beta, sigma, alpha) in studies.independent(law, 600, 500).items():
+        assert 0.93 - 0.02 < beta < 0.97 + 0.015, name
+        assert 0.93 - 0.02 < sigma < 0.97 + 0.015, name
+        assert 0.93 - 0.01 < alpha < 0.985, name
+
+
+@pytest.mark.parametrize("beta_deg", [0.0, 0.02, 0.05, 0.1, 0.2])  # the standard error is 0.07°
+def test_intervals_of_a_tilt_of_nearly_nothing(beta_deg):
+    d = studies.draw("rayleigh", 2000, 400, beta_deg=beta_deg)
+    interval = MeanRay().batch(d.pixels, studies.camera()).interval("iid")
+    assert 0.935 < studies.coverage(interval, d.alpha, beta_deg=beta_deg)[0] < 0.985
+
+
+def test_on_a_swing_independent_frames_fail_and_blocks_hold():
+    for name, kinds in studies.long_records(150, 30.0, 0.01).items():
+        assert kinds["iid"][1] < 0.5, name  # σ: three thousand frames are not three thousand swings
+        assert min(kinds["blocks"][:2]) >= 0.90 - 0.04, name
+
+
+@pytest.mark.parametrize(("minutes", "blocks"), [(7, 1), (29, 5), (31, 6), (200, 12)])
+def test_blocks_are_long_and_too_few_are_said_to_be(minutes, blocks):
+    d = studies.draw("rayleigh", 1, minutes * 60)
+    found = PaperIteration().estimate(d.pixels[0], studies.camera(), time=np.arange(minutes * 60.0))
+    interval = found.interval("blocks")
+    assert interval.blocks == blocks
+    if blocks < 6:
+        assert interval.beta is None
+        assert interval.note == f"too few blocks: {blocks} of at least 300 s, where 6 are needed"
+    else:
+        assert interval.beta[0] < found.beta < interval.beta[1]
