@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -311,8 +310,3 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
     return any(tag in new and new[tag] != old.get(tag) for tag in ("model", "dist"))
-
-
-def save_schema(path: Path) -> None:
-    """Write the JSON schema."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(schema()), indent=2) + b"\n")

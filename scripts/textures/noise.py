@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 Image = NDArray[np.float64]
 
 
-def fractal(size: int, rng: np.random.Generator, *, slope: float = 2.0, low: float = 1.0, high: float = np.inf) -> Image:
+def fractal(
+    size: int, rng: np.random.Generator, *, slope: float = 2.0, low: float = 1.0, high: float = np.inf
+) -> Image:
     """Tileable noise with a power-law spectrum, scaled to [0, 1].
 
     Parameters

@@ -1,0 +1,1 @@
+"""The judge: it compares what was measured with what is known."""

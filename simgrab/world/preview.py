@@ -15,6 +15,7 @@ from simgrab.records import KEYPOINT_NAMES, Truth
 TILE_WIDTH = 640
 COLUMNS = 4
 MOST_TILES = 16
+CAPTION_HEIGHT = 24
 BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
     (60, 220, 60),
     (40, 40, 255),
@@ -35,12 +36,10 @@ def annotate(picture: NDArray[np.uint8], row: Truth) -> NDArray[np.uint8]:
     for name, (u, v, seen) in zip(KEYPOINT_NAMES, np.reshape(row.keypoints, (-1, 3)), strict=True):
         if seen and name != "grab_centre":
             cv2.circle(tile, _at((u, v), scale), 2, POINT if seen == 2 else HIDDEN_POINT, -1, cv2.LINE_AA)
-    _write(tile, (
-        f"#{row.frame} {row.split}",
-        f"alpha {row.alpha_deg:.2f}  gamma {row.gamma_deg:.0f}  beta {row.beta_deg:.2f} deg",
-        f"l {row.rope_length_m:.1f} m  seen {row.visible_fraction:.0%}",
-    ))  # fmt: skip
-    return np.asarray(tile, np.uint8)
+    angles = f"alpha {row.alpha_deg:.2f}  gamma {row.gamma_deg:.0f}  beta {row.beta_deg:.2f} deg"
+    return captioned(
+        tile, f"#{row.frame} {row.split}   {angles}   rope {row.rope_length_m:.1f} m   seen {row.visible_fraction:.0%}"
+    )
 
 
 def _draw_geometry(tile: NDArray[np.uint8], row: Truth, scale: float) -> None:
@@ -68,11 +67,11 @@ def _at(pixel: Sequence[float] | NDArray[np.float64], scale: float) -> tuple[int
     return tuple(int(np.clip(round(float(v) * scale - 0.5), -9999, 9999)) for v in pixel)  # type: ignore[return-value]
 
 
-def _write(tile: NDArray[np.uint8], lines: Sequence[str]) -> None:
-    for i, text in enumerate(lines):
-        at = (8, tile.shape[0] - 10 - 18 * (len(lines) - 1 - i))
-        for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            cv2.putText(tile, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.48, colour, width, cv2.LINE_AA)
+def captioned(tile: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
+    """Return the tile with a line of text on a strip below it."""
+    strip = np.full((CAPTION_HEIGHT, tile.shape[1], 3), 24, np.uint8)
+    cv2.putText(strip, text, (8, CAPTION_HEIGHT - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.vstack([tile, strip])
 
 
 def sheet(tiles: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:

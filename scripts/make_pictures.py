@@ -1,0 +1,53 @@
+"""Draw the pictures of the README: one frame of each scene that shows a place, and a contact sheet.
+
+python -m scripts.make_pictures
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import simgrab
+from simgrab.world.frames import Studio, encode
+from simgrab.world.preview import captioned
+
+DOCS = Path(__file__).parents[1] / "docs"
+SHOWN = {"quay-day": 6, "quay-truck": 3, "hold-coal": 5, "hold-grain": 2, "water-side": 4, "paper-ideal": 1}
+TILE_WIDTH = 800
+
+
+def scenes() -> None:
+    """Draw one frame a scene, two abreast, each with its name."""
+    tiles = []
+    for name, frame in SHOWN.items():
+        with Studio(simgrab.load(name)) as studio:
+            made = studio.make(frame)
+        tile = _decode(made.files[made.record.truth.file], TILE_WIDTH)
+        tiles.append(captioned(tile, name))
+    rows = [np.hstack(tiles[i : i + 2]) for i in range(0, len(tiles), 2)]
+    (DOCS / "scenes.jpg").write_bytes(encode(np.vstack(rows), "jpeg", 82))
+
+
+def contact_sheet() -> None:
+    """Render the README's command and keep its preview, smaller."""
+    scenario = simgrab.load("quay-day", {"camera.beta_deg": 5.0, "swing.alpha.sigma_deg": 2.0, "frames": 16})
+    with tempfile.TemporaryDirectory() as folder:
+        simgrab.render(scenario, Path(folder) / "sheet")
+        sheet = _decode((Path(folder) / "sheet" / "preview.jpg").read_bytes(), 1920)
+    (DOCS / "preview.jpg").write_bytes(encode(sheet, "jpeg", 82))
+
+
+def _decode(data: bytes, width: int) -> NDArray[np.uint8]:
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    scale = width / picture.shape[1]
+    return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+
+if __name__ == "__main__":
+    scenes()
+    contact_sheet()

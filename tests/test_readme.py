@@ -1,0 +1,75 @@
+"""What the README says is so."""
+
+import os
+import re
+import shlex
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from simgrab.cli import cli
+from simgrab.scenario import Scenario, merged
+from simgrab.scenes import load
+from simgrab.strict import convert
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+sys.path.insert(0, str(ROOT))
+
+from scripts.make_tables import filled  # noqa: E402
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def test_tables_are_current():
+    assert filled(README) == README
+
+
+def test_commands_parse():
+    lines = [line.split("#")[0] for block in blocks("bash") for line in block.splitlines() if line.strip()]
+    verbs = [shlex.split(line) for line in lines]
+    assert verbs[0][:2] == ["scripts/simgrab", "render"]
+    assert verbs[1] == ["scripts/test"]
+    for program, *arguments in verbs:
+        if program == "scripts/simgrab":
+            assert CliRunner().invoke(cli, [*arguments, "--help"]).exit_code == 0
+        elif "/" in program:
+            assert os.access(ROOT / program, os.X_OK)
+
+
+def test_options_named_in_the_table_exist():
+    for row in re.findall(r"^\| `simgrab (\w+)([^|]*(?:\\\|[^|]*)*)` \|", README, re.MULTILINE):
+        verb, rest = row
+        help_text = CliRunner().invoke(cli, [verb, "--help"]).output
+        for option in re.findall(r"--[a-z-]+", rest):
+            assert option in help_text, (verb, option)
+
+
+def test_scene_files_read():
+    for block in blocks("toml"):
+        data = tomllib.loads(block)
+        base = load(data.pop("base"))
+        assert convert(merged(base.to_dict(), data), Scenario).name == data["name"]
+
+
+def test_linked_files_exist():
+    for target in re.findall(r"\]\(((?!https?:)[^)#]+)\)", README):
+        assert (ROOT / target).exists(), target
+
+
+def test_code_runs_as_far_as_it_needs_no_drawing():
+    code = next(block for block in blocks("python") if "import simgrab" in block)
+    loading = "\n".join(line for line in code.splitlines() if "render(" not in line and "audit(" not in line)
+    space = {}
+    exec(loading, space)
+    assert space["scene"].camera.beta_deg == 5.0
+
+
+@pytest.mark.parametrize("script", ["scripts/simgrab", "scripts/test", ".ci/run"])
+def test_scripts_are_executable(script):
+    assert os.access(ROOT / script, os.X_OK)
