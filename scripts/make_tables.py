@@ -1,7 +1,4 @@
-"""Write the tables that the README repeats from the code: label columns, scenes.
-
-    python -m scripts.make_tables [--check]
-"""
+"""Write the tables that the README repeats from the code: ``python -m scripts.make_tables [--check]``."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ if ! command -v uv >/dev/null && ! python3 -c 'import ensurepip, venv' 2>/dev/nu
 fi
 # The package's own choice of OpenGL, which needs nothing but the standard library.
 if ! (cd "$root" && python3 -c 'from simgrab.world import gl; raise SystemExit(gl.choose() == "disabled")' 2>/dev/null); then
-  missing+=(libegl1 libgl1-mesa-dri)
+  missing+=(libegl1 libgl1 libgl1-mesa-dri)
 fi
 if ((${#missing[@]})); then
   install=(apt-get install -y --no-install-recommends "${missing[@]}")

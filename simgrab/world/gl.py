@@ -16,7 +16,7 @@ from simgrab.errors import RendererError
 if TYPE_CHECKING:
     import mujoco
 
-INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1-mesa-dri"
+INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 
 
 def choose() -> str:
@@ -30,7 +30,10 @@ def choose() -> str:
         The backend, also when the user chose it.
     """
     if not os.environ.get("MUJOCO_GL"):
-        os.environ["MUJOCO_GL"] = "egl" if _has_egl_device() else "osmesa" if _loads("libOSMesa.so.8") else "disabled"
+        has_gl = _loads("libOpenGL.so.0") or _loads("libGL.so.1")  # PyOpenGL wants one beside EGL
+        os.environ["MUJOCO_GL"] = (
+            "egl" if has_gl and _has_egl_device() else "osmesa" if _loads("libOSMesa.so.8") else "disabled"
+        )
     return os.environ["MUJOCO_GL"]
 
 
