@@ -79,9 +79,9 @@ def student(level: float, degrees: Array | float) -> Array:
 def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -> Array:
     """Interval, shape (..., 2), of a distance on the sphere of which the far end is uncertain.
 
-    The distance cannot be negative, and an error across it only lengthens it. Far from 0 this is the ordinary interval; it
-    reaches down to 0 from the length that a two-dimensional Gaussian about 0 exceeds once in twenty, (1.96² + 2.15)^½ = 2.45
-    standard deviations, and up to as much from 0.
+    The distance cannot be negative, and an error across it only lengthens it. Far from 0 this is the ordinary interval.
+    It reaches down to 0 from the length that a two-dimensional Gaussian about 0 exceeds once in twenty,
+    (1.96² + 2.15)^½ = 2.45 standard deviations, and from 0 it reaches up to as much.
     """
     reach, wider = quantile * np.sqrt(var_along), 0.56 * quantile**2 * var_across
     ends = np.empty((*value.shape, 2))
