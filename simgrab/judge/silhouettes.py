@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.errors import RendererError
 from simgrab.judge.proof import Findings, Proof
 from simgrab.records import Truth
 from simgrab.world import second_opinion
@@ -39,11 +40,15 @@ def compare(rows: Sequence[Truth], studio: Studio, tick: Iterable[None]) -> Proo
         Advanced once a row.
     """
     if not second_opinion.available():
-        return Proof(CLAIM, 0, note="pyrender is not installed; pip install 'simgrab[audit]'")
+        return Proof(CLAIM, 0, note=f"pyrender is not installed: {second_opinion.INSTALL_HINT}")
+    shapes = {name: (np.array(m.vertices), np.array(m.faces)) for name, m in studio.world.shapes.items()}
+    try:
+        other = SecondOpinion(shapes)
+    except RendererError as problem:
+        return Proof(CLAIM, 0, note=str(problem))
     found = Findings()
     edge, iou, centroid = 0.0, 1.0, 0.0
-    shapes = {name: (np.array(m.vertices), np.array(m.faces)) for name, m in studio.world.shapes.items()}
-    with SecondOpinion(shapes) as other:
+    with other:
         for row, _ in zip(rows, tick, strict=False):
             if row.in_frame_fraction == 0:
                 continue

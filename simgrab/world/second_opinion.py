@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.errors import RendererError
+
 Array = NDArray[np.float64]
 Shapes = dict[str, tuple[Array, NDArray[np.int64]]]
 
@@ -27,6 +29,9 @@ def available() -> bool:
     return importlib.util.find_spec("pyrender") is not None
 
 
+INSTALL_HINT = "pip install 'simgrab[audit]' 'PyOpenGL>=3.1.10'"
+
+
 class SecondOpinion:
     """Draws silhouettes of posed shapes in a process of its own. Use as a context manager.
 
@@ -34,11 +39,20 @@ class SecondOpinion:
     ----------
     shapes : dict of str to (vertices (V, 3), faces (F, 3))
         Each in its own frame, m.
+
+    Raises
+    ------
+    RendererError
+        If pyrender is missing or cannot draw here.
     """
 
     def __init__(self, shapes: Shapes) -> None:
         spawn = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_start, initargs=(shapes,))
+        self._pool = ProcessPoolExecutor(1, mp_context=spawn)
+        problem = self._pool.submit(_start, shapes).result()
+        if problem:
+            self._pool.shutdown()
+            raise RendererError(f"the second renderer cannot start: {problem}")
 
     def __enter__(self) -> SecondOpinion:
         return self
@@ -74,10 +88,16 @@ class SecondOpinion:
 _drawer: Any = None
 
 
-def _start(shapes: Shapes) -> None:
+def _start(shapes: Shapes) -> str:
+    """Open the renderer in this process; returns what went wrong, or nothing."""
     global _drawer
     os.environ["PYOPENGL_PLATFORM"] = "osmesa" if os.environ.get("MUJOCO_GL") == "osmesa" else "egl"
-    _drawer = _Drawer(shapes)
+    os.environ["PYGLET_HEADLESS"] = "1"  # pyrender imports a viewer, which else wants X11
+    try:
+        _drawer = _Drawer(shapes)
+    except Exception as problem:  # whatever a missing library or driver makes it raise
+        return f"{type(problem).__name__}: {problem}"
+    return ""
 
 
 def _draw(
