@@ -12,8 +12,13 @@ import click
 @click.option(
     "--replications", type=click.IntRange(min=20), default=1000, show_default=True, help="M; the paper's is 1000."
 )
+@click.option(
+    "--grab-width",
+    type=click.Path(path_type=Path),
+    help="A rendered dataset, for the comparison by grab width (section 4.6).",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-def command(out: Path, replications: int, seed: int) -> None:
+def command(out: Path, replications: int, seed: int, grab_width: Path | None) -> None:
     """Run section 4.4 of the paper and print published beside measured.
 
     Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
@@ -34,4 +39,10 @@ def command(out: Path, replications: int, seed: int) -> None:
     console.print("Where the text does not agree with itself:")
     for section, text in INCONSISTENT:
         console.print(f"  {section}: {text}", markup=False)
+    if grab_width is not None:
+        from simgrab.judge import grab_width as by_width
+
+        console.print("Section 4.6, comparison by grab width:")
+        for line in by_width.tell(by_width.study(grab_width)):
+            console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"page: {out / 'paper.html'}", soft_wrap=True)

@@ -108,8 +108,8 @@ def beats(one: Score, other: Score) -> float:
 
 
 def offsets(law: str, offset_m: float, records: int, frames: int = 3699) -> dict[str, Score]:
-    """Camera beside the rope exit, ropes of 8 to 35 m, an offset prior of 0 ± 0.5 m."""
-    place = offset_m * np.array([np.cos(2.1), np.sin(2.1), 0.0])
+    """Camera behind the rope exit, as seen along the tilt; ropes of 8 to 35 m, an offset prior of 0 ± 0.5 m."""
+    place = offset_m * np.array([-np.cos(AZIMUTH), -np.sin(AZIMUTH), 0.0])
     d = draw(law, records, frames, rope=(8.0, 35.0), offset=place)
     return {
         e.name: Score.of(e.batch(d.pixels, camera(), rope_length=d.rope), 5.0, d.alpha)

@@ -1,0 +1,151 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner
+
+from simgrab.calibration import Calibration
+from simgrab.cli.estimate import command
+from simgrab.errors import SimgrabError
+from simgrab.geometry import camera_rotation, grab_centre, to_camera
+from simgrab.instrument.estimate import ESTIMATORS
+
+CAMERA = Calibration(width_px=1920, height_px=1080, focal_length_px=1644.82, cx_px=960.0, cy_px=540.0, k1=-0.1)
+
+
+@pytest.fixture
+def camera(tmp_path):
+    CAMERA.save(tmp_path / "camera.toml")
+    return tmp_path / "camera.toml"
+
+
+@pytest.fixture
+def table():
+    """A swing at its own frequency under a camera tilted by 4 degrees."""
+    time = np.arange(120) / 9
+    sway = np.deg2rad(2) * np.stack([np.cos(0.7 * time), 0.4 * np.sin(0.7 * time)], -1)
+    centre = grab_centre(np.hypot(*sway.T), np.arctan2(sway[:, 1], sway[:, 0]), 20.0)
+    pixels = CAMERA.intrinsics.project(to_camera(centre, camera_rotation(np.deg2rad(4.0), 0.7, 0.0), np.zeros(3)))
+    return {"u_px": pixels[:, 0], "v_px": pixels[:, 1], "rope_length_m": np.full(120, 20.0), "time_s": time}
+
+
+def write(path, table):
+    rows = zip(*table.values(), strict=True)
+    text = "\n".join([",".join(table), *(",".join(str(cell) for cell in row) for row in rows)])
+    path.write_text(text + "\n")
+    return path
+
+
+def call(*arguments):
+    return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize("name", list(ESTIMATORS))
+def test_every_estimator_prints_json_that_says_what_the_table_says(name, tmp_path, camera, table):
+    file = write(tmp_path / "swing.csv", table)
+    result = call(file, "--camera", camera, "--estimator", name, "--json", "--no-figure")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.output)
+    assert found["estimator"] == name
+    assert found["status"] == "ok"
+    assert len(found["alpha_deg"]) == 120
+    assert {i["kind"] for i in found["intervals"]} >= {"blocks"}
+    if name in ("mean-ray", "pendulum-smoother"):
+        assert found["beta_deg"] == pytest.approx(4.0, abs=0.5)
+    shown = call(file, "--camera", camera, "--estimator", name, "--no-figure")
+    assert f"{found['beta_deg']:.3f}" in shown.output
+    assert "too few blocks" in shown.output
+
+
+def test_the_mean_ray_is_the_default_and_a_figure_is_drawn(tmp_path, camera, table):
+    file = write(tmp_path / "swing.csv", table)
+    result = call(file, "--camera", camera)
+    assert "mean-ray, 120 frames" in result.output
+    assert (tmp_path / "swing.estimate.png").stat().st_size > 10_000
+    assert call(file, "--camera", camera, "--figure", tmp_path / "other.svg").exit_code == 0
+    assert "<svg" in (tmp_path / "other.svg").read_text()
+
+
+def test_parquet_and_csv_are_one(tmp_path, camera, table):
+    pa.parquet.write_table(pa.table(table), tmp_path / "swing.parquet")
+    file = write(tmp_path / "swing.csv", table)
+    one, other = (
+        call(f, "--camera", camera, "--json", "--no-figure").output for f in (file, tmp_path / "swing.parquet")
+    )
+    assert json.loads(one) == json.loads(other)
+
+
+def test_an_empty_pixel_is_a_missing_frame(tmp_path, camera, table):
+    table["u_px"] = ["" if i == 7 else u for i, u in enumerate(table["u_px"])]
+    result = call(write(tmp_path / "swing.csv", table), "--camera", camera, "--json", "--no-figure")
+    found = json.loads(result.output)
+    assert found["frames"] == 119
+    assert found["alpha_deg"][7] is None
+
+
+def changed(column, row, value):
+    def change(table):
+        table[column] = [value if i == row else cell for i, cell in enumerate(table[column])]
+        return table
+
+    return change
+
+
+def kept(rows):
+    return lambda table: {name: values[:rows] for name, values in table.items()}
+
+
+def without(column):
+    return lambda table: {name: values for name, values in table.items() if name != column}
+
+
+def scaled(factor):
+    return lambda table: table | {"u_px": table["u_px"] * factor, "v_px": table["v_px"] * factor}
+
+
+BAD = {
+    "no v": ("mean-ray", without("v_px"), r"column v_px is missing; there are: u_px, rope_length_m, time_s"),
+    "no rope": ("rope-aware", without("rope_length_m"), r"column rope_length_m is missing"),
+    "no time": ("pendulum-smoother", without("time_s"), r"column time_s is missing"),
+    "fractions": ("mean-ray", scaled(1 / 1920), r"pixels are needed, not fractions"),
+    "another picture": ("mean-ray", scaled(4.0), r"u_px, row 1: \d+\.?\d* lies outside any picture of 1920 x 1080"),
+    "no rows": ("mean-ray", kept(0), r"no rows"),
+    "two rows": ("mean-ray", kept(2), r"2 of 2 rows have a pixel; mean-ray needs at least 3"),
+    "four rows": ("rope-aware", kept(4), r"4 of 4 rows have a pixel; rope-aware needs at least 5"),
+    "rope 0": ("rope-aware", changed("rope_length_m", 4, 0.0), r"rope_length_m, row 5: is 0; must be metres, above 0"),
+    "rope in cm": ("rope-aware", changed("rope_length_m", 0, 2000.0), r"rope_length_m, row 1: is 2000; must be metres"),
+    "rope gone": ("rope-aware", changed("rope_length_m", 2, ""), r"rope_length_m, row 3: is missing"),
+    "a word": ("mean-ray", changed("v_px", 9, "left"), r"v_px, row 10: 'left' is no number"),
+    "time back": ("pendulum-smoother", changed("time_s", 6, 0.1), r"time_s, row 7: must increase, got 0.1 after"),
+    "time gone": ("mean-ray", changed("time_s", 6, ""), r"time_s, row 7: is missing"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_is_told_in_one_line_with_row_or_column(what, tmp_path, camera, table):
+    estimator, change, message = BAD[what]
+    file = write(tmp_path / "bad.csv", change(table))
+    result = call(file, "--camera", camera, "--estimator", estimator, "--no-figure")
+    assert isinstance(result.exception, SimgrabError), result.output
+    text = str(result.exception)
+    assert "\n" not in text
+    assert "bad.csv" in text
+    import re
+
+    assert re.search(message, text), text
+
+
+@pytest.mark.parametrize(("content", "message"), [("", "the file is empty"), ("u_px,v_px\n1,2,3\n", "cannot read")])
+def test_a_file_that_is_no_table(content, message, tmp_path, camera):
+    (tmp_path / "bad.csv").write_text(content)
+    result = call(tmp_path / "bad.csv", "--camera", camera)
+    assert message in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
+def test_files_that_are_not_there(tmp_path, camera, table):
+    assert "cannot read" in str(call(tmp_path / "no.csv", "--camera", camera).exception)
+    file = write(tmp_path / "swing.csv", table)
+    assert "cannot read camera file" in str(call(file, "--camera", tmp_path / "no.toml").exception)
