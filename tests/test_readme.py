@@ -3,13 +3,13 @@
 import os
 import re
 import shlex
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from scripts.make_tables import filled
 from simgrab.cli import cli
 from simgrab.scenario import Scenario, merged
 from simgrab.scenes import load
@@ -17,9 +17,6 @@ from simgrab.strict import convert
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-sys.path.insert(0, str(ROOT))
-
-from scripts.make_tables import filled  # noqa: E402
 
 
 def blocks(language):
