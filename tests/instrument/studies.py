@@ -13,6 +13,7 @@ from simgrab.instrument.estimate import (
     ESTIMATORS,
     Estimator,
     GeometricMedian,
+    IntervalSettings,
     MeanRay,
     PaperIteration,
     PendulumSmoother,
@@ -172,7 +173,8 @@ def long_records(
         outliers=0,
     )
     result = {}
-    for e in (PaperIteration(), MeanRay(), GeometricMedian()):
+    noisy = IntervalSettings(pixel_sd_px=1.0)
+    for e in (PaperIteration(intervals=noisy), MeanRay(intervals=noisy), GeometricMedian(intervals=noisy)):
         found = e.batch(pixels, camera(), time=record.time)
         result[e.name] = {i.kind: coverage(i, record.alpha) for i in found.intervals}
     return result

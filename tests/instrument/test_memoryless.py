@@ -82,17 +82,17 @@ def test_intervals_of_a_tilt_of_nearly_nothing(beta_deg):
 def test_on_a_swing_independent_frames_fail_and_blocks_hold():
     for name, kinds in studies.long_records(150, 30.0, 0.01).items():
         assert kinds["iid"][1] < 0.5, name  # σ: three thousand frames are not three thousand swings
-        assert min(kinds["blocks"][:2]) >= 0.90 - 0.04, name
+        assert min(kinds["blocks"]) >= 0.90 - 0.04, name
 
 
-@pytest.mark.parametrize(("minutes", "blocks"), [(7, 1), (29, 5), (31, 6), (200, 12)])
+@pytest.mark.parametrize(("minutes", "blocks"), [(7, 1), (29, 3), (30, 4), (200, 5)])
 def test_blocks_are_long_and_too_few_are_said_to_be(minutes, blocks):
     d = studies.draw("rayleigh", 1, minutes * 60)
     found = PaperIteration().estimate(d.pixels[0], studies.camera(), time=np.arange(minutes * 60.0))
     interval = found.interval("blocks")
     assert interval.blocks == blocks
-    if blocks < 6:
+    if blocks < 4:
         assert interval.beta is None
-        assert interval.note == f"too few blocks: {blocks} of at least 300 s, where 6 are needed"
+        assert interval.note == f"too few blocks: {blocks} of at least 450 s, where 4 are needed"
     else:
         assert interval.beta[0] < found.beta < interval.beta[1]

@@ -147,7 +147,8 @@ class Estimator(ABC):
         return found if enough.all() else _spread(found, enough, self._refuse(frames, len(enough)))
 
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
-        return conclude(self.name, frames, self._solve(frames, calibration), self.intervals)
+        pixel_sd = self.intervals.pixel_sd_px / calibration.focal_length_px
+        return conclude(self.name, frames, self._solve(frames, calibration), self.intervals, pixel_sd)
 
     def _refuse(self, frames: Frames, m: int) -> Estimates:
         text = [f"{int(c)} frames: fewer than the {self.parameters} parameters" for c in frames.count]
@@ -159,8 +160,8 @@ class Estimator(ABC):
         )  # fmt: skip
 
 
-def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSettings) -> Estimates:
-    """Angles of every frame, σ, and the intervals of all three, from a solution."""
+def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSettings, pixel_sd: float) -> Estimates:
+    """Angles of every frame, σ, and the intervals of all three, from a solution; the noise of a ray is in radians."""
     ok = np.array([not r for r in found.reason], bool)
     beta = np.where(ok, found.beta, np.nan)
     azimuth = np.where(ok, found.azimuth, np.nan)
@@ -189,7 +190,7 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
             )
             of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
         of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], q)
-        of_alpha = _of_alpha(frames, found, alpha, unit, cov, q)
+        of_alpha = _of_alpha(frames, found, alpha, unit, cov, q, pixel_sd**2)
         for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
             ends[bare] = np.nan
         return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note)
@@ -216,7 +217,9 @@ def _of_sigma2(frames: Frames, found: Solution, alpha: Array, unit: Array, sigma
     return own[:, None] + np.concatenate(slope, axis=-1)[:, None] @ found.influence
 
 
-def _of_alpha(frames: Frames, found: Solution, alpha: Array, unit: Array, cov: Array, quantile: Array) -> Array:
+def _of_alpha(
+    frames: Frames, found: Solution, alpha: Array, unit: Array, cov: Array, quantile: Array, noise: float
+) -> Array:
     c, lever = cov[..., None], found.lever
     if lever is None:
         along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
@@ -226,7 +229,8 @@ def _of_alpha(frames: Frames, found: Solution, alpha: Array, unit: Array, cov: A
         mixed = c[:, 0, 1] + lever * (c[:, 0, 3] + c[:, 1, 2] + lever * c[:, 2, 3])
     x, y = unit[:, 0], unit[:, 1]
     radial = np.maximum((along - across) * (x * x) + across + 2 * mixed * (x * y), 0)
-    across = np.maximum(along + across - radial, 0)
+    across = np.maximum(along + across - radial, 0) + noise
+    radial = radial + noise
     ends = iv.radial(alpha, radial if found.radial is None else radial + found.radial, across, quantile[:, None])
     return ends if frames.present is None else np.where(frames.present[..., None], ends, np.nan)
 

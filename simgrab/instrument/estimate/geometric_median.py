@@ -145,7 +145,7 @@ def _reach(
     for side in (-1.0, 1.0):
         far = quantile * np.sqrt(covariance[:, 0, 0])
         near, pull_near = np.zeros_like(far), np.zeros_like(far)
-        for _ in range(3):
+        for _ in range(2):
             basis = tangent_basis(beta + side * far, azimuth)
             _, w = _weights(frames, basis[:, 2], epsilon**2)
             pull = -side * np.sum(_pull(frames, basis[:, 2], w) * basis[:, 0], axis=-1)

@@ -25,16 +25,20 @@ class IntervalSettings:
     level : float
         Nominal coverage.
     block_s : float
-        Least length of a block, s. The energy of a swing with 1 % damping forgets itself in about 70 s, and blocks
-        must be several times as long.
+        Least length of a block, s. The energy of a swing forgets itself in about 70 s with 1 % damping and 140 s with
+        0.5 %, and blocks must be several times as long.
     min_blocks, max_blocks : int
         Fewer blocks than the least give no interval; longer records get longer blocks rather than more than the most.
+    pixel_sd_px : float
+        Noise of each pixel coordinate, which frames alone cannot tell from swing; it widens the intervals of α. 0 takes
+        the pixels at their word.
     """
 
     level: float = 0.95
-    block_s: float = 300.0
-    min_blocks: int = 6
-    max_blocks: int = 12
+    block_s: float = 450.0
+    min_blocks: int = 4
+    max_blocks: int = 5
+    pixel_sd_px: float = 0.0
 
 
 def iid_covariance(influence: Array, count: Array) -> Array:
