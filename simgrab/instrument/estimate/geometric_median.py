@@ -34,7 +34,7 @@ class GeometricMedian(Estimator):
     name: ClassVar[str] = "geometric-median"
 
     smoothing: float = 1e-3
-    tolerance: float = 1e-9
+    tolerance: float = 1e-7
     max_iterations: int = 200
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:  # noqa: ARG002

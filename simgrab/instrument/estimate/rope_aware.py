@@ -42,7 +42,7 @@ class RopeAware(Estimator):
     needs_rope: ClassVar[bool] = True
 
     huber: float = 2.0
-    tolerance: float = 1e-9
+    tolerance: float = 1e-7
     max_iterations: int = 50
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
@@ -102,20 +102,21 @@ class _Sums:
     def __init__(
         self, frames: Frames, down: Array, offset: Array, huber: float, fixed: tuple[Array, Array] | None
     ) -> None:
-        assert frames.rope_length is not None
-        self.frames, self.lever = frames, 1 / frames.rope_length
+        # In place where it can be: these passes over the frames are what the estimator costs.
+        self.frames, self.lever = frames, _lever(frames)
         self.swing = swings(frames, down, offset)
-        x, y = self.swing[:, 0], self.swing[:, 1]
-        self.size = size = np.sqrt(x * x + y * y)
+        self.size = size = np.sqrt(np.einsum("min,min->mn", self.swing[:, :2], self.swing[:, :2]))
         self.scale = _typical(frames, size) if fixed is None else fixed[0]
         limit = huber * self.scale[:, None]
-        self.weight = np.minimum(limit / np.maximum(size, 1e-300), 1.0)
-        slope = np.where(size <= limit, 1.0, self.weight / 2)  # mean derivative of the two axes
+        weight = limit / np.maximum(size, limit)  # Huber's: 1 within the limit
         if frames.present is not None:
-            self.weight, slope = self.weight * frames.present, slope * frames.present
-        self.pull = self.swing[:, :2] * self.weight[:, None]
-        k = self.lever
-        self.ones, self.k1, self.k2 = slope.sum(-1), (slope * k).sum(-1), (slope * k * k).sum(-1)
+            weight *= frames.present
+        slope = weight * 0.5  # mean derivative of the two axes, which within the limit is 1
+        slope[size <= limit] *= 2
+        self.pull = self.swing[:, :2] * weight[:, None]
+        both = np.stack([np.ones_like(self.lever), self.lever], axis=1)
+        self.ones, self.k1 = (both @ slope[..., None])[..., 0].T
+        self.k2 = np.einsum("mn,mn,mn->m", slope, self.lever, self.lever)
         # One frame's variance per axis, on the scale on which the prior is weighed against the frames.
         unit = np.einsum("min,min->m", self.pull, self.pull) / (2 * np.maximum(self.ones, 1e-300))
         self.unit = unit if fixed is None else fixed[1]
@@ -166,12 +167,26 @@ def _of_height(sums: _Sums, other: _Sums, away: Array, precision: float) -> Arra
 
 def swings(frames: Frames, down: Array, offset: Array) -> Array:
     """Find the unit directions OA, (M, 3, n), jib frame: where each ray meets the sphere of radius l about O."""
+    k = _lever(frames)
+    result = np.asarray(lean(*tilt_of(down)) @ frames.rays)
+    ahead = (offset[:, None] @ result)[:, 0]
+    ahead *= k
+    # From the camera to A over l: the root of |offset + λ·ray| = l, λ ahead.
+    way = k * k
+    way *= -np.sum(offset**2, axis=-1)[:, None]
+    way += 1
+    way += ahead * ahead
+    np.sqrt(way, out=way)
+    way -= ahead
+    result *= way[:, None]
+    for axis in range(3):
+        result[:, axis] += offset[:, axis, None] * k
+    return result
+
+
+def _lever(frames: Frames) -> Array:
     assert frames.rope_length is not None
-    rope = frames.rope_length
-    rays = lean(*tilt_of(down)) @ frames.rays
-    ahead = (offset[:, None] @ rays)[:, 0]
-    distance = np.sqrt(ahead * ahead + rope * rope - np.sum(offset**2, axis=-1)[:, None]) - ahead
-    return np.asarray((rays * distance[:, None] + offset[..., None]) / rope[:, None])
+    return 1 / frames.rope_length
 
 
 def _turned(down: Array, turn: Array) -> Array:
