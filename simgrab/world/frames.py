@@ -128,11 +128,8 @@ def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
 def check(scenario: Scenario, world: World) -> None:
     """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab."""
     k = scenario.camera.intrinsics
-    seen = False
-    for frame in range(scenario.frames):
-        x0, y0, x1, y1 = truth.aim(scenario, world, frame).window
-        seen |= x0 < k.width_px and y0 < k.height_px and x1 > 0 and y1 > 0
-    if not seen:
+    aims = (truth.aim(scenario, world, frame) for frame in range(scenario.frames))
+    if not sum(aimed.meets(k.width_px, k.height_px) for aimed in aims):  # all of them: each may be impossible
         raise ScenarioError(
             "camera",
             f"it never sees the grab in any of the {scenario.frames} frames; "
@@ -143,14 +140,11 @@ def check(scenario: Scenario, world: World) -> None:
 _studio: Studio | None = None
 
 
-def _start(scenario: Scenario) -> None:
+def _make_and_store(scenario: Scenario, frame: int, store: Callable[[Frame], None]) -> Fingerprint:
+    """Work for a process that serves one scenario all its life."""
     global _studio
-    cv2.setNumThreads(1)
-    _studio = Studio(scenario)
-
-
-def _make_and_store(frame: int, store: Callable[[Frame], None]) -> Fingerprint:
-    assert _studio is not None
+    if _studio is None:  # not in the pool's initializer, whose errors reach nobody
+        _studio = Studio(scenario)
     made = _studio.make(frame)
     store(made)
     return made.record.drawn_by
@@ -180,13 +174,13 @@ def make_all(
                 yield frame.record.drawn_by
         return
     spawn = multiprocessing.get_context("spawn")  # OpenGL contexts do not survive a fork
-    queue = iter(frames)
-    with ProcessPoolExecutor(workers, mp_context=spawn, initializer=_start, initargs=(scenario,)) as pool:
+    with ProcessPoolExecutor(workers, mp_context=spawn) as pool:
+        jobs = (pool.submit(_make_and_store, scenario, frame, store) for frame in frames)
         try:
-            running = {pool.submit(_make_and_store, f, store) for f in itertools.islice(queue, 3 * workers)}
+            running = set(itertools.islice(jobs, 3 * workers))
             while running:
                 done, running = wait(running, return_when=FIRST_COMPLETED)
-                running |= {pool.submit(_make_and_store, f, store) for f in itertools.islice(queue, len(done))}
+                running |= set(itertools.islice(jobs, len(done)))
                 for future in done:
                     yield future.result()
         except BrokenProcessPool:

@@ -34,7 +34,7 @@ class Aim:
     centre_camera : ndarray, shape (3,)
         Grab centre A, camera frame, m.
     outline_px : ndarray, shape (N, 2)
-        Pixels, as the picture has them, of points that cover the grab.
+        Pixels, as the picture has them, of points that cover the grab; those that the lens shows, maybe none.
     keypoints_camera : ndarray, shape (10, 3)
         In the order of `simgrab.records.KEYPOINT_NAMES`, camera frame, m.
     """
@@ -46,15 +46,24 @@ class Aim:
     keypoints_camera: Array
 
     @property
-    def amodal_box(self) -> Array:
-        """Tight box x0, y0, x1, y1 around the whole silhouette, px."""
-        return np.concatenate([np.nanmin(self.outline_px, axis=0), np.nanmax(self.outline_px, axis=0)])
+    def amodal_box(self) -> Array | None:
+        """Tight box x0, y0, x1, y1 around the whole silhouette, px; None where the lens shows nothing of it."""
+        if not len(self.outline_px):
+            return None
+        return np.concatenate([self.outline_px.min(axis=0), self.outline_px.max(axis=0)])
 
     @property
     def window(self) -> Window:
-        """Whole pixels that hold the amodal box, with a pixel of margin."""
+        """Whole pixels that hold the amodal box, with a pixel of margin; empty where there is none."""
+        if self.amodal_box is None:
+            return 0, 0, 0, 0
         x0, y0, x1, y1 = self.amodal_box
         return int(np.floor(x0)) - 1, int(np.floor(y0)) - 1, int(np.ceil(x1)) + 1, int(np.ceil(y1)) + 1
+
+    def meets(self, width_px: int, height_px: int) -> bool:
+        """Whether the window and the picture share a pixel."""
+        x0, y0, x1, y1 = self.window
+        return max(x0, 0) < min(x1, width_px) and max(y0, 0) < min(y1, height_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +126,7 @@ def aim(scenario: Scenario, world: World, frame: int) -> Aim:
         frame,
         state,
         to_camera(pose[:3, 3]),
-        camera.intrinsics.project(outline),
+        _finite(camera.intrinsics.project(outline)),
         to_camera(_keypoints(state)),
     )
 
@@ -141,7 +150,7 @@ def see(renderer: Renderer, aimed: Aim, full: View | None = None) -> Sight:
     k = renderer.intrinsics
     x0, y0, x1, y1 = aimed.window
     inner = max(x0, 0), max(y0, 0), min(x1, k.width_px), min(y1, k.height_px)
-    if inner[0] >= inner[2] or inner[1] >= inner[3]:
+    if not aimed.meets(k.width_px, k.height_px):
         nothing = np.zeros((0, 0))
         return Sight(View((0, 0, 0, 0), nothing.astype(np.uint8), nothing.astype(np.float32)), 0.0, 0.0)
     whole = renderer.look(aimed.window, grab_only=True).ids == GRAB
@@ -158,8 +167,11 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
     ideal, pixel = k.ideal(aimed.centre_camera), k.project(aimed.centre_camera)
     m, theta = k.polar(ideal, geometry.vertical_direction(angles[1], angles[2]))
     camera_pose = np.column_stack([geometry.camera_rotation(*angles), camera.offset_m])
-    oriented = cv2.boxPoints(cv2.minAreaRect(_finite(aimed.outline_px).astype(np.float32)))
-    amodal = [float(v) for v in aimed.amodal_box]
+    amodal: tuple[float | None, ...] = (None,) * 4
+    oriented = None
+    if aimed.amodal_box is not None:
+        amodal = _floats(aimed.amodal_box)
+        oriented = _floats(cv2.boxPoints(cv2.minAreaRect(aimed.outline_px.astype(np.float32))))
     box = sight.box or (None, None, None, None)
     return Truth(
         frame=aimed.frame,
@@ -197,8 +209,8 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         grab_v_px=_number(pixel[1]),
         ideal_u_px=_number(ideal[0]),
         ideal_v_px=_number(ideal[1]),
-        m_px=float(m),
-        theta_deg=_degrees(theta),
+        m_px=_number(m),
+        theta_deg=_number(np.degrees(theta)),
         box_x0_px=box[0],
         box_y0_px=box[1],
         box_x1_px=box[2],
@@ -209,7 +221,7 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         amodal_y1_px=amodal[3],
         visible_fraction=sight.visible_fraction,
         in_frame_fraction=sight.in_frame_fraction,
-        oriented_box=_floats(oriented),
+        oriented_box=oriented,
         keypoints=_floats(_see_keypoints(scenario, aimed, sight)),
         image_sha256=image_sha256,
     )
@@ -246,5 +258,5 @@ def _floats(values: Array) -> tuple[float, ...]:
     return tuple(float(v) for v in np.ravel(values))
 
 
-def _number(value: float) -> float | None:
+def _number(value: float | Array) -> float | None:
     return float(value) if np.isfinite(value) else None

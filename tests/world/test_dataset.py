@@ -15,6 +15,7 @@ from conftest import SMALL, as_options, small_scene
 
 from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
+from simgrab.judge.audit import audit
 from simgrab.records import columns
 from simgrab.world.dataset import render
 from simgrab.world.folder import Folder
@@ -202,6 +203,25 @@ def test_a_grab_out_of_the_picture_keeps_its_row(tmp_path):
         text = (tmp_path / "out" / "labels" / row["split"] / f"{row['frame']:06d}.txt").read_text()
         assert bool(text) == (row["visible_fraction"] >= 0.1)
         assert row["visible_fraction"] <= row["in_frame_fraction"] + 1e-9
+
+
+def test_a_grab_beyond_the_fold_of_the_lens_is_nowhere(tmp_path):
+    """Brown-Conrady's polynomial would fold it back into the picture."""
+    scenario = small_scene(
+        camera__beta_deg=24.0,
+        camera__distortion={"k1": -0.3},
+        swing__alpha={"sigma_deg": 26.0, "law": {"dist": "choice", "values": [0.5, 1.0]}},
+        swing__gamma_deg={"dist": "choice", "values": [0.0, 180.0]},
+        frames=10,
+    )
+    render(scenario, tmp_path / "out")
+    rows = pq.read_table(tmp_path / "out" / "labels.parquet").to_pylist()
+    beyond = [r for r in rows if r["amodal_x0_px"] is None]
+    assert 0 < len(beyond) < 10
+    for row in beyond:
+        assert (row["visible_fraction"], row["in_frame_fraction"], row["grab_u_px"]) == (0.0, 0.0, None)
+        assert row["ideal_u_px"] is not None
+    assert audit(tmp_path / "out").status == "passed"
 
 
 def test_ids_and_depth_on_demand(tmp_path):
