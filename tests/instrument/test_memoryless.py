@@ -63,13 +63,14 @@ def test_a_prior_keeps_rope_aware_sane_where_tilt_and_offset_are_one():
     assert cover[0] >= 0.93
 
 
-# Bounds are the nominal 93–97 % and two standard errors of 600 records.
+# The nominal 93 to 97 %, and two standard errors of 2,000 records on top. The α of the estimators that gain from a density
+# singular at gravity are covered a little too well: how far those err goes with how far they think they may.
 @pytest.mark.parametrize("law", ["half-normal", "rayleigh"])
 def test_intervals_cover_on_independent_frames(law):
-    for name, (beta, sigma, alpha) in studies.independent(law, 600, 500).items():
-        assert 0.93 - 0.02 < beta < 0.97 + 0.015, name
-        assert 0.93 - 0.02 < sigma < 0.97 + 0.015, name
-        assert 0.93 - 0.01 < alpha < 0.985, name
+    for name, (beta, sigma, alpha) in studies.independent(law, 2000, 400).items():
+        assert 0.93 - 0.01 < beta < 0.97 + 0.007, name
+        assert 0.93 - 0.01 < sigma < 0.97 + 0.007, name
+        assert 0.93 < alpha < (0.985 if law == "half-normal" else 0.97), name
 
 
 @pytest.mark.parametrize("beta_deg", [0.0, 0.02, 0.05, 0.1, 0.2])  # the standard error is 0.07°
@@ -96,3 +97,12 @@ def test_blocks_are_long_and_too_few_are_said_to_be(minutes, blocks):
         assert interval.note == f"too few blocks: {blocks} of at least 450 s, where 4 are needed"
     else:
         assert interval.beta[0] < found.beta < interval.beta[1]
+
+
+def test_blocks_do_not_depend_on_the_order_of_frames():
+    d = studies.draw("rayleigh", 1, 5000)
+    order, time = np.random.default_rng(0).permutation(5000), np.arange(5000.0)
+    one = MeanRay().estimate(d.pixels[0], studies.camera(), time=time).interval("blocks")
+    other = MeanRay().estimate(d.pixels[0][order], studies.camera(), time=time[order]).interval("blocks")
+    np.testing.assert_allclose(one.beta, other.beta, rtol=1e-9)
+    np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-9)

@@ -42,7 +42,7 @@ class RopeAware(Estimator):
     needs_rope: ClassVar[bool] = True
 
     huber: float = 2.0
-    tolerance: float = 1e-7
+    tolerance: float = 1e-9
     max_iterations: int = 50
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
