@@ -7,6 +7,7 @@ from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.chain import linear, state_covariances
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
+from simgrab.instrument.estimate.pendulum_fit import Priors, nodes_of
 
 TILTED = camera_rotation(np.deg2rad(5.0), 0.7, 0.0)
 
@@ -110,6 +111,17 @@ def test_gaps_are_bridged_and_long_ones_are_not():
     assert found.ok
     assert np.rad2deg(abs(found.beta - np.deg2rad(5.0))) < 0.05
     np.testing.assert_allclose(found.alpha, record.alpha[0][keep], atol=np.deg2rad(0.15))
+
+
+def test_long_steps_are_divided_and_the_longest_are_not_bridged():
+    time = np.array([0.0, 0.1, 1.1, 1.2, 31.2, 31.3])
+    priors = Priors(np.zeros(7), np.ones(7), 4.0, 10.0, node_s=0.35, cut_s=20.0)
+    nodes = nodes_of(time, np.full(6, 20.0), np.zeros((6, 2)), np.ones(6, bool), priors)
+    np.testing.assert_allclose(nodes.time[nodes.frame], time)
+    assert np.flatnonzero(nodes.first).tolist() == [0, nodes.frame[4]]
+    assert np.all(np.diff(nodes.time)[~nodes.first[1:]] <= 0.35)
+    assert nodes.seen.sum() == 6
+    assert len(nodes.time) == 8
 
 
 def test_an_outlier_is_outvoted():
