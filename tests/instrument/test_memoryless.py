@@ -65,8 +65,8 @@ def test_a_prior_keeps_rope_aware_sane_where_tilt_and_offset_are_one():
     assert aware.rmse < 1.05 * mean.rmse
 
 
-# The nominal 93 to 97 %, and two standard errors of 2,000 records on top. Where the density is singular at gravity the α
-# of some are covered a little too well: how far those estimators err goes with how far they think they may.
+# The nominal 93 to 97 %, and two standard errors of 2,000 records on top. Where the density is singular at gravity the
+# α of some are covered a little too well: how far those estimators err goes with how far they think they may.
 @pytest.mark.parametrize("law", ["half-normal", "rayleigh"])
 def test_intervals_cover_on_independent_frames(law):
     for name, (beta, sigma, alpha) in studies.independent(law, 2000, 400).items():
