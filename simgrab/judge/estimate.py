@@ -14,8 +14,8 @@ from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
+from simgrab.judge.tables import PixelRecord, read_record
 from simgrab.records import Estimate, Intervals
-from simgrab.tables import PixelRecord, read_record
 
 # Diagnostics that are in radians, or in radians squared.
 _ANGLES = ("beta_history", "lean_sd")
