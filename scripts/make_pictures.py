@@ -44,6 +44,7 @@ def contact_sheet() -> None:
 
 def _decode(data: bytes, width: int) -> NDArray[np.uint8]:
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
     scale = width / picture.shape[1]
     return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 

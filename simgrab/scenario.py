@@ -73,11 +73,11 @@ class SensorFocal(Tagged, frozen=True, tag="sensor"):
 class Lens(Strict, frozen=True):
     """Brown–Conrady coefficients, OpenCV's order and signs."""
 
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
+    k1: Annotated[float, Meta(ge=-1, le=1)] = 0.0
+    k2: Annotated[float, Meta(ge=-1, le=1)] = 0.0
+    p1: Annotated[float, Meta(ge=-0.1, le=0.1)] = 0.0
+    p2: Annotated[float, Meta(ge=-0.1, le=0.1)] = 0.0
+    k3: Annotated[float, Meta(ge=-1, le=1)] = 0.0
 
 
 class Camera(Strict, frozen=True):

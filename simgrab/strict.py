@@ -70,7 +70,7 @@ def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any], path:
     tag = value.get(tag_field)
     if tag is None:
         raise ScenarioError(f"{path}.{tag_field}", f"missing; one of: {', '.join(by_tag)}")
-    if tag not in by_tag:
+    if not isinstance(tag, str) or tag not in by_tag:
         hint = _suggest(str(tag), list(by_tag))
         raise ScenarioError(f"{path}.{tag_field}", f"unknown value {tag!r}{hint}; one of: {', '.join(by_tag)}")
     return by_tag[str(tag)]

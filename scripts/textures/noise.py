@@ -29,9 +29,7 @@ def fractal(
     """
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.rfftfreq(size, 1 / size), indexing="ij"))
     spectrum = np.fft.rfft2(rng.standard_normal((size, size)))
-    spectrum *= np.where(
-        (frequency >= low) & (frequency <= high), np.maximum(frequency, 1.0) ** (-slope / 2), 0.0
-    )
+    spectrum *= np.where((frequency >= low) & (frequency <= high), np.maximum(frequency, 1.0) ** (-slope / 2), 0.0)
     picture = np.fft.irfft2(spectrum, s=(size, size))
     return stretch(picture)
 

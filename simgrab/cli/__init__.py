@@ -36,10 +36,16 @@ def cli() -> None:
 def main() -> NoReturn:
     """Run the command line. Exit status: 0 done, 1 a check failed, 2 bad input, 130 interrupted."""
     try:
-        cli(standalone_mode=True)
+        status = cli(standalone_mode=False)
+    except click.ClickException as problem:
+        problem.show()
+        sys.exit(problem.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("simgrab: interrupted", err=True)
+        sys.exit(130)
     except SimgrabError as problem:
         click.echo(f"simgrab: {problem}", err=True)
         sys.exit(2)
     except BrokenPipeError:
         sys.exit(1)
-    sys.exit(0)
+    sys.exit(status or 0)

@@ -88,7 +88,10 @@ class Folder:
         with writing(self.path):
             if self.path.exists() and not self.path.is_dir():
                 raise DatasetError(f"{self.path} is not a folder; choose another --out")
-            if self.path.is_dir() and any(p != self.partial for p in self.path.iterdir()):
+            ours = {"rows", "lock", "identity.json"}
+            inside = [p.name for p in self.partial.iterdir()] if self.partial.is_dir() else []
+            foreign = any(name not in ours and not name.startswith("draft-") for name in inside)
+            if self.path.is_dir() and (foreign or any(p != self.partial for p in self.path.iterdir())):
                 raise DatasetError(f"{self.path} holds something else than a simgrab dataset; choose another --out")
 
     def _identity(self) -> dict[str, Any] | None:
@@ -107,7 +110,7 @@ class Folder:
         with writing(self.path), (self.partial / "lock").open("w") as handle:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            except BlockingIOError:
                 raise DatasetError(f"{self.path} is being written by another simgrab") from None
             yield
 

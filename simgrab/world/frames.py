@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import itertools
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -27,6 +29,7 @@ from simgrab.world.model import World
 from simgrab.world.render import Renderer, View
 from simgrab.world.swing import split
 
+PR_SET_PDEATHSIG = 1
 DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
 
 
@@ -144,10 +147,16 @@ def _make_and_store(scenario: Scenario, frame: int, store: Callable[[Frame], Non
     """Work for a process that serves one scenario all its life."""
     global _studio
     if _studio is None:  # not in the pool's initializer, whose errors reach nobody
+        _die_with_parent()
         _studio = Studio(scenario)
     made = _studio.make(frame)
     store(made)
     return made.record.drawn_by
+
+
+def _die_with_parent() -> None:
+    """Ask Linux to end this process when the one that feeds it is killed; else it would draw on, unseen."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def make_all(
