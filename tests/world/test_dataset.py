@@ -106,6 +106,22 @@ def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers):
     assert digest(out) == digest(dataset)
 
 
+def test_workers_die_with_the_process_that_feeds_them(tmp_path):
+    """Else they would write on, without the lock, under the feet of whoever resumes."""
+    out = tmp_path / "orphans"
+    command = simgrab("render", "quay-day", *as_options(SMALL | {"frames": 2000}), "--out", out, "--workers", 2)
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    rows = out / ".partial" / "rows"
+    while process.poll() is None and not (rows.exists() and any(rows.glob("*.json"))):
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    time.sleep(0.5)
+    left = len(list(rows.glob("*.json")))
+    time.sleep(1.5)
+    assert len(list(rows.glob("*.json"))) == left
+
+
 def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     folder = Folder(tmp_path / "half")
     from simgrab.world.manifest import identity
