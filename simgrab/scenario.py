@@ -22,7 +22,6 @@ from simgrab.geometry import (
 )
 
 Meta = msgspec.Meta
-Positive = Annotated[float, Meta(gt=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Cargo = Literal["coal", "ore", "grain"]
 

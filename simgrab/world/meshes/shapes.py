@@ -89,12 +89,6 @@ def i_section(height: float, width: float, web: float, flange: float) -> shapely
     return shapely.Polygon(right + [(-x, z) for x, z in reversed(right)])
 
 
-def angle_section(leg: float, thickness: float) -> shapely.Polygon:
-    """Return an equal angle with its corner at the origin and its legs along +x and −y of the section."""
-    t = thickness
-    return shapely.Polygon([(0, 0), (leg, 0), (leg, -t), (t, -t), (t, -leg), (0, -leg)])
-
-
 def disc(outline: Sequence[tuple[float, float]], centre: ArrayLike, sections: int = 24) -> trimesh.Trimesh:
     """Turn a closed (radius, offset) outline about the y axis through ``centre``."""
     ring = np.array([*outline, outline[0]], float)
