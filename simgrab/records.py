@@ -37,7 +37,8 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     split: Annotated[str, _column("", "train, val or test, by seeded draw")]
     file: Annotated[str, _column("", "picture, relative to the dataset")]
     seed: Annotated[int, _column("", "seed of the scenario")]
-    time_s: Annotated[float | None, _column("s", "time within a clip; empty for independent frames")]
+    clip: Annotated[int | None, _column("", "index of the clip that the frame is of; empty for independent frames")]
+    time_s: Annotated[float | None, _column("s", "time within the clip; empty for independent frames")]
     alpha_deg: Annotated[float, _column("deg", "swing angle: between OA and gravity, never truncated")]
     gamma_deg: Annotated[
         float,
@@ -52,6 +53,14 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset_y_m: Annotated[float, _column("m", "camera centre minus rope exit O, jib frame, sideways")]
     offset_z_m: Annotated[float, _column("m", "camera centre minus rope exit O, jib frame, up")]
     rope_length_m: Annotated[float, _column("m", "|OA|, from the rope exit to the grab's origin")]
+    slew_deg: Annotated[float, _column("deg", "turn of the jib since the clip began, counter-clockwise from above")]
+    radius_m: Annotated[
+        float | None, _column("m", "from the slewing axis to O, which luffing changes; empty for independent frames")
+    ]
+    apparent_gravity: Annotated[
+        tuple[float, ...],
+        _column("m/s2", "gravity less the acceleration of O, jib frame (3): what the grab swings about"),
+    ]
     yaw_deg: Annotated[float, _column("deg", "turn of the grab about its rope, 0 = x outboard, (-180, 180]")]
     jaw_deg: Annotated[float, _column("deg", "opening of each shell about its hinge, 0 = closed")]
     load: Annotated[float, _column("", "fill of the closed grab, 0 to 1; an open grab holds nothing")]
@@ -103,6 +112,10 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[float, ...],
         _column("px", "u, v, visibility (0 out of the picture, 1 hidden, 2 seen) of each named point in turn (30)"),
     ]
+    rope_text: Annotated[str | None, _column("", "rope length digits on the display, above the row where it tore")]
+    rope_text_below: Annotated[str | None, _column("", "digits below that row; the same where nothing tore")]
+    torn_row_px: Annotated[int | None, _column("px", "first row that shows the new digits; empty where nothing tore")]
+    clock_text: Annotated[str | None, _column("", "date, weekday and clock on the display")]
     image_sha256: Annotated[str, _column("", "digest of the picture file")]
 
 

@@ -79,6 +79,35 @@ class Lens(Strict, frozen=True):
     k3: Annotated[float, Meta(ge=-1, le=1)] = 0.0
 
 
+class Vibration(Strict, frozen=True):
+    """Trembling of the jib head: each component of the tilt wanders in a narrow band about a frequency."""
+
+    rms_deg: Annotated[float, Meta(ge=0, le=2)] = 0.0
+    frequency_hz: Annotated[float, Meta(ge=0.05, le=10)] = 0.6
+    damping: Annotated[float, Meta(gt=0, le=1)] = 0.1
+
+
+class FixedMount(Tagged, frozen=True, tag="fixed"):
+    """The tilt stays what it is, by decree."""
+
+    vibration: Vibration = Vibration()
+
+
+class LevelledMount(Tagged, frozen=True, tag="levelled"):
+    """The camera hangs by gravity, damped, ``beta_deg`` off plumb: it follows what the moving jib feels as gravity."""
+
+    frequency_hz: Annotated[float, Meta(ge=0.05, le=10)] = 0.5
+    damping: Annotated[float, Meta(gt=0, le=5)] = 0.5
+    vibration: Vibration = Vibration()
+
+
+class RigidMount(Tagged, frozen=True, tag="rigid"):
+    """Bolted to the fly-jib, whose pitch follows luffing; ``beta_deg`` holds at the radius where the clip begins."""
+
+    pitch_deg_per_m: Annotated[float, Meta(ge=-10, le=10)] = 2.0
+    vibration: Vibration = Vibration()
+
+
 class Camera(Strict, frozen=True):
     """The surveillance camera at the jib head: the truth, which the instrument never gets."""
 
@@ -93,6 +122,7 @@ class Camera(Strict, frozen=True):
     offset_x_m: Annotated[float, Meta(ge=-3, le=3)] = 0.0
     offset_y_m: Annotated[float, Meta(ge=-3, le=3)] = 0.6
     offset_z_m: Annotated[float, Meta(ge=-3, le=1)] = -0.3
+    mount: LevelledMount | RigidMount | FixedMount = LevelledMount()
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -138,6 +168,93 @@ class Iid(Tagged, frozen=True, tag="iid"):
     yaw_deg: Distribution = Uniform(-15.0, 15.0)
     jaw_deg: Distribution = Constant(0.0)
     load: Distribution = Constant(0.0)
+
+
+class Hang(Tagged, frozen=True, tag="hang"):
+    """The crane stands still; the grab hangs on a rope of constant length."""
+
+    rope_length_m: Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])] = 20.0
+    jaw_deg: Annotated[float, Meta(ge=0)] = 0.0
+    load: Share = 0.0
+
+
+class Turn(Tagged, frozen=True, tag="turn"):
+    """From rest, the crane begins to slew and keeps on."""
+
+    rope_length_m: Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])] = 20.0
+    jaw_deg: Annotated[float, Meta(ge=0)] = 0.0
+    load: Share = 0.0
+    slew_rpm: Annotated[float, Meta(ge=-3, le=3)] = 1.2
+    ramp_s: Annotated[float, Meta(ge=0.5, le=60)] = 6.0
+    wait_s: Annotated[float, Meta(ge=0)] = 5.0
+
+
+class Cycles(Tagged, frozen=True, tag="cycles"):
+    """Working cycles: dig, hoist, slew and luff, dump, return; each cycle's depths, speeds and pauses vary.
+
+    ``operator`` goes from 0 (smooth: the longest ramps) to 1 (rough: the shortest, and the loads still swing when the
+    next move begins).
+    """
+
+    dig_rope_m: Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])] = 22.0
+    carry_rope_m: Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])] = 10.0
+    slew_deg: Annotated[float, Meta(ge=-180, le=180)] = 45.0
+    luff_m: Annotated[float, Meta(ge=-10, le=10)] = 3.0
+    operator: Share = 0.3
+    variation: Annotated[float, Meta(ge=0, le=0.3)] = 0.1
+    hoist_m_min: Annotated[float, Meta(gt=0, le=120)] = 60.0
+    hoist_m_s2: Annotated[float, Meta(gt=0, le=2)] = 0.4
+    slew_rpm: Annotated[float, Meta(gt=0, le=3)] = 0.65
+    luff_m_min: Annotated[float, Meta(gt=0, le=120)] = 45.0
+    dig_s: Annotated[float, Meta(gt=0, le=120)] = 13.5
+    dump_s: Annotated[float, Meta(gt=0, le=120)] = 5.0
+    pause_s: Annotated[float, Meta(ge=0, le=300)] = 2.0
+
+    def __post_init__(self) -> None:
+        if self.carry_rope_m > self.dig_rope_m:
+            raise ValueError(f"carry_rope_m ({self.carry_rope_m:g}) must not be above dig_rope_m ({self.dig_rope_m:g})")
+
+
+class Wind(Strict, frozen=True):
+    """Mean wind at the jib head and von Karman turbulence. The azimuth is the one it blows towards, jib frame at t = 0."""
+
+    mean_m_s: Annotated[float, Meta(ge=0, le=40)] = 0.0
+    azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 90.0
+    intensity: Annotated[float, Meta(ge=0, le=0.5)] = 0.15
+    scale_m: Annotated[float, Meta(ge=1, le=1000)] = 100.0
+
+
+class Forcing(Strict, frozen=True):
+    """Random horizontal acceleration of the grab, the same in every direction, white up to ``bandwidth_hz``."""
+
+    rms_m_s2: Annotated[float, Meta(ge=0, le=5)] = 0.0
+    bandwidth_hz: Annotated[float, Meta(gt=0, le=10)] = 0.5
+
+
+class Start(Strict, frozen=True):
+    """How the grab swings when a clip begins; ``roundness`` goes from 0 (in a plane) to ±1 (in a circle)."""
+
+    alpha_deg: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    roundness: Annotated[float, Meta(ge=-1, le=1)] = 0.0
+    yaw_deg: Annotated[float, Meta(ge=-90, le=90)] = 0.0
+
+
+class Dynamic(Tagged, frozen=True, tag="dynamic"):
+    """The grab swings as physics has it, while the crane works and the wind blows.
+
+    ``damping`` is a share of the critical one; wind drag comes on top. ``settle_s`` runs before the first frame.
+    """
+
+    work: Hang | Turn | Cycles = Cycles()
+    start: Start = Start()
+    wind: Wind = Wind()
+    forcing: Forcing = Forcing()
+    damping: Annotated[float, Meta(ge=0, le=0.5)] = 0.005
+    yaw_damping: Annotated[float, Meta(ge=0, le=1)] = 0.05
+    radius_m: Annotated[float, Meta(ge=10, le=50)] = 25.0
+    drag_area_m2: Annotated[float, Meta(ge=0, le=50)] = 10.0
+    settle_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0
 
 
 class Grab(Strict, frozen=True):
@@ -209,6 +326,38 @@ class Image(Strict, frozen=True):
     depth: bool = False
 
 
+class Clip(Strict, frozen=True):
+    """Time and the video: how frames follow each other, and what coding and network do to them.
+
+    A dataset of ``frames`` frames is cut into clips of ``clip_frames``, each with a motion of its own; 0 makes it one.
+    Of each clip's frames a share is dropped on the way and a share sent twice; times of arrival jitter.
+    """
+
+    frame_rate_hz: Annotated[float, Meta(gt=0, le=120)] = 9.0
+    clip_frames: Annotated[int, Meta(ge=0)] = 0
+    bit_rate_mbit_s: Annotated[float, Meta(gt=0, le=200)] = 4.0
+    gop_frames: Annotated[int, Meta(ge=1, le=1000)] = 50
+    drop_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
+    repeat_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
+    jitter_ms: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+
+
+class Display(Strict, frozen=True):
+    """The on-screen display: clock, and the rope length as the crane's controller knows it.
+
+    ``layout`` names a bundled layout or a TOML file; "none" shows nothing. The controller refreshes the number
+    ``refresh_hz`` times a second with a value ``lag_s`` old; the picture is read out over ``readout_s``, and a refresh
+    that falls in between tears it. The length shown is |OA| less ``constant_m``.
+    """
+
+    layout: str = "none"
+    start: str = "2022-01-26T14:05:37"
+    lag_s: Annotated[float, Meta(ge=0, le=10)] = 0.5
+    refresh_hz: Annotated[float, Meta(gt=0, le=100)] = 5.0
+    readout_s: Annotated[float, Meta(ge=0, le=1)] = 0.03
+    constant_m: Annotated[float, Meta(ge=-10, le=10)] = 2.5
+
+
 class Labels(Strict, frozen=True):
     """Which frames get a detection box: those that show at least this fraction of the grab's silhouette."""
 
@@ -235,19 +384,26 @@ class Scenario(Strict, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
     frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
     camera: Camera = Camera()
-    swing: Iid = Iid()
+    swing: Iid | Dynamic = Iid()
     grab: Grab = Grab()
     jib: Jib = Jib()
     place: Quay | Hold | Water | Plain = Quay()
     light: Light = Light()
     image: Image = Image()
+    clip: Clip = Clip()
+    display: Display = Display()
     labels: Labels = Labels()
     splits: Splits = Splits()
 
     def __post_init__(self) -> None:
-        _within("swing.rope_length_m", self.swing.rope_length_m, *ROPE_LENGTH_RANGE_M)
-        _within("swing.load", self.swing.load, 0.0, 1.0)
-        _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
+        if isinstance(self.swing, Iid):
+            _within("swing.rope_length_m", self.swing.rope_length_m, *ROPE_LENGTH_RANGE_M)
+            _within("swing.load", self.swing.load, 0.0, 1.0)
+            _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
+            if self.camera.mount.vibration.rms_deg > 0:
+                raise ScenarioError(
+                    "camera.mount.vibration", 'independent frames know no time; swing.model = "dynamic"'
+                )
         _check_lens(self.camera.intrinsics)
 
     def digest(self) -> str:

@@ -19,6 +19,7 @@ from simgrab.world.render import Renderer, View, Window
 from simgrab.world.swing import GrabState, draw, split
 
 NEAREST_DEPTH_M = 0.2
+STANDARD_GRAVITY = 9.80665
 KEYPOINT_TOLERANCE_M = 0.12  # a keypoint on a surface is seen if nothing lies this much nearer,
 ROPE_TOLERANCE_M = 1.0  # but for a rope over a termination: the one that ends there, seen nearly end on
 
@@ -178,6 +179,7 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         split=split(scenario, aimed.frame),
         file=file,
         seed=scenario.seed,
+        clip=None,
         time_s=None,
         alpha_deg=_degrees(state.alpha),
         gamma_deg=_degrees(state.gamma) % 360.0,
@@ -188,6 +190,9 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         offset_y_m=camera.offset_y_m,
         offset_z_m=camera.offset_z_m,
         rope_length_m=state.rope_length,
+        slew_deg=0.0,
+        radius_m=None,
+        apparent_gravity=(0.0, 0.0, -STANDARD_GRAVITY),
         yaw_deg=_degrees(state.yaw),
         jaw_deg=_degrees(state.jaw),
         load=state.load,
@@ -223,6 +228,10 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         in_frame_fraction=sight.in_frame_fraction,
         oriented_box=oriented,
         keypoints=_floats(_see_keypoints(scenario, aimed, sight)),
+        rope_text=None,
+        rope_text_below=None,
+        torn_row_px=None,
+        clock_text=None,
         image_sha256=image_sha256,
     )
 
