@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 import simgrab
 from simgrab.world.frames import Studio
-from simgrab.world.truth import aim
 
 GOLDEN = Path(__file__).parents[1] / "tests" / "golden"
 SCENES = ("quay-day", "quay-truck", "hold-coal", "water-side")
@@ -30,7 +29,7 @@ SMALL = {
 def draw(name: str) -> tuple[NDArray[np.uint8], str]:
     """Draw frame 0 of a scene, small; returns it with a digest of what drew it."""
     with Studio(simgrab.load(name, SMALL)) as studio:
-        studio.renderer.pose(aim(studio.scenario, studio.world, 0).state)
+        studio.aim(0)
         drawn_by = [
             studio.renderer.fingerprint.digest,
             *(version(p) for p in ("numpy", "opencv-python-headless", "scipy")),

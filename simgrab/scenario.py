@@ -216,7 +216,7 @@ class Cycles(Tagged, frozen=True, tag="cycles"):
 
 
 class Wind(Strict, frozen=True):
-    """Mean wind at the jib head and von Karman turbulence. The azimuth is the one it blows towards, jib frame at t = 0."""
+    """Mean wind at the jib head, blowing towards an azimuth of the jib frame at t = 0, and von Karman turbulence."""
 
     mean_m_s: Annotated[float, Meta(ge=0, le=40)] = 0.0
     azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 90.0

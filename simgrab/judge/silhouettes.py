@@ -16,7 +16,6 @@ from simgrab.world.frames import Studio
 from simgrab.world.model import GRAB, placed_shapes
 from simgrab.world.render import Window
 from simgrab.world.second_opinion import SecondOpinion
-from simgrab.world.truth import aim
 
 EDGE_TOLERANCE_PX = 0.5
 CENTROID_TOLERANCE_PX = 0.2
@@ -52,8 +51,7 @@ def compare(rows: Sequence[Truth], studio: Studio, tick: Iterable[None]) -> Proo
         for row, _ in zip(rows, tick, strict=False):
             if row.in_frame_fraction == 0:
                 continue
-            aimed = aim(studio.scenario, studio.world, row.frame)
-            studio.renderer.pose(aimed.state)
+            aimed = studio.aim(row.frame)
             ours = studio.renderer.look(aimed.window, grab_only=True).ids == GRAB
             fine, coarse = _draw(other, row, aimed.window)
             for column, value in zip(("x0", "y0", "x1", "y1"), _box(fine, aimed.window), strict=True):

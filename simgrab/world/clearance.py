@@ -11,41 +11,43 @@ import trimesh
 
 from simgrab.geometry import Array
 
-HALF_WIDTH_M = 16.0
 CELL_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Highest point of the surroundings over a square grid around the vertical through O, jib frame, m.
+    """Highest point of the surroundings over a square grid around the vertical through O, place frame, m.
 
     Attributes
     ----------
     top : ndarray, shape (N, N)
         Indexed [y, x]; −inf where there is nothing.
+    half_width : float
+        Of the square, m.
     """
 
     top: Array
+    half_width: float
 
     @classmethod
-    def of(cls, meshes: Iterable[trimesh.Trimesh]) -> HeightMap:
+    def of(cls, meshes: Iterable[trimesh.Trimesh], half_width: float) -> HeightMap:
         """Look at meshes from above; a sloping triangle counts as high as its highest corner."""
         triangles = np.concatenate([np.asarray(m.triangles) for m in meshes])
-        near = (triangles[..., :2].min(axis=1) < HALF_WIDTH_M) & (triangles[..., :2].max(axis=1) > -HALF_WIDTH_M)
+        near = (triangles[..., :2].min(axis=1) < half_width) & (triangles[..., :2].max(axis=1) > -half_width)
         triangles = triangles[near.all(axis=1)]
         height = triangles[..., 2].max(axis=1)
-        size = round(2 * HALF_WIDTH_M / CELL_M)
+        size = round(2 * half_width / CELL_M)
         top = np.full((size, size), -np.inf)
         # Painted lowest first, so that the highest remains. Eight bits below the cell keep edges where they are.
-        corners = np.clip((triangles[..., :2] + HALF_WIDTH_M) / CELL_M, -1e4, 1e4)
+        corners = np.clip((triangles[..., :2] + half_width) / CELL_M, -1e4, 1e4)
         fixed = np.round((corners - 0.5) * 256).astype(np.int32)
         for i in np.argsort(height, kind="stable"):
             cv2.fillConvexPoly(top, fixed[i], float(height[i]), shift=8)
-        return cls(top)
+        return cls(top, half_width)
 
     def gap(self, points: Array) -> float:
-        """Least height of points (N, 3), jib frame, above what is below them; points beyond the map count not."""
-        cell = np.floor((points[:, :2] + HALF_WIDTH_M) / CELL_M).astype(int)
+        """Least height of points (N, 3), place frame, above what is below them; points beyond the map count not."""
+        cell = np.floor((points[:, :2] + self.half_width) / CELL_M).astype(int)
         inside = ((cell >= 0) & (cell < len(self.top))).all(axis=1)
         if not inside.any():
             return float("inf")

@@ -27,6 +27,7 @@ from simgrab.world import model, truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
 from simgrab.world.render import Renderer, View
+from simgrab.world.story import Story
 from simgrab.world.swing import split
 
 PR_SET_PDEATHSIG = 1
@@ -77,6 +78,7 @@ class Studio:
         self.scenario = scenario
         self.world = world or model.build(scenario)
         self.renderer = Renderer(self.world, scenario)
+        self._story = Story(scenario)
 
     def __enter__(self) -> Studio:
         return self
@@ -84,11 +86,16 @@ class Studio:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.renderer.close()
 
+    def aim(self, frame: int) -> truth.Aim:
+        """Pose the world and the camera as in one frame."""
+        aimed = truth.aim(self.scenario, self.world, self._story.at(frame))
+        self.renderer.pose(aimed.moment)
+        return aimed
+
     def make(self, frame: int) -> Frame:
         """Draw, label and encode one frame."""
         scenario, image = self.scenario, self.scenario.image
-        aimed = truth.aim(scenario, self.world, frame)
-        self.renderer.pose(aimed.state)
+        aimed = self.aim(frame)
         rgb = self.renderer.rgb()
         full = self.renderer.look() if image.ids or image.depth else None
         sight = truth.see(self.renderer, aimed, full)
@@ -131,7 +138,8 @@ def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
 def check(scenario: Scenario, world: World) -> None:
     """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab."""
     k = scenario.camera.intrinsics
-    aims = (truth.aim(scenario, world, frame) for frame in range(scenario.frames))
+    story = Story(scenario)
+    aims = (truth.aim(scenario, world, story.at(frame)) for frame in range(scenario.frames))
     if not sum(aimed.meets(k.width_px, k.height_px) for aimed in aims):  # all of them: each may be impossible
         raise ScenarioError(
             "camera",

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.rng import stream
-from simgrab.scenario import Hold, Light, Scenario
+from simgrab.scenario import Dynamic, Hang, Hold, Light, Scenario
 from simgrab.world import places
 from simgrab.world.clearance import HeightMap
 from simgrab.world.meshes import grab, jib, linkage, ropes
 from simgrab.world.meshes.part import Part, add_parts
-from simgrab.world.swing import GrabState
+from simgrab.world.moment import GrabState, Moment
 
 # Geom groups tell what a pixel belongs to.
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
@@ -27,6 +27,7 @@ NEAR_M, FAR_M = 0.1, 200.0
 SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
 SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
 CLEARANCE_M = 0.3
+GRAB_REACH_M, TRAVEL_M = 16.0, 48.0  # heights are known so far from O: with swing alone, and what the crane's moves add
 COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
 
 
@@ -59,19 +60,27 @@ class World:
         placed = placed_shapes(state.jaw, state.load)
         return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
 
-    def check_clearance(self, frame: int, state: GrabState, points_jib: Array) -> None:
+    def check_clearance(self, moment: Moment, points_jib: Array) -> None:
         """Refuse a frame whose grab would stand in the ground or in the cargo heap."""
+        jib, rope = moment.jib, moment.grab.rope_length
+        if jib:
+            place_from_jib = np.linalg.inv(jib.jib_from_place)
+            points_jib = points_jib @ place_from_jib[:3, :3].T + place_from_jib[:3, 3]
         gap = self.ground.gap(points_jib)
         if gap < CLEARANCE_M:
             raise ScenarioError(
-                "swing.rope_length_m",
-                f"frame {frame} draws {state.rope_length:.2f} m, which lowers the grab into what is below it; "
-                f"at most {state.rope_length - CLEARANCE_M + gap:.2f} m there",
+                "swing.work" if jib else "swing.rope_length_m",
+                f"frame {moment.frame} has {rope:.2f} m of rope, which lowers the grab into what is below it; "
+                f"at most {rope - CLEARANCE_M + gap:.2f} m there",
             )
 
-    def pose(self, data: mujoco.MjData, state: GrabState) -> None:
-        """Set ``data`` to the state and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
-        model = self.model
+    def pose(self, data: mujoco.MjData, moment: Moment) -> None:
+        """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
+        model, state = self.model, moment.grab
+        if moment.jib:
+            place = moment.jib.jib_from_place
+            data.mocap_pos[self._mocap("place")] = place[:3, 3]
+            data.mocap_quat[self._mocap("place")] = (np.cos(moment.jib.slew / 2), 0, 0, -np.sin(moment.jib.slew / 2))
         half = state.alpha / 2
         data.joint("swing").qpos = (
             np.cos(half),
@@ -90,6 +99,19 @@ class World:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
+        self._shine(data, moment)
+
+    def _shine(self, data: mujoco.MjData, moment: Moment) -> None:
+        """Keep the sun where it stands over the place, and its shadows where the camera looks."""
+        if moment.jib:
+            sun = self.model.light("sun").id
+            direction = moment.jib.jib_from_place[:3, :3] @ self.model.light_dir[sun]
+            centre = self.model.light_pos[sun] + SHADOW_LIGHT_DISTANCE_M * self.model.light_dir[sun]
+            data.light_xdir[sun] = direction
+            data.light_xpos[sun] = centre - SHADOW_LIGHT_DISTANCE_M * direction
+
+    def _mocap(self, body: str) -> int:
+        return int(self.model.body(body).mocapid[0])
 
     def _hang_ropes(self, data: mujoco.MjData, state: GrabState) -> None:
         """Draw each rope straight from its termination to its exit, with the shortest mesh that reaches."""
@@ -98,7 +120,7 @@ class World:
         for rope, (end, top) in enumerate(zip(ends, ropes.ROPE_EXITS, strict=True)):
             needed = float(np.linalg.norm(top - end))
             shown = next((c for c in ropes.ROPE_CLASSES_M if c >= needed), ropes.ROPE_CLASSES_M[-1])
-            mocap = self.model.body(f"rope_{rope}").mocapid[0]
+            mocap = self._mocap(f"rope_{rope}")
             data.mocap_pos[mocap] = end
             data.mocap_quat[mocap] = _turn_up_to((top - end) / needed)
             for length in ropes.ROPE_CLASSES_M:
@@ -136,7 +158,8 @@ def build(scenario: Scenario) -> World:
     spec = mujoco.MjSpec()
     _set_visuals(spec, scenario)
     place = places.build(scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, 0, "place"))
-    add_parts(spec, spec.worldbody, place, group=PLACE, prefix="place")
+    ground = spec.worldbody.add_body(name="place", mocap=True)
+    add_parts(spec, ground, place, group=PLACE, prefix="place")
     add_parts(spec, spec.worldbody, jib.jib_parts(), group=JIB, prefix="jib")
     look = scenario.grab
     parts = grab.grab_parts(
@@ -158,8 +181,15 @@ def build(scenario: Scenario) -> World:
         shapes=shapes,
         outline={name: _cover(mesh, straight=straight) for name, mesh in shapes.items()},
         switches=_switches(model),
-        ground=HeightMap.of(part.mesh for part in place),
+        ground=HeightMap.of((part.mesh for part in place), _reach(scenario)),
     )
+
+
+def _reach(scenario: Scenario) -> float:
+    """How far from where O is at first the grab may come, m."""
+    if not isinstance(scenario.swing, Dynamic) or isinstance(scenario.swing.work, Hang):
+        return GRAB_REACH_M
+    return GRAB_REACH_M + TRAVEL_M
 
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import RendererError, ScenarioError
-from simgrab.geometry import Array, Intrinsics, camera_rotation
+from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Scenario
 from simgrab.world import gl
 from simgrab.world.model import FAR_M, GRAB, HIDDEN, NEAR_M, World
-from simgrab.world.swing import GrabState
+from simgrab.world.moment import Moment
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
 NOTHING = 255  # id of a pixel that shows no geom
@@ -72,7 +72,7 @@ class Renderer:
     def __init__(self, world: World, scenario: Scenario) -> None:
         camera = scenario.camera
         self.world, self.intrinsics = world, camera.intrinsics
-        self._rotation = camera_rotation(*np.radians((camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg)))
+        self._rotation = np.eye(3)
         self._centre = np.array(camera.offset_m)
         self.full: Window = (0, 0, camera.width_px, camera.height_px)
         self._lens = _PictureMap(self.intrinsics) if not self.intrinsics.distortion.is_null else None
@@ -107,9 +107,10 @@ class Renderer:
         """Free the OpenGL context."""
         self._stack.close()
 
-    def pose(self, state: GrabState) -> None:
-        """Pose the world; what follows is drawn so."""
-        self.world.pose(self.data, state)
+    def pose(self, moment: Moment) -> None:
+        """Pose world and camera; what follows is drawn so."""
+        self._rotation = moment.tilt.jib_from_camera
+        self.world.pose(self.data, moment)
 
     def rgb(self) -> NDArray[np.uint8]:
         """Draw the picture as the lens shows it, shape (height, width, 3)."""

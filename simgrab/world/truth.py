@@ -15,11 +15,11 @@ from simgrab.records import KEYPOINT_NAMES, Truth
 from simgrab.scenario import Scenario
 from simgrab.world.meshes import grab
 from simgrab.world.model import GRAB, ROPE, World
+from simgrab.world.moment import GrabState, Moment
 from simgrab.world.render import Renderer, View, Window
-from simgrab.world.swing import GrabState, draw, split
+from simgrab.world.swing import split
 
 NEAREST_DEPTH_M = 0.2
-STANDARD_GRAVITY = 9.80665
 KEYPOINT_TOLERANCE_M = 0.12  # a keypoint on a surface is seen if nothing lies this much nearer,
 ROPE_TOLERANCE_M = 1.0  # but for a rope over a termination: the one that ends there, seen nearly end on
 
@@ -30,8 +30,7 @@ class Aim:
 
     Attributes
     ----------
-    frame : int
-    state : GrabState
+    moment : Moment
     centre_camera : ndarray, shape (3,)
         Grab centre A, camera frame, m.
     outline_px : ndarray, shape (N, 2)
@@ -40,8 +39,7 @@ class Aim:
         In the order of `simgrab.records.KEYPOINT_NAMES`, camera frame, m.
     """
 
-    frame: int
-    state: GrabState
+    moment: Moment
     centre_camera: Array
     outline_px: Array
     keypoints_camera: Array
@@ -99,20 +97,19 @@ class Sight:
         return x0 + int(x[0]), y0 + int(y[0]), x0 + int(x[-1]) + 1, y0 + int(y[-1]) + 1
 
 
-def aim(scenario: Scenario, world: World, frame: int) -> Aim:
-    """Draw a frame's state and project it.
+def aim(scenario: Scenario, world: World, moment: Moment) -> Aim:
+    """Project a frame's moment.
 
     Raises
     ------
     ScenarioError
         If the state cannot be: naming frame and key.
     """
-    state = draw(scenario, frame, most_jaw=grab.MAX_JAW)
+    frame, state = moment.frame, moment.grab
     pose = state.jib_from_grab
     points = world.grab_points(state) @ pose[:3, :3].T + pose[:3, 3]
-    world.check_clearance(frame, state, points)
-    camera = scenario.camera
-    rotation = geometry.camera_rotation(*np.radians((camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg)))
+    world.check_clearance(moment, points)
+    camera, rotation = scenario.camera, moment.tilt.jib_from_camera
 
     def to_camera(points_jib: Array) -> Array:
         return geometry.to_camera(points_jib, rotation, camera.offset_m)
@@ -124,8 +121,7 @@ def aim(scenario: Scenario, world: World, frame: int) -> Aim:
             f"(alpha {np.degrees(state.alpha):.1f}°, rope {state.rope_length:.2f} m)",
         )  # fmt: skip
     return Aim(
-        frame,
-        state,
+        moment,
         to_camera(pose[:3, 3]),
         _finite(camera.intrinsics.project(outline)),
         to_camera(_keypoints(state)),
@@ -163,11 +159,11 @@ def see(renderer: Renderer, aimed: Aim, full: View | None = None) -> Sight:
 
 def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha256: str) -> Truth:
     """Compose the row of labels of one frame."""
-    state, camera, k = aimed.state, scenario.camera, scenario.camera.intrinsics
-    angles = np.radians((camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg))
+    moment, state, tilt = aimed.moment, aimed.moment.grab, aimed.moment.tilt
+    camera, k, jib = scenario.camera, scenario.camera.intrinsics, aimed.moment.jib
     ideal, pixel = k.ideal(aimed.centre_camera), k.project(aimed.centre_camera)
-    m, theta = k.polar(ideal, geometry.vertical_direction(angles[1], angles[2]))
-    camera_pose = np.column_stack([geometry.camera_rotation(*angles), camera.offset_m])
+    m, theta = k.polar(ideal, geometry.vertical_direction(tilt.azimuth, tilt.roll))
+    camera_pose = np.column_stack([tilt.jib_from_camera, camera.offset_m])
     amodal: tuple[float | None, ...] = (None,) * 4
     oriented = None
     if aimed.amodal_box is not None:
@@ -175,24 +171,24 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         oriented = _floats(cv2.boxPoints(cv2.minAreaRect(aimed.outline_px.astype(np.float32))))
     box = sight.box or (None, None, None, None)
     return Truth(
-        frame=aimed.frame,
-        split=split(scenario, aimed.frame),
+        frame=moment.frame,
+        split=split(scenario, moment.frame),
         file=file,
         seed=scenario.seed,
-        clip=None,
-        time_s=None,
+        clip=moment.clip,
+        time_s=moment.time,
         alpha_deg=_degrees(state.alpha),
-        gamma_deg=_degrees(state.gamma) % 360.0,
-        beta_deg=camera.beta_deg,
-        tilt_azimuth_deg=camera.tilt_azimuth_deg % 360.0,
-        roll_deg=_degrees(geometry.wrap(angles[2])),
+        gamma_deg=_degrees(moment.gamma) % 360.0,
+        beta_deg=_degrees(tilt.beta),
+        tilt_azimuth_deg=_degrees(tilt.azimuth) % 360.0,
+        roll_deg=_degrees(geometry.wrap(tilt.roll)),
         offset_x_m=camera.offset_x_m,
         offset_y_m=camera.offset_y_m,
         offset_z_m=camera.offset_z_m,
         rope_length_m=state.rope_length,
-        slew_deg=0.0,
-        radius_m=None,
-        apparent_gravity=(0.0, 0.0, -STANDARD_GRAVITY),
+        slew_deg=_degrees(jib.slew) if jib else 0.0,
+        radius_m=jib.radius if jib else None,
+        apparent_gravity=moment.apparent_gravity,
         yaw_deg=_degrees(state.yaw),
         jaw_deg=_degrees(state.jaw),
         load=state.load,

@@ -12,7 +12,8 @@ from simgrab.world.frames import Studio
 from simgrab.world.meshes import grab
 from simgrab.world.model import GRAB
 from simgrab.world.render import Renderer
-from simgrab.world.truth import aim, see
+from simgrab.world.swing import draw
+from simgrab.world.truth import see
 
 
 class Spheres:
@@ -43,7 +44,7 @@ def test_a_small_sphere_appears_where_project_says(scene, crooked_scene, lens):
     xy = (ideal - (camera.intrinsics.cx_px, camera.intrinsics.cy_px)) / camera.intrinsics.f_px
     centres = np.column_stack([xy, np.ones(9)]) * depth[:, None] @ rotation.T + camera.offset_m
     with Renderer(Spheres(centres), scenario) as renderer:
-        renderer.pose(None)
+        renderer.pose(draw(scenario, 0))
         view = renderer.look()
         expected = camera.intrinsics.project(geometry.to_camera(centres, rotation, camera.offset_m))
         errors = []
@@ -64,8 +65,7 @@ def studio(request):
 
 
 def test_a_window_shows_what_the_whole_picture_shows(studio):
-    aimed = aim(studio.scenario, studio.world, 1)
-    studio.renderer.pose(aimed.state)
+    aimed = studio.aim(1)
     whole = studio.renderer.look()
     x0, y0, x1, y1 = aimed.window
     inner = max(x0, 0), max(y0, 0), min(x1, 480), min(y1, 270)
@@ -76,8 +76,7 @@ def test_a_window_shows_what_the_whole_picture_shows(studio):
 
 
 def test_windows_larger_than_the_buffer_are_drawn_in_tiles(studio):
-    aimed = aim(studio.scenario, studio.world, 1)
-    studio.renderer.pose(aimed.state)
+    aimed = studio.aim(1)
     x0, y0, x1, y1 = aimed.window
     wide = studio.renderer.look((x0 - 300, y0 - 300, x1 + 300, y1 + 300), grab_only=True)
     tight = studio.renderer.look(aimed.window, grab_only=True)
@@ -87,8 +86,7 @@ def test_windows_larger_than_the_buffer_are_drawn_in_tiles(studio):
 
 @pytest.mark.parametrize("frame", range(4))
 def test_the_amodal_box_bounds_the_drawn_silhouette(studio, frame):
-    aimed = aim(studio.scenario, studio.world, frame)
-    studio.renderer.pose(aimed.state)
+    aimed = studio.aim(frame)
     mask = studio.renderer.look(aimed.window, grab_only=True).ids == GRAB
     y, x = np.nonzero(mask)
     drawn = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1]) + (*aimed.window[:2], *aimed.window[:2])
@@ -101,8 +99,7 @@ def test_the_amodal_box_bounds_the_drawn_silhouette(studio, frame):
 def test_the_model_stands_as_the_closed_forms_say(studio):
     """MuJoCo's kinematics against body_frames and jib_from_grab, which labels and the second renderer use."""
     for frame in range(6):
-        state = aim(studio.scenario, studio.world, frame).state
-        studio.renderer.pose(state)
+        state = studio.aim(frame).moment.grab
         data = studio.renderer.data
         for body, grab_from_body in grab.body_frames(state.jaw).items():
             expected = state.jib_from_grab @ grab_from_body
@@ -113,8 +110,7 @@ def test_the_model_stands_as_the_closed_forms_say(studio):
 def test_ropes_run_from_the_head_to_the_exits(studio):
     from simgrab.world.meshes import ropes
 
-    state = aim(studio.scenario, studio.world, 2).state
-    studio.renderer.pose(state)
+    state = studio.aim(2).moment.grab
     pose, data = state.jib_from_grab, studio.renderer.data
     for k, (end, top) in enumerate(zip(grab.ROPE_TERMINATIONS, ropes.ROPE_EXITS, strict=True)):
         start = pose[:3, :3] @ end + pose[:3, 3]
@@ -130,8 +126,7 @@ def test_masses(studio):
 
 
 def test_rgb_repeats(studio):
-    aimed = aim(studio.scenario, studio.world, 3)
-    studio.renderer.pose(aimed.state)
+    studio.aim(3)
     first = studio.renderer.rgb()
     studio.renderer.look()
     assert np.array_equal(first, studio.renderer.rgb())

@@ -1,0 +1,115 @@
+"""Everything that moves, at one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgrab import geometry
+from simgrab.geometry import Array
+
+STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class GrabState:
+    """Pose of the grab in the jib frame, rad and m, and what it holds.
+
+    Attributes
+    ----------
+    alpha, azimuth : float
+        Swing angle, and its azimuth in the jib frame.
+    rope_length : float
+        |OA|.
+    yaw, jaw : float
+        Turn about the rope; opening of each shell.
+    load : float
+        Fill, 0 to 1.
+    """
+
+    alpha: float
+    azimuth: float
+    rope_length: float
+    yaw: float
+    jaw: float
+    load: float
+
+    @property
+    def jib_from_grab(self) -> Array:
+        """Pose, shape (4, 4)."""
+        pose = np.eye(4)
+        pose[:3, :3] = geometry.grab_rotation(self.alpha, self.azimuth, self.yaw)
+        pose[:3, 3] = geometry.grab_centre(self.alpha, self.azimuth, self.rope_length)
+        return pose
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Attitude of the camera in the jib frame, rad: β, tilt azimuth and roll."""
+
+    beta: float
+    azimuth: float
+    roll: float
+
+    @property
+    def jib_from_camera(self) -> Array:
+        """Rotation, shape (3, 3)."""
+        return geometry.camera_rotation(self.beta, self.azimuth, self.roll)
+
+
+@dataclass(frozen=True)
+class JibState:
+    """Where the jib has gone since the clip began.
+
+    Attributes
+    ----------
+    slew : float
+        Turn about the slewing axis, counter-clockwise from above, rad.
+    radius : float
+        From the slewing axis to O, m.
+    luffed : float
+        By how much the radius has grown, m.
+    """
+
+    slew: float
+    radius: float
+    luffed: float
+
+    @property
+    def jib_from_place(self) -> Array:
+        """Pose, shape (4, 4), of what stands on the ground, whose frame is the jib frame as the clip began."""
+        pose = np.eye(4)
+        pose[:3, :3] = geometry.rotation_z(-self.slew)
+        pose[:3, 3] = pose[:3, :3] @ (self.radius - self.luffed, 0.0, 0.0) - (self.radius, 0.0, 0.0)
+        return pose
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One frame's instant.
+
+    Attributes
+    ----------
+    frame : int
+    grab : GrabState
+    tilt : Tilt
+    gamma : float
+        Azimuth of the swing less the tilt azimuth, rad, in [0, 2π).
+    clip : int or None
+        None for independent frames, as `time` and `jib` are.
+    time : float or None
+        Since the clip began, s.
+    jib : JibState or None
+    apparent_gravity : tuple of 3 floats
+        Gravity less the acceleration of O, jib frame, m/s².
+    """
+
+    frame: int
+    grab: GrabState
+    tilt: Tilt
+    gamma: float
+    clip: int | None = None
+    time: float | None = None
+    jib: JibState | None = None
+    apparent_gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)

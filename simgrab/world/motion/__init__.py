@@ -1,0 +1,1 @@
+"""The grab as a pendulum below a crane that works in the wind."""

@@ -1,0 +1,78 @@
+"""One axis of the crane: a chain of moves from rest to rest, each with a trapezoidal velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simgrab.geometry import Array
+
+
+@dataclass(frozen=True)
+class Move:
+    """From rest to rest: velocity rises over ``ramp``, holds, and falls over ``ramp``.
+
+    Attributes
+    ----------
+    start : float
+        s.
+    distance : float
+        In the axis' unit (m or rad), signed.
+    duration, ramp : float
+        s.
+    """
+
+    start: float
+    distance: float
+    duration: float
+    ramp: float
+
+    @classmethod
+    def at_speed(cls, start: float, distance: float, speed: float, ramp: float) -> Move:
+        """Move that reaches ``speed``, or less where the distance is too short for it."""
+        top = min(speed, abs(distance) / ramp) if distance else speed
+        return cls(start, distance, (abs(distance) / top + ramp) if distance else 0.0, ramp)
+
+    @property
+    def end(self) -> float:
+        """When it rests again, s."""
+        return self.start + self.duration
+
+    def progress(self, time: Array) -> tuple[Array, Array]:
+        """Distance gone, and velocity."""
+        if not self.distance:
+            return np.zeros_like(time), np.zeros_like(time)
+        u = np.clip(time - self.start, 0.0, self.duration)
+        top, left = self.distance / (self.duration - self.ramp), self.duration - u
+        rising, falling = np.minimum(u, self.ramp), np.minimum(left, self.ramp)
+        gone = top * (rising**2 / (2 * self.ramp) + np.maximum(u - self.ramp, 0.0))
+        gone -= top * (self.ramp - falling) ** 2 / (2 * self.ramp)
+        return gone, top * np.minimum(rising, falling) / self.ramp
+
+
+@dataclass
+class Axis:
+    """Where an axis is commanded to be, over time. Moves are appended in order and forgotten when long past."""
+
+    rest: float
+    moves: list[Move] = field(default_factory=list)
+
+    def add(self, move: Move) -> Move:
+        """Append a move."""
+        self.moves.append(move)
+        return move
+
+    def sample(self, time: Array) -> tuple[Array, Array]:
+        """Position and velocity."""
+        position, velocity = np.full_like(time, self.rest), np.zeros_like(time)
+        for move in self.moves:
+            gone, speed = move.progress(time)
+            position += gone
+            velocity += speed
+        return position, velocity
+
+    def forget(self, before: float) -> None:
+        """Drop moves that ended before a time; positions after it stay."""
+        while self.moves and self.moves[0].end < before:
+            self.rest += self.moves.pop(0).distance

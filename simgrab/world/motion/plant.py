@@ -1,0 +1,149 @@
+"""The grab on its ropes, integrated by MuJoCo in a frame that moves with O but does not turn.
+
+In that frame the pivot rests and the grab feels gravity less O's acceleration, which is what slewing and luffing do to
+it; the hoist is a slide that follows its command; the four ropes turn the grab back as a spring does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from simgrab.geometry import Array
+from simgrab.world.meshes.grab import ROPE_TERMINATIONS
+from simgrab.world.meshes.ropes import ROPE_EXITS
+from simgrab.world.moment import STANDARD_GRAVITY
+from simgrab.world.motion.mass import Mass
+
+MOST_STEP_S = 0.005
+AIR_KG_M3 = 1.225
+HELD_DAMPING = 2.0  # of critical: jaws in the cargo hold the grab
+# Moves as commanded whatever the grab pulls; what that adds up to is taken back within seconds.
+_HOIST_INERTIA_KG, _RETURN_1_S = 1e12, 0.5
+# Mean over the ropes of the product of the exit's and the termination's distance from the axis, m².
+SPREAD_M2 = float(np.mean(np.sum(ROPE_EXITS[:, :2] * ROPE_TERMINATIONS[:, :2], axis=1)))
+TERMINATION_Z_M = float(ROPE_TERMINATIONS[0, 2])
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What acts on the grab during one interval.
+
+    Attributes
+    ----------
+    gravity : tuple of 3 floats
+        Gravity less O's mean acceleration, m/s².
+    velocity : tuple of 2 floats
+        Of O over the ground, m/s, horizontal.
+    heading : float
+        Of the jib, rad.
+    rope, rope_rate, rope_acceleration : float
+        Commanded |OA| at the interval's start, and its rate; mean acceleration over the interval.
+    wind, push : tuple of 2 floats
+        Wind over the ground, m/s; further horizontal acceleration of the grab, m/s².
+    held : bool
+        The cargo holds the grab.
+    """
+
+    gravity: Vector
+    velocity: tuple[float, float]
+    heading: float
+    rope: float
+    rope_rate: float
+    rope_acceleration: float
+    wind: tuple[float, float]
+    push: tuple[float, float]
+    held: bool
+
+
+class Plant:
+    """The pendulum: a ball joint at O, a slide along the rope, the grab as one rigid body.
+
+    Parameters
+    ----------
+    mass : Mass
+    rope : float
+        |OA|, m.
+    damping, yaw_damping : float
+        Shares of the critical ones.
+    drag_area : float
+        Cd·A, m².
+    """
+
+    def __init__(self, mass: Mass, rope: float, *, damping: float, yaw_damping: float, drag_area: float) -> None:
+        self._damping, self._yaw_damping, self._drag = damping, yaw_damping, drag_area
+        self._model = _compile(mass)
+        self.data = mujoco.MjData(self._model)
+        self.data.qpos[4] = -rope
+        self.load(mass)
+
+    def load(self, mass: Mass) -> None:
+        """Change what hangs on the ropes; the velocity stays."""
+        if mass == getattr(self, "mass", None):
+            return
+        self.mass = mass
+        grab = self._model.body("grab").id
+        self._model.body_mass[grab] = mass.mass
+        self._model.body_ipos[grab] = (0.0, 0.0, mass.centre_z)
+        self._model.body_inertia[grab] = mass.inertia
+
+    def start(self, rotation: Array, rate: Array) -> None:
+        """Set the attitude, a quaternion (4,) in MuJoCo's order, and the angular velocity (3,), grab frame, rad/s."""
+        self.data.qpos[:4], self.data.qvel[:3] = rotation, rate
+
+    def run(self, drive: Drive, seconds: float, steps: int) -> None:
+        """Integrate one interval."""
+        model, data = self._model, self.data
+        mass = self.mass
+        qpos, qvel = data.qpos, data.qvel
+        model.opt.timestep = seconds / steps
+        model.opt.gravity[:] = drive.gravity
+        weight = mass.mass * STANDARD_GRAVITY
+        arm = drive.rope - mass.centre_z  # from O to the centre of mass
+        # Swing: critical damping of the compound pendulum, about either axis.
+        inertia = mass.inertia[0] + mass.mass * arm * arm
+        share = HELD_DAMPING if drive.held else self._damping
+        model.dof_damping[0] = model.dof_damping[1] = 2 * share * math.sqrt(weight * arm * inertia)
+        # Yaw: the ropes' terminations rise as they turn away from under their exits.
+        w, x, y, z = (float(v) for v in qpos[:4])
+        yaw = 2 * math.atan2(z, w) - drive.heading
+        stiffness = weight * SPREAD_M2 / (drive.rope - TERMINATION_Z_M)
+        model.dof_damping[2] = 2 * (1.0 if drive.held else self._yaw_damping) * math.sqrt(stiffness * mass.inertia[2])
+        data.qfrc_applied[2] = -stiffness * math.sin(yaw)
+        lag, slip = -drive.rope - float(qpos[4]), -drive.rope_rate - float(qvel[3])
+        follow = -drive.rope_acceleration + _RETURN_1_S**2 * lag + 2 * _RETURN_1_S * slip
+        data.qfrc_applied[3] = _HOIST_INERTIA_KG * follow
+        # Wind on the grab's own velocity over the ground: O's plus what the swing and the hoist add.
+        down = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))  # the rope's axis, up
+        p, q = float(qvel[0]), float(qvel[1])  # about the grab's x and y
+        ahead = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+        aside = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+        out = float(qvel[3])
+        own = [-arm * (q * ahead[i] - p * aside[i]) + out * down[i] for i in range(3)]
+        rel = (drive.wind[0] - drive.velocity[0] - own[0], drive.wind[1] - drive.velocity[1] - own[1], -own[2])
+        force = 0.5 * AIR_KG_M3 * self._drag * math.sqrt(rel[0] ** 2 + rel[1] ** 2 + rel[2] ** 2)
+        applied = data.xfrc_applied[2]
+        applied[0] = force * rel[0] + mass.mass * drive.push[0]
+        applied[1] = force * rel[1] + mass.mass * drive.push[1]
+        applied[2] = force * rel[2]
+        mujoco.mj_step(model, data, steps)
+
+
+def _compile(mass: Mass) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    option = spec.option
+    option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CONTACT
+    rope = spec.worldbody.add_body(name="rope", mass=1e-3, inertia=(1e-3,) * 3, explicitinertial=True)
+    rope.add_joint(name="swing", type=mujoco.mjtJoint.mjJNT_BALL)
+    grab = rope.add_body(
+        name="grab", mass=mass.mass, ipos=(0.0, 0.0, mass.centre_z), inertia=mass.inertia, explicitinertial=True
+    )
+    grab.add_joint(name="hoist", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1), armature=_HOIST_INERTIA_KG)
+    return spec.compile()

@@ -1,0 +1,55 @@
+"""What happens in a scenario, frame by frame."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+from simgrab.scenario import Iid, Scenario
+from simgrab.world import swing
+from simgrab.world.moment import Moment
+from simgrab.world.motion.timeline import Timeline
+
+REMEMBERED = 64  # frames that may be asked for again without beginning their clip anew
+
+
+class Story:
+    """The moments of a scenario.
+
+    Any frame can be asked for, in any order. With dynamic swing a clip runs from its beginning to the frame asked for,
+    so that going forward is cheap and going back is not.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._size = scenario.clip.clip_frames or scenario.frames
+        self._clip = -1
+        self._moments: Iterator[Moment] = iter(())
+        self._recent: deque[Moment] = deque(maxlen=REMEMBERED)
+
+    def at(self, frame: int) -> Moment:
+        """Give one frame's moment.
+
+        Raises
+        ------
+        ScenarioError
+            If it cannot be, naming frame and key.
+        """
+        if isinstance(self._scenario.swing, Iid):
+            return swing.draw(self._scenario, frame)
+        recent = next((m for m in self._recent if m.frame == frame), None)
+        if recent:
+            return recent
+        clip = frame // self._size
+        if clip != self._clip or (self._recent and frame < self._recent[-1].frame):
+            self._clip, self._moments = clip, iter(Timeline(self._scenario, clip))
+            self._recent.clear()
+        for moment in self._moments:
+            self._recent.append(moment)
+            if moment.frame == frame:
+                return moment
+        raise AssertionError("a timeline has no end")
