@@ -53,7 +53,9 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset_y_m: Annotated[float, _column("m", "camera centre minus rope exit O, jib frame, sideways")]
     offset_z_m: Annotated[float, _column("m", "camera centre minus rope exit O, jib frame, up")]
     rope_length_m: Annotated[float, _column("m", "|OA|, from the rope exit to the grab's origin")]
-    slew_deg: Annotated[float, _column("deg", "turn of the jib since the clip began, counter-clockwise from above")]
+    slew_deg: Annotated[
+        float, _column("deg", "turn of the jib from the middle of the place, counter-clockwise from above")
+    ]
     radius_m: Annotated[
         float | None, _column("m", "from the slewing axis to O, which luffing changes; empty for independent frames")
     ]

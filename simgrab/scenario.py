@@ -192,13 +192,15 @@ class Turn(Tagged, frozen=True, tag="turn"):
 class Cycles(Tagged, frozen=True, tag="cycles"):
     """Working cycles: dig, hoist, slew and luff, dump, return; each cycle's depths, speeds and pauses vary.
 
+    It digs where the jib stands ``dig_slew_deg`` off the middle of the place, and slews by ``slew_deg`` to dump.
     ``operator`` goes from 0 (smooth: the longest ramps) to 1 (rough: the shortest, and the loads still swing when the
     next move begins).
     """
 
     dig_rope_m: Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])] = 22.0
     carry_rope_m: Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])] = 10.0
-    slew_deg: Annotated[float, Meta(ge=-180, le=180)] = 45.0
+    dig_slew_deg: Annotated[float, Meta(ge=-180, le=180)] = 15.0
+    slew_deg: Annotated[float, Meta(ge=-180, le=180)] = -32.0
     luff_m: Annotated[float, Meta(ge=-10, le=10)] = 3.0
     operator: Share = 0.3
     variation: Annotated[float, Meta(ge=0, le=0.3)] = 0.1

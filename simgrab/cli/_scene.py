@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 import click
 
 from simgrab import scenes
-from simgrab.scenario import Scenario
+from simgrab.errors import ScenarioError
+from simgrab.scenario import Dynamic, Scenario
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -34,5 +35,11 @@ def scene_options(function: F) -> F:
 def load_scene(scene: str, assignments: tuple[str, ...], **short: float | None) -> Scenario:
     """Read the scene that the options describe; short options win over ``--set``."""
     changes = scenes.parse_changes(assignments)
+    sigma = short.pop("sigma", None)
     changes |= {SHORT_NAMES[name]: value for name, value in short.items() if value is not None}
-    return scenes.load(scene, changes)
+    scenario = scenes.load(scene, changes)
+    if sigma is None:
+        return scenario
+    if isinstance(scenario.swing, Dynamic):
+        raise ScenarioError("swing.alpha.sigma_deg", "--sigma draws independent swings; here physics makes them")
+    return scenes.load(scene, changes | {SHORT_NAMES["sigma"]: sigma})

@@ -60,12 +60,12 @@ class Tilt:
 
 @dataclass(frozen=True)
 class JibState:
-    """Where the jib has gone since the clip began.
+    """Where the jib stands over the place.
 
     Attributes
     ----------
     slew : float
-        Turn about the slewing axis, counter-clockwise from above, rad.
+        Turn about the slewing axis from where O is above the middle of the place, counter-clockwise from above, rad.
     radius : float
         From the slewing axis to O, m.
     luffed : float
@@ -78,7 +78,7 @@ class JibState:
 
     @property
     def jib_from_place(self) -> Array:
-        """Pose, shape (4, 4), of what stands on the ground, whose frame is the jib frame as the clip began."""
+        """Pose, shape (4, 4), of what stands on the ground, whose frame is the jib frame unslewed and unluffed."""
         pose = np.eye(4)
         pose[:3, :3] = geometry.rotation_z(-self.slew)
         pose[:3, 3] = pose[:3, :3] @ (self.radius - self.luffed, 0.0, 0.0) - (self.radius, 0.0, 0.0)

@@ -16,13 +16,13 @@ from simgrab.geometry import Array
 from simgrab.world.meshes.grab import ROPE_TERMINATIONS
 from simgrab.world.meshes.ropes import ROPE_EXITS
 from simgrab.world.moment import STANDARD_GRAVITY
-from simgrab.world.motion.mass import Mass
+from simgrab.world.motion.mass import Mass, mass_of
 
 MOST_STEP_S = 0.005
 AIR_KG_M3 = 1.225
 HELD_DAMPING = 2.0  # of critical: jaws in the cargo hold the grab
 # Moves as commanded whatever the grab pulls; what that adds up to is taken back within seconds.
-_HOIST_INERTIA_KG, _RETURN_1_S = 1e12, 0.5
+_HOIST_INERTIA_KG, _RETURN_1_S = 1e14, 0.5
 # Mean over the ropes of the product of the exit's and the termination's distance from the axis, m².
 SPREAD_M2 = float(np.mean(np.sum(ROPE_EXITS[:, :2] * ROPE_TERMINATIONS[:, :2], axis=1)))
 TERMINATION_Z_M = float(ROPE_TERMINATIONS[0, 2])
@@ -41,7 +41,7 @@ class Drive:
     velocity : tuple of 2 floats
         Of O over the ground, m/s, horizontal.
     heading : float
-        Of the jib, rad.
+        Of the jib, rad, half-way through the interval.
     rope, rope_rate, rope_acceleration : float
         Commanded |OA| at the interval's start, and its rate; mean acceleration over the interval.
     wind, push : tuple of 2 floats
@@ -66,31 +66,40 @@ class Plant:
 
     Parameters
     ----------
-    mass : Mass
     rope : float
         |OA|, m.
+    jaw, load : float
+        Opening, rad, and fill.
     damping, yaw_damping : float
         Shares of the critical ones.
     drag_area : float
         Cd·A, m².
     """
 
-    def __init__(self, mass: Mass, rope: float, *, damping: float, yaw_damping: float, drag_area: float) -> None:
+    def __init__(
+        self, rope: float, jaw: float, load: float, *, damping: float, yaw_damping: float, drag_area: float
+    ) -> None:
         self._damping, self._yaw_damping, self._drag = damping, yaw_damping, drag_area
-        self._model = _compile(mass)
+        self._jaw, self._load = jaw, load
+        self.mass = mass_of(jaw, load)
+        self._model = _compile(self.mass)
         self.data = mujoco.MjData(self._model)
         self.data.qpos[4] = -rope
-        self.load(mass)
 
-    def load(self, mass: Mass) -> None:
-        """Change what hangs on the ropes; the velocity stays."""
-        if mass == getattr(self, "mass", None):
+    def hold(self, jaw: float, load: float) -> None:
+        """Move the jaws and change the load: cargo leaves with its own speed, moving jaws keep the angular momentum."""
+        if (jaw, load) == (self._jaw, self._load):
             return
-        self.mass = mass
+        before, after = mass_of(self._jaw, load), mass_of(jaw, load)
+        rope = -float(self.data.qpos[4])
+        for axis, arms in enumerate((1, 1, 0)):
+            old, new = (m.inertia[axis] + arms * m.mass * (rope - m.centre_z) ** 2 for m in (before, after))
+            self.data.qvel[axis] *= old / new
+        self._jaw, self._load, self.mass = jaw, load, after
         grab = self._model.body("grab").id
-        self._model.body_mass[grab] = mass.mass
-        self._model.body_ipos[grab] = (0.0, 0.0, mass.centre_z)
-        self._model.body_inertia[grab] = mass.inertia
+        self._model.body_mass[grab] = after.mass
+        self._model.body_ipos[grab] = (0.0, 0.0, after.centre_z)
+        self._model.body_inertia[grab] = after.inertia
 
     def start(self, rotation: Array, rate: Array) -> None:
         """Set the attitude, a quaternion (4,) in MuJoCo's order, and the angular velocity (3,), grab frame, rad/s."""
@@ -111,16 +120,20 @@ class Plant:
         model.dof_damping[0] = model.dof_damping[1] = 2 * share * math.sqrt(weight * arm * inertia)
         # Yaw: the ropes' terminations rise as they turn away from under their exits.
         w, x, y, z = (float(v) for v in qpos[:4])
-        yaw = 2 * math.atan2(z, w) - drive.heading
+        p, q, r = (float(v) for v in qvel[:3])  # about the grab's own axes
+        # By how much each of them turns the grab about its rope.
+        by_p, by_q = (z * x - w * y) / (w * w + z * z), (w * x + z * y) / (w * w + z * z)
+        # Half-way through the interval, or the spring would give energy.
+        yaw = 2 * math.atan2(z, w) + (by_p * p + by_q * q + r) * seconds / 2 - drive.heading
         stiffness = weight * SPREAD_M2 / (drive.rope - TERMINATION_Z_M)
         model.dof_damping[2] = 2 * (1.0 if drive.held else self._yaw_damping) * math.sqrt(stiffness * mass.inertia[2])
-        data.qfrc_applied[2] = -stiffness * math.sin(yaw)
+        torque = -stiffness * math.sin(yaw)
+        data.qfrc_applied[0], data.qfrc_applied[1], data.qfrc_applied[2] = by_p * torque, by_q * torque, torque
         lag, slip = -drive.rope - float(qpos[4]), -drive.rope_rate - float(qvel[3])
         follow = -drive.rope_acceleration + _RETURN_1_S**2 * lag + 2 * _RETURN_1_S * slip
         data.qfrc_applied[3] = _HOIST_INERTIA_KG * follow
         # Wind on the grab's own velocity over the ground: O's plus what the swing and the hoist add.
         down = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))  # the rope's axis, up
-        p, q = float(qvel[0]), float(qvel[1])  # about the grab's x and y
         ahead = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
         aside = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
         out = float(qvel[3])

@@ -12,7 +12,7 @@ from simgrab import geometry
 from simgrab.geometry import Array
 from simgrab.scenario import Dynamic, Scenario, Start
 from simgrab.world.moment import STANDARD_GRAVITY, GrabState, JibState, Moment
-from simgrab.world.motion.mass import Mass, mass_of
+from simgrab.world.motion.mass import Mass
 from simgrab.world.motion.mount import Mount
 from simgrab.world.motion.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
 from simgrab.world.motion.plant import MOST_STEP_S, Drive, Plant
@@ -59,29 +59,29 @@ class Timeline:
             for i, (drive, jaw, load) in enumerate(
                 zip(drives, course.jaw.tolist(), course.load.tolist(), strict=False)
             ):
-                mass = mass_of(jaw, load)
                 if plant is None:
-                    plant = self._plant(mass, drive)
+                    plant = self._plant(drive.rope, jaw, load)
                 if count >= 0 and count % self._per_frame == 0:
                     yield self._moment(count // self._per_frame, plant, course, i, felt[i], mount, shake[i])
-                plant.load(mass)
+                plant.hold(jaw, load)
                 plant.run(drive, self._interval, self._steps)
                 mount.step(felt[i], float(course.luffed[i + 1]))
                 count += 1
 
     def _drives(self, course: Course, gravity: Array, velocity: Array, wind: Array, push: Array) -> Iterator[Drive]:
         columns = (
-            gravity, velocity[:-1], course.slew[:-1], course.rope[:-1], course.rope_rate[:-1],
+            gravity, velocity[:-1], (course.slew[:-1] + course.slew[1:]) / 2, course.rope[:-1], course.rope_rate[:-1],
             np.diff(course.rope_rate) / self._interval, wind, push, course.held[:-1],
         )  # fmt: skip
         return (Drive(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
 
-    def _plant(self, mass: Mass, drive: Drive) -> Plant:
+    def _plant(self, rope: float, jaw: float, load: float) -> Plant:
         swing = self._swing
         plant = Plant(
-            mass, drive.rope, damping=swing.damping, yaw_damping=swing.yaw_damping, drag_area=swing.drag_area_m2
-        )
-        plant.start(*_begin(swing.start, mass, drive.rope))
+            rope, jaw, load,
+            damping=swing.damping, yaw_damping=swing.yaw_damping, drag_area=swing.drag_area_m2,
+        )  # fmt: skip
+        plant.start(*_begin(swing.start, plant.mass, rope))
         return plant
 
     def _moment(

@@ -67,7 +67,8 @@ class Work:
         else:
             self._rope, self._jaw = Axis(work.rope_length_m), Axis(math.radians(work.jaw_deg))
             self._load, self._until = Axis(work.load), math.inf
-        self._slew, self._luff = Axis(0.0), Axis(0.0)
+        self._slew = Axis(math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0)
+        self._luff = Axis(0.0)
         if isinstance(work, Turn):
             # Farther than any clip is long: it never arrives.
             speed = work.slew_rpm * 2 * math.pi / 60

@@ -1,0 +1,93 @@
+"""The camera's mounts."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from conftest import small_scene
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal
+
+from simgrab import geometry
+from simgrab.world.moment import STANDARD_GRAVITY
+from simgrab.world.motion.mount import Mount, attitude
+from simgrab.world.motion.timeline import Timeline
+
+STEP = 0.02
+
+
+def scene(mount, **changes):
+    return small_scene(
+        swing={"model": "dynamic"}, camera__mount=mount, frames=10**6, **({"camera__beta_deg": 4.0} | changes)
+    )
+
+
+def betas(mount, seconds, **changes):
+    made = scene(mount, **changes)
+    return list(itertools.islice(Timeline(made, 0), math.ceil(seconds * made.clip.frame_rate_hz)))
+
+
+@given(st.floats(1e-6, 0.5), st.floats(0, 6.28), st.floats(-3.1, 3.1))
+def test_an_attitude_is_read_back(beta, azimuth, roll):
+    tilt = attitude(geometry.camera_rotation(beta, azimuth, roll), 0.0)
+    np.testing.assert_allclose(tilt.jib_from_camera, geometry.camera_rotation(beta, azimuth, roll), atol=1e-12)
+    assert tilt.beta == pytest.approx(beta, abs=1e-9)
+
+
+def test_a_camera_that_hangs_straight_keeps_its_azimuth():
+    tilt = attitude(geometry.camera_rotation(0.0, 1.0, 0.3), 1.0)
+    assert (tilt.beta, tilt.azimuth) == (0.0, pytest.approx(1.0))
+    np.testing.assert_allclose(tilt.jib_from_camera, geometry.camera_rotation(0.0, 1.0, 0.3), atol=1e-15)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(0.5, 0.2), (0.25, 0.5), (1.0, 0.1)])
+def test_the_step_response_of_a_levelled_mount(frequency, damping):
+    """Against SciPy's second-order system of the stated frequency and damping."""
+    mount = Mount(scene({"model": "levelled", "frequency_hz": frequency, "damping": damping}).camera, STEP)
+    pull = 0.5
+    gravity = np.array([pull, 0.0, -STANDARD_GRAVITY])
+    lean = []
+    for _ in range(400):
+        mount.step(gravity, 0.0)
+        tilt = mount.tilt(np.zeros(2))
+        lean.append(math.tan(tilt.beta - math.radians(4.0)))  # azimuth 0, as the pull
+    w = 2 * np.pi * frequency
+    expected = signal.step(([w * w], [1, 2 * damping * w, w * w]), T=STEP * np.arange(401))[1][1:]
+    np.testing.assert_allclose(lean, pull / STANDARD_GRAVITY * expected, atol=1e-6)
+
+
+def test_a_levelled_mount_settles_on_apparent_gravity():
+    mount = Mount(scene({"model": "levelled"}, camera__beta_deg=0.0).camera, STEP)
+    for _ in range(2000):
+        mount.step(np.array([0.3, -0.4, -STANDARD_GRAVITY]), 0.0)
+    tilt = mount.tilt(np.zeros(2))
+    assert tilt.beta == pytest.approx(math.atan(0.5 / STANDARD_GRAVITY), rel=1e-6)
+    np.testing.assert_allclose(tilt.jib_from_camera[:2, 2], np.array([0.3, -0.4]) / math.hypot(0.5, STANDARD_GRAVITY))
+
+
+def test_a_rigid_mount_pitches_with_luffing():
+    moments = betas({"model": "rigid", "pitch_deg_per_m": 2.0}, 60.0)
+    luffed = np.array([m.jib.luffed for m in moments])
+    assert luffed.max() > 2.5
+    np.testing.assert_allclose(np.degrees([m.tilt.beta for m in moments]), 4.0 + 2.0 * luffed, atol=1e-6)
+    aside = betas({"model": "rigid"}, 40.0, camera__tilt_azimuth_deg=90.0)[-1]
+    pitch = math.radians(2.0 * aside.jib.luffed)
+    assert math.cos(aside.tilt.beta) == pytest.approx(math.cos(math.radians(4.0)) * math.cos(pitch))
+
+
+def test_a_fixed_mount_stays_while_the_crane_works():
+    assert {m.tilt.beta for m in betas({"model": "fixed"}, 60.0)} == {math.radians(4.0)}
+
+
+@pytest.mark.parametrize("model", ["fixed", "levelled", "rigid"])
+def test_vibration_has_the_stated_size_and_frequency(model):
+    mount = {"model": model, "vibration": {"rms_deg": 0.1, "frequency_hz": 0.6, "damping": 0.1}}
+    still = {"swing__work": {"model": "hang"}, "clip__frame_rate_hz": 10.0}
+    moments = betas(mount, 500.0, **still)
+    axis = np.degrees([m.tilt.jib_from_camera[:2, 2] for m in moments])
+    centred = axis - axis.mean(axis=0)
+    assert centred.std(axis=0) == pytest.approx([0.1 * math.cos(math.radians(4.0)), 0.1], rel=0.2)
+    f, density = signal.welch(centred[:, 1], 10.0, nperseg=2048)
+    assert f[density.argmax()] == pytest.approx(0.6, rel=0.1)
