@@ -1,4 +1,4 @@
-"""What stands below the jib head, and whether a grab pose would stick in it."""
+"""What stands below the jib head, and whether grab or camera would stick in something."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import trimesh
 
+from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 
+LEAST_ROOM_M = 0.1  # between the camera's centre and steel: the near plane
 CELL_M = 0.1
 
 
@@ -53,3 +55,23 @@ class HeightMap:
             return float("inf")
         x, y = cell[inside].T
         return float((points[inside, 2] - self.top[y, x]).min())
+
+
+def check_camera(centre: Array, steel: trimesh.Trimesh) -> None:
+    """Refuse a camera (3,), jib frame, that is inside the jib's steel, or so near that it sees nothing else."""
+    room = float(trimesh.proximity.closest_point_naive(steel, [centre])[1][0])
+    if room < LEAST_ROOM_M or _winding(steel, centre) > 0.5:
+        raise ScenarioError(
+            "camera.offset_z_m",
+            f"the camera at ({centre[0]:g}, {centre[1]:g}, {centre[2]:g}) m is in the jib head's steel or less than "
+            f"{LEAST_ROOM_M:g} m from it; hang it lower, e.g. offset_z_m = -0.3",
+        )
+
+
+def _winding(mesh: trimesh.Trimesh, point: Array) -> float:
+    """How often closed meshes wind around a point: their solid angles over 4π (van Oosterom & Strackee, 1983)."""
+    a, b, c = (np.asarray(mesh.triangles) - point).transpose(1, 0, 2)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return float(np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2 * np.pi))

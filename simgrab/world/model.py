@@ -15,7 +15,7 @@ from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import Dynamic, Hang, Hold, Light, Scenario
 from simgrab.world import places
-from simgrab.world.clearance import HeightMap
+from simgrab.world.clearance import HeightMap, check_camera
 from simgrab.world.meshes import grab, jib, linkage, ropes
 from simgrab.world.meshes.part import Part, add_parts
 from simgrab.world.moment import GrabState, Moment
@@ -160,7 +160,9 @@ def build(scenario: Scenario) -> World:
     place = places.build(scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, 0, "place"))
     ground = spec.worldbody.add_body(name="place", mocap=True)
     add_parts(spec, ground, place, group=PLACE, prefix="place")
-    add_parts(spec, spec.worldbody, jib.jib_parts(), group=JIB, prefix="jib")
+    steel = jib.jib_parts()
+    check_camera(np.array(scenario.camera.offset_m), trimesh.util.concatenate([part.mesh for part in steel]))
+    add_parts(spec, spec.worldbody, steel, group=JIB, prefix="jib")
     look = scenario.grab
     parts = grab.grab_parts(
         paint=look.paint_rgb,

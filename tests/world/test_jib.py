@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from simgrab.errors import ScenarioError
+from simgrab.world.clearance import check_camera
 from simgrab.world.meshes.jib import CLEAR_Z, SHEAVE_Z, jib_parts
 from simgrab.world.meshes.part import Part
 from simgrab.world.meshes.ropes import ROPE_EXITS, ROPE_RADIUS
@@ -77,3 +79,15 @@ def test_sheaves_are_tangent_to_the_ropes(parts: list[Part]) -> None:
         groove = v[(np.abs(v[:, 1] - y) < 0.015) & (np.abs(v[:, 2] - SHEAVE_Z) < 0.01) & (v[:, 0] > x - 0.1)]
         # The bottom of the groove carries the rope from inboard.
         assert groove[:, 0].min() == pytest.approx(x - ROPE_RADIUS, abs=0.005)
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.6, 0.5), (0.0, 0.6, 0.3)])
+def test_a_camera_in_the_steel_is_refused(parts: list[Part], centre: tuple[float, ...]) -> None:
+    steel = trimesh.util.concatenate([part.mesh for part in parts])
+    with pytest.raises(ScenarioError, match="jib head's steel"):
+        check_camera(np.array(centre), steel)
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0, 0.0), (0.0, 0.6, -0.3), (1.5, -1.5, -0.8)])
+def test_a_camera_below_it_is_not(parts: list[Part], centre: tuple[float, ...]) -> None:
+    check_camera(np.array(centre), trimesh.util.concatenate([part.mesh for part in parts]))

@@ -73,7 +73,7 @@ def test_a_place_stays_within_its_budget(name: str) -> None:
 @pytest.mark.parametrize("name", [n for n in OPTIONS if n != "plain"])  # which has no corner near
 def test_the_height_map_is_as_high_as_every_corner_near(name: str) -> None:
     parts = place(name)
-    ground = HeightMap.of(p.mesh for p in parts)
+    ground = HeightMap.of((p.mesh for p in parts), 16.0)
     corners = np.concatenate([p.mesh.vertices for p in parts])
     near = corners[(np.abs(corners[:, :2]) < 14.0).all(axis=1)]
     assert ground.gap(near) <= 0.0
