@@ -104,7 +104,10 @@ class Work:
         """Append one cycle to all axes: dig, hoist, slew and luff, dump, return and lower."""
         work, k = self._work, self._cycle
         assert isinstance(work, Cycles)
-        ramp_slew, ramp_luff = (a + (b - a) * work.operator for a, b in (SLEW_RAMP_S, LUFF_RAMP_S))
+        ramp_slew, ramp_luff = (
+            self._vary(a + (b - a) * work.operator, f"{axis}_ramp", k)
+            for axis, (a, b) in (("slew", SLEW_RAMP_S), ("luff", LUFF_RAMP_S))
+        )
         hoist = self._vary(work.hoist_m_min / 60, "hoist", k)
         slew = self._vary(work.slew_rpm * 2 * math.pi / 60, "slew", k)
         luff = self._vary(work.luff_m_min / 60, "luff", k)
