@@ -5,7 +5,7 @@ import tomllib
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from simgrab import calibration, layouts, scenes
@@ -17,7 +17,7 @@ from simgrab.strict import convert
 
 NAMES = ("four-point-four", "two-by-four")
 BASE = msgspec.to_builtins(layouts.load("two-by-four"))
-TOUCHING = convert(BASE | {"digit_width_px": 31, "hoist_px": [(x, 33) for x in range(1701, 1825, 31)]}, Layout)
+TOUCHING = convert(BASE | {"digit_width_px": 30, "hoist_px": [(x, 33) for x in range(1701, 1821, 30)]}, Layout)
 BAD = {
     "eight digits": ({"hoist_px": BASE["hoist_px"][:3]}, "hoist_px: .*length >= 4"),
     "no ninth digit": ({"closing_px": [*BASE["closing_px"], (1876, 88)]}, "closing_px: .*length <= 4"),
@@ -66,6 +66,7 @@ def test_a_bad_file_is_named(tmp_path, monkeypatch):
 
 
 @given(st.sampled_from([*map(layouts.load, NAMES), TOUCHING]), st.integers(480, 4096), st.integers(270, 4096))
+@example(TOUCHING, 960, 540)  # every corner falls halfway between pixels
 def test_scaled_layouts_hold_together(layout, width, height):
     """Cells stay apart and inside, as `Layout` checks, equally large, and where the picture's scale puts them."""
     sx, sy = width / layout.width_px, height / layout.height_px
