@@ -11,6 +11,7 @@ import tomli_w
 
 from simgrab.errors import CalibrationError
 from simgrab.geometry import Distortion, Intrinsics
+from simgrab.layouts import Layout
 from simgrab.strict import convert
 
 Meta = msgspec.Meta
@@ -35,7 +36,10 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     roll_deg : float
         Nominal turn of the picture about the optical axis, which orients the offset in the picture.
     display_constant_m : float
-        |OA| minus the rope length on the display.
+        |OA| minus the hoist rope's length on the display.
+    digit_layout : Layout or None
+        Where the display has its digits; None where there is no display. The layout itself and not its name, so that
+        the file says all that a reader needs, wherever it is read.
     """
 
     width_px: Annotated[int, Meta(ge=1)]
@@ -52,6 +56,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset_sd_m: Annotated[float, Meta(ge=0)] = 0.5
     roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
     display_constant_m: float = 0.0
+    digit_layout: Layout | None = None
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -65,9 +70,14 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             Distortion(self.k1, self.k2, self.p1, self.p2, self.k3),
         )
 
+    def to_toml(self) -> str:
+        """Return the camera TOML."""
+        data = msgspec.to_builtins(self)
+        return tomli_w.dumps({key: value for key, value in data.items() if value is not None})  # TOML knows no null
+
     def save(self, path: Path) -> None:
         """Write a camera TOML."""
-        path.write_text(tomli_w.dumps(msgspec.to_builtins(self)), encoding="utf-8")
+        path.write_text(self.to_toml(), encoding="utf-8")
 
 
 def load(path: str | Path) -> Calibration:

@@ -30,6 +30,10 @@ class CalibrationError(SimgrabError):
     """A camera file that cannot be read or describes no camera."""
 
 
+class LayoutError(SimgrabError):
+    """A digit layout that is not there, cannot be, or does not fit the picture."""
+
+
 class DatasetError(SimgrabError):
     """A dataset folder that cannot be written, read, resumed or trusted."""
 

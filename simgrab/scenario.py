@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
+from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
 import msgspec
 import tomli_w
 
+from simgrab import layouts
 from simgrab.distributions import Constant, Distribution, HalfNormal, Law, Uniform
-from simgrab.errors import ScenarioError
+from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import (
     PAPER_FOCAL_LENGTH_MM,
     PAPER_PIXELS_PER_MM,
@@ -20,6 +22,7 @@ from simgrab.geometry import (
     focal_length_px,
     pixels_per_mm,
 )
+from simgrab.layouts import Layout
 
 Meta = msgspec.Meta
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -345,19 +348,48 @@ class Clip(Strict, frozen=True):
 
 
 class Display(Strict, frozen=True):
-    """The on-screen display: clock, and the rope length as the crane's controller knows it.
+    """The on-screen display: clock, and the rope lengths as the crane's controller knows them.
 
-    ``layout`` names a bundled layout or a TOML file; "none" shows nothing. The controller refreshes the number
-    ``refresh_hz`` times a second with a value ``lag_s`` old; the picture is read out over ``readout_s``, and a refresh
-    that falls in between tears it. The length shown is |OA| less ``constant_m``.
+    ``layout`` is a bundled layout's name or a layout's own table; "none" shows nothing. The controller refreshes the
+    numbers ``refresh_hz`` times a second with values ``lag_s`` old; the picture is read out over ``readout_s``, and a
+    refresh that falls in between tears it. The lengths shown are |OA|, and that plus what the closing rope pays out to
+    open the jaws, each less ``constant_m``. The clock shows ``start`` when time begins.
     """
 
-    layout: str = "none"
+    layout: str | Layout = "none"
     start: str = "2022-01-26T14:05:37"
     lag_s: Annotated[float, Meta(ge=0, le=10)] = 0.5
     refresh_hz: Annotated[float, Meta(gt=0, le=100)] = 5.0
     readout_s: Annotated[float, Meta(ge=0, le=1)] = 0.03
     constant_m: Annotated[float, Meta(ge=-10, le=10)] = 2.5
+
+    def __post_init__(self) -> None:
+        if isinstance(self.layout, str) and self.layout not in ("none", *layouts.names()):
+            raise ValueError(
+                f"layout must be one of: none, {', '.join(layouts.names())}, or a layout's table; got {self.layout!r}"
+            )
+        try:
+            local = self.started.tzinfo is None
+        except ValueError:
+            local = False
+        if not local:
+            raise ValueError(f"start must be a local date and time such as 2022-01-26T14:05:37, got {self.start!r}")
+        if self.readout_s * self.refresh_hz > 1:
+            raise ValueError(
+                f"readout_s must not exceed the {1 / self.refresh_hz:g} s between refreshes: a picture tears once"
+            )
+
+    @property
+    def started(self) -> datetime:
+        """Date and time when time begins."""
+        return datetime.fromisoformat(self.start)
+
+    def layout_in(self, width_px: int, height_px: int) -> Layout | None:
+        """Fit the layout to a picture, None where nothing is shown; raises `LayoutError` where that is too small."""
+        if self.layout == "none":
+            return None
+        layout = layouts.load(self.layout) if isinstance(self.layout, str) else self.layout
+        return layout.scaled(width_px, height_px)
 
 
 class Labels(Strict, frozen=True):
@@ -407,6 +439,16 @@ class Scenario(Strict, frozen=True):
                     "camera.mount.vibration", 'independent frames know no time; swing.model = "dynamic"'
                 )
         _check_lens(self.camera.intrinsics)
+        self._check_display()
+
+    def _check_display(self) -> None:
+        try:
+            self.display.layout_in(self.camera.width_px, self.camera.height_px)
+            self.display.started + timedelta(seconds=self.frames / self.clip.frame_rate_hz)
+        except LayoutError as problem:
+            raise ScenarioError("display.layout", str(problem)) from None
+        except OverflowError:
+            raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
 
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""

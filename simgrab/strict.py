@@ -36,7 +36,8 @@ def convert(data: Mapping[str, Any], kind: type[T], error: type[SimgrabError] = 
         raise (problem if error is ScenarioError else error(str(problem))) from None
     except msgspec.ValidationError as problem:
         key, text = _read(str(problem), data)
-        raise (ScenarioError(key, text) if error is ScenarioError else error(f"{key}: {text}")) from None
+        refusal = ScenarioError(key, text)
+        raise (refusal if error is ScenarioError else error(str(refusal))) from None
 
 
 def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:

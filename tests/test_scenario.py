@@ -30,6 +30,9 @@ BAD = {
     "place.model": ("moon", "quay, hold, water, plain"),
     "place": ({"model": "hold", "receiver": "truck"}, "unknown key"),
     "light": ({"sun": 0.0, "sky": 0.0}, "both"),
+    "display.layout": ("twobyfour", "one of: none, four-point-four, two-by-four, or a layout's table"),
+    "display.start": ("2022-02-29T14:05:37", "local date and time such as"),
+    "display.readout_s": (0.21, "exceed the 0.2 s"),
     "splits.train": (0.5, "must be 1"),
     "image.format": ("gif", "jpeg|enum"),
     "seed": (-1, ">= 0"),
@@ -47,6 +50,16 @@ def test_bad_input_is_refused_by_its_key(key):
         scenes.load("quay-day", {key: value})
     assert key.split(".")[0] in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [("2022-01-26T14:05:37Z", "local"), ("noon", "such as 2022"), ("9999-12-31T23:59:59", "year 9999")],
+)
+def test_a_display_starts_at_a_local_time_and_runs_to_the_last_frame(start, message):
+    with pytest.raises(ScenarioError, match=message) as caught:
+        scenes.load("quay-day", {"display.start": start})
+    assert caught.value.key.startswith("display")
 
 
 @pytest.mark.parametrize("name", scenes.names())

@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
-import tomli_w
 from pycocotools import mask as coco_mask
 
 from simgrab.calibration import Calibration
@@ -121,5 +120,7 @@ def camera_toml(scenario: Scenario) -> bytes:
         width_px=k.width_px, height_px=k.height_px, focal_length_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px,
         k1=d.k1, k2=d.k2, p1=d.p1, p2=d.p2, k3=d.k3,
         offset_m=camera.offset_m, roll_deg=camera.roll_deg, offset_sd_m=0.05,
+        display_constant_m=scenario.display.constant_m,
+        digit_layout=scenario.display.layout_in(k.width_px, k.height_px),
     )  # fmt: skip
-    return tomli_w.dumps(msgspec.to_builtins(calibration)).encode()
+    return calibration.to_toml().encode()

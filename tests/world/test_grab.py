@@ -199,3 +199,12 @@ def test_terminations_are_in_the_head_and_falls_run_down_to_the_beam(parts: dict
 def test_jaw_out_of_range_is_refused() -> None:
     with pytest.raises(ValueError, match="must lie in"):
         grab.linkage(1.2)
+
+
+def test_closing_ropes_pay_out_what_their_falls_take() -> None:
+    """Six falls to a rope, steeper than 6° from the vertical: nearly six times as far as the beam sinks."""
+    paid = [grab.closing_rope_m(jaw) for jaw in JAWS]
+    sunk = np.array([-linkage.joint_positions(jaw)["beam"] for jaw in JAWS])
+    assert paid[0] == 0
+    assert (np.diff(paid) > 0).all()
+    np.testing.assert_allclose(paid[1:], 6 * sunk[1:], rtol=0.006)

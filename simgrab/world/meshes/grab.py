@@ -38,6 +38,7 @@ __all__ = [
     "Linkage",
     "body_frames",
     "cargo_parts",
+    "closing_rope_m",
     "grab_parts",
     "joint_positions",
     "linkage",
@@ -82,6 +83,13 @@ def _reeving() -> np.ndarray:
 
 
 REEVING = _reeving()
+
+
+def closing_rope_m(jaw: float) -> float:
+    """Length that each closing rope has paid out, on top of a holding rope's, to open the jaws by so many radians."""
+    falls = (REEVING[:, 1] + body_frames(j)["beam"][:3, 3] - REEVING[:, 0] for j in (jaw, 0.0))
+    opened, closed = (np.linalg.norm(fall, axis=1).sum() for fall in falls)
+    return float(opened - closed) / 2  # two closing ropes share the falls
 
 
 def grab_parts(
