@@ -26,6 +26,7 @@ from simgrab.scenario import Scenario
 from simgrab.world import model, truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
+from simgrab.world.osd.draw import Overlay
 from simgrab.world.render import Renderer, View
 from simgrab.world.story import Story
 from simgrab.world.swing import split
@@ -79,6 +80,8 @@ class Studio:
         self.world = world or model.build(scenario)
         self.renderer = Renderer(self.world, scenario)
         self._story = Story(scenario)
+        layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
+        self._overlay = Overlay(layout) if layout else None
 
     def __enter__(self) -> Studio:
         return self
@@ -97,6 +100,8 @@ class Studio:
         scenario, image = self.scenario, self.scenario.image
         aimed = self.aim(frame)
         rgb = self.renderer.rgb()
+        if self._overlay and aimed.moment.shown:
+            rgb = self._overlay.blend(rgb, aimed.moment.shown)
         full = self.renderer.look() if image.ids or image.depth else None
         sight = truth.see(self.renderer, aimed, full)
         stem = f"{split(scenario, frame)}/{frame:06d}"

@@ -8,6 +8,7 @@ import numpy as np
 
 from simgrab import geometry
 from simgrab.geometry import Array
+from simgrab.world.osd.shown import Shown
 
 STANDARD_GRAVITY = 9.80665
 
@@ -103,6 +104,8 @@ class Moment:
     jib : JibState or None
     apparent_gravity : tuple of 3 floats
         Gravity less the acceleration of O, jib frame, m/s².
+    shown : Shown or None
+        What the display shows; None where there is no display.
     """
 
     frame: int
@@ -113,3 +116,4 @@ class Moment:
     time: float | None = None
     jib: JibState | None = None
     apparent_gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
+    shown: Shown | None = None

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 
 from simgrab.scenario import Iid, Scenario
 from simgrab.world import swing
+from simgrab.world.meshes.grab import closing_rope_m
 from simgrab.world.moment import Moment
 from simgrab.world.motion.timeline import Timeline
+from simgrab.world.osd.shown import shown
 
 REMEMBERED = 64  # frames that may be asked for again without beginning their clip anew
 
@@ -27,6 +30,7 @@ class Story:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         self._size = scenario.clip.clip_frames or scenario.frames
+        self._layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
         self._clip = -1
         self._moments: Iterator[Moment] = iter(())
         self._recent: deque[Moment] = deque(maxlen=REMEMBERED)
@@ -40,7 +44,7 @@ class Story:
             If it cannot be, naming frame and key.
         """
         if isinstance(self._scenario.swing, Iid):
-            return swing.draw(self._scenario, frame)
+            return self._with_display(swing.draw(self._scenario, frame))
         recent = next((m for m in self._recent if m.frame == frame), None)
         if recent:
             return recent
@@ -53,3 +57,11 @@ class Story:
             if moment.frame == frame:
                 return moment
         raise AssertionError("a timeline has no end")
+
+    def _with_display(self, moment: Moment) -> Moment:
+        """Independent frames know no time: their display shows the frame's own lengths, its clock goes by the index."""
+        if not self._layout:
+            return moment
+        lengths = moment.grab.rope_length, moment.grab.rope_length + closing_rope_m(moment.grab.jaw)
+        time = moment.frame / self._scenario.clip.frame_rate_hz
+        return replace(moment, shown=shown(self._scenario.display, self._layout, time, lambda _: lengths))

@@ -160,7 +160,7 @@ def see(renderer: Renderer, aimed: Aim, full: View | None = None) -> Sight:
 def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha256: str) -> Truth:
     """Compose the row of labels of one frame."""
     moment, state, tilt = aimed.moment, aimed.moment.grab, aimed.moment.tilt
-    camera, k, jib = scenario.camera, scenario.camera.intrinsics, aimed.moment.jib
+    camera, k, jib, shown = scenario.camera, scenario.camera.intrinsics, moment.jib, moment.shown
     ideal, pixel = k.ideal(aimed.centre_camera), k.project(aimed.centre_camera)
     m, theta = k.polar(ideal, geometry.vertical_direction(tilt.azimuth, tilt.roll))
     camera_pose = np.column_stack([tilt.jib_from_camera, camera.offset_m])
@@ -224,10 +224,10 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         in_frame_fraction=sight.in_frame_fraction,
         oriented_box=oriented,
         keypoints=_floats(_see_keypoints(scenario, aimed, sight)),
-        rope_text=None,
-        rope_text_below=None,
-        torn_row_px=None,
-        clock_text=None,
+        rope_text=shown.rope_text if shown else None,
+        rope_text_below=shown.rope_text_below if shown else None,
+        torn_row_px=shown.torn_row_px if shown else None,
+        clock_text=shown.clock_text if shown else None,
         image_sha256=image_sha256,
     )
 

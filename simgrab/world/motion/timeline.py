@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
@@ -11,12 +12,14 @@ import numpy as np
 from simgrab import geometry
 from simgrab.geometry import Array
 from simgrab.scenario import Dynamic, Scenario, Start
+from simgrab.world.meshes.grab import closing_rope_m
 from simgrab.world.moment import STANDARD_GRAVITY, GrabState, JibState, Moment
 from simgrab.world.motion.mass import Mass
 from simgrab.world.motion.mount import Mount
 from simgrab.world.motion.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
 from simgrab.world.motion.plant import MOST_STEP_S, Drive, Plant
 from simgrab.world.motion.work import Course, Work
+from simgrab.world.osd.shown import Shown, shown
 
 MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
 
@@ -40,6 +43,9 @@ class Timeline:
         self._interval = period / self._per_frame
         self._steps = math.ceil(self._interval / MOST_STEP_S)
         self._settle = math.ceil(self._swing.settle_s / period)  # frames before the first
+        size = scenario.clip.clip_frames or scenario.frames
+        self._first = clip * size  # frame
+        self._layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
 
     def __iter__(self) -> Iterator[Moment]:
         swing = self._swing
@@ -62,7 +68,8 @@ class Timeline:
                 if plant is None:
                     plant = self._plant(drive.rope, jaw, load)
                 if count >= 0 and count % self._per_frame == 0:
-                    yield self._moment(count // self._per_frame, plant, course, i, felt[i], mount, shake[i])
+                    moment = self._moment(count // self._per_frame, plant, course, i, felt[i], mount, shake[i])
+                    yield dataclasses.replace(moment, shown=self._shown(moment, work)) if self._layout else moment
                 plant.hold(jaw, load)
                 plant.run(drive, self._interval, self._steps)
                 mount.step(felt[i], float(course.luffed[i + 1]))
@@ -93,7 +100,7 @@ class Timeline:
         alpha, azimuth, _ = geometry.swing_of(down)
         luffed, tilt = float(course.luffed[i]), mount.tilt(shake)
         return Moment(
-            frame=index + self._clip * (scenario.clip.clip_frames or scenario.frames),
+            frame=self._first + index,
             grab=GrabState(
                 alpha=float(alpha),
                 azimuth=float(azimuth),
@@ -109,6 +116,18 @@ class Timeline:
             jib=JibState(slew, self._swing.radius_m + luffed, luffed),
             apparent_gravity=(float(felt[0]), float(felt[1]), float(felt[2])),
         )
+
+    def _shown(self, moment: Moment, work: Work) -> Shown:
+        """Work out what the display shows; its clock runs on from clip to clip."""
+        assert self._layout is not None
+        began = self._first / self._scenario.clip.frame_rate_hz
+        settled = self._settle * self._per_frame * self._interval
+
+        def lengths(time: float) -> tuple[float, float]:
+            rope, jaw = work.rope_and_jaw(max(time - began + settled, 0.0))
+            return rope, rope + closing_rope_m(jaw)
+
+        return shown(self._scenario.display, self._layout, moment.frame / self._scenario.clip.frame_rate_hz, lengths)
 
     def _wind(self) -> Iterator[Array]:
         wind = self._swing.wind

@@ -89,6 +89,11 @@ class Work:
         jaw, load = np.clip(jaw, 0.0, MAX_JAW), np.clip(load, 0.0, 1.0)
         return Course(slew, slew_rate, luff, luff_rate, rope, rope_rate, jaw, load, held)
 
+    def rope_and_jaw(self, time: float) -> tuple[float, float]:
+        """|OA|, m, and opening of the jaws, rad, at an instant up to `KEPT_S` before the last sample."""
+        when = np.array([time])
+        return float(self._rope.sample(when)[0][0]), float(np.clip(self._jaw.sample(when)[0][0], 0.0, MAX_JAW))
+
     def _vary(self, value: float, name: str, cycle: int) -> float:
         """Value of one cycle, scattered by the scenario's variation."""
         assert isinstance(self._work, Cycles)
