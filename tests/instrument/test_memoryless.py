@@ -5,8 +5,8 @@ import pytest
 import studies
 from scipy.optimize import minimize
 
-from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration
-from simgrab.instrument.estimate.frames import gravity
+from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration, RopeAware
+from simgrab.instrument.estimate.frames import gravity, groups
 from simgrab.judge.paper import PaperSettings, study
 
 
@@ -54,6 +54,28 @@ def test_rope_aware_finds_tilt_and_swing_beside_the_rope(law, offset):
     assert scores["rope-aware"].alpha <= 0.1
     if offset > 1:
         assert scores["paper-iteration"].rmse > 2  # degrees
+
+
+@pytest.mark.parametrize("law", studies.LAWS)
+def test_rope_aware_ends_within_its_tolerance_and_whatever_its_company(law):
+    d = studies.draw(law, 30, 100, rope=(8.0, 35.0), offset=np.array([0.6, -0.8, 0.1]))
+    found = RopeAware().batch(d.pixels, studies.camera(), rope_length=d.rope)
+    limit = RopeAware(tolerance=1e-13).batch(d.pixels, studies.camera(), rope_length=d.rope)
+    np.testing.assert_allclose(found.beta, limit.beta, atol=2e-8)
+    np.testing.assert_allclose(found.alpha, limit.alpha, atol=2e-8)
+    for i in range(30):
+        alone = RopeAware().estimate(d.pixels[i], studies.camera(), rope_length=d.rope[i])
+        np.testing.assert_allclose(alone.beta, found.beta[i], atol=1e-13)
+
+
+def test_the_median_of_the_frames_present():
+    rng = np.random.default_rng(0)
+    pixels = rng.normal(900, 30, (6, 21, 2))
+    pixels[1, :4], pixels[2, 7], pixels[3, 1:] = np.nan, np.nan, np.nan
+    frames = next(groups(pixels, None, None, studies.camera()))
+    values = rng.normal(size=(6, 21))
+    expected = np.nanmedian(np.where(np.isnan(pixels[..., 0]), np.nan, values), axis=-1)
+    np.testing.assert_allclose(frames.median(values), expected, rtol=1e-15)
 
 
 def test_a_prior_keeps_rope_aware_sane_where_tilt_and_offset_are_one():

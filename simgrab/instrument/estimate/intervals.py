@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from simgrab.geometry import Array
 
@@ -57,8 +57,8 @@ def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64]
     length = (time.max() - start) * time.size / (time.size - 1)  # the last frame lasts as long as the others
     wanted = int(np.clip(np.floor(length / settings.block_s + 1e-9), 1, settings.max_blocks))
     label = np.minimum((time - start) * wanted / length, wanted - 1).astype(np.int64)
-    used, label = np.unique(label, return_inverse=True)
-    return label, len(used)
+    used = np.bincount(label) > 0
+    return (np.cumsum(used) - 1)[label], int(used.sum())
 
 
 def too_few(blocks: int, settings: IntervalSettings) -> str:
@@ -77,7 +77,7 @@ def block_covariance(influence: Array, count: Array, block: NDArray[np.int64], b
 
 def student(level: float, degrees: Array | float) -> Array:
     """Two-sided quantile of Student's law."""
-    return np.asarray(stats.t.ppf(0.5 + level / 2, np.maximum(degrees, 1)))
+    return np.asarray(special.stdtrit(np.maximum(degrees, 1), 0.5 + level / 2))
 
 
 def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -> Array:
@@ -89,8 +89,9 @@ def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -
     """
     reach, wider = quantile * np.sqrt(var_along), 0.56 * quantile**2 * var_across
     ends = np.empty((*value.shape, 2))
-    np.maximum(np.sqrt(np.maximum(value**2 - wider, 0.0)) - reach, 0.0, out=ends[..., 0])
-    np.sqrt((value + reach) ** 2 + wider, out=ends[..., 1])
+    np.maximum(np.sqrt(np.maximum(value * value - wider, 0.0)) - reach, 0.0, out=ends[..., 0])
+    far = value + reach
+    np.sqrt(far * far + wider, out=ends[..., 1])
     return ends
 
 
