@@ -63,9 +63,13 @@ def test_rope_aware_ends_within_its_tolerance_and_whatever_its_company(law):
     limit = RopeAware(tolerance=1e-13).batch(d.pixels, studies.camera(), rope_length=d.rope)
     np.testing.assert_allclose(found.beta, limit.beta, atol=2e-8)
     np.testing.assert_allclose(found.alpha, limit.alpha, atol=2e-8)
-    for i in range(30):
-        alone = RopeAware().estimate(d.pixels[i], studies.camera(), rope_length=d.rope[i])
-        np.testing.assert_allclose(alone.beta, found.beta[i], atol=1e-13)
+    easy = np.tile(studies.camera().intrinsics.project([[0.3, 0.2, 9.0], [-0.3, -0.2, 9.0]]), (50, 1))
+    company = RopeAware().batch(
+        [easy, d.pixels[0]], studies.camera(), rope_length=np.stack([d.rope[0] * 0 + 20, d.rope[0]])
+    )
+    assert company.diagnostics["iterations"][0] < company.diagnostics["iterations"][1]
+    alone = RopeAware().estimate(easy, studies.camera(), rope_length=np.full(100, 20.0))
+    np.testing.assert_allclose(company.beta, [alone.beta, found.beta[0]], atol=1e-13)
 
 
 def test_the_median_of_the_frames_present():
