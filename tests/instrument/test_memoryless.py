@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration, RopeAware
 from simgrab.instrument.estimate.frames import gravity, groups
+from simgrab.instrument.estimate.intervals import of_scale
 from simgrab.judge.paper import PaperSettings, study
 
 
@@ -101,6 +102,24 @@ def test_intervals_cover_on_independent_frames(law):
         assert 0.93 < alpha < (0.985 if law == "half-normal" else 0.97), name
 
 
+# Squares of an exponential are so skewed that without regard to it 90 % are covered.
+@pytest.mark.parametrize("law", studies.LAWS)
+def test_intervals_of_sigma_cover_for_few_frames_of_any_law(law):
+    for name, (_, sigma, _) in studies.independent(law, 3000, 100).items():
+        assert 0.93 - 0.008 < sigma < 0.97, name
+
+
+def test_the_interval_of_a_scale_goes_over_into_that_of_its_logarithm():
+    sigma, variance, quantile = np.array([2.0]), np.array([0.16]), np.array([2.0])
+    ends = [of_scale(sigma, variance, np.array([k]), quantile)[0] for k in (0.0, 2e-3, 0.3, 0.6)]
+    np.testing.assert_allclose(ends[0], 2 * np.exp([-0.1, 0.1]))
+    # Untransformed, Student's own interval of σ² differs from it in the second order alone.
+    np.testing.assert_allclose(ends[1], np.sqrt([4 - 0.8, 4 + 0.8]), rtol=2e-3)
+    for k, both in zip((0.3, 0.6), ends[2:], strict=True):
+        t = (4 - both**2) / 0.4  # Student's statistic, were the truth there; Hall's (1992) cubic makes it symmetric
+        np.testing.assert_allclose(t + k * t**2 / 3 + k**2 * t**3 / 27 + k / 6, [2, -2], rtol=1e-9)
+
+
 @pytest.mark.parametrize("beta_deg", [0.0, 0.02, 0.05, 0.1, 0.2])  # the standard error is 0.07°
 def test_intervals_of_a_tilt_of_nearly_nothing(beta_deg):
     d = studies.draw("rayleigh", 2000, 400, beta_deg=beta_deg)
@@ -114,15 +133,15 @@ def test_on_a_swing_independent_frames_fail_and_blocks_hold():
         assert min(kinds["blocks"]) >= 0.90 - 0.04, name
 
 
-@pytest.mark.parametrize(("minutes", "blocks"), [(7, 1), (29, 3), (30, 4), (200, 5)])
+@pytest.mark.parametrize(("minutes", "blocks"), [(9, 1), (29, 2), (30, 3), (200, 4)])
 def test_blocks_are_long_and_too_few_are_said_to_be(minutes, blocks):
     d = studies.draw("rayleigh", 1, minutes * 60)
     found = PaperIteration().estimate(d.pixels[0], studies.camera(), time=np.arange(minutes * 60.0))
     interval = found.interval("blocks")
     assert interval.blocks == blocks
-    if blocks < 4:
+    if blocks < 3:
         assert interval.beta is None
-        assert interval.note == f"too few blocks: {blocks} of at least 450 s, where 4 are needed"
+        assert interval.note == f"too few blocks: {blocks} of at least 600 s, where 3 are needed"
     else:
         assert interval.beta[0] < found.beta < interval.beta[1]
 

@@ -177,7 +177,7 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
     # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
     bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
 
-    def made(kind: str, covariance: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
+    def made(kind: str, covariance: Array, skewness: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
         q = iv.student(settings.level, degrees)
         covariance = covariance if found.known is None else covariance + found.known
         cov = covariance[:, :-1, :-1]
@@ -189,13 +189,14 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
                 iv.radial(beta, (high / q) ** 2, cov[:, 1, 1], q),
             )
             of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
-        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], q)
+        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
         of_alpha = _of_alpha(frames, found, alpha, unit, cov, q, pixel_sd**2)
         for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
             ends[bare] = np.nan
         return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note)
 
-    kinds = [made("iid", iv.iid_covariance(influence, frames.count), frames.count - 1, None, "")]
+    covariance, skewness = iv.iid_covariance(influence, frames.count), iv.skewness(influence[:, -1])
+    kinds = [made("iid", covariance, skewness, frames.count - 1, None, "")]
     kinds.append(_by_blocks(frames, influence, settings, made))
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, np.nan)
@@ -249,7 +250,8 @@ def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, mad
     if blocks < settings.min_blocks:
         return Intervals("blocks", settings.level, None, None, None, blocks, iv.too_few(blocks, settings))
     covariance = iv.block_covariance(influence, frames.count, block, blocks)
-    result: Intervals = made("blocks", covariance, np.full(len(covariance), blocks - 1), blocks, "")
+    few = np.zeros(len(covariance))  # of so few blocks nothing is known about their skewness
+    result: Intervals = made("blocks", covariance, few, few + blocks - 1, blocks, "")
     return result
 
 

@@ -192,7 +192,7 @@ class PendulumSmoother(Estimator):
             return Intervals("blocks", level, None, None, None, blocks, iv.too_few(blocks, settings))
         influence = (alpha**2 - sigma[:, None] ** 2)[:, None]
         variance = iv.block_covariance(influence, np.full(len(sigma), float(len(block))), block, blocks)[:, 0, 0]
-        ends = iv.of_scale(sigma, variance, np.full(len(sigma), iv.student(level, blocks - 1)))
+        ends = iv.of_scale(sigma, variance, np.zeros(len(sigma)), np.full(len(sigma), iv.student(level, blocks - 1)))
         return Intervals(
             "blocks", level, None, ends, None, blocks, "of sigma alone; for beta and alpha see the posterior"
         )
