@@ -32,6 +32,15 @@ def test_under_rayleigh_none_beats_the_mean_ray(beta_deg):
         assert studies.beats(scores[name], scores["mean-ray"]) < 2, name
 
 
+def test_those_that_tie_are_named_together():
+    tie = ["mean-ray", "paper", "paper, from mean ray"]
+    scores = studies.rivals("rayleigh", 300, 1000, 5.0)
+    assert sorted(studies.best({k: scores[k] for k in [*tie, "geometric-median", "zero-tilt"]})) == tie
+    scores = studies.rivals("exponential", 300, 1000, 1.0)
+    assert scores["paper"].refused == 1
+    assert studies.best(scores) == ["geometric-median"]
+
+
 def test_the_geometric_median_is_where_the_mean_angle_is_least():
     d = studies.draw("exponential", 3, 200)
     found = GeometricMedian(smoothing=1e-7).batch(d.pixels, studies.camera())
