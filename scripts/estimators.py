@@ -30,9 +30,8 @@ def rivals(records: int) -> None:
         for beta in (5.0, 1.0):
             for frames in (100, 1000):
                 scores = studies.rivals(law, records, frames, beta)
-                solved = {k: s for k, s in scores.items() if s.refused < 0.01 and k != "paper, axis known"}
-                best = min(solved, key=lambda k: solved[k].rmse)
-                print(f"\n{law}, β = {beta:g}°, n = {frames}: best without knowing the axis, {best}")
+                best = studies.best({k: s for k, s in scores.items() if k != "paper, axis known"})
+                print(f"\n{law}, β = {beta:g}°, n = {frames}: best without knowing the axis, {', '.join(best)}")
                 for name, s in scores.items():
                     ahead = studies.beats(s, scores["mean-ray"]) if name != "mean-ray" else float("nan")
                     versus = "" if np.isnan(ahead) else f"   ahead of mean ray by {ahead:+6.1f} standard errors"

@@ -21,17 +21,20 @@ def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Pat
     """Estimate camera tilt and swing angles from grab centres.
 
     FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre as the picture has it
-    (empty where it was not found), |OA| in metres, and seconds.
+    (empty where it was not found), |OA| in metres, and seconds. A dataset's labels.parquet will do: the first two may
+    be called grab_u_px, grab_v_px.
     """
     from simgrab.judge import estimate as judge
 
     measured = judge.measure(file, camera, estimator)
     if as_json:
-        click.echo(json.dumps(judge.as_json(measured.estimate), indent=1))
+        click.echo(json.dumps(judge.as_json(measured), indent=1))
     else:
         from simgrab.judge.estimate_table import show
 
         show(measured.estimate)
+    for warning in measured.warnings:
+        click.echo(f"warning: {warning}", err=True)
     if not no_figure:
         from simgrab.judge.estimate_figure import save
 

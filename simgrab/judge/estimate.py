@@ -20,15 +20,18 @@ from simgrab.records import Estimate, Intervals
 # Diagnostics that are in radians, or in radians squared.
 _ANGLES = ("beta_history", "lean_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
+# An offset that looks like less tilt than this is not worth a warning.
+_LOOKS_LIKE = np.deg2rad(0.1)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A record, the camera it was seen by, and what was made of it."""
+    """A record, the camera it was seen by, what was made of it, and what to beware of, a line each."""
 
     record: PixelRecord
     calibration: Calibration
     estimate: Estimate
+    warnings: tuple[str, ...] = ()
 
 
 def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> Measured:
@@ -37,7 +40,8 @@ def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> M
     Parameters
     ----------
     path : path
-        CSV or parquet with columns ``u_px, v_px[, rope_length_m, time_s]``; an empty pixel is a missing frame.
+        CSV or parquet with columns ``u_px, v_px[, rope_length_m, time_s]`` or a dataset's ``labels.parquet``; an empty
+        pixel is a missing frame.
     camera : path
         Camera TOML.
     estimator : str
@@ -60,15 +64,37 @@ def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> M
             f"{kind.parameters}, one for each parameter"
         )
     found = kind().estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
-    return Measured(record, calibration, found)
+    warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
+    return Measured(record, calibration, found, warnings)
 
 
-def as_json(estimate: Estimate) -> dict[str, Any]:
+def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
+    """Warn of a stated offset that an estimator without the rope's length takes for tilt."""
+    across = float(np.hypot(*calibration.offset_m[:2]))
+    if record.rope_length is None:
+        if across == 0:
+            return ()
+        looks = "looks like tilt"
+    else:
+        shortest = float(record.rope_length.min())
+        angle = np.arctan2(across, shortest)
+        if angle <= _LOOKS_LIKE:
+            return ()
+        looks = f"looks like up to {np.rad2deg(angle):.1f} deg of tilt on ropes from {shortest:.1f} m"
+    return (
+        f"the camera file's offset of {across:.2f} m {looks}, which {estimator} cannot tell apart and its intervals "
+        "leave out; rope-aware can, from rope_length_m",
+    )
+
+
+def as_json(measured: Measured) -> dict[str, Any]:
     """Plain data in degrees, with null for what is not there."""
+    estimate = measured.estimate
     return {
         "estimator": estimate.estimator,
         "status": estimate.status,
         "reason": estimate.reason,
+        "warnings": list(measured.warnings),
         "frames": estimate.frames,
         "beta_deg": _degrees(estimate.beta),
         "tilt_azimuth_deg": _degrees(estimate.tilt_azimuth),

@@ -9,12 +9,14 @@ matplotlib.use("Agg")
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 
 from simgrab.geometry import Array
+from simgrab.instrument.estimate import PaperIteration
 from simgrab.judge.paper import PaperStudy
 
 BLUE, ORANGE, GREEN, GREY = "#1f5a8a", "#c8551b", "#3b7d4f", "#8a8f94"
-SMALLEST = 1e-16  # what a difference of 0 is drawn as
+ROUNDING = 1e-14  # an arccosine at a few degrees knows no more; smaller differences are drawn as this
 
 
 def draw_all(study: PaperStudy) -> dict[str, Figure]:
@@ -29,15 +31,17 @@ def draw_all(study: PaperStudy) -> dict[str, Figure]:
 
 def _boxes(axes: Axes, data: list[Array], labels: list[str], color: str) -> None:
     boxes = axes.boxplot(
-        [np.log10(np.maximum(d, SMALLEST)) for d in data],
+        [np.log10(np.maximum(d, ROUNDING)) for d in data],
         tick_labels=labels,
         widths=0.6,
         patch_artist=True,
         flierprops={"marker": ".", "ms": 2.5, "mfc": GREY, "mec": "none"},
-        medianprops={"color": "black", "lw": 1.2},
+        medianprops={"color": "black", "lw": 1},
     )
-    for box in boxes["boxes"]:
-        box.set(facecolor=color, alpha=0.55, linewidth=0.8)
+    for box in boxes["boxes"]:  # narrow ones still show by their edges
+        box.set(facecolor=(color, 0.55), edgecolor=color, linewidth=1.8)
+    for line in boxes["whiskers"] + boxes["caps"]:
+        line.set(color=color, linewidth=0.9)
     axes.grid(axis="y", lw=0.4, alpha=0.6)
 
 
@@ -55,17 +59,21 @@ def _errors(study: PaperStudy) -> Figure:
 def _convergence(study: PaperStudy) -> Figure:
     figure = Figure(figsize=(11, 4.3), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for axes, steps, first, label, color in (
-        (left, study.beta_steps, 0, "log₁₀ |β⁽ᵗ⁾ − β̂|  (rad)", BLUE),
-        (right, study.sigma2_steps, 1, "log₁₀ |σ²⁽ᵗ⁾/σ̂² − 1|", ORANGE),
+    stop = PaperIteration().epsilon
+    for axes, steps, first, title, label, size, color in (
+        (left, study.beta_steps, 0, "tilt", "log₁₀ |β⁽ᵗ⁾ − β̂|  (rad)", 1.0, BLUE),
+        (right, study.sigma2_steps, 1, "swing variance", "log₁₀ |σ²⁽ᵗ⁾/σ̂² − 1|", study.settings.sigma**2, ORANGE),
     ):
         columns = range(first, steps.shape[1])
         data = [steps[:, t][np.isfinite(steps[:, t])] for t in columns]
         _boxes(axes, data, [str(t) for t in columns], color)
-        axes.set(xlabel="iteration t", ylabel=label, ylim=(-16.5, None))
+        axes.axhline(np.log10(stop / size), color=GREY, lw=0.9, ls="--")
         axes.annotate(
-            "differences of 0 are drawn at −16", (0.02, 0.02), xycoords="axes fraction", fontsize=7.5, color=GREY
-        )
+            "the stop rule's ε", (0.02, np.log10(stop / size)), (0, 3), xycoords=("axes fraction", "data"),
+            textcoords="offset points", fontsize=8, color=GREY,
+        )  # fmt: skip
+        axes.set(xlabel="iteration t", ylabel=label, title=title + ", distance from the limit")
+        axes.yaxis.set_major_locator(MultipleLocator(2))
     return figure
 
 
@@ -76,12 +84,17 @@ def _starts(study: PaperStudy) -> Figure:
     twice = 2 * np.rad2deg(study.settings.beta)
     left.plot(at, [100 * s.refused / study.settings.replications for s in study.starts], "o-", color=ORANGE, ms=4)
     left.set(xlabel="start β⁽⁰⁾ (deg)", ylabel="refused (%)", title="arccos of more than 1")
-    right.semilogy(at, [max(s.apart, SMALLEST) for s in study.starts], "o-", color=BLUE, ms=4)
+    others = [s for s in study.starts if s.start_deg != 0]
+    right.semilogy([s.start_deg for s in others], [s.apart for s in others], "o-", color=BLUE, ms=4)
     right.axhline(1e-9, color=GREY, lw=0.8, ls=":")
+    right.set(xlim=left.get_xlim(), ylim=(1e-13, 1e-8))
     right.set(xlabel="start β⁽⁰⁾ (deg)", ylabel="largest |β̂ − β̂ from 0|  (rad)", title="of those not refused")
     for axes in (left, right):
         axes.axvline(twice, color=GREY, lw=1, ls="--")
-        axes.annotate("2β", (twice, 0.9), xycoords=("data", "axes fraction"), fontsize=9, color=GREY, ha="right")
+        axes.annotate(
+            "2β", (twice, 0.9), (-4, 0), xycoords=("data", "axes fraction"), textcoords="offset points",
+            fontsize=9, color=GREY, ha="right",
+        )  # fmt: skip
         axes.grid(lw=0.4, alpha=0.6)
     return figure
 

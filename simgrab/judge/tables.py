@@ -17,6 +17,8 @@ from simgrab.geometry import Array
 # A grab centre may lie outside of the picture by its own size, no more.
 _MARGIN = 0.5
 _LONGEST_ROPE_M = 200.0
+# The second as a dataset's labels.parquet has them.
+_PIXELS = (("u_px", "v_px"), ("grab_u_px", "grab_v_px"))
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class PixelRecord:
     pixels : ndarray, shape (n, 2)
         Grab centre as the picture has it; NaN where it was not found.
     rope_length : ndarray, shape (n,), or None
-        \|OA\|, m.
+        \|OA\|, m; None where it is neither needed nor there and sound in every row.
     time : ndarray, shape (n,), or None
         Seconds.
     """
@@ -39,7 +41,7 @@ class PixelRecord:
 
 
 def read_record(path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False) -> PixelRecord:
-    """Read columns ``u_px, v_px[, rope_length_m, time_s]``.
+    """Read columns ``u_px, v_px[, rope_length_m, time_s]``; the first two may be called ``grab_u_px, grab_v_px``.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
     calibration : Calibration
         Whose picture the pixels must belong to.
     rope, time : bool
-        Whether the column is needed. A rope length that is not needed is not looked at.
+        Whether the column is needed. One that is not may be empty, and a rope length wrong.
 
     Raises
     ------
@@ -56,23 +58,25 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
         One line with the file and the row (the first is 1) or the column.
     """
     table = _table(Path(path))
-    needed = ["u_px", "v_px", *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
+    pair = _pixel_columns(path, table.column_names)
+    needed = [*pair, *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
     for name in needed:
         if name not in table.column_names:
             there = ", ".join(table.column_names) or "none"
             raise RecordError(f"{path}: column {name} is missing; there are: {there}")
     if table.num_rows == 0:
         raise RecordError(f"{path}: no rows below the header")
-    pixels = np.stack([_numbers(path, table, "u_px"), _numbers(path, table, "v_px")], axis=-1)
-    _check_pixels(path, pixels, calibration)
-    length = _numbers(path, table, "rope_length_m") if rope else None
-    if length is not None:
-        for row in np.flatnonzero(~((length > 0) & (length < _LONGEST_ROPE_M)))[:1]:
-            what = "is missing" if np.isnan(length[row]) else f"is {length[row]:g}"
-            raise RecordError(
-                f"{path}: rope_length_m, row {row + 1}: {what}; must be metres, above 0 and below {_LONGEST_ROPE_M:g}"
-            )
+    pixels = np.stack([_numbers(path, table, name) for name in pair], axis=-1)
+    _check_pixels(path, pixels, pair, calibration)
+    try:
+        length = _rope(path, table) if "rope_length_m" in table.column_names else None
+    except RecordError:
+        if rope:
+            raise
+        length = None
     seconds = _numbers(path, table, "time_s") if "time_s" in table.column_names else None
+    if seconds is not None and not time and np.isnan(seconds).all():  # as in the labels of independent frames
+        seconds = None
     if seconds is not None:
         for row in np.flatnonzero(~np.isfinite(seconds))[:1]:
             raise RecordError(f"{path}: time_s, row {row + 1}: is missing")
@@ -81,6 +85,24 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
                 f"{path}: time_s, row {row + 1}: must increase, got {seconds[row]:g} after {seconds[row - 1]:g}"
             )
     return PixelRecord(pixels, length, seconds)
+
+
+def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
+    there = [pair for pair in _PIXELS if any(name in names for name in pair)]
+    if len(there) > 1:
+        one, other = (", ".join(name for name in pair if name in names) for pair in there)
+        raise RecordError(f"{path}: columns {one} and {other} are both there; keep one pair")
+    return there[0] if there else _PIXELS[0]
+
+
+def _rope(path: str | Path, table: pa.Table) -> Array:
+    length = _numbers(path, table, "rope_length_m")
+    for row in np.flatnonzero(~((length > 0) & (length < _LONGEST_ROPE_M)))[:1]:
+        what = "is missing" if np.isnan(length[row]) else f"is {length[row]:g}"
+        raise RecordError(
+            f"{path}: rope_length_m, row {row + 1}: {what}; must be metres, above 0 and below {_LONGEST_ROPE_M:g}"
+        )
+    return length
 
 
 def _table(path: Path) -> pa.Table:
@@ -120,17 +142,16 @@ def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
         raise
 
 
-def _check_pixels(path: str | Path, pixels: Array, calibration: Calibration) -> None:
+def _check_pixels(path: str | Path, pixels: Array, names: tuple[str, str], calibration: Calibration) -> None:
     size = np.array([calibration.width_px, calibration.height_px])
     seen = pixels[np.isfinite(pixels).all(axis=-1)]
     if len(seen) > 1 and np.all(np.abs(seen) <= 1.5):
         raise RecordError(
-            f"{path}: columns u_px, v_px: all within 1.5 of 0; pixels are needed, not fractions of the picture"
+            f"{path}: columns {', '.join(names)}: all within 1.5 of 0; pixels are needed, not fractions of the picture"
         )
     outside = (pixels < -_MARGIN * size) | (pixels > (1 + _MARGIN) * size)
     for row, axis in np.argwhere(outside)[:1]:
-        name = ("u_px", "v_px")[axis]
         raise RecordError(
-            f"{path}: {name}, row {row + 1}: {pixels[row, axis]:g} lies outside any picture of "
+            f"{path}: {names[axis]}, row {row + 1}: {pixels[row, axis]:g} lies outside any picture of "
             f"{calibration.width_px} x {calibration.height_px} pixels"
         )

@@ -1,5 +1,6 @@
 import json
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
@@ -85,6 +86,42 @@ def test_an_empty_pixel_is_a_missing_frame(tmp_path, camera, table):
     assert found["alpha_deg"][7] is None
 
 
+def test_a_datasets_labels_are_a_record(tmp_path, camera, table):
+    labels = {"frame": np.arange(120), "grab_u_px": table["u_px"], "grab_v_px": table["v_px"]}
+    labels |= {"rope_length_m": table["rope_length_m"], "time_s": pa.nulls(120, pa.float64())}
+    pa.parquet.write_table(pa.table(labels), tmp_path / "labels.parquet")
+    pa.parquet.write_table(pa.table(table), tmp_path / "swing.parquet")
+    for name in ("mean-ray", "rope-aware"):
+        one, other = (
+            json.loads(call(tmp_path / f, "--camera", camera, "--estimator", name, "--json", "--no-figure").stdout)
+            for f in ("labels.parquet", "swing.parquet")
+        )
+        assert one["beta_deg"] == other["beta_deg"]
+        assert one["alpha_deg"] == other["alpha_deg"]
+        assert one["intervals"][1]["note"] == "no times were given"
+
+
+@pytest.mark.parametrize(
+    ("name", "rope"), [(n, r) for n, kind in ESTIMATORS.items() for r in (True, False) if r or not kind.needs_rope]
+)
+@pytest.mark.parametrize("offset", [0.0, 0.02, 0.6])  # on 20 m: 0, 0.06 and 1.7 deg
+def test_an_offset_that_passes_for_tilt_is_warned_of(name, rope, offset, tmp_path, table):
+    msgspec.structs.replace(CAMERA, offset_m=(0.0, offset, -0.3)).save(tmp_path / "camera.toml")
+    knows = ESTIMATORS[name].needs_rope
+    file = write(tmp_path / "swing.csv", table if rope else without("rope_length_m")(table))
+    result = call(file, "--camera", tmp_path / "camera.toml", "--estimator", name, "--json", "--no-figure")
+    warned = not knows and (offset > 0.1 if rope else offset > 0)
+    warnings = json.loads(result.stdout)["warnings"]
+    assert len(warnings) == warned
+    assert result.stderr.count("warning: ") == warned
+    if warned:
+        assert f"{offset:.2f} m" in warnings[0]
+        assert name in warnings[0]
+        assert "rope-aware" in warnings[0]
+        assert "\n" not in warnings[0]
+        assert ("1.7 deg" in warnings[0]) == rope
+
+
 def changed(column, row, value):
     def change(table):
         table[column] = [value if i == row else cell for i, cell in enumerate(table[column])]
@@ -107,6 +144,21 @@ def scaled(factor):
 
 BAD = {
     "no v": ("mean-ray", without("v_px"), r"column v_px is missing; there are: u_px, rope_length_m, time_s"),
+    "both pairs": (
+        "mean-ray",
+        lambda table: table | {"grab_u_px": table["u_px"], "grab_v_px": table["v_px"]},
+        r"columns u_px, v_px and grab_u_px, grab_v_px are both there; keep one pair",
+    ),
+    "a mixed pair": (
+        "mean-ray",
+        lambda table: without("v_px")(table) | {"grab_v_px": table["v_px"]},
+        r"columns u_px and grab_v_px are both there",
+    ),
+    "half of the labels' pair": (
+        "mean-ray",
+        lambda table: {"grab_u_px": table["u_px"], "time_s": table["time_s"]},
+        r"column grab_v_px is missing; there are: grab_u_px, time_s",
+    ),
     "no rope": ("rope-aware", without("rope_length_m"), r"column rope_length_m is missing"),
     "no time": ("pendulum-smoother", without("time_s"), r"column time_s is missing"),
     "fractions": ("mean-ray", scaled(1 / 1920), r"pixels are needed, not fractions"),

@@ -14,7 +14,7 @@ from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
-from simgrab.instrument.estimate.frames import Frames, check_record, groups, tangent_basis
+from simgrab.instrument.estimate.frames import Frames, check_record, groups, stretches, tangent_basis
 from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.records import Estimate, Estimates, Intervals
 
@@ -166,18 +166,18 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
     beta = np.where(ok, found.beta, np.nan)
     azimuth = np.where(ok, found.azimuth, np.nan)
     swing = tangent_basis(beta, azimuth) @ frames.rays if found.swing is None else found.swing
-    sine = np.hypot(swing[:, 0], swing[:, 1])
+    sine = np.sqrt(swing[:, 0] * swing[:, 0] + swing[:, 1] * swing[:, 1])
     alpha = np.arctan2(sine, swing[:, 2])
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, 0.0)
     sigma2 = frames.mean(alpha**2)
-    unit = swing[:, :2] / np.maximum(sine, 1e-300)[:, None]  # direction of the swing along and across the tilt
+    unit = swing[:, :2] * (1 / np.maximum(sine, 1e-300))[:, None]  # direction of the swing along and across the tilt
     influence = np.concatenate([found.influence, _of_sigma2(frames, found, alpha, unit, sigma2)], axis=1)
     sigma = np.sqrt(sigma2)
     # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
     bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
 
-    def made(kind: str, covariance: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
+    def made(kind: str, covariance: Array, skewness: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
         q = iv.student(settings.level, degrees)
         covariance = covariance if found.known is None else covariance + found.known
         cov = covariance[:, :-1, :-1]
@@ -189,13 +189,14 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
                 iv.radial(beta, (high / q) ** 2, cov[:, 1, 1], q),
             )
             of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
-        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], q)
+        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
         of_alpha = _of_alpha(frames, found, alpha, unit, cov, q, pixel_sd**2)
         for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
             ends[bare] = np.nan
         return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note)
 
-    kinds = [made("iid", iv.iid_covariance(influence, frames.count), frames.count - 1, None, "")]
+    covariance, skewness = iv.iid_covariance(influence, frames.count), iv.skewness(influence[:, -1])
+    kinds = [made("iid", covariance, skewness, frames.count - 1, None, "")]
     kinds.append(_by_blocks(frames, influence, settings, made))
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, np.nan)
@@ -220,18 +221,25 @@ def _of_sigma2(frames: Frames, found: Solution, alpha: Array, unit: Array, sigma
 def _of_alpha(
     frames: Frames, found: Solution, alpha: Array, unit: Array, cov: Array, quantile: Array, noise: float
 ) -> Array:
-    c, lever = cov[..., None], found.lever
-    if lever is None:
-        along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
-    else:
-        along = c[:, 0, 0] + lever * (2 * c[:, 0, 2] + lever * c[:, 2, 2])
-        across = c[:, 1, 1] + lever * (2 * c[:, 1, 3] + lever * c[:, 3, 3])
-        mixed = c[:, 0, 1] + lever * (c[:, 0, 3] + c[:, 1, 2] + lever * c[:, 2, 3])
-    x, y = unit[:, 0], unit[:, 1]
-    radial = np.maximum((along - across) * (x * x) + across + 2 * mixed * (x * y), 0)
-    across = np.maximum(along + across - radial, 0) + noise
-    radial = radial + noise
-    ends = iv.radial(alpha, radial if found.radial is None else radial + found.radial, across, quantile[:, None])
+    """Interval of each α, shape (M, n, 2)."""
+    q, c = quantile[:, None], cov[..., None]
+    ends = np.empty((*alpha.shape, 2))
+    for some in stretches(alpha, 1 << 14):  # few enough to stay in cache over so many passes
+        x, y = unit[:, 0, some], unit[:, 1, some]
+        if found.lever is None:
+            along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
+        else:
+            lever = found.lever[:, some]
+            along = c[:, 0, 0] + lever * (2 * c[:, 0, 2] + lever * c[:, 2, 2])
+            across = c[:, 1, 1] + lever * (2 * c[:, 1, 3] + lever * c[:, 3, 3])
+            mixed = c[:, 0, 1] + lever * (c[:, 0, 3] + c[:, 1, 2] + lever * c[:, 2, 3])
+        both = along + across
+        radial = np.maximum(across + ((along - across) * x + 2 * mixed * y) * x, 0)
+        across = np.maximum(both - radial, 0) + noise
+        radial = radial + noise
+        if found.radial is not None:
+            radial += found.radial[:, some]
+        ends[:, some] = iv.radial(alpha[:, some], radial, across, q)
     return ends if frames.present is None else np.where(frames.present[..., None], ends, np.nan)
 
 
@@ -242,7 +250,8 @@ def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, mad
     if blocks < settings.min_blocks:
         return Intervals("blocks", settings.level, None, None, None, blocks, iv.too_few(blocks, settings))
     covariance = iv.block_covariance(influence, frames.count, block, blocks)
-    result: Intervals = made("blocks", covariance, np.full(len(covariance), blocks - 1), blocks, "")
+    few = np.zeros(len(covariance))  # of so few blocks nothing is known about their skewness
+    result: Intervals = made("blocks", covariance, few, few + blocks - 1, blocks, "")
     return result
 
 

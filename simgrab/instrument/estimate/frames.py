@@ -17,7 +17,8 @@ from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
 from simgrab.geometry import Array, camera_rotation
 
-# Records are worked on in groups of about this many frames, which bounds the memory and keeps the arrays in cache.
+# Short records are worked on in groups of about this many frames, and what takes many passes over a long one goes by
+# stretches of as many: this bounds the memory and keeps the arrays in cache.
 FRAMES_AT_ONCE = 1 << 16
 
 
@@ -52,6 +53,15 @@ class Frames:
         present = self.present if values.ndim == 2 else self.present[:, None]
         count = self.count.reshape(-1, *[1] * (values.ndim - 2))
         return np.asarray((values * present).sum(axis=-1) / np.maximum(count, 1))
+
+    def median(self, values: Array) -> Array:
+        """Median over the frames present, shape (M, n) → (M,)."""
+        # A missing frame is put beyond all others. numpy.median takes eight times as long as the partition.
+        seen = values if self.present is None else np.where(self.present, values, np.inf)
+        k = self.count.astype(np.int64)
+        middle = np.stack([(k - 1) // 2, k // 2], axis=-1)
+        parted = np.partition(seen, np.unique(middle), axis=-1)
+        return np.asarray(np.take_along_axis(parted, middle, axis=-1).mean(axis=-1))
 
     def rows(self, keep: NDArray[np.bool_]) -> Frames:
         """Keep some of the records."""
@@ -119,17 +129,32 @@ def groups(pixels: Array, rope: Array | None, time: Array | None, calibration: C
         yield _frames(pixels[some], None if rope is None else rope[some], time, calibration)
 
 
+def stretches(values: Array, frames: int = FRAMES_AT_ONCE) -> Iterator[slice]:
+    """Slices of the last axis of an array (M, ..., n), of about so many frames of the M records together."""
+    n = values.shape[-1]
+    step = max(frames // len(values), 1)
+    for first in range(0, n, step):
+        yield slice(first, first + step)
+
+
 def _frames(pixels: Array, rope: Array | None, time: Array | None, calibration: Calibration) -> Frames:
     camera = calibration.intrinsics
-    xy = camera.distortion.remove((pixels - (camera.cx_px, camera.cy_px)) / camera.f_px)
-    turn = mount_from_camera(calibration)
-    x, y = xy[..., 0], xy[..., 1]
-    m, n = x.shape
+    m, n = pixels.shape[:2]
+    xy = np.empty((m, 2, n))
+    np.subtract(pixels.swapaxes(1, 2), np.array([[camera.cx_px], [camera.cy_px]]), out=xy)
+    xy /= camera.f_px
+    if not camera.distortion.is_null:
+        xy = camera.distortion.remove(xy.swapaxes(1, 2)).swapaxes(1, 2)
     rays = np.empty((m, 3, n))
-    rays[:, 2] = -1 / np.sqrt(1 + x * x + y * y)
-    rays[:, 0] = -(turn[0, 0] * x + turn[0, 1] * y) * rays[:, 2]
-    rays[:, 1] = -(turn[1, 0] * x + turn[1, 1] * y) * rays[:, 2]
-    present = np.isfinite(rays[:, 2]) & (rays[:, 2] != 0)
+    np.matmul(mount_from_camera(calibration)[:2, :2], xy, out=rays[:, :2])
+    length = xy[:, 0] * xy[:, 0]
+    length += xy[:, 1] * xy[:, 1]
+    length += 1
+    np.sqrt(length, out=length)
+    np.divide(-1, length, out=rays[:, 2])
+    rays[:, 0] /= length
+    rays[:, 1] /= length
+    present = np.isfinite(length)
     if present.all():
         return Frames(rays, None, np.full(m, float(n)), rope, time)
     rays = np.where(present[:, None], rays, 0.0)

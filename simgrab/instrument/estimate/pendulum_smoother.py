@@ -100,15 +100,15 @@ class PendulumSmoother(Estimator):
         seen = np.ones(frames.time.shape, bool) if frames.present is None else frames.present[0]
         ray = frames.rays[0]
         place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
-        down, offset, _, _, sums = RopeAware().fit(frames, calibration)
-        beta, azimuth = tilt_of(down[0])
+        rough = RopeAware().fit(frames, calibration)
+        beta, azimuth = tilt_of(rough.down[0])
         mean = np.array([0.0, 0.0, *calibration.offset_m, self.damping, 0.0])
         sd = np.array(
             [self.tilt_sd] * 2 + [max(calibration.offset_sd_m, 1e-4)] * 3 + [self.damping_sd, self.stiffness_sd]
         )
         priors = Priors(mean, sd, self.degrees, self.memory_s, self.node_s, self.cut_s)
-        start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *offset[0], self.damping, 0.0])
-        swing = sums.swing[0, :2].T
+        start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *rough.offset[0], self.damping, 0.0])
+        swing = rough.swing[0].T
         try:
             nodes, found = self._fit(frames.time, frames.rope_length[0], place, seen, swing, start, priors, calibration)
         except np.linalg.LinAlgError:
@@ -192,7 +192,7 @@ class PendulumSmoother(Estimator):
             return Intervals("blocks", level, None, None, None, blocks, iv.too_few(blocks, settings))
         influence = (alpha**2 - sigma[:, None] ** 2)[:, None]
         variance = iv.block_covariance(influence, np.full(len(sigma), float(len(block))), block, blocks)[:, 0, 0]
-        ends = iv.of_scale(sigma, variance, np.full(len(sigma), iv.student(level, blocks - 1)))
+        ends = iv.of_scale(sigma, variance, np.zeros(len(sigma)), np.full(len(sigma), iv.student(level, blocks - 1)))
         return Intervals(
             "blocks", level, None, ends, None, blocks, "of sigma alone; for beta and alpha see the posterior"
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simgrab.calibration import Calibration
 from simgrab.geometry import Array, lean
 from simgrab.instrument.estimate.contract import Estimator, Solution
-from simgrab.instrument.estimate.frames import Frames, tilt_of
+from simgrab.instrument.estimate.frames import Frames, stretches, tilt_of
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class RopeAware(Estimator):
         Swings beyond so many times their typical size per axis (from the median) keep their direction and lose their
         weight.
     tolerance : float
-        Step at which the iteration ends, rad.
+        The iteration ends when its next step would be shorter, rad.
     max_iterations : int
 
     Notes
@@ -42,113 +42,192 @@ class RopeAware(Estimator):
     needs_rope: ClassVar[bool] = True
 
     huber: float = 2.0
-    tolerance: float = 1e-9
+    tolerance: float = 1e-8
     max_iterations: int = 50
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
-        nominal, precision = _prior(calibration)
-        down, offset, step, iterations, sums = self.fit(frames, calibration)
-        beta, azimuth = tilt_of(down)
+        _, precision = _prior(calibration)
+        fit = self.fit(frames, calibration)
+        beta, azimuth = tilt_of(fit.down)
+        sums, lever = fit.sums, fit.lever
+        known = sums.of_prior(precision) + _of_height(frames, fit, calibration)
         along = _along(azimuth)
-        influence, known = sums.influence(precision)
-        higher = _Sums(frames, down, offset + (0.0, 0.0, calibration.offset_sd_m), self.huber, (sums.scale, sums.unit))
-        known += _of_height(sums, higher, offset - nominal, precision)
         turned = np.zeros((len(beta), 5, 5))
         turned[:, :2, :2] = turned[:, 2:4, 2:4] = along
         turned[:, 4, 4] = 1
+        square = _squares(fit.swing)
+        swing = np.empty((len(beta), 3, square.shape[-1]))
+        np.matmul(along, fit.swing, out=swing[:, :2])
+        np.sqrt(np.maximum(1 - square, 0), out=swing[:, 2])
         return Solution(
-            reason=[self._why(s, bool(np.isfinite(b))) for s, b in zip(step, beta, strict=True)],
+            reason=[self._why(e, bool(np.isfinite(b))) for e, b in zip(fit.error, beta, strict=True)],
             beta=beta,
             azimuth=azimuth,
-            influence=turned[:, :4, :4] @ influence,
-            swing=np.concatenate([along @ sums.swing[:, :2], -sums.swing[:, 2:]], axis=1),
-            lever=sums.lever,
+            influence=_influence(frames, fit, swing[:, :2], precision),
+            swing=swing,
+            lever=lever,
             known=turned @ known @ turned.swapaxes(1, 2),
-            radial=(calibration.offset_sd_m * sums.size * sums.lever) ** 2,
-            offset=offset,
-            diagnostics={"iterations": iterations, "offset_sd_m": sums.offset_sd(precision)},
+            radial=square * (calibration.offset_sd_m * lever) ** 2,
+            offset=fit.offset,
+            diagnostics={"iterations": fit.iterations, "offset_sd_m": sums.offset_sd(precision)},
         )
 
-    def fit(self, frames: Frames, calibration: Calibration) -> tuple[Array, Array, Array, NDArray[np.int64], _Sums]:
-        """Gravity in the mount frame (M, 3), offset (M, 3), last step (M,), iterations (M,), and the sums there."""
+    def fit(self, frames: Frames, calibration: Calibration) -> Fit:
+        """Alternate between the swings under the present tilt and offset, and the step that centres them."""
         assert frames.rope_length is not None
         nominal, precision = _prior(calibration)
-        m = len(frames.rays)
-        shortest = frames.rope_length.min(axis=-1)
+        lever = 1 / frames.rope_length
+        longest = lever.max(axis=-1)
         down = frames.mean(frames.rays)
-        offset = np.tile(nominal, (m, 1))
-        iterations, fixed = np.zeros(m, np.int64), None
+        offset = np.tile(nominal, (len(down), 1))
+        unit = None
+        live, last = np.ones(len(down), bool), np.zeros(len(down))
+        iterations = np.zeros(len(down), np.int64)
         for i in range(self.max_iterations):
-            sums = _Sums(frames, down, offset, self.huber, fixed)
-            fixed = (sums.scale, sums.unit) if i < 2 else fixed  # a moving loss never lets the fit come to rest
-            turn, shift = sums.step(offset - nominal, precision)
+            swing = swings(frames, lever, down, offset)
+            if i == 0:  # a moving loss would never let the fit come to rest
+                limit = self.huber * _typical(frames, swing)
+            sums = _Sums.of(frames, lever, swing, limit, unit)
+            unit = sums.unit
+            turn, shift = (live[:, None] * move for move in sums.step(offset - nominal, precision))
             down = _turned(down, turn)
             offset = offset + np.pad(shift, ((0, 0), (0, 1)))
-            step = np.maximum(np.abs(turn).max(axis=-1), np.abs(shift).max(axis=-1) / shortest)
-            iterations += step > self.tolerance
-            if i > 2 and not np.any(step > self.tolerance):  # NaN rows end too
+            step = np.maximum(np.abs(turn).max(axis=-1), np.abs(shift).max(axis=-1) * longest)
+            # Steps shrink by nearly a constant factor, which foretells the next; a thirtieth is the least relied on.
+            error = step * np.clip(step / np.maximum(last, 1e-300), 1 / 30, 1)
+            last, live = step, error > self.tolerance
+            iterations += live
+            if not live.any():  # NaN rows end too
                 break
-        return down, offset, step, iterations, sums
+        _move(swing, turn, shift, lever)
+        return Fit(down, offset, error, iterations, lever, swing, limit, sums)
 
-    def _why(self, step: float, finite: bool) -> str:
+    def _why(self, error: float, finite: bool) -> str:
         if not finite:
             return "no swing reaches the rays: the rope is shorter than the offset"
-        return "" if step <= self.tolerance else f"not converged in {self.max_iterations} iterations"
+        return "" if error <= self.tolerance else f"not converged in {self.max_iterations} iterations"
 
 
+@dataclass(frozen=True)
+class Fit:
+    """Where M fits came to rest.
+
+    Attributes
+    ----------
+    down : ndarray, shape (M, 3)
+        Gravity in the mount frame.
+    offset : ndarray, shape (M, 3)
+    error : ndarray, shape (M,)
+        Length of the step that would have come next, rad.
+    iterations : ndarray of int, shape (M,)
+    lever : ndarray, shape (M, n)
+        1/l.
+    swing : ndarray, shape (M, 2, n)
+        Horizontal part of the unit directions OA, jib frame.
+    limit : ndarray, shape (M,)
+        Swing beyond which Huber's loss is linear.
+    sums : _Sums
+    """
+
+    down: Array
+    offset: Array
+    error: Array
+    iterations: NDArray[np.int64]
+    lever: Array
+    swing: Array
+    limit: Array
+    sums: _Sums
+
+
+@dataclass(frozen=True)
 class _Sums:
-    """The swings under one tilt and offset, and the sums over frames that the next step and the sandwich need."""
+    """Sums over frames that the next step and the sandwich need.
 
-    def __init__(
-        self, frames: Frames, down: Array, offset: Array, huber: float, fixed: tuple[Array, Array] | None
-    ) -> None:
-        # In place where it can be: these passes over the frames are what the estimator costs.
-        self.frames, self.lever = frames, _lever(frames)
-        self.swing = swings(frames, down, offset)
-        self.size = size = np.sqrt(np.einsum("min,min->mn", self.swing[:, :2], self.swing[:, :2]))
-        self.scale = _typical(frames, size) if fixed is None else fixed[0]
-        limit = huber * self.scale[:, None]
-        weight = limit / np.maximum(size, limit)  # Huber's: 1 within the limit
-        if frames.present is not None:
-            weight *= frames.present
-        slope = weight * 0.5  # mean derivative of the two axes, which within the limit is 1
-        slope[size <= limit] *= 2
-        self.pull = self.swing[:, :2] * weight[:, None]
-        both = np.stack([np.ones_like(self.lever), self.lever], axis=1)
-        self.ones, self.k1 = (both @ slope[..., None])[..., 0].T
-        self.k2 = np.einsum("mn,mn,mn->m", slope, self.lever, self.lever)
-        # One frame's variance per axis, on the scale on which the prior is weighed against the frames.
-        unit = np.einsum("min,min->m", self.pull, self.pull) / (2 * np.maximum(self.ones, 1e-300))
-        self.unit = unit if fixed is None else fixed[1]
+    Attributes
+    ----------
+    slope : ndarray, shape (M, 3)
+        Of the loss' slope times 1, 1/l and 1/l².
+    pull : ndarray, shape (M, 2, 2)
+        Of the weighted swing in jib x and y, times 1 and 1/l.
+    unit : ndarray, shape (M,)
+        One frame's variance per axis, on the scale on which the prior is weighed against the frames.
+    """
+
+    slope: Array
+    pull: Array
+    unit: Array
+
+    @staticmethod
+    def of(frames: Frames, lever: Array, swing: Array, limit: Array, unit: Array | None) -> _Sums:
+        m = len(limit)
+        slope, pull, square = np.zeros((m, 3)), np.zeros((m, 2, 2)), np.zeros(m)
+        for some in stretches(swing):
+            xy, k = swing[:, :, some], lever[:, some]
+            weight, inside = _weight(frames, xy, limit, some)
+            pulls = xy * weight[:, None]
+            weight += inside  # mean derivative of the two axes: half the weight, and within the limit 1
+            slope += np.stack([weight.sum(axis=-1), np.vecdot(weight, k), np.vecdot(weight, k * k)], axis=-1) / 2
+            pull += np.stack([pulls.sum(axis=-1), np.vecdot(pulls, k[:, None])], axis=-1)
+            if unit is None:
+                square += np.vecdot(pulls, pulls).sum(axis=-1)
+        return _Sums(slope, pull, square / (2 * np.maximum(slope[:, 0], 1e-300)) if unit is None else unit)
 
     def step(self, away: Array, precision: float) -> tuple[Array, Array]:
         """By how much to turn the rays and shift the camera, horizontally in the jib frame; (M, 2) each."""
         prior = self.unit * precision
-        a, b, c = self.ones[:, None], self.k1[:, None], (self.k2 + prior)[:, None]
-        u = -self.pull.sum(axis=-1)
-        v = -(self.pull @ self.lever[..., None])[..., 0] - prior[:, None] * away[:, :2]
+        a, b, c = self.slope[:, :1], self.slope[:, 1:2], self.slope[:, 2:] + prior[:, None]
+        u = -self.pull[..., 0]
+        v = -self.pull[..., 1] - prior[:, None] * away[:, :2]
         det = a * c - b * b
         return (c * u - b * v) / det, (a * v - b * u) / det
 
-    def _inverse(self, precision: float) -> Array:
-        c = self.k2 + self.unit * precision
-        det = self.ones * c - self.k1**2
-        return np.stack([c, -self.k1, -self.k1, self.ones], -1).reshape(-1, 2, 2) / det[:, None, None]
+    def inverse(self, precision: float) -> Array:
+        """Inverse (M, 2, 2) of what the step was divided by."""
+        a, b, c = self.slope[:, 0], self.slope[:, 1], self.slope[:, 2] + self.unit * precision
+        return np.stack([c, -b, -b, a], -1).reshape(-1, 2, 2) / (a * c - b * b)[:, None, None]
 
-    def influence(self, precision: float) -> tuple[Array, Array]:
-        """Influence (M, 4, n) on gravity and minus offset, jib x and y; covariance (M, 5, 5), with σ̂², of the prior."""
-        n = self.frames.count[:, None, None]
-        inverse = self._inverse(precision)
-        of_turn = n * (inverse[:, 0, 0, None] + inverse[:, 0, 1, None] * self.lever)[:, None] * self.pull
-        of_shift = n * (inverse[:, 1, 0, None] + inverse[:, 1, 1, None] * self.lever)[:, None] * self.pull
-        shares = inverse[:, :, 1] * (self.unit * np.sqrt(precision))[:, None]
+    def of_prior(self, precision: float) -> Array:
+        """Covariance (M, 5, 5) of gravity and minus offset, jib x and y, and σ̂², that comes from the prior."""
+        shares = self.inverse(precision)[:, :, 1] * (self.unit * np.sqrt(precision))[:, None]
         known = np.zeros((len(shares), 5, 5))
         known[:, :4, :4] = np.einsum("mi,mj,ab->miajb", shares, shares, np.eye(2)).reshape(-1, 4, 4)
-        return np.concatenate([of_turn, of_shift], axis=1), known
+        return known
 
     def offset_sd(self, precision: float) -> Array:
         """Give the standard deviation (M,) of the offset per axis, m, once the frames are known."""
-        return np.sqrt(self.unit * self._inverse(precision)[:, 1, 1])
+        return np.sqrt(self.unit * self.inverse(precision)[:, 1, 1])
+
+
+def _squares(swing: Array) -> Array:
+    """Square of the horizontal part of swings (M, 2, n), shape (M, n)."""
+    result = swing[:, 0] * swing[:, 0]
+    result += swing[:, 1] * swing[:, 1]
+    return result
+
+
+def _weight(frames: Frames, xy: Array, limit: Array, some: slice) -> tuple[Array, NDArray[np.bool_]]:
+    """Huber's weight of swings (M, 2, k), and whether they lie within the limit; (M, k) each."""
+    size = _squares(xy)
+    np.sqrt(size, out=size)
+    inside = size <= limit[:, None]
+    weight = np.divide(limit[:, None], np.maximum(size, limit[:, None], out=size), out=size)
+    if frames.present is not None:
+        weight *= frames.present[:, some]
+        inside &= frames.present[:, some]
+    return weight, inside
+
+
+def _influence(frames: Frames, fit: Fit, swing: Array, precision: float) -> Array:
+    """Influence (M, 4, n) on gravity and minus offset, in the axes in which ``swing`` (M, 2, n) is given."""
+    inverse = frames.count[:, None, None] * fit.sums.inverse(precision)
+    result = np.empty((len(swing), 2, 2, swing.shape[-1]))
+    for some in stretches(swing):
+        xy = swing[:, :, some]
+        pull = xy * _weight(frames, xy, fit.limit, some)[0][:, None]
+        for i in range(2):
+            share = inverse[:, i, 1, None] * fit.lever[:, some] + inverse[:, i, 0, None]
+            np.multiply(pull, share[:, None], out=result[:, i, :, some])
+    return result.reshape(len(swing), 4, -1)
 
 
 def _prior(calibration: Calibration) -> tuple[Array, float]:
@@ -156,37 +235,50 @@ def _prior(calibration: Calibration) -> tuple[Array, float]:
     return np.asarray(calibration.offset_m, float), 1 / max(calibration.offset_sd_m, 1e-6) ** 2
 
 
-def _of_height(sums: _Sums, other: _Sums, away: Array, precision: float) -> Array:
-    """Covariance (M, 5, 5), as above, of the offset's height, of which ``other`` has a standard deviation more."""
-    turn, shift = other.step(away, precision)
-    moved = other.swing[:, :2] + turn[..., None] + shift[..., None] * sums.lever[:, None]
-    grown = sums.frames.mean(np.sum(moved**2, axis=1) - sums.size**2)
+def _of_height(frames: Frames, fit: Fit, calibration: Calibration) -> Array:
+    """Covariance (M, 5, 5), as above, of the offset's height, from the fit with the camera a deviation higher."""
+    nominal, precision = _prior(calibration)
+    moved = swings(frames, fit.lever, fit.down, fit.offset + (0.0, 0.0, calibration.offset_sd_m))
+    sums = _Sums.of(frames, fit.lever, moved, fit.limit, fit.sums.unit)
+    turn, shift = sums.step(fit.offset - nominal, precision)
+    _move(moved, turn, shift, fit.lever)
+    grown = frames.mean(_squares(moved)) - frames.mean(_squares(fit.swing))
     change = np.concatenate([-turn, -shift, grown[:, None]], axis=-1)
     return np.asarray(change[:, :, None] * change[:, None, :])
 
 
-def swings(frames: Frames, down: Array, offset: Array) -> Array:
-    """Find the unit directions OA, (M, 3, n), jib frame: where each ray meets the sphere of radius l about O."""
-    k = _lever(frames)
-    result = np.asarray(lean(*tilt_of(down)) @ frames.rays)
-    ahead = (offset[:, None] @ result)[:, 0]
-    ahead *= k
-    # From the camera to A over l: the root of |offset + λ·ray| = l, λ ahead.
-    way = k * k
-    way *= -np.sum(offset**2, axis=-1)[:, None]
-    way += 1
-    way += ahead * ahead
-    np.sqrt(way, out=way)
-    way -= ahead
-    result *= way[:, None]
-    for axis in range(3):
-        result[:, axis] += offset[:, axis, None] * k
-    return result
+def _move(swing: Array, turn: Array, shift: Array, lever: Array) -> None:
+    """Take a short step within swings (M, 2, n)."""
+    for axis in range(2):
+        swing[:, axis] += shift[:, axis, None] * lever
+        swing[:, axis] += turn[:, axis, None]
 
 
-def _lever(frames: Frames) -> Array:
-    assert frames.rope_length is not None
-    return 1 / frames.rope_length
+def swings(frames: Frames, lever: Array, down: Array, offset: Array) -> Array:
+    """Find the horizontal part (M, 2, n) of the unit directions OA, jib frame.
+
+    A is where a ray meets the sphere of radius l about O.
+    """
+    jib_from_mount = lean(*tilt_of(down))
+    turn = np.concatenate([jib_from_mount[:, :2], offset[:, None] @ jib_from_mount], axis=1)
+    square = np.sum(offset**2, axis=-1)[:, None]
+    result = np.empty((len(turn), 3, lever.shape[-1]))
+    for some in stretches(result):
+        k, of_some = lever[:, some], result[:, :, some]
+        np.matmul(turn, frames.rays[:, :, some], out=of_some)
+        ahead = of_some[:, 2]
+        ahead *= k
+        # From the camera to A over l: the root of |offset + λ·ray| = l, λ ahead.
+        way = k * k
+        way *= -square
+        way += 1
+        way += ahead * ahead
+        np.sqrt(way, out=way)
+        way -= ahead
+        for axis in range(2):
+            of_some[:, axis] *= way
+            of_some[:, axis] += np.multiply(k, offset[:, axis, None], out=ahead)
+    return result[:, :2]
 
 
 def _turned(down: Array, turn: Array) -> Array:
@@ -202,8 +294,6 @@ def _along(azimuth: Array) -> Array:
     return np.stack([-c, -s, s, -c], axis=-1).reshape(-1, 2, 2)
 
 
-def _typical(frames: Frames, size: Array) -> Array:
+def _typical(frames: Frames, swing: Array) -> Array:
     """Size of the swings per axis, from their median, which under Rayleigh's law is √(2 ln 2) of it."""
-    seen = size if frames.present is None else np.where(frames.present, size, np.nan)
-    middle = np.median(seen, axis=-1) if frames.present is None else np.nanmedian(seen, axis=-1)
-    return np.asarray(np.maximum(middle, 1e-12) / np.sqrt(2 * np.log(2)))
+    return np.asarray(np.maximum(frames.median(np.sqrt(_squares(swing))), 1e-12) / np.sqrt(2 * np.log(2)))
