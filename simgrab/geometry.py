@@ -39,8 +39,16 @@ def rotation_y(angle: ArrayLike) -> Array:
 
 
 def lean(angle: ArrayLike, azimuth: ArrayLike) -> Array:
-    """Lean the downward vertical by ``angle`` towards ``azimuth`` φ: Rz(φ)·Ry(−angle)·Rz(−φ)."""
-    return rotation_z(azimuth) @ rotation_y(-np.asarray(angle, float)) @ rotation_z(-np.asarray(azimuth, float))
+    """Lean the downward vertical by ``angle`` towards ``azimuth`` φ: Rz(φ)·Ry(−angle)·Rz(−φ), shape (..., 3, 3)."""
+    a, p = np.broadcast_arrays(np.asarray(angle, float), np.asarray(azimuth, float))
+    s, v = np.sin(a), 2 * np.sin(a / 2) ** 2  # v = 1 − cos
+    x, y = np.cos(p), np.sin(p)
+    result = np.empty((*a.shape, 3, 3))
+    result[..., 0, 0], result[..., 1, 1], result[..., 2, 2] = 1 - v * x * x, 1 - v * y * y, 1 - v
+    result[..., 0, 1] = result[..., 1, 0] = -v * x * y
+    result[..., 2, 0], result[..., 2, 1] = s * x, s * y
+    result[..., 0, 2], result[..., 1, 2] = -s * x, -s * y
+    return result
 
 
 def camera_rotation(beta: ArrayLike, azimuth: ArrayLike, roll: ArrayLike) -> Array:
