@@ -2,11 +2,13 @@
 
 scripts/bench.py render [--pairs 30] [--memory-frames 2000]
 scripts/bench.py estimate
+scripts/bench.py motion
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import resource
 import sys
 import tempfile
@@ -21,6 +23,7 @@ from simgrab.scenario import Scenario
 from simgrab.world.folder import Folder
 from simgrab.world.frames import Studio
 from simgrab.world.manifest import identity
+from simgrab.world.motion.timeline import Timeline
 
 
 def render(pairs: int, memory_frames: int) -> None:
@@ -107,6 +110,27 @@ def _resident_mb() -> float:
     return pages * resource.getpagesize() / 1e6
 
 
+def motion() -> None:
+    """Print how much faster than the world the physics runs on one core, and how memory grows with a clip's length."""
+    for name in ("free-swing", "work-cycles", "wind-only", "isotropic-forcing"):
+        scenario = scenes.load(name, {"frames": 10_000_000})
+        moments = iter(Timeline(scenario, 0))
+        for _ in itertools.islice(moments, 2000):  # the first blocks warm up
+            pass
+        began, clock, count = time.process_time(), next(moments).time, 2700
+        last = next(itertools.islice(moments, count, None)).time
+        assert clock is not None
+        assert last is not None
+        speed = (last - clock) / (time.process_time() - began)
+        print(f"{name:18s} {speed:5.0f} × real time (CPU seconds, one core)")
+    moments = iter(Timeline(scenes.load("work-cycles", {"frames": 10_000_000, "swing.wind.mean_m_s": 5.0}), 0))
+    for hours in (0.25, 1.0, 4.0):
+        for moment in moments:
+            if moment.time is not None and moment.time >= 3600 * hours:
+                break
+        print(f"resident memory after {hours:g} h of a clip: {_resident_mb():.1f} MB", flush=True)
+
+
 def main() -> None:
     """Parse and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -115,9 +139,12 @@ def main() -> None:
     verb.add_argument("--pairs", type=int, default=30)
     verb.add_argument("--memory-frames", type=int, default=2000)
     verbs.add_parser("estimate")
+    verbs.add_parser("motion")
     chosen = parser.parse_args()
     if chosen.verb == "render":
         render(chosen.pairs, chosen.memory_frames)
+    elif chosen.verb == "motion":
+        motion()
     else:
         sys.path.insert(0, str(Path(__file__).parents[1]))
         from scripts.bench_estimate import estimate

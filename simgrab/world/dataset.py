@@ -133,7 +133,7 @@ def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
     tables = {
         "labels.parquet": export.parquet(rows, core),
         "data.yaml": export.yolo_yaml(),
-        "camera.toml": export.camera_toml(scenario),
+        "camera.toml": export.calibration_of(scenario).to_toml().encode(),
         "preview.jpg": _preview(folder.path, rows),
         **{f"annotations/instances_{s}.json": export.coco(records, s, scenario) for s in export.SPLITS},
     }

@@ -112,15 +112,14 @@ def coco(records: Sequence[Record], split: str, scenario: Scenario) -> bytes:
     ).encode()
 
 
-def camera_toml(scenario: Scenario) -> bytes:
-    """Write out what an instrument gets to know of the camera: nominal values, never the tilt."""
+def calibration_of(scenario: Scenario) -> Calibration:
+    """Give what an instrument gets to know of the camera: nominal values, never the tilt."""
     camera, k = scenario.camera, scenario.camera.intrinsics
     d = k.distortion
-    calibration = Calibration(
+    return Calibration(
         width_px=k.width_px, height_px=k.height_px, focal_length_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px,
         k1=d.k1, k2=d.k2, p1=d.p1, p2=d.p2, k3=d.k3,
         offset_m=camera.offset_m, roll_deg=camera.roll_deg, offset_sd_m=0.05,
         display_constant_m=scenario.display.constant_m,
         digit_layout=scenario.display.layout_in(k.width_px, k.height_px),
     )  # fmt: skip
-    return calibration.to_toml().encode()

@@ -13,7 +13,7 @@ from simgrab import layouts, scenes
 from simgrab.layouts import CLOCK_PATTERN
 from simgrab.resources import ASSETS
 from simgrab.scenario import Display
-from simgrab.world.export import camera_toml
+from simgrab.world.export import calibration_of
 from simgrab.world.osd import Overlay, Shown, shown
 from simgrab.world.osd.clock import clock_text
 
@@ -255,7 +255,7 @@ def test_the_font_has_every_character_and_nothing_else():
 
 def test_the_camera_file_says_what_the_display_is():
     scenario = scenes.load("quay-day", {"display.layout": "four-point-four", "display.constant_m": 1.25})
-    known = tomllib.loads(camera_toml(scenario).decode())
+    known = tomllib.loads(calibration_of(scenario).to_toml())
     assert known["display_constant_m"] == 1.25
     assert known["digit_layout"]["hoist_px"][0] == [1536, 1004]
-    assert "digit_layout" not in tomllib.loads(camera_toml(scenes.load("quay-day")).decode())
+    assert "digit_layout" not in tomllib.loads(calibration_of(scenes.load("quay-day")).to_toml())
