@@ -333,8 +333,8 @@ class Clip(Strict, frozen=True):
     camera takes frame k of a clip at k / ``frame_rate_hz``. A share ``drop_share`` of the frames is lost and leaves a
     gap. Of the others a share ``repeat_share`` comes too late to be coded: the picture last sent is sent again in its
     place. ``jitter_ms`` is the standard deviation of the time stamps, of which none overtakes the one before. The first
-    frame of a clip is always sent, at time 0. ``bit_rate_mbit_s`` holds over two seconds; every ``gop_frames`` frames
-    sent begin with a key frame.
+    frame of a clip is always sent, at time 0. ``bit_rate_mbit_s`` is kept but for a buffer of two seconds; every
+    ``gop_frames`` pictures begin with a key frame.
     """
 
     frame_rate_hz: Annotated[float, Meta(ge=0.01, le=120)] = 9.0

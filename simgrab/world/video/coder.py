@@ -19,7 +19,7 @@ from simgrab.scenario import Camera, Clip
 
 # A camera's coder looks at no frame ahead and has no B-frames. One thread: x264 codes differently with more.
 X264 = {"preset": "veryfast", "tune": "zerolatency", "sc_threshold": "0", "threads": "1"}
-BUFFER_S = 2.0  # over which the bit rate holds
+BUFFER_S = 2.0  # of the bit rate, by which what was sent may run ahead
 BUFFER_FRAMES = 2  # but at least so many, at slow frame rates
 MOST_BUFFER_BITS = 2**31 - 1  # FFmpeg's
 
