@@ -40,18 +40,18 @@ def command(
     from simgrab.world.dataset import Summary, render
     from simgrab.world.video.render import VideoSummary, render_video
 
-    with _bar(scenario.frames, shown=not (quiet or as_json)) as progress:
-        try:
-            summary: Summary | VideoSummary
+    summary: Summary | VideoSummary
+    try:
+        with _bar(scenario.frames, shown=not (quiet or as_json)) as progress:
             if out is not None:
                 summary = render(scenario, out, video=video, workers=workers, resume=resume, progress=progress)
             else:
                 assert video is not None
                 summary = render_video(scenario, video, workers=workers, resume=resume, progress=progress)
-        except KeyboardInterrupt:
-            places = [f" --{name} {path}" for name, path in (("out", out), ("video", video)) if path is not None]
-            click.echo(f"simgrab: interrupted; go on with --resume{''.join(places)}", err=True)
-            sys.exit(130)
+    except KeyboardInterrupt:
+        places = [f" --{name} {path}" for name, path in (("out", out), ("video", video)) if path is not None]
+        click.echo(f"simgrab: interrupted; go on with --resume{''.join(places)}", err=True)
+        sys.exit(130)
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:

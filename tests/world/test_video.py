@@ -24,14 +24,12 @@ import simgrab
 from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.records import Truth
-from simgrab.scenario import Camera, Clip, Scenario
+from simgrab.scenario import Camera, Scenario
 from simgrab.world.dataset import render
 from simgrab.world.frames import Studio
-from simgrab.world.video.coder import Coder
 from simgrab.world.video.files import Reels
 from simgrab.world.video.film import Shot, film
 from simgrab.world.video.render import render_video
-from simgrab.world.video.transmission import slots
 
 ROUGH = {
     "frames": 24,
@@ -300,91 +298,6 @@ def test_others_stop_when_a_clip_fails(rough, tmp_path):
     with pytest.raises(DatasetError, match="cannot write"):
         render_video(scenario, tmp_path / "swing.mp4", workers=2, resume=True)
     assert time.monotonic() - begun < 30
-
-
-def plan(**clip):
-    frames = clip.pop("frames", 4000)
-    return list(slots(Scenario(frames=frames, clip=Clip(**clip)), 0, 90_000))
-
-
-def test_shares_and_jitter_are_what_was_set():
-    lost = [slot.pts is None for slot in plan(drop_share=0.1)]
-    late = [slot.repeated for slot in plan(repeat_share=0.3)]
-    assert abs(np.mean(lost) - 0.1) < 4 * np.sqrt(0.1 * 0.9 / 4000)
-    assert abs(np.mean(late) - 0.3) < 4 * np.sqrt(0.3 * 0.7 / 4000)
-    shaken = plan(jitter_ms=10.0)
-    delays_ms = np.array([slot.pts / 90 - slot.time_s * 1000 for slot in shaken[1:]])
-    assert abs(np.std(delays_ms) - 10) < 4 * 10 / np.sqrt(2 * 4000)
-    assert abs(np.mean(delays_ms)) < 4 * 10 / np.sqrt(4000)
-
-
-def test_what_befalls_one_frame_changes_no_other():
-    """A longer clip begins with the shorter, and one setting leaves the others' draws alone."""
-    both = plan(drop_share=0.2, repeat_share=0.2, jitter_ms=5.0)
-    assert plan(drop_share=0.2, repeat_share=0.2, jitter_ms=5.0, frames=100) == both[:100]
-    assert [s.pts is None for s in plan(drop_share=0.2)] == [s.pts is None for s in both]
-    late = [s.repeated for s in plan(repeat_share=0.2)]
-    assert all(a == b.repeated for a, b in zip(late, both, strict=True) if b.pts is not None)
-
-
-def test_time_never_runs_back():
-    """However strong the jitter; and every clip begins with a picture, at 0."""
-    for seed in range(20):
-        scenario = Scenario(seed=seed, frames=50, clip=Clip(drop_share=0.9, repeat_share=0.9, jitter_ms=1000.0))
-        first, *rest = slots(scenario, 0, 1000)
-        assert (first.pts, first.repeated) == (0, False)
-        times = [0, *(slot.pts for slot in rest if slot.pts is not None)]
-        assert all(a < b for a, b in pairwise(times))
-
-
-def test_clips_cut_the_frames_without_rest():
-    for frames, length in ((24, 10), (20, 10), (5, 10), (7, 0), (1, 1)):
-        clip = Clip(clip_frames=length)
-        spans = [clip.span(c, frames) for c in range(clip.count(frames))]
-        assert [frame for span in spans for frame in span] == list(range(frames))
-        assert all(clip.of(frame) == c for c, span in enumerate(spans) for frame in span)
-
-
-def code(path, pictures, **clip):
-    height, width = pictures[0].shape[:2]
-    settings = Clip(**clip)
-    with Coder(path, "mp4", 90_000, Camera(width_px=width, height_px=height), settings) as coder:
-        for index, picture in enumerate(pictures):
-            coder.send(picture, round(index * 90_000 / settings.frame_rate_hz))
-
-
-def test_colours_are_bt709(tmp_path):
-    """Y'CbCr of flat colours as ITU-R BT.709 has them; BT.601 would be 20 and more off."""
-    for name, rgb in (("red", (255, 0, 0)), ("green", (0, 255, 0)), ("paint", (219, 133, 18)), ("white", (255,) * 3)):
-        code(tmp_path / f"{name}.mp4", [np.full((64, 64, 3), rgb, np.uint8)])
-        r, g, b = np.array(rgb) / 255
-        y = 0.2126 * r + 0.7152 * g + 0.0722 * b
-        expected = 16 + 219 * y, 128 + 224 * (b - y) / 1.8556, 128 + 224 * (r - y) / 1.5748
-        with av.open(str(tmp_path / f"{name}.mp4")) as file:
-            frame = next(file.decode(video=0))
-            assert (frame.format.name, frame.colorspace, frame.color_range) == ("yuv420p", 1, 1)
-            found = [np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[16, 16] for plane in frame.planes]
-        assert found == pytest.approx(expected, abs=2)
-
-
-def test_bit_rate_and_key_frames_are_what_was_set(tmp_path):
-    noise = np.random.default_rng(0).integers(0, 256, (60, 128, 160, 3), dtype=np.uint8)
-    for rate in (0.5, 1.0):
-        code(tmp_path / f"{rate}.mp4", list(noise), bit_rate_mbit_s=rate, gop_frames=25)
-        with av.open(str(tmp_path / f"{rate}.mp4")) as file:
-            packets = [packet for packet in file.demux(video=0) if packet.size]
-        assert [i for i, packet in enumerate(packets) if packet.is_keyframe] == [0, 25, 50]
-        assert sum(p.size for p in packets) * 8e-6 / (60 / 9) == pytest.approx(rate, rel=0.15)
-
-
-def test_the_bit_rate_has_two_seconds_of_slack_and_no_more(tmp_path):
-    """Long stretches with nothing to send earn no credit for what comes after."""
-    noise = np.random.default_rng(0).integers(0, 256, (60, 128, 160, 3), dtype=np.uint8)
-    code(tmp_path / "a.mp4", [np.zeros_like(noise[0])] * 60 + list(noise), bit_rate_mbit_s=1.0)
-    with av.open(str(tmp_path / "a.mp4")) as file:
-        mbit = np.cumsum([0, *(packet.size * 8e-6 for packet in file.demux(video=0) if packet.size)])
-    for frames in (9, 18, 36, 60):
-        assert (mbit[frames:] - mbit[:-frames]).max() < frames / 9 + 2
 
 
 def test_memory_does_not_grow_with_the_clip(tmp_path):
