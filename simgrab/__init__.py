@@ -18,9 +18,15 @@ if TYPE_CHECKING:
     from simgrab.judge.audit import audit as audit
     from simgrab.scenes import load as load
     from simgrab.world.dataset import render as render
+    from simgrab.world.video.render import render_video as render_video
 
 # Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
-_HOME = {"load": "simgrab.scenes", "render": "simgrab.world.dataset", "audit": "simgrab.judge.audit"}
+_HOME = {
+    "load": "simgrab.scenes",
+    "render": "simgrab.world.dataset",
+    "render_video": "simgrab.world.video.render",
+    "audit": "simgrab.judge.audit",
+}
 __all__ = ["__version__", *_HOME]
 
 

@@ -334,17 +334,34 @@ class Image(Strict, frozen=True):
 class Clip(Strict, frozen=True):
     """Time and the video: how frames follow each other, and what coding and network do to them.
 
-    A dataset of ``frames`` frames is cut into clips of ``clip_frames``, each with a motion of its own; 0 makes it one.
-    Of each clip's frames a share is dropped on the way and a share sent twice; times of arrival jitter.
+    A scenario's ``frames`` are cut into clips of ``clip_frames``, each with a motion of its own; 0 makes it one. The
+    camera takes frame k of a clip at k / ``frame_rate_hz``. A share ``drop_share`` of the frames is lost and leaves a
+    gap. Of the others a share ``repeat_share`` comes too late to be coded: the picture last sent is sent again in its
+    place. ``jitter_ms`` is the standard deviation of the time stamps, of which none overtakes the one before. The first
+    frame of a clip is always sent, at time 0. ``bit_rate_mbit_s`` is kept but for a buffer of two seconds; every
+    ``gop_frames`` pictures begin with a key frame.
     """
 
-    frame_rate_hz: Annotated[float, Meta(gt=0, le=120)] = 9.0
+    frame_rate_hz: Annotated[float, Meta(ge=0.01, le=120)] = 9.0
     clip_frames: Annotated[int, Meta(ge=0)] = 0
     bit_rate_mbit_s: Annotated[float, Meta(gt=0, le=200)] = 4.0
     gop_frames: Annotated[int, Meta(ge=1, le=1000)] = 50
     drop_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
     repeat_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
     jitter_ms: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+
+    def count(self, frames: int) -> int:
+        """Return the number of clips that so many frames make."""
+        return math.ceil(frames / (self.clip_frames or frames))
+
+    def of(self, frame: int) -> int:
+        """Return the clip that a frame is of."""
+        return frame // self.clip_frames if self.clip_frames else 0
+
+    def span(self, clip: int, frames: int) -> range:
+        """Frames of one clip, in order; the last clip may be shorter."""
+        length = self.clip_frames or frames
+        return range(clip * length, min((clip + 1) * length, frames))
 
 
 class Display(Strict, frozen=True):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -17,21 +19,52 @@ from simgrab.cli._scene import load_scene, scene_options
 
 @click.command(name="render")
 @scene_options
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the dataset.  [default: runs/SCENE]")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the dataset.  [default: runs/SCENE, or none]")
+@click.option("--video", type=click.Path(path_type=Path), help="A video, .mp4 or .mkv; without --out, nothing else.")
 @click.option("--workers", default=1, show_default=True, help="Processes that draw.")
 @click.option("--resume", is_flag=True, help="Go on with an unfinished dataset.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def command(
     scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None,
-    assignments: tuple[str, ...], out: Path | None, workers: int, resume: bool, as_json: bool, quiet: bool,
+    assignments: tuple[str, ...], out: Path | None, video: Path | None, workers: int, resume: bool, as_json: bool,
+    quiet: bool,
 ) -> None:  # fmt: skip
-    """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) into a dataset of labelled frames."""
-    scenario = load_scene(scene, assignments, beta=beta, sigma=sigma, frames=frames, seed=seed)
-    out = out or Path("runs") / scenario.name
-    from simgrab.world.dataset import render
+    """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) into a dataset of labelled frames.
 
-    console = Console(stderr=True, quiet=quiet or as_json)
+    With --video, into a video with its truth table beside it; with --out as well, into both.
+    """
+    scenario = load_scene(scene, assignments, beta=beta, sigma=sigma, frames=frames, seed=seed)
+    if video is None:
+        out = out or Path("runs") / scenario.name
+    from simgrab.world.dataset import Summary, render
+    from simgrab.world.video.render import VideoSummary, render_video
+
+    summary: Summary | VideoSummary
+    try:
+        with _bar(scenario.frames, shown=not (quiet or as_json)) as progress:
+            if out is not None:
+                summary = render(scenario, out, video=video, workers=workers, resume=resume, progress=progress)
+            else:
+                assert video is not None
+                summary = render_video(scenario, video, workers=workers, resume=resume, progress=progress)
+    except KeyboardInterrupt:
+        places = [f" --{name} {path}" for name, path in (("out", out), ("video", video)) if path is not None]
+        click.echo(f"simgrab: interrupted; go on with --resume{''.join(places)}", err=True)
+        sys.exit(130)
+    if as_json:
+        click.echo(json.dumps(dataclasses.asdict(summary), default=str))
+    elif not quiet:
+        Console().print(_table(dataclasses.asdict(summary)))
+        if out is not None:
+            click.echo(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}")
+        if video is not None:
+            click.echo(f"beside each video of {video} lies its truth table, .parquet")
+
+
+@contextmanager
+def _bar(frames: int, *, shown: bool) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar; gives what takes frames done and frames in all."""
     columns = (
         TextColumn("drawing"),
         BarColumn(),
@@ -39,30 +72,21 @@ def command(
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=scenario.frames, rate="")
+    with Progress(*columns, console=Console(stderr=True, quiet=not shown)) as bar:
+        task = bar.add_task("", total=frames, rate="")
 
         def progress(done: int, total: int) -> None:
             speed = bar.tasks[0].speed
             bar.update(task, completed=done, total=total, rate=f"{speed:.1f} frames/s" if speed else "")
 
-        try:
-            summary = render(scenario, out, workers=workers, resume=resume, progress=progress)
-        except KeyboardInterrupt:
-            bar.stop()
-            click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
-            sys.exit(130)
-    if as_json:
-        click.echo(json.dumps(dataclasses.asdict(summary), default=str))
-    elif not quiet:
-        Console().print(_table(dataclasses.asdict(summary)))
-        click.echo(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}")
+        yield progress
 
 
 def _table(summary: dict[str, object]) -> Table:
     table = Table(show_header=False)
     for key, value in summary.items():
-        table.add_row(key.replace("_", " "), _text(value))
+        if value is not None:
+            table.add_row(key.replace("_", " "), _text(value))
     return table
 
 

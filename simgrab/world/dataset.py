@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -15,11 +18,14 @@ from numpy.typing import NDArray
 from simgrab.errors import DatasetError
 from simgrab.records import Truth
 from simgrab.scenario import Scenario
-from simgrab.world import export, frames, manifest, model, preview
+from simgrab.world import crew, export, frames, manifest, model, preview
+from simgrab.world.crew import Progress, Tick
 from simgrab.world.folder import MANIFEST, Folder, writing
+from simgrab.world.frames import Studio
 from simgrab.world.gl import Fingerprint
-
-Progress = Callable[[int, int], None]
+from simgrab.world.model import World
+from simgrab.world.video.files import Reels
+from simgrab.world.video.render import Filming, VideoSummary, render_video
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,8 @@ class Summary:
     rope_length_m : tuple of 2 floats
         Shortest and longest.
     fingerprint : str
+    video : VideoSummary or None
+        Where there is one beside the dataset.
     """
 
     path: Path
@@ -52,12 +60,14 @@ class Summary:
     beta_deg: float
     rope_length_m: tuple[float, float]
     fingerprint: str
+    video: VideoSummary | None = None
 
 
 def render(
     scenario: Scenario,
     out: str | Path,
     *,
+    video: str | Path | None = None,
     workers: int = 1,
     resume: bool = False,
     progress: Progress | None = None,
@@ -72,8 +82,10 @@ def render(
         See `simgrab.scenes.load`.
     out : str or Path
         New or empty folder; with ``resume`` also one that an interrupted run of the same scenario left.
+    video : str or Path, optional
+        Makes a video of the same frames as well, each drawn once; see `simgrab.world.video.render.render_video`.
     workers : int
-        Processes that draw.
+        Processes that draw; with a video, each draws a clip at a time.
     resume : bool
         Go on with an unfinished dataset.
     progress : callable, optional
@@ -92,33 +104,70 @@ def render(
     RendererError
         If there is no offscreen OpenGL.
     """
-    if workers < 1:
-        raise DatasetError(f"workers must be 1 or more, got {workers}")
-    folder = Folder(Path(out))
-    world = model.build(scenario)
+    crew.check(workers)
+    folder, world = Folder(Path(out)), model.build(scenario)
     frames.check(scenario, world)
-    if not folder.open(manifest.identity(scenario), resume=resume):
-        return _summary(folder.path, scenario, 0)
-    with folder.lock():
-        done = folder.done()
-        drawn_by = folder.record(min(done)).drawn_by if done else None
-        missing = [frame for frame in range(scenario.frames) if frame not in done]
-        if progress:
-            progress(len(done), scenario.frames)
-        made = frames.make_all(scenario, world, missing, workers, folder.store)
-        for count, fingerprint in enumerate(made, len(done) + 1):
-            drawn_by = drawn_by or fingerprint
-            if fingerprint != drawn_by:
-                raise DatasetError(
-                    f"{folder.path} was begun with {drawn_by.renderer}, MuJoCo {drawn_by.mujoco}; this is "
-                    f"{fingerprint.renderer}, MuJoCo {fingerprint.mujoco}: choose another --out"
-                )
-            if progress:
-                progress(count, scenario.frames)
-        assert drawn_by is not None
-        with writing(folder.path):
-            _finish(folder, scenario, drawn_by)
-    return _summary(folder.path, scenario, len(missing))
+    reels = Reels(scenario, Path(video)) if video is not None else None
+    clips = reels.unfinished(resume=resume) if reels else []
+    made = 0
+    if folder.open(manifest.identity(scenario), resume=resume):
+        with folder.lock(), reels.claim() if reels and clips else nullcontext():
+            done = folder.done()
+            missing = [frame for frame in range(scenario.frames) if frame not in done]
+            if reels and clips:
+                drawn = _film(reels, clips, folder, world, missing, workers, progress)
+            else:
+                report = crew.report(progress, len(done), scenario.frames)
+                store = functools.partial(_store, folder)
+                drawn = crew.share(scenario, world, missing, store, workers=workers, progress=report)
+            drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
+            with writing(folder.path):
+                _finish(folder, scenario, drawn_by)
+        made = len(missing)
+    if reels is None:
+        return _summary(folder.path, scenario, made)
+    # Makes the video where only that remains; else finds it finished.
+    filmed = render_video(scenario, reels.path, workers=workers, resume=True, progress=progress)
+    return replace(_summary(folder.path, scenario, made), video=replace(filmed, made=len(clips)))
+
+
+def _store(folder: Folder, studio: Studio, frame: int, tick: Tick) -> Fingerprint:
+    made = studio.make(frame)
+    folder.store(made)
+    tick()
+    return made.record.drawn_by
+
+
+def _film(
+    reels: Reels,
+    unfinished: Sequence[int],
+    folder: Folder,
+    world: World,
+    missing: Sequence[int],
+    workers: int,
+    progress: Progress | None,
+) -> Iterator[Fingerprint]:
+    """Film unfinished clips and store missing frames, each drawn once."""
+    scenario, clip = reels.scenario, reels.scenario.clip
+    filmed = set(unfinished)
+    clips = sorted(filmed.union(map(clip.of, missing)))
+    left = sum(len(clip.span(c, scenario.frames)) for c in unfinished)
+    left += sum(clip.of(frame) not in filmed for frame in missing)
+    report = crew.report(progress, scenario.frames - left, scenario.frames)
+    return crew.share(scenario, world, clips, Filming(reels, folder), workers=workers, progress=report)
+
+
+def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
+    """Work through what is drawn, which one renderer must have drawn all of; returns that."""
+    for fingerprint in drawn:
+        first = first or fingerprint
+        if fingerprint != first:
+            raise DatasetError(
+                f"{path} was begun with {first.renderer}, MuJoCo {first.mujoco}; this is "
+                f"{fingerprint.renderer}, MuJoCo {fingerprint.mujoco}: choose another --out"
+            )
+    assert first is not None
+    return first
 
 
 def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
@@ -139,7 +188,8 @@ def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
     }
     for name, data in tables.items():
         folder.write(name, data)
-    whole = manifest.compose(scenario, drawn_by, tables)
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in tables.items()}
+    whole = manifest.compose(core, drawn_by, digests)
     folder.write(MANIFEST, json.dumps(whole, indent=1).encode())
     folder.close()
 

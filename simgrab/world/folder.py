@@ -72,7 +72,7 @@ class Folder:
             changed = [key for key in identity if known.get(key) != identity[key]]
             if changed:
                 raise DatasetError(
-                    f"{self.path} holds another dataset (its {_differences(known, identity)} differs); "
+                    f"{self.path} holds another dataset (its {differences(known, identity)} differs); "
                     "--resume needs the same scenario and packages, or choose another --out"
                 )
             if not self.partial.exists():
@@ -107,16 +107,16 @@ class Folder:
     @contextmanager
     def lock(self) -> Iterator[None]:
         """Hold the folder against a second writer."""
-        with writing(self.path), (self.partial / "lock").open("w") as handle:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise DatasetError(f"{self.path} is being written by another simgrab") from None
+        with locked(self.partial, self.path):
             yield
 
     def done(self) -> set[int]:
         """Frames that are finished."""
         return {int(path.stem) for path in (self.partial / "rows").glob("*.json")}
+
+    def has(self, frame: int) -> bool:
+        """Whether a frame is finished."""
+        return self._row(frame).exists()
 
     def record(self, frame: int) -> Record:
         """Record of a finished frame."""
@@ -144,6 +144,17 @@ class Folder:
 
 
 @contextmanager
+def locked(partial: Path, path: Path) -> Iterator[None]:
+    """Hold what is being made in ``partial`` and will lie at ``path`` against a second writer."""
+    with writing(path), (partial / "lock").open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise DatasetError(f"{path} is being written by another simgrab") from None
+        yield
+
+
+@contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Turn what the file system says into one line that names the folder."""
     try:
@@ -154,13 +165,13 @@ def writing(path: Path) -> Iterator[None]:
         raise DatasetError(f"cannot write to {path}: {problem.strerror or problem}") from None
 
 
-def _differences(known: dict[str, Any], wanted: dict[str, Any], prefix: str = "") -> str:
+def differences(known: dict[str, Any], wanted: dict[str, Any], prefix: str = "") -> str:
     """Dotted keys in which two identities differ, the first few."""
     found: list[str] = []
     for key in wanted:
         a, b = known.get(key), wanted[key]
         if isinstance(a, dict) and isinstance(b, dict):
-            inner = _differences(a, b, f"{prefix}{key}.")
+            inner = differences(a, b, f"{prefix}{key}.")
             found += [inner] if inner else []
         elif a != b and key != "digest":
             found.append(f"{prefix}{key}")

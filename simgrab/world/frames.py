@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
-import itertools
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -31,7 +24,6 @@ from simgrab.world.render import Renderer, View
 from simgrab.world.story import Story
 from simgrab.world.swing import split
 
-PR_SET_PDEATHSIG = 1
 DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
 
 
@@ -57,6 +49,25 @@ class Frame:
 
     record: Record
     files: dict[str, bytes]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A frame as it was drawn, neither labelled nor encoded.
+
+    Attributes
+    ----------
+    aimed : Aim
+    rgb : ndarray of uint8, shape (height, width, 3)
+    full : View or None
+        Ids and depth of the whole picture, where the scenario keeps them.
+    sight : Sight
+    """
+
+    aimed: truth.Aim
+    rgb: NDArray[np.uint8]
+    full: View | None
+    sight: truth.Sight
 
 
 class Studio:
@@ -97,23 +108,34 @@ class Studio:
 
     def make(self, frame: int) -> Frame:
         """Draw, label and encode one frame."""
-        scenario, image = self.scenario, self.scenario.image
-        aimed = self.aim(frame)
+        return self.finish(self.draw(frame))
+
+    def draw(self, frame: int) -> Drawn:
+        """Draw one frame."""
+        image, aimed = self.scenario.image, self.aim(frame)
         rgb = self.renderer.rgb()
         if self._overlay and aimed.moment.shown:
             rgb = self._overlay.blend(rgb, aimed.moment.shown)
         full = self.renderer.look() if image.ids or image.depth else None
-        sight = truth.see(self.renderer, aimed, full)
-        stem = f"{split(scenario, frame)}/{frame:06d}"
+        return Drawn(aimed, rgb, full, truth.see(self.renderer, aimed, full))
+
+    def finish(self, drawn: Drawn) -> Frame:
+        """Label and encode a drawn frame."""
+        scenario, image, full = self.scenario, self.scenario.image, drawn.full
+        stem = f"{split(scenario, drawn.aimed.moment.frame)}/{drawn.aimed.moment.frame:06d}"
         name = f"images/{stem}.{'jpg' if image.format == 'jpeg' else 'png'}"
-        files = {name: encode(rgb[..., ::-1], image.format, image.quality)}
+        files = {name: encode(drawn.rgb[..., ::-1], image.format, image.quality)}
         if full and image.ids:
             files[f"ids/{stem}.png"] = encode(full.ids, "png")
         if full and image.depth:
             files[f"depth/{stem}.png"] = encode(_millimetres(full), "png")
-        digest = hashlib.sha256(files[name]).hexdigest()
-        row = truth.label(scenario, aimed, sight, file=name, image_sha256=digest)
-        return Frame(Record(row, run_length_mask(sight, row), self.renderer.fingerprint), files)
+        row = self.label(drawn, file=name, image=files[name])
+        return Frame(Record(row, run_length_mask(drawn.sight, row), self.renderer.fingerprint), files)
+
+    def label(self, drawn: Drawn, *, file: str, image: bytes | memoryview) -> Truth:
+        """Compose the row of labels of a drawn frame, whose picture is kept as ``image`` in ``file``."""
+        digest = hashlib.sha256(image).hexdigest()
+        return truth.label(self.scenario, drawn.aimed, drawn.sight, file=file, image_sha256=digest)
 
 
 def _millimetres(view: View) -> NDArray[np.uint16]:
@@ -151,63 +173,3 @@ def check(scenario: Scenario, world: World) -> None:
             f"it never sees the grab in any of the {scenario.frames} frames; "
             "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
         )
-
-
-_studio: Studio | None = None
-
-
-def _make_and_store(scenario: Scenario, frame: int, store: Callable[[Frame], None]) -> Fingerprint:
-    """Work for a process that serves one scenario all its life."""
-    global _studio
-    if _studio is None:  # not in the pool's initializer, whose errors reach nobody
-        _die_with_parent()
-        _studio = Studio(scenario)
-    made = _studio.make(frame)
-    store(made)
-    return made.record.drawn_by
-
-
-def _die_with_parent() -> None:
-    """Ask Linux to end this process when the one that feeds it is killed; else it would draw on, unseen."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-def make_all(
-    scenario: Scenario, world: World, frames: Iterable[int], workers: int, store: Callable[[Frame], None]
-) -> Iterator[Fingerprint]:
-    """Make frames and store each where it was made; yields what drew each as they come, in no set order.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    world : World
-        Of the same scenario.
-    frames : iterable of int
-    workers : int
-        Processes. The software renderer uses every core already, so more than one gains little there.
-    store : callable
-        Takes each finished frame, in the process that made it; must be picklable when there are several.
-    """
-    if workers == 1:
-        with Studio(scenario, world) as studio:
-            for index in frames:
-                frame = studio.make(index)
-                store(frame)
-                yield frame.record.drawn_by
-        return
-    spawn = multiprocessing.get_context("spawn")  # OpenGL contexts do not survive a fork
-    with ProcessPoolExecutor(workers, mp_context=spawn) as pool:
-        jobs = (pool.submit(_make_and_store, scenario, frame, store) for frame in frames)
-        try:
-            running = set(itertools.islice(jobs, 3 * workers))
-            while running:
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                running |= set(itertools.islice(jobs, len(done)))
-                for future in done:
-                    yield future.result()
-        except BrokenProcessPool:
-            raise DatasetError(
-                "a worker process died (out of memory?); go on with --resume and fewer --workers"
-            ) from None
-        finally:
-            pool.shutdown(cancel_futures=True)

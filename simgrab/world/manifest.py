@@ -26,24 +26,25 @@ def identity(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def compose(scenario: Scenario, drawn_by: Fingerprint, files: dict[str, bytes]) -> dict[str, Any]:
+def compose(core: dict[str, Any], drawn_by: Fingerprint, digests: dict[str, str]) -> dict[str, Any]:
     """Compose the manifest.
 
     Parameters
     ----------
-    scenario : Scenario
+    core : dict
+        See `identity`.
     drawn_by : Fingerprint
-    files : dict of str to bytes
-        The dataset's tables, by name; each picture's digest is in its row of labels.
+    digests : dict of str to str
+        SHA-256 of the files, by name; a dataset's pictures have theirs in their row of labels.
     """
-    manifest = identity(scenario) | {
+    manifest = core | {
         "renderer": {
             "renderer": drawn_by.renderer,
             "version": drawn_by.version,
             "mujoco": drawn_by.mujoco,
             "fingerprint": drawn_by.digest,
         },
-        "files": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
+        "files": dict(sorted(digests.items())),
     }
     return manifest | {"manifest_digest": digest(manifest)}
 

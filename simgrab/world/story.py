@@ -29,7 +29,6 @@ class Story:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._size = scenario.clip.clip_frames or scenario.frames
         self._layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
         self._clip = -1
         self._moments: Iterator[Moment] = iter(())
@@ -48,7 +47,7 @@ class Story:
         recent = next((m for m in self._recent if m.frame == frame), None)
         if recent:
             return recent
-        clip = frame // self._size
+        clip = self._scenario.clip.of(frame)
         if clip != self._clip or (self._recent and frame < self._recent[-1].frame):
             self._clip, self._moments = clip, iter(Timeline(self._scenario, clip))
             self._recent.clear()

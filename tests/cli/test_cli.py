@@ -35,6 +35,10 @@ BAD = {
     "negative seed": (["--seed", "-1"], ">= 0"),
     "no workers": (["--workers", "0"], "workers"),
     "unwritable": (["--out", "/proc/simgrab"], "/proc/simgrab"),
+    "unwritable video": (["--video", "/proc/a.mp4", "--frames", "1"], "/proc/a.mp4"),
+    "unknown kind of video": (["--video", "a.avi"], ".mp4, .mkv"),
+    "frame rate of 0": (["--video", "a.mp4", "--set", "clip.frame_rate_hz=0"], "clip.frame_rate_hz"),
+    "odd video": (["--video", "a.mp4", "--set", "camera.width_px=1919"], "even"),
 }
 
 
@@ -82,6 +86,18 @@ def test_render_prints_a_summary(tmp_path):
     status, _, err = run("audit", tmp_path)
     assert status == 2
     assert "no simgrab dataset" in err
+
+
+def test_render_a_video_prints_a_summary(tmp_path):
+    command = ["render", *as_options(SMALL), "--frames", 2, "--video", tmp_path / "a.mp4"]
+    status, out, _ = run(*command, "--json")
+    assert status == 0
+    assert json.loads(out)["sent"] == 2
+    assert "a.mp4 exists" in run(*command)[2]
+    status, out, _ = run(*command, "--resume", "--out", tmp_path / "data")
+    assert status == 0
+    assert "preview.jpg" in out
+    assert ".parquet" in out
 
 
 def test_scenes_lists_shows_and_describes():

@@ -1,0 +1,48 @@
+import av
+import numpy as np
+import pytest
+
+from simgrab.scenario import Camera, Clip
+from simgrab.world.video.coder import Coder
+
+
+def code(path, pictures, **clip):
+    height, width = pictures[0].shape[:2]
+    settings = Clip(**clip)
+    with Coder(path, "mp4", 90_000, Camera(width_px=width, height_px=height), settings) as coder:
+        for index, picture in enumerate(pictures):
+            coder.send(picture, round(index * 90_000 / settings.frame_rate_hz))
+
+
+def test_colours_are_bt709(tmp_path):
+    """Y'CbCr of flat colours as ITU-R BT.709 has them; BT.601 would be 20 and more off."""
+    for name, rgb in (("red", (255, 0, 0)), ("green", (0, 255, 0)), ("paint", (219, 133, 18)), ("white", (255,) * 3)):
+        code(tmp_path / f"{name}.mp4", [np.full((64, 64, 3), rgb, np.uint8)])
+        r, g, b = np.array(rgb) / 255
+        y = 0.2126 * r + 0.7152 * g + 0.0722 * b
+        expected = 16 + 219 * y, 128 + 224 * (b - y) / 1.8556, 128 + 224 * (r - y) / 1.5748
+        with av.open(str(tmp_path / f"{name}.mp4")) as file:
+            frame = next(file.decode(video=0))
+            assert (frame.format.name, frame.colorspace, frame.color_range) == ("yuv420p", 1, 1)
+            found = [np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[16, 16] for plane in frame.planes]
+        assert found == pytest.approx(expected, abs=2)
+
+
+def test_bit_rate_and_key_frames_are_what_was_set(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, (60, 128, 160, 3), dtype=np.uint8)
+    for rate in (0.5, 1.0):
+        code(tmp_path / f"{rate}.mp4", list(noise), bit_rate_mbit_s=rate, gop_frames=25)
+        with av.open(str(tmp_path / f"{rate}.mp4")) as file:
+            packets = [packet for packet in file.demux(video=0) if packet.size]
+        assert [i for i, packet in enumerate(packets) if packet.is_keyframe] == [0, 25, 50]
+        assert sum(p.size for p in packets) * 8e-6 / (60 / 9) == pytest.approx(rate, rel=0.15)
+
+
+def test_the_bit_rate_has_two_seconds_of_slack_and_no_more(tmp_path):
+    """Long stretches with nothing to send earn no credit for what comes after."""
+    noise = np.random.default_rng(0).integers(0, 256, (60, 128, 160, 3), dtype=np.uint8)
+    code(tmp_path / "a.mp4", [np.zeros_like(noise[0])] * 60 + list(noise), bit_rate_mbit_s=1.0)
+    with av.open(str(tmp_path / "a.mp4")) as file:
+        mbit = np.cumsum([0, *(packet.size * 8e-6 for packet in file.demux(video=0) if packet.size)])
+    for frames in (9, 18, 36, 60):
+        assert (mbit[frames:] - mbit[:-frames]).max() < frames / 9 + 2
