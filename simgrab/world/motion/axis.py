@@ -11,7 +11,7 @@ from simgrab.geometry import Array
 
 @dataclass(frozen=True)
 class Move:
-    """From rest to rest: velocity rises over ``ramp``, holds, and falls over ``ramp``.
+    """From rest to rest: velocity rises over ``ramp``, holds, and falls over ``brake``.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class Move:
         s.
     distance : float
         In the axis' unit (m or rad), signed.
-    duration, ramp : float
+    duration, ramp, brake : float
         s.
     """
 
@@ -27,12 +27,22 @@ class Move:
     distance: float
     duration: float
     ramp: float
+    brake: float
 
     @classmethod
-    def at_speed(cls, start: float, distance: float, speed: float, ramp: float) -> Move:
-        """Move that reaches ``speed``, or less where the distance is too short for it."""
-        top = min(speed, abs(distance) / ramp) if distance else speed
-        return cls(start, distance, (abs(distance) / top + ramp) if distance else 0.0, ramp)
+    def in_time(cls, start: float, distance: float, duration: float) -> Move:
+        """Move that speeds up and slows down all the way."""
+        return cls(start, distance, duration, duration / 2, duration / 2)
+
+    @classmethod
+    def at_speed(cls, start: float, distance: float, speed: float, ramp: float, brake: float | None = None) -> Move:
+        """Move that reaches ``speed``, or less where the distance is too short for it; it brakes as it starts."""
+        brake = ramp if brake is None else brake
+        if not distance:
+            return cls(start, 0.0, 0.0, ramp, brake)
+        mean = (ramp + brake) / 2
+        top = min(speed, abs(distance) / mean)
+        return cls(start, distance, abs(distance) / top + mean, ramp, brake)
 
     @property
     def end(self) -> float:
@@ -44,11 +54,11 @@ class Move:
         if not self.distance:
             return np.zeros_like(time), np.zeros_like(time)
         u = np.clip(time - self.start, 0.0, self.duration)
-        top, left = self.distance / (self.duration - self.ramp), self.duration - u
-        rising, falling = np.minimum(u, self.ramp), np.minimum(left, self.ramp)
-        gone = top * (rising**2 / (2 * self.ramp) + np.maximum(u - self.ramp, 0.0))
-        gone -= top * (self.ramp - falling) ** 2 / (2 * self.ramp)
-        return gone, top * np.minimum(rising, falling) / self.ramp
+        top = self.distance / (self.duration - (self.ramp + self.brake) / 2)
+        rising, falling = np.minimum(u, self.ramp), np.minimum(self.duration - u, self.brake)
+        gone = rising**2 / (2 * self.ramp) + np.maximum(u - self.ramp, 0.0)
+        gone -= (self.brake - falling) ** 2 / (2 * self.brake)
+        return top * gone, top * np.minimum(rising / self.ramp, falling / self.brake)
 
 
 @dataclass

@@ -1,0 +1,19 @@
+"""What every table of a scenario is made of."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+Meta = msgspec.Meta
+Share = Annotated[float, Meta(ge=0, le=1)]
+Cargo = Literal["coal", "ore", "grain"]
+
+
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of every table."""
+
+
+class Tagged(Strict, frozen=True, tag_field="model"):
+    """Base of every table that comes in kinds, told apart by ``model``."""

@@ -1,0 +1,65 @@
+"""What there is to see: the grab's looks, the jib, the place below, sun and sky."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from simgrab.scenario.base import Cargo, Meta, Share, Strict, Tagged
+
+
+class Grab(Strict, frozen=True):
+    """Looks of the bucket grab. ``wear`` and ``residue`` go from 0 (new, clean) to 1."""
+
+    paint_rgb: tuple[Share, Share, Share] = (0.86, 0.52, 0.07)
+    wear: Share = 0.4
+    residue: Share = 0.3
+    cargo: Cargo = "coal"
+
+
+class Jib(Strict, frozen=True):
+    """The jib head: how high the rope exit O hangs above the quay."""
+
+    head_height_m: Annotated[float, Meta(ge=22, le=35)] = 28.0
+
+
+class Plain(Tagged, frozen=True, tag="plain"):
+    """An empty concrete yard: quick to build, nothing to distract."""
+
+
+class Quay(Tagged, frozen=True, tag="quay"):
+    """Quay apron: rails, markings, a bulk pile, and a hopper or truck to dump into."""
+
+    cargo: Cargo = "coal"
+    receiver: Literal["hopper", "truck", "none"] = "hopper"
+    pile_height_m: Annotated[float, Meta(ge=0, le=5)] = 2.5
+    wear: Share = 0.5
+
+
+class Hold(Tagged, frozen=True, tag="hold"):
+    """A bulk carrier's hold: coaming, frames, tank top, and a heap that fills it by ``fill``."""
+
+    cargo: Cargo = "coal"
+    fill: Share = 0.4
+    depth_m: Annotated[float, Meta(ge=12, le=18)] = 15.0
+    wear: Share = 0.5
+
+
+class Water(Tagged, frozen=True, tag="water"):
+    """Water beside the hull, with the quay wall opposite."""
+
+    freeboard_m: Annotated[float, Meta(ge=2, le=8)] = 4.0
+    quay_height_m: Annotated[float, Meta(ge=1.5, le=6)] = 3.0
+    chop: Share = 0.3
+
+
+class Light(Strict, frozen=True):
+    """Sun and sky. Azimuth as all azimuths: counter-clockwise from x, seen from above."""
+
+    sun_elevation_deg: Annotated[float, Meta(ge=10, le=90)] = 48.0
+    sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 130.0
+    sun: Annotated[float, Meta(ge=0, le=2)] = 1.0
+    sky: Annotated[float, Meta(ge=0, le=2)] = 0.85
+
+    def __post_init__(self) -> None:
+        if self.sun == 0 and self.sky == 0:
+            raise ValueError("sun and sky must not both be 0: nothing would be seen")

@@ -1,0 +1,122 @@
+"""One scene, whole, and how scenarios are read, changed and written."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from datetime import timedelta
+from typing import Annotated, Any
+
+import msgspec
+import tomli_w
+
+from simgrab.distributions import Law
+from simgrab.errors import LayoutError, ScenarioError
+from simgrab.geometry import Intrinsics
+from simgrab.scenario.base import Meta, Strict
+from simgrab.scenario.camera import Camera
+from simgrab.scenario.output import Clip, Display, Image, Labels, Splits
+from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
+
+
+class Scenario(Strict, frozen=True):
+    """One scene, whole. Two scenarios with the same `digest` give the same dataset."""
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
+    description: str = ""
+    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
+    camera: Camera = Camera()
+    swing: Iid | Dynamic = Iid()
+    grab: Grab = Grab()
+    jib: Jib = Jib()
+    place: Quay | Hold | Water | Plain = Quay()
+    light: Light = Light()
+    image: Image = Image()
+    clip: Clip = Clip()
+    display: Display = Display()
+    labels: Labels = Labels()
+    splits: Splits = Splits()
+
+    def __post_init__(self) -> None:
+        if isinstance(self.swing, Iid):
+            _within("swing.rope_length_m", self.swing.rope_length_m, *ROPE_LENGTH_RANGE_M)
+            _within("swing.load", self.swing.load, 0.0, 1.0)
+            _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
+            if self.camera.mount.vibration.rms_deg > 0:
+                raise ScenarioError(
+                    "camera.mount.vibration", 'independent frames know no time; swing.model = "dynamic"'
+                )
+        _check_lens(self.camera.intrinsics)
+        self._check_display()
+
+    def _check_display(self) -> None:
+        try:
+            self.display.layout_in(self.camera.width_px, self.camera.height_px)
+            self.display.started + timedelta(seconds=self.frames / self.clip.frame_rate_hz)
+        except LayoutError as problem:
+            raise ScenarioError("display.layout", str(problem)) from None
+        except OverflowError:
+            raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
+
+    def digest(self) -> str:
+        """SHA-256 of the canonical JSON of everything in the scenario."""
+        return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, as `from_dict` takes it."""
+        return dict(msgspec.json.decode(msgspec.json.encode(self)))
+
+    def to_toml(self) -> str:
+        """Return a scene file with every key filled in."""
+        return tomli_w.dumps(_without_none(self.to_dict()))
+
+
+def _without_none(value: Any) -> Any:
+    """TOML knows no null: an absent key says the same."""
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return value
+
+
+def _within(key: str, law: Law, low: float, high: float) -> None:
+    least, most = law.support()
+    if least < low or most > high:
+        raise ScenarioError(key, f"draws must stay within {low:g} … {high:g}, this law spans {least:g} … {most:g}")
+
+
+def _check_lens(intrinsics: Intrinsics) -> None:
+    """Refuse a lens that folds within the picture."""
+    w, h = intrinsics.width_px, intrinsics.height_px
+    border = [(x, y) for x in (0, w / 2, w) for y in (0, h / 2, h)]
+    if any(map(math.isnan, intrinsics.undistort(border).ravel())):
+        raise ScenarioError("camera.distortion", "the lens folds the picture: no ray reaches its corners")
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, for editors."""
+    return _open_base(msgspec.json.schema(Scenario))
+
+
+def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
+    properties = schema["$defs"]["Scenario"]["properties"]
+    properties["base"] = {"type": "string", "description": "Bundled scene that this file departs from."}
+    return schema
+
+
+def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge nested tables, ``change`` winning; a table of another ``model`` or ``dist`` replaces the old one whole."""
+    result = dict(base)
+    for key, value in change.items():
+        old = result.get(key)
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value):
+            result[key] = merged(old, value)
+        else:
+            result[key] = value
+    return result
+
+
+def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    return any(tag in new and new[tag] != old.get(tag) for tag in ("model", "dist"))
