@@ -1,0 +1,132 @@
+"""What the crane is commanded to do."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from conftest import small_scene
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.world import model
+from simgrab.world.frames import check
+from simgrab.world.meshes.grab import closing_rope_m
+from simgrab.world.motion.axis import Axis, Move
+from simgrab.world.motion.timeline import Timeline
+from simgrab.world.motion.work import OPEN_JAW, Work
+
+
+@given(st.floats(-50, 50), st.floats(0.1, 5), st.floats(0.1, 10), st.floats(0.1, 10))
+def test_a_move_goes_its_distance_at_its_speed_from_rest_to_rest(distance, speed, ramp, brake):
+    move = Move.at_speed(3.0, distance, speed, ramp, brake)
+    time = np.linspace(0.0, move.end + 5.0, 4001)
+    gone, velocity = move.progress(time)
+    assert gone[0] == velocity[0] == 0.0
+    assert gone[-1] == pytest.approx(distance, abs=1e-9)
+    assert abs(velocity).max() <= speed * (1 + 1e-9)
+    step = time[1] - time[0]
+    summed = np.cumsum((velocity[1:] + velocity[:-1]) / 2) * step
+    np.testing.assert_allclose(summed, gone[1:], atol=speed * step + 1e-9)
+    assert abs(np.diff(velocity)).max() <= speed / min(ramp, brake) * step * (1 + 1e-6)
+
+
+def test_forgetting_changes_nothing_that_follows():
+    moves = [Move.at_speed(10.0 * k, (-1) ** k * 3.0, 1.0, 2.0) for k in range(8)]
+    whole, short = Axis(5.0, list(moves)), Axis(5.0, list(moves))
+    short.forget(45.0)
+    assert len(short.moves) < 5
+    later = np.linspace(45.0, 90.0, 200)
+    for a, b in zip(whole.sample(later), short.sample(later), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_a_cycle_digs_hoists_slews_dumps_and_returns():
+    scene = scenes.load("work-cycles", {"swing.work.variation": 0.0, "swing.work.operator": 0.0})
+    work = scene.swing.work
+    course = Work(scene, 0).sample(np.arange(0.0, 150.0, 0.02))
+    assert course.rope.max() == work.dig_rope_m
+    assert course.rope.min() == pytest.approx(work.carry_rope_m)
+    assert np.degrees(course.slew.min()) == pytest.approx(work.dig_slew_deg + work.slew_deg)
+    assert course.luffed.max() == pytest.approx(work.luff_m)
+    assert np.ptp(course.jaw) == pytest.approx(OPEN_JAW)
+    digging = course.held
+    assert digging[: int(work.dig_s / 0.02)].all()
+    assert (course.rope[digging] == work.dig_rope_m).all()
+    slewing = np.abs(course.slew_rate) > 0
+    np.testing.assert_allclose(course.rope[slewing], work.carry_rope_m)  # a smooth operator does one thing at a time
+    assert np.degrees(np.abs(course.slew_rate)).max() == pytest.approx(6 * work.slew_rpm, rel=0.3)
+    assert (course.load[course.jaw > 0.5 * OPEN_JAW] < 0.6).all()
+
+
+def test_a_rough_operator_is_quicker():
+    def cycles(operator):
+        course = Work(scenes.load("work-cycles", {"swing.work.operator": operator}), 0).sample(np.arange(0, 900, 0.1))
+        return np.count_nonzero(np.diff(course.held.astype(int)) == 1)
+
+    assert cycles(1.0) > cycles(0.0)
+
+
+def test_every_nth_cycle_brakes_hard():
+    changes = {"swing.work.abrupt_every": 3, "swing.work.abrupt_s": 1.5, "swing.work.variation": 0.0}
+    time = np.arange(0.0, 500.0, 0.02)
+    course = Work(scenes.load("work-cycles", changes), 0).sample(time)
+    hard = time[1:][np.abs(np.diff(course.slew_rate)) / 0.02 > 0.6 * np.abs(course.slew_rate).max() / 1.5]
+    starts = time[1:][np.diff(course.held.astype(int)) == 1]
+    assert len(np.unique(np.searchsorted(starts, hard))) == len(starts) // 3
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5, 2.0])
+def test_the_display_shows_what_was_true_a_lag_ago(lag):
+    scene = small_scene(
+        "work-cycles", frames=400, clip__frame_rate_hz=9.0, camera__width_px=960, camera__height_px=540,
+        display={"layout": "two-by-four", "lag_s": lag, "refresh_hz": 4.0, "readout_s": 0.0, "constant_m": 2.5},
+    )  # fmt: skip
+    moments = list(itertools.islice(Timeline(scene, 0), 400))
+    time = np.array([m.time for m in moments])
+    rope = np.interp(
+        np.maximum(np.floor(time * 4.0 + 1e-9) / 4.0 - lag, 0.0), time, [m.grab.rope_length for m in moments]
+    )
+    closing = [closing_rope_m(m.grab.jaw) for m in moments]
+    assert np.ptp(rope) > 5
+    for moment, length in zip(moments, rope, strict=True):
+        hoist, _ = scene.display.layout_in(960, 540).lengths(moment.shown.rope_text)
+        assert hoist == pytest.approx(length - 2.5, abs=0.02)
+    shut = [k for k, extra in enumerate(closing) if extra == 0 and k > 30]
+    assert {len(set(moments[k].shown.rope_text.split())) for k in shut[20:40]} == {1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "why"),
+    [
+        ({"swing.work.carry_rope_m": 3.0}, "swing.work.carry_rope_m", ">= 6"),
+        ({"swing.work.carry_rope_m": 21.0}, "swing.work", "must not be above dig_rope_m"),
+        ({"swing.wind.mean_m_s": -3.0}, "swing.wind.mean_m_s", ">= 0"),
+        ({"clip.frame_rate_hz": 0.0}, "clip.frame_rate_hz", "0.01"),
+        ({"swing.work": {"model": "hang", "jaw_deg": 70.0}}, "swing.work.jaw_deg", "<= 55"),
+    ],
+)
+def test_the_impossible_is_refused_when_it_is_read(changes, key, why):
+    with pytest.raises(ScenarioError) as refused:
+        scenes.load("work-cycles", changes)
+    assert refused.value.key == key
+    assert why in str(refused.value)
+
+
+def test_hoisting_through_the_ground_is_refused():
+    scene = small_scene("work-cycles", frames=3, swing__work__dig_rope_m=31.0)
+    with pytest.raises(ScenarioError, match=r"swing\.work.*lowers the grab into what is below it; at most 2\d\.\d\d m"):
+        check(scene, model.build(scene))
+
+
+def test_independent_frames_know_no_vibration():
+    with pytest.raises(ScenarioError, match="independent frames know no time"):
+        scenes.load("quay-day", {"camera.mount": {"model": "fixed", "vibration": {"rms_deg": 0.1}}})
+
+
+def test_slewing_goes_on_at_its_speed():
+    course = Work(scenes.load("slew-alarm"), 0).sample(np.arange(0.0, 40.0, 0.1))
+    assert course.slew_rate[-1] == pytest.approx(1.2 * 2 * math.pi / 60)
+    assert (course.slew_rate[:50] == 0).all()
