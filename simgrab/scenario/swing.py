@@ -64,7 +64,7 @@ class Cycles(Tagged, frozen=True, tag="cycles"):
 
     It digs where the jib stands ``dig_slew_deg`` off the middle of the place, and slews by ``slew_deg`` to dump.
     ``operator`` goes from 0 (smooth: the longest ramps) to 1 (rough: the shortest, and the loads still swing when the
-    next move begins). Every ``abrupt_every``-th cycle (0: none) slewing home is braked within ``abrupt_s``.
+    next move begins). Every ``abrupt_every``-th cycle (0: none) slewing out is braked within ``abrupt_s``.
     """
 
     dig_rope_m: RopeLength = 22.0

@@ -130,17 +130,17 @@ class Work:
         self._load.add(Move.in_time(begin + FILL_FROM * dig_s, fill, (1 - FILL_FROM) * dig_s))
         up = self._rope.add(Move.at_speed(begin + dig_s, work.carry_rope_m - deep, hoist, hoist / work.hoist_m_s2))
         away = up.end - overlap * up.duration
+        abrupt = work.abrupt_every > 0 and (k + 1) % work.abrupt_every == 0
         out = [
-            self._slew.add(Move.at_speed(away, arc, slew, ramp_slew)),
+            self._slew.add(Move.at_speed(away, arc, slew, ramp_slew, work.abrupt_s if abrupt else ramp_slew)),
             self._luff.add(Move.at_speed(away, reach, luff, ramp_luff)),
         ]
         dump = max(up.end, *(m.end for m in out)) + pauses[0] * (1 - work.operator)
         self._jaw.add(Move.in_time(dump, OPEN_JAW, dump_s))
         self._load.add(Move.in_time(dump, -fill, dump_s / 2))
         home = dump + dump_s
-        abrupt = work.abrupt_every > 0 and (k + 1) % work.abrupt_every == 0
         back = [
-            self._slew.add(Move.at_speed(home, -arc, slew, ramp_slew, work.abrupt_s if abrupt else ramp_slew)),
+            self._slew.add(Move.at_speed(home, -arc, slew, ramp_slew)),
             self._luff.add(Move.at_speed(home, -reach, luff, ramp_luff)),
         ]
         last = max(m.end for m in back)
