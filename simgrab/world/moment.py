@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from simgrab import geometry
 from simgrab.geometry import Array
 from simgrab.world.osd.shown import Shown
 
 STANDARD_GRAVITY = 9.80665
+STRAIGHT = 1e-12  # sine of a tilt so small that it has no azimuth
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,17 @@ class Tilt:
     def jib_from_camera(self) -> Array:
         """Rotation, shape (3, 3)."""
         return geometry.camera_rotation(self.beta, self.azimuth, self.roll)
+
+    @classmethod
+    def of(cls, rotation: Array, azimuth: float) -> Tilt:
+        """Read a rotation ``jib_from_camera``, shape (3, 3); ``azimuth`` is taken where the camera hangs straight."""
+        axis = rotation[:, 2]
+        across = math.hypot(axis[0], axis[1])
+        if across > STRAIGHT:
+            azimuth = math.atan2(axis[1], axis[0])
+        beta = math.atan2(across, -axis[2])
+        turn = geometry.camera_rotation(beta, azimuth, 0.0).T @ rotation
+        return cls(beta, azimuth % (2 * math.pi), math.atan2(turn[1, 0], turn[0, 0]))
 
 
 @dataclass(frozen=True)
@@ -106,6 +120,8 @@ class Moment:
         Gravity less the acceleration of O, jib frame, m/s².
     shown : Shown or None
         What the display shows; None where there is no display.
+    ahead : Moment or None
+        A moment shortly after, where the camera sees things move.
     """
 
     frame: int
@@ -117,3 +133,33 @@ class Moment:
     jib: JibState | None = None
     apparent_gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
     shown: Shown | None = None
+    ahead: Moment | None = None
+
+    def shifted(self, seconds: float) -> Moment:
+        """Go to an instant within some tens of milliseconds, along the way to the moment ahead; without one, stay."""
+        if self.ahead is None or not seconds:
+            return self
+        assert self.time is not None
+        assert self.ahead.time is not None
+        assert self.jib is not None
+        assert self.ahead.jib is not None
+        share = seconds / (self.ahead.time - self.time)
+        here, there = self.grab, self.ahead.grab
+
+        def between(a: float, b: float) -> float:
+            return a + share * (b - a)
+
+        start, end = here.jib_from_grab[:3, 3], there.jib_from_grab[:3, 3]
+        alpha, azimuth, rope = geometry.swing_of(start + share * (end - start))
+        grab = GrabState(
+            float(alpha), float(azimuth), float(rope),
+            yaw=float(geometry.wrap(here.yaw + share * float(geometry.wrap(there.yaw - here.yaw)))),
+            jaw=max(between(here.jaw, there.jaw), 0.0),
+            load=here.load,
+        )  # fmt: skip
+        first = Rotation.from_matrix(self.tilt.jib_from_camera)
+        turn = (first.inv() * Rotation.from_matrix(self.ahead.tilt.jib_from_camera)).as_rotvec()
+        tilt = Tilt.of((first * Rotation.from_rotvec(share * turn)).as_matrix(), self.tilt.azimuth)
+        jib = JibState(*(between(a, b) for a, b in zip(astuple(self.jib), astuple(self.ahead.jib), strict=True)))
+        gamma = (grab.azimuth - tilt.azimuth) % (2 * math.pi)
+        return replace(self, grab=grab, tilt=tilt, jib=jib, gamma=gamma, time=self.time + seconds)

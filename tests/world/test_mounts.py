@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from simgrab import geometry
-from simgrab.world.moment import STANDARD_GRAVITY
-from simgrab.world.motion.mount import Mount, attitude
+from simgrab.world.moment import STANDARD_GRAVITY, Tilt
+from simgrab.world.motion.mount import Mount
 from simgrab.world.motion.timeline import Timeline
 
 STEP = 0.02
@@ -31,13 +31,13 @@ def betas(mount, seconds, **changes):
 
 @given(st.floats(1e-6, 0.5), st.floats(0, 6.28), st.floats(-3.1, 3.1))
 def test_an_attitude_is_read_back(beta, azimuth, roll):
-    tilt = attitude(geometry.camera_rotation(beta, azimuth, roll), 0.0)
+    tilt = Tilt.of(geometry.camera_rotation(beta, azimuth, roll), 0.0)
     np.testing.assert_allclose(tilt.jib_from_camera, geometry.camera_rotation(beta, azimuth, roll), atol=1e-12)
     assert tilt.beta == pytest.approx(beta, abs=1e-9)
 
 
 def test_a_camera_that_hangs_straight_keeps_its_azimuth():
-    tilt = attitude(geometry.camera_rotation(0.0, 1.0, 0.3), 1.0)
+    tilt = Tilt.of(geometry.camera_rotation(0.0, 1.0, 0.3), 1.0)
     assert (tilt.beta, tilt.azimuth) == (0.0, pytest.approx(1.0))
     np.testing.assert_allclose(tilt.jib_from_camera, geometry.camera_rotation(0.0, 1.0, 0.3), atol=1e-15)
 

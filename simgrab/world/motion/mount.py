@@ -61,19 +61,4 @@ class Mount:
         if not (x or y):
             return Tilt(*(float(a) for a in angles))
         leaning = geometry.lean(math.atan(math.hypot(x, y)), math.atan2(y, x))
-        return attitude(leaning @ geometry.camera_rotation(*angles), float(angles[1]))
-
-
-def attitude(rotation: Array, azimuth: float) -> Tilt:
-    """Tilt of a rotation ``jib_from_camera``, shape (3, 3); the inverse of `simgrab.geometry.camera_rotation`.
-
-    ``azimuth`` is taken where the camera hangs straight and so has none of its own.
-    """
-    axis = rotation[:, 2]
-    across = math.hypot(axis[0], axis[1])
-    beta = math.atan2(across, -axis[2])
-    if across > 1e-12:
-        azimuth = math.atan2(axis[1], axis[0])
-    straight = geometry.camera_rotation(beta, azimuth, 0.0)
-    turn = straight.T @ rotation
-    return Tilt(beta, azimuth % (2 * math.pi), math.atan2(turn[1, 0], turn[0, 0]))
+        return Tilt.of(leaning @ geometry.camera_rotation(*angles), float(angles[1]))
