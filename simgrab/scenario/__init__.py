@@ -12,7 +12,7 @@ from simgrab.scenario.camera import (
     SensorFocal,
     Vibration,
 )
-from simgrab.scenario.output import Clip, Display, Image, Labels, Splits
+from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
@@ -59,6 +59,7 @@ __all__ = [
     "Scenario",
     "SensorFocal",
     "Share",
+    "Shutter",
     "Splits",
     "Start",
     "Strict",

@@ -22,6 +22,22 @@ class Image(Strict, frozen=True):
     depth: bool = False
 
 
+class Shutter(Strict, frozen=True):
+    """When the rows of a picture see the scene: each for ``exposure_s``, the last ``rolling_s`` after the first.
+
+    The middle row's mid-exposure falls on the frame's instant. Labels, ``time_s`` among them, are those of the instant
+    at which the row exposes that shows the grab centre. Independent frames stand still.
+    """
+
+    exposure_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.0
+    rolling_s: Annotated[float, Meta(ge=0, le=0.1)] = 0.0
+
+    @property
+    def open_s(self) -> float:
+        """From the first row's beginning to the last row's end."""
+        return self.exposure_s + self.rolling_s
+
+
 class Clip(Strict, frozen=True):
     """Time and the video: how frames follow each other, and what coding and network do to them.
 

@@ -16,7 +16,7 @@ from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import Intrinsics
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
-from simgrab.scenario.output import Clip, Display, Image, Labels, Splits
+from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 
@@ -35,6 +35,7 @@ class Scenario(Strict, frozen=True):
     place: Quay | Hold | Water | Plain = Quay()
     light: Light = Light()
     image: Image = Image()
+    shutter: Shutter = Shutter()
     clip: Clip = Clip()
     display: Display = Display()
     labels: Labels = Labels()
@@ -50,6 +51,10 @@ class Scenario(Strict, frozen=True):
                     "camera.mount.vibration", 'independent frames know no time; swing.model = "dynamic"'
                 )
         _check_lens(self.camera.intrinsics)
+        if self.shutter.open_s * self.clip.frame_rate_hz > 1:
+            raise ScenarioError(
+                "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
+            )
         self._check_display()
 
     def _check_display(self) -> None:

@@ -16,9 +16,11 @@ from pycocotools import mask as coco_mask
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.records import Truth
 from simgrab.scenario import Scenario
-from simgrab.world import model, truth
+from simgrab.world import model, shutter, truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
+from simgrab.world.moment import Moment
+from simgrab.world.optics.light import to_display, to_linear
 from simgrab.world.osd.draw import Overlay
 from simgrab.world.render import Renderer, View
 from simgrab.world.story import Story
@@ -101,8 +103,9 @@ class Studio:
         self.renderer.close()
 
     def aim(self, frame: int) -> truth.Aim:
-        """Pose the world and the camera as in one frame."""
-        aimed = truth.aim(self.scenario, self.world, self._story.at(frame))
+        """Pose the world and the camera as in one frame, at the instant of its labels."""
+        moment = shutter.exposed(self.scenario, self._story.at(frame))
+        aimed = truth.aim(self.scenario, self.world, moment)
         self.renderer.pose(aimed.moment)
         return aimed
 
@@ -113,11 +116,30 @@ class Studio:
     def draw(self, frame: int) -> Drawn:
         """Draw one frame."""
         image, aimed = self.scenario.image, self.aim(frame)
-        rgb = self.renderer.rgb()
+        rgb = self._rgb(self._story.at(frame))
         if self._overlay and aimed.moment.shown:
             rgb = self._overlay.blend(rgb, aimed.moment.shown)
+        self.renderer.pose(aimed.moment)
         full = self.renderer.look() if image.ids or image.depth else None
         return Drawn(aimed, rgb, full, truth.see(self.renderer, aimed, full))
+
+    def _rgb(self, moment: Moment) -> NDArray[np.uint8]:
+        """Draw the picture as its rows see it, one after another and each for a while."""
+        times = self.scenario.shutter
+        at = shutter.instants(times.exposure_s, times.rolling_s, shutter.speed_px_s(self.scenario, moment))
+        weights = shutter.row_weights(self.scenario.camera.height_px, times.exposure_s, times.rolling_s, at)
+        light = None
+        for seconds, share in zip(at.tolist(), weights.T.astype(np.float32), strict=True):
+            self.renderer.pose(moment.shifted(seconds))
+            rgb = self.renderer.rgb()
+            if len(at) == 1:
+                return rgb
+            rows = np.flatnonzero(share)
+            some = slice(rows[0], rows[-1] + 1)
+            light = np.zeros(rgb.shape, np.float32) if light is None else light
+            light[some] += share[some, None, None] * to_linear(rgb[some])
+        assert light is not None
+        return to_display(light)
 
     def finish(self, drawn: Drawn) -> Frame:
         """Label and encode a drawn frame."""

@@ -1,4 +1,7 @@
-"""When each row of a picture sees the scene: exposure time and rolling shutter."""
+"""When each row of a picture sees the scene: exposure time and rolling shutter.
+
+Things move linearly for the tens of milliseconds that a picture takes.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,9 @@ import math
 
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.geometry import Array, to_camera
+from simgrab.scenario import Scenario
+from simgrab.world.moment import Moment
 
 LONGEST_STEP_PX = 1.5  # that anything moves between the instants that are drawn
 MOST_INSTANTS = 24
@@ -60,3 +65,42 @@ def row_weights(height_px: int, shutter_s: float, readout_s: float, at: Array) -
 def row_time(row_px: float, height_px: int, readout_s: float) -> float:
     """Mid-exposure of a row (px from the top), s from the middle row's."""
     return readout_s * (row_px / height_px - 0.5)
+
+
+def exposed(scenario: Scenario, moment: Moment) -> Moment:
+    """Go to the instant at which the row exposes that shows the grab centre: what the labels of the picture are of."""
+    k, readout = scenario.camera.intrinsics, scenario.shutter.rolling_s
+    seen = moment
+    if readout and moment.ahead:
+        for _ in range(3):  # each time a hundred times nearer
+            row = float(k.project(_in_camera(scenario, seen, seen.grab.jib_from_grab[:3, 3]))[1])
+            if not math.isfinite(row):
+                return moment
+            seen = moment.shifted(row_time(min(max(row, 0.0), k.height_px), k.height_px, readout))
+    return seen
+
+
+def speed_px_s(scenario: Scenario, moment: Moment) -> float:
+    """Speed of the fastest thing in the picture: points of the grab and of the ground below."""
+    if not moment.ahead:
+        return 0.0
+    assert moment.time is not None
+    assert moment.ahead.time is not None
+    here, there = (_marks(scenario, m) for m in (moment, moment.ahead))
+    way = np.linalg.norm(there - here, axis=1)
+    return float(np.nanmax(way, initial=0.0)) / (moment.ahead.time - moment.time)
+
+
+def _marks(scenario: Scenario, moment: Moment) -> Array:
+    """Pixels of the corners of a box about the grab and of a grid on the ground, shape (n, 2)."""
+    assert moment.jib is not None
+    corners = np.stack(np.meshgrid((-1.5, 1.5), (-1.2, 1.2), (-1.7, 1.7)), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid((-10.0, 0.0, 10.0), (-6.0, 0.0, 6.0)), axis=-1).reshape(-1, 2)
+    ground = np.column_stack([grid, np.full(len(grid), -scenario.jib.head_height_m)])
+    grab, place = moment.grab.jib_from_grab, moment.jib.jib_from_place
+    points = np.concatenate([c @ pose[:3, :3].T + pose[:3, 3] for c, pose in ((corners, grab), (ground, place))])
+    return scenario.camera.intrinsics.project(_in_camera(scenario, moment, points))
+
+
+def _in_camera(scenario: Scenario, moment: Moment, points: Array) -> Array:
+    return to_camera(points, moment.tilt.jib_from_camera, scenario.camera.offset_m)

@@ -67,12 +67,22 @@ class Timeline:
             ):
                 if plant is None:
                     plant = self._plant(drive.rope, jaw, load)
+                moment = None
                 if count >= 0 and count % self._per_frame == 0:
-                    moment = self._moment(count // self._per_frame, plant, course, i, felt[i], mount, shake[i])
-                    yield dataclasses.replace(moment, shown=self._shown(moment, work)) if self._layout else moment
+                    moment = self._moment(count / self._per_frame, plant, course, i, felt[i], mount, shake[i])
+                    if self._layout:
+                        moment = dataclasses.replace(moment, shown=self._shown(moment, work))
                 plant.hold(jaw, load)
                 plant.run(drive, self._interval, self._steps)
                 mount.step(felt[i], float(course.luffed[i + 1]))
+                if moment and self._scenario.shutter.open_s > 0:
+                    after = min(i + 1, BLOCK - 1)  # the next block's tremble and pull are not drawn yet
+                    ahead = self._moment(
+                        (count + 1) / self._per_frame, plant, course, i + 1, felt[after], mount, shake[after]
+                    )
+                    moment = dataclasses.replace(moment, ahead=ahead)
+                if moment:
+                    yield moment
                 count += 1
 
     def _drives(self, course: Course, gravity: Array, velocity: Array, wind: Array, push: Array) -> Iterator[Drive]:
@@ -92,7 +102,7 @@ class Timeline:
         return plant
 
     def _moment(
-        self, index: int, plant: Plant, course: Course, i: int, felt: Array, mount: Mount, shake: Array
+        self, index: float, plant: Plant, course: Course, i: int, felt: Array, mount: Mount, shake: Array
     ) -> Moment:
         scenario, slew = self._scenario, float(course.slew[i])
         w, x, y, z, slide = plant.data.qpos.tolist()
@@ -100,7 +110,7 @@ class Timeline:
         alpha, azimuth, _ = geometry.swing_of(down)
         luffed, tilt = float(course.luffed[i]), mount.tilt(shake)
         return Moment(
-            frame=self._first + index,
+            frame=self._first + int(index),
             grab=GrabState(
                 alpha=float(alpha),
                 azimuth=float(azimuth),

@@ -1,0 +1,1 @@
+"""From light to the picture that a surveillance camera gives."""
