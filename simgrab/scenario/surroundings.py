@@ -53,13 +53,20 @@ class Water(Tagged, frozen=True, tag="water"):
 
 
 class Light(Strict, frozen=True):
-    """Sun and sky. Azimuth as all azimuths: counter-clockwise from x, seen from above."""
+    """Sun, sky, and at night the jib's floodlights, each relative to a clear day at the same exposure.
+
+    ``floodlights`` is their light on a surface 28 m straight below. Azimuth as all azimuths: counter-clockwise from x,
+    seen from above.
+    """
 
     sun_elevation_deg: Annotated[float, Meta(ge=10, le=90)] = 48.0
     sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 130.0
     sun: Annotated[float, Meta(ge=0, le=2)] = 1.0
     sky: Annotated[float, Meta(ge=0, le=2)] = 0.85
+    floodlights: Annotated[float, Meta(ge=0, le=2)] = 0.0
 
     def __post_init__(self) -> None:
-        if self.sun == 0 and self.sky == 0:
-            raise ValueError("sun and sky must not both be 0: nothing would be seen")
+        if self.sun == 0 and self.sky == 0 and self.floodlights == 0:
+            raise ValueError("sun, sky and floodlights must not all be 0: nothing would be seen")
+        if self.floodlights > 0 and self.sun > 0:
+            raise ValueError(f"floodlights are for the night: set sun = 0 (it is {self.sun:g})")

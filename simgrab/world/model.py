@@ -27,6 +27,7 @@ NEAR_M, FAR_M = 0.1, 200.0
 SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
 SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
 CLEARANCE_M = 0.3
+DRAWN_SKY = 1.0  # at night, so that eight bits keep the darkness
 GRAB_REACH_M, TRAVEL_M = 16.0, 48.0  # heights are known so far from O: with swing alone, and what the crane's moves add
 COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
 
@@ -208,6 +209,7 @@ def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bool) -> None:
+    sky = DRAWN_SKY if light.floodlights else light.sky  # `simgrab.world.lamps` takes it down to what there is
     elevation, azimuth = np.radians(light.sun_elevation_deg), np.radians(light.sun_azimuth_deg)
     to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     warm, cool = np.array([1.0, 0.965, 0.9]), np.array([0.92, 0.97, 1.06])
@@ -219,7 +221,7 @@ def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bo
     # Ambient light belongs here: MuJoCo takes that of a light with shadows away where it does not reach.
     spec.worldbody.add_light(
         name="sky", type=directional, dir=(0, 0, -1), castshadow=False,
-        diffuse=0.35 * light.sky * cool, specular=np.zeros(3), ambient=0.5 * light.sky * cool,
+        diffuse=0.35 * sky * cool, specular=np.zeros(3), ambient=0.5 * sky * cool,
     )  # fmt: skip
 
 

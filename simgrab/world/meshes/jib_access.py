@@ -14,6 +14,9 @@ _Y = (0.74, 1.44)
 _DECK_Z = 0.13
 _LAMP = (0.95, 1.45, -1.18)  # and its mirror image: outside the camera's view unless it is tilted or moved
 
+#: Where the two floodlights shine from, jib frame, metres, shape (2, 3).
+FLOODLIGHTS = np.array([_LAMP, (_LAMP[0], -_LAMP[1], _LAMP[2])]) - (0.0, 0.0, 0.06)
+
 
 def platform_frame() -> trimesh.Trimesh:
     """Return the platform's edge beams, consoles and hand rails; it stands on the +y side."""

@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+from conftest import small_scene
+
+from simgrab.errors import ScenarioError
+from simgrab.geometry import camera_rotation
+from simgrab.scenario import Light
+from simgrab.world.lamps import REFERENCE_M, illumination
+
+NIGHT = Light(sun=0.0, sky=0.02, floodlights=0.5)
+
+
+def lit(depth, light=NIGHT, tilt=0.0):
+    scene = small_scene()
+    k = scene.camera.intrinsics
+    picture = np.full((k.height_px, k.width_px), depth, np.float32)
+    rotation = camera_rotation(tilt, 0.0, 0.0)
+    return illumination(light, picture, intrinsics=k, jib_from_camera=rotation, offset=np.zeros(3))
+
+
+def middle(picture):
+    return float(picture[picture.shape[0] // 2, picture.shape[1] // 2])
+
+
+def test_straight_below_they_give_what_is_asked_for():
+    assert middle(lit(REFERENCE_M)) == pytest.approx(0.02 + 0.5, rel=0.12)  # the lamps hang a metre aside and lower
+
+
+def test_light_falls_with_the_square_of_the_distance():
+    near, far = (middle(lit(d)) - 0.02 for d in (15.0, 30.0))
+    assert near / far == pytest.approx((30.0 - 1.24) ** 2 / (15.0 - 1.24) ** 2, rel=0.05)
+
+
+def test_the_beam_falls_off_to_the_side():
+    picture = lit(28.0)
+    assert picture[135, 5] < 0.75 * middle(picture)
+    np.testing.assert_allclose(picture[:, ::-1], picture, rtol=1e-3)
+
+
+def test_without_floodlights_only_the_sky_is_left():
+    np.testing.assert_allclose(lit(20.0, Light(sun=0.0, sky=0.1)), 0.1)
+
+
+def test_contradictory_lights_are_refused():
+    with pytest.raises(ScenarioError, match="must not all be 0"):
+        small_scene(light={"sun": 0.0, "sky": 0.0, "floodlights": 0.0})
+    with pytest.raises(ScenarioError, match="for the night"):
+        small_scene(light={"floodlights": 0.3})
