@@ -38,8 +38,9 @@ def alter(path, column, frame):
     table = pq.read_table(path / "labels.parquet")
     rows = table.to_pylist()
     value = rows[frame][column]
+    kind = table.schema.field(column).type
     if value is None:
-        value = 1.0
+        value = "2000" if pa.types.is_string(kind) else 1
     elif isinstance(value, str):
         value = "test" if value in ("train", "val") else value[::-1]
     elif isinstance(value, list):
