@@ -16,7 +16,7 @@ from simgrab.world.optics.lens import chromatic, vignetting
 from simgrab.world.optics.light import Light, Picture, luminance, to_display
 from simgrab.world.optics.sensor import noisy, pattern
 
-STRIP_ROWS = 64  # what is done to so many rows stays in the cache: a third of the time at 1080p
+STRIP_ROWS = 64  # what is done to so many rows stays in the cache: a third less time at 1080p
 
 
 def expose(
