@@ -12,6 +12,7 @@ from simgrab.scenario.camera import (
     SensorFocal,
     Vibration,
 )
+from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import (
@@ -33,12 +34,14 @@ __all__ = [
     "MOST_ALPHA_DEG",
     "ROPE_LENGTH_RANGE_M",
     "Alpha",
+    "AutoExposure",
     "Camera",
     "Cargo",
     "Clip",
     "Cycles",
     "Display",
     "Dynamic",
+    "FixedExposure",
     "FixedMount",
     "Forcing",
     "Grab",
@@ -52,11 +55,13 @@ __all__ = [
     "LensFocal",
     "LevelledMount",
     "Light",
+    "Optics",
     "PixelFocal",
     "Plain",
     "Quay",
     "RigidMount",
     "Scenario",
+    "Sensor",
     "SensorFocal",
     "Share",
     "Shutter",

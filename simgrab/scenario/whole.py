@@ -16,6 +16,7 @@ from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import Intrinsics
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
+from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
@@ -34,6 +35,7 @@ class Scenario(Strict, frozen=True):
     jib: Jib = Jib()
     place: Quay | Hold | Water | Plain = Quay()
     light: Light = Light()
+    optics: Optics = Optics()
     image: Image = Image()
     shutter: Shutter = Shutter()
     clip: Clip = Clip()
