@@ -19,6 +19,7 @@ from simgrab.scenario.camera import Camera
 from simgrab.scenario.output import Clip, Display, Image, Labels, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
+from simgrab.scenario.weather import Weather
 
 
 class Scenario(Strict, frozen=True):
@@ -34,6 +35,7 @@ class Scenario(Strict, frozen=True):
     jib: Jib = Jib()
     place: Quay | Hold | Water | Plain = Quay()
     light: Light = Light()
+    weather: Weather = Weather()
     image: Image = Image()
     clip: Clip = Clip()
     display: Display = Display()
