@@ -28,6 +28,7 @@ from simgrab.scenario.swing import (
     Turn,
     Wind,
 )
+from simgrab.scenario.weather import Weather
 from simgrab.scenario.whole import Scenario, merged, schema
 
 __all__ = [
@@ -72,6 +73,7 @@ __all__ = [
     "Turn",
     "Vibration",
     "Water",
+    "Weather",
     "Wind",
     "merged",
     "schema",

@@ -20,6 +20,7 @@ from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
+from simgrab.scenario.weather import Weather
 
 
 class Scenario(Strict, frozen=True):
@@ -36,6 +37,7 @@ class Scenario(Strict, frozen=True):
     place: Quay | Hold | Water | Plain = Quay()
     light: Light = Light()
     optics: Optics = Optics()
+    weather: Weather = Weather()
     image: Image = Image()
     shutter: Shutter = Shutter()
     clip: Clip = Clip()

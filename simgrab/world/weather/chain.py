@@ -1,0 +1,165 @@
+"""Put weather between a drawn scene and the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.rng import stream
+from simgrab.scenario import Cargo, Weather
+from simgrab.world.weather import precipitation
+from simgrab.world.weather.air import haze
+from simgrab.world.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
+from simgrab.world.weather.glass import glass
+from simgrab.world.weather.ground import Lamp, snow_cover, wet
+from simgrab.world.weather.layer import Layer, clear
+from simgrab.world.weather.particles import Particles, scatter
+from simgrab.world.weather.precipitation import Precipitation
+from simgrab.world.weather.sight import Picture, Sight, Vector
+from simgrab.world.weather.streaks import draw, expose
+from simgrab.world.weather.surface import surface
+
+MEAN_ALBEDO = 0.2  # of what ports show: turns the picture's mean light into that of a white surface
+SKY: Vector = (0.96, 1.0, 1.03)
+BRIGHTEST = 6.0  # of particles next to a lamp, in units of white
+
+
+@dataclass(frozen=True, eq=False)
+class Weathered:
+    """A frame in its weather.
+
+    Attributes
+    ----------
+    light : ndarray of float32, shape (height, width, 3)
+        Linear radiance.
+    veil : ndarray of float32, shape (height, width)
+        Share of the scene's light that air, particles and glass keep from the camera.
+    """
+
+    light: Picture
+    veil: Picture
+
+
+def apply(
+    weather: Weather,
+    sight: Sight,
+    *,
+    seed: int,
+    frame: int,
+    clip: int = 0,
+    wind_m_s: Vector | None = None,
+    airlight: Vector | None = None,
+    lamps: Sequence[Lamp] = (),
+    puffs: Sequence[Puff] | None = None,
+    cargo: Cargo = "coal",
+) -> Weathered:
+    """Put weather between a scene and the camera.
+
+    Parameters
+    ----------
+    weather : Weather
+    sight : Sight
+        The scene as it was drawn. Nothing is written into it.
+    seed, frame : int
+        Key the random streams of what changes from frame to frame.
+    clip : int
+        Keys those of what stays on the glass. What lies on the ground is the scene's, for all clips.
+    wind_m_s : tuple of 3 floats, optional
+        Velocity of the air, jib frame; the weather's own unless given.
+    airlight : tuple of 3 floats, optional
+        Linear radiance (r, g, b) of a white matte surface in the open: what dense fog, flakes and snow look like.
+        Estimated from the picture's mean unless given.
+    lamps : sequence of Lamp
+        The sun and floodlights, for glints and for the particles near them.
+    puffs : sequence of Puff, optional
+        Where dust was raised; a puff of random age from the grab's jaws unless given.
+    cargo : str
+        What the dust is of.
+
+    Returns
+    -------
+    Weathered
+    """
+    if weather.off:
+        return Weathered(sight.light, np.zeros(sight.depth.shape, np.float32))
+    white = airlight or _airlight(sight)
+    wind = np.array(wind_m_s if wind_m_s is not None else _wind(weather))
+    light = _ground(weather, sight, lamps, white, seed)
+    air = _air(weather, sight, lamps, white, wind, seed, frame)
+    veil = air.keep
+    if weather.dust_thickness:
+        tint = TINT[cargo]
+        for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
+            layer = dust(cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind), sight, seed=seed)
+            light = layer.over(light, (tint[0] * white[0], tint[1] * white[1], tint[2] * white[2]))
+            veil = veil * layer.keep
+    light = air.over(light, white)
+    if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
+        pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
+        light = pane.before(light, white)
+        veil = veil * pane.layer.keep
+    return Weathered(light, 1 - veil)
+
+
+def hidden_fraction(veil: Picture, mask: NDArray[np.bool_]) -> float:
+    """Mean veil over the pixels of a mask, both (height, width); 0 where the mask is empty."""
+    return float(veil[mask].mean(dtype=np.float64)) if mask.any() else 0.0
+
+
+def _airlight(sight: Sight) -> Vector:
+    """Estimate a white surface's light from a sixteenth of the picture's pixels."""
+    white = min(1.0, float(sight.light[::4, ::4].mean(dtype=np.float64)) / MEAN_ALBEDO)
+    return SKY[0] * white, SKY[1] * white, SKY[2] * white
+
+
+def _wind(weather: Weather) -> Vector:
+    azimuth = np.radians(weather.wind_azimuth_deg)
+    return weather.wind_m_s * np.cos(azimuth), weather.wind_m_s * np.sin(azimuth), 0.0
+
+
+def _ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, seed: int) -> Picture:
+    if not (weather.wetness or weather.snow_cover):
+        return sight.light
+    on, unit = surface(sight), max(sum(white) / 3, 1e-6)
+    layer = clear(sight.depth.shape)
+    if weather.wetness:
+        layer = layer.behind(wet(sight, on, weather.wetness, lamps, unit, seed=seed))
+    if weather.snow_cover:
+        layer = layer.behind(snow_cover(sight, on, weather.snow_cover, unit, seed=seed))
+    return layer.over(sight.light, white)
+
+
+def _air(
+    weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
+) -> Layer:
+    """Fog, rain and snow: haze first, then what falls near the camera."""
+    falling = {}
+    if weather.rain_mm_h:
+        falling["rain"] = precipitation.rain(weather.rain_mm_h)
+    if weather.snow_mm_h:
+        falling["snow"] = precipitation.snow(weather.snow_mm_h)
+    if weather.visibility_m is None and not falling:
+        return clear(sight.depth.shape)
+    layer = haze(sight, weather.visibility_m, list(falling.values()))
+    for name, of in falling.items():
+        rng = stream(seed, frame, f"weather.{name}")
+        near = scatter(of, sight.intrinsics, sight.jib_from_camera, wind, rng)
+        brightness = _brightness(of, near, sight, lamps, max(sum(white) / 3, 1e-6))
+        layer = layer.behind(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight))
+    return layer
+
+
+def _brightness(of: Precipitation, near: Particles, sight: Sight, lamps: Sequence[Lamp], white: float) -> Array:
+    """Brightness of particles in units of white, which holds the lamps' light as it is at the ground."""
+    result = np.ones(len(near.diameter_m))
+    at = near.position_m @ sight.jib_from_camera.T + sight.centre_m
+    ground_z = sight.centre_m[2] - sight.height_m
+    for lamp in lamps:
+        fall = lamp.position_m[2] - ground_z
+        squared = ((at - lamp.position_m) ** 2).sum(axis=1)
+        result += lamp.light / white * (fall**2 / np.maximum(squared, 0.25) - 1)
+    return np.asarray(of.brightness * np.clip(result, 0.0, BRIGHTEST))

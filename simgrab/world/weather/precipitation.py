@@ -1,0 +1,88 @@
+"""Rain and snow as populations of drops and flakes, from the rate at which they fall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgrab.geometry import Array
+
+BINS = 24
+LEAST_STREAK_PX = 1.2  # particles that look narrower, were they in focus, are part of the haze
+FARTHEST_M = 60.0
+
+RAIN_MM = (0.3, 6.0)  # smaller drops are drizzle's, larger ones break up
+# Melted diameters of flakes 1 to 12 mm across.
+SNOW_MELTED_MM = (0.55, 2.9)
+SNOW_DENSITY = 0.17  # g/cm³ · mm: density · diameter of flakes (Holroyd 1971, as in Fabry & Szyrmer 1999)
+FLUTTER_M_S = 0.25  # standard deviation of each component; flakes tumble (Kajikawa 1989: 0.1 … 0.3)
+DROP_BRIGHTNESS = 0.5  # of white: a drop shows a wide-angle picture of what is below it (Garg & Nayar 2007)
+
+
+@dataclass(frozen=True, eq=False)
+class Precipitation:
+    """Particles in the air, by bins of diameter; shapes (B,).
+
+    Attributes
+    ----------
+    diameter_m : ndarray
+        Root mean square of each bin, so that cross sections are right.
+    density_m3 : ndarray
+        Particles in a cubic metre.
+    fall_m_s : ndarray
+        Terminal speed.
+    flutter_m_s : float
+        Standard deviation of each component of a particle's own velocity.
+    brightness : float
+        Of a particle, as a share of a white surface's.
+    """
+
+    diameter_m: Array
+    density_m3: Array
+    fall_m_s: Array
+    flutter_m_s: float
+    brightness: float
+
+    @property
+    def extinction(self) -> Array:
+        """Share of light that a metre of each bin's particles blocks, 1/m, shape (B,).
+
+        The geometric cross section: the light that a particle diffracts, as much again, stays within a pixel.
+        """
+        return np.asarray(self.density_m3 * np.pi / 4 * self.diameter_m**2)
+
+    def reach_m(self, focal_length_px: float) -> Array:
+        """Depth to which each bin's particles are drawn one by one; farther ones are haze. Shape (B,)."""
+        return np.asarray(np.minimum(focal_length_px * self.diameter_m / LEAST_STREAK_PX, FARTHEST_M))
+
+
+def rain(rate_mm_h: float) -> Precipitation:
+    """Marshall & Palmer's (1948) drops: N0 = 8000 m⁻³ mm⁻¹, Λ = 4.1 R^−0.21 mm⁻¹; speeds of Atlas et al. (1973)."""
+    slope = 4.1 * rate_mm_h**-0.21
+    edges = np.geomspace(*RAIN_MM, BINS + 1)
+    diameter, density = _bins(edges, 8000.0, slope)
+    fall = 9.65 - 10.3 * np.exp(-0.6 * diameter)
+    return Precipitation(diameter / 1000, density, fall, 0.0, DROP_BRIGHTNESS)
+
+
+def snow(rate_mm_h: float) -> Precipitation:
+    """Gunn & Marshall's (1958) flakes: N0 = 3800 R^−0.87 m⁻³ mm⁻¹ and Λ = 2.55 R^−0.48 mm⁻¹ of melted diameter.
+
+    A flake's own diameter follows from its mass and density; it falls at 0.8 D^0.16 m/s (Locatelli & Hobbs 1974,
+    aggregates, D in mm).
+    """
+    slope = 2.55 * rate_mm_h**-0.48
+    edges = np.geomspace(*SNOW_MELTED_MM, BINS + 1)
+    melted, density = _bins(edges, 3800.0 * rate_mm_h**-0.87, slope)
+    diameter = np.sqrt(melted**3 / SNOW_DENSITY)
+    return Precipitation(diameter / 1000, density, 0.8 * diameter**0.16, FLUTTER_M_S, 1.0)
+
+
+def _bins(edges: Array, intercept: float, slope: float) -> tuple[Array, Array]:
+    """Root mean square diameter, mm, and number, 1/m³, of N0·exp(−Λ D) between edges."""
+    number = -np.diff(np.exp(-slope * edges)) * intercept / slope
+    # ∫ D² exp(−Λ D) dD = −exp(−Λ D) (D²/Λ + 2 D/Λ² + 2/Λ³)
+    square = edges**2 / slope + 2 * edges / slope**2 + 2 / slope**3
+    area = -np.diff(np.exp(-slope * edges) * square) * intercept
+    return np.sqrt(area / number), number

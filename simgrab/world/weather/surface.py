@@ -1,0 +1,86 @@
+"""The surfaces that the picture shows: where they are in the place, and which way they face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from simgrab.world.model import GRAB, PLACE
+from simgrab.world.weather.sight import Picture, Sight, ray_maps
+
+STEP = 2  # every second pixel will do: it is enlarged again
+WAVES_M = 0.4  # above open water's level that is still water
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Every second pixel's surface point, shapes (h, w), float32.
+
+    Attributes
+    ----------
+    x, y : ndarray
+        In the frame of what it belongs to: the place's, the grab's or the jib's, so that patterns stay on it, m.
+    jib_x, jib_y : ndarray
+        In the jib frame, m.
+    height : ndarray
+        Above the ground, m.
+    up : ndarray
+        Upward component of its unit normal.
+    solid : ndarray of bool
+        Whether it belongs to the place and is not open water.
+    """
+
+    x: Picture
+    y: Picture
+    jib_x: Picture
+    jib_y: Picture
+    height: Picture
+    up: Picture
+    solid: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+def surface(sight: Sight) -> Surface:
+    """Find the surfaces from depth."""
+    rays = ray_maps(sight.intrinsics)
+    x, y, depth = (np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, sight.depth))
+    ids = sight.ids[::STEP, ::STEP]
+    rotation = sight.jib_from_camera.astype(np.float32)
+    jib_x, jib_y, below = (depth * (r[0] * x + r[1] * y + r[2]) for r in rotation)
+    jib_x, jib_y = jib_x + np.float32(sight.centre_m[0]), jib_y + np.float32(sight.centre_m[1])
+    height = below + np.float32(sight.height_m)
+    solid = ids == PLACE
+    if sight.water_m is not None:
+        solid &= height > sight.water_m + WAVES_M
+    return Surface(*_anchored(sight, jib_x, jib_y, ids), jib_x, jib_y, height, _up(x, y, depth, rotation[2]), solid)
+
+
+def _anchored(sight: Sight, x: Picture, y: Picture, ids: Picture) -> tuple[Picture, Picture]:
+    if sight.jib_from_place is None:
+        place_x, place_y = x, y
+    else:
+        m = np.linalg.inv(sight.jib_from_place).astype(np.float32)
+        # The place turns about the vertical only.
+        place_x, place_y = m[0, 0] * x + m[0, 1] * y + m[0, 3], m[1, 0] * x + m[1, 1] * y + m[1, 3]
+    grab, place = ids == GRAB, ids == PLACE
+    gx, gy = (np.float32(v) for v in sight.grab_m[:2])
+    return (
+        np.where(place, place_x, np.where(grab, x - gx, x)),
+        np.where(place, place_y, np.where(grab, y - gy, y)),
+    )
+
+
+def _up(x: Picture, y: Picture, depth: Picture, down: Picture) -> Picture:
+    """Upward component of the normal, from depth D over ray coordinates: n ∝ (−D_x, −D_y, D + x D_x + y D_y)."""
+    dx, dy = _slope(depth, x), _slope(np.ascontiguousarray(depth.T), np.ascontiguousarray(y.T)).T
+    along = depth + x * dx + y * dy
+    upwards = -down[0] * dx - down[1] * dy + down[2] * along
+    return np.asarray(np.abs(upwards) / np.sqrt(dx * dx + dy * dy + along * along))
+
+
+def _slope(depth: Picture, x: Picture) -> Picture:
+    """∂D/∂x along rows: of the two one-sided differences the lesser, which does not look over an edge."""
+    one = cv2.subtract(depth[:, 1:], depth[:, :-1]) / cv2.subtract(x[:, 1:], x[:, :-1])
+    before, after = np.concatenate([one[:, :1], one], axis=1), np.concatenate([one, one[:, -1:]], axis=1)
+    return np.where(np.abs(before) < np.abs(after), before, after)
