@@ -103,6 +103,9 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     amodal_y1_px: Annotated[float | None, _column("px", "amodal box, bottom edge")]
     visible_fraction: Annotated[float, _column("", "pixels of the grab seen over pixels of its whole silhouette")]
     in_frame_fraction: Annotated[float, _column("", "share of the whole silhouette that lies in the picture")]
+    weather_hidden_fraction: Annotated[
+        float, _column("", "share of the visible grab's light that weather keeps from the camera")
+    ]
     oriented_box: Annotated[
         tuple[float, ...] | None,
         _column(

@@ -29,7 +29,7 @@ BAD = {
     "swing.model": ("iidd", "did you mean 'iid'"),
     "place.model": ("moon", "quay, hold, water, plain"),
     "place": ({"model": "hold", "receiver": "truck"}, "unknown key"),
-    "light": ({"sun": 0.0, "sky": 0.0}, "both"),
+    "light": ({"sun": 0.0, "sky": 0.0}, "all be 0"),
     "display.layout": ("twobyfour", "one of: none, four-point-four, two-by-four, or a layout's table"),
     "display.start": ("2022-02-29T14:05:37", "local date and time such as"),
     "display.readout_s": (0.21, "exceed the 0.2 s"),

@@ -19,9 +19,7 @@ from simgrab.scenario import Scenario
 from simgrab.world import model, shutter, truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
-from simgrab.world.moment import Moment
-from simgrab.world.optics.light import to_display, to_linear
-from simgrab.world.osd.draw import Overlay
+from simgrab.world.picture import Chain
 from simgrab.world.render import Renderer, View
 from simgrab.world.story import Story
 from simgrab.world.swing import split
@@ -62,14 +60,17 @@ class Drawn:
     aimed : Aim
     rgb : ndarray of uint8, shape (height, width, 3)
     full : View or None
-        Ids and depth of the whole picture, where the scenario keeps them.
+        Ids and depth of the whole picture, where they are needed.
     sight : Sight
+    veil : ndarray of float32, shape (height, width), or None
+        Share of the scene's light that weather keeps from the camera; None in clear air.
     """
 
     aimed: truth.Aim
     rgb: NDArray[np.uint8]
     full: View | None
     sight: truth.Sight
+    veil: NDArray[np.float32] | None
 
 
 class Studio:
@@ -93,8 +94,7 @@ class Studio:
         self.world = world or model.build(scenario)
         self.renderer = Renderer(self.world, scenario)
         self._story = Story(scenario)
-        layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
-        self._overlay = Overlay(layout) if layout else None
+        self._chain = Chain(scenario, self.renderer, self._story.at)
 
     def __enter__(self) -> Studio:
         return self
@@ -116,30 +116,10 @@ class Studio:
     def draw(self, frame: int) -> Drawn:
         """Draw one frame."""
         image, aimed = self.scenario.image, self.aim(frame)
-        rgb = self._rgb(self._story.at(frame))
-        if self._overlay and aimed.moment.shown:
-            rgb = self._overlay.blend(rgb, aimed.moment.shown)
-        self.renderer.pose(aimed.moment)
-        full = self.renderer.look() if image.ids or image.depth else None
-        return Drawn(aimed, rgb, full, truth.see(self.renderer, aimed, full))
-
-    def _rgb(self, moment: Moment) -> NDArray[np.uint8]:
-        """Draw the picture as its rows see it, one after another and each for a while."""
-        times = self.scenario.shutter
-        at = shutter.instants(times.exposure_s, times.rolling_s, shutter.speed_px_s(self.scenario, moment))
-        weights = shutter.row_weights(self.scenario.camera.height_px, times.exposure_s, times.rolling_s, at)
-        light = None
-        for seconds, share in zip(at.tolist(), weights.T.astype(np.float32), strict=True):
-            self.renderer.pose(moment.shifted(seconds))
-            rgb = self.renderer.rgb()
-            if len(at) == 1:
-                return rgb
-            rows = np.flatnonzero(share)
-            some = slice(rows[0], rows[-1] + 1)
-            light = np.zeros(rgb.shape, np.float32) if light is None else light
-            light[some] += share[some, None, None] * to_linear(rgb[some])
-        assert light is not None
-        return to_display(light)
+        full = self.renderer.look() if image.ids or image.depth or self._chain.wants_view else None
+        sight = truth.see(self.renderer, aimed, full)
+        rgb, veil = self._chain.picture(frame, full)
+        return Drawn(aimed, rgb, full, sight, veil)
 
     def finish(self, drawn: Drawn) -> Frame:
         """Label and encode a drawn frame."""
@@ -157,7 +137,7 @@ class Studio:
     def label(self, drawn: Drawn, *, file: str, image: bytes | memoryview) -> Truth:
         """Compose the row of labels of a drawn frame, whose picture is kept as ``image`` in ``file``."""
         digest = hashlib.sha256(image).hexdigest()
-        return truth.label(self.scenario, drawn.aimed, drawn.sight, file=file, image_sha256=digest)
+        return truth.label(self.scenario, drawn.aimed, drawn.sight, drawn.veil, file=file, image_sha256=digest)
 
 
 def _millimetres(view: View) -> NDArray[np.uint16]:

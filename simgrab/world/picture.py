@@ -1,23 +1,31 @@
-"""From what is drawn to the picture that the camera gives: light, lens, sensor, display, coding."""
+"""From what is drawn to the picture that the camera gives: shutter, night, weather, lens, sensor, display, coding."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.scenario import AutoExposure, Dynamic, Scenario
+from simgrab.geometry import Array
+from simgrab.scenario import AutoExposure, Dynamic, Scenario, Water
+from simgrab.world import lamps, shutter, weather
+from simgrab.world.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.moment import Moment
-from simgrab.world.optics import ExposureControl, recompress, to_display
+from simgrab.world.optics import Exposure, ExposureControl, Light, expose, recompress, settled, to_display, to_linear
 from simgrab.world.osd.draw import Overlay
 from simgrab.world.render import Renderer, View
+from simgrab.world.weather import Lamp, Sight, Weathered
+
+SUN_M = 1e4  # far enough for its light to be parallel
+SUN_SHARE = 0.6  # of a clear day's light that comes from the sun
 
 Picture = NDArray[np.uint8]
 
 
 class Chain:
-    """What happens to a picture after it is drawn.
+    """What happens to a picture from the scene to the stream.
 
     Parameters
     ----------
@@ -33,29 +41,144 @@ class Chain:
         self._overlay = Overlay(layout) if layout else None
         exposure = scenario.optics.exposure
         self._lags = isinstance(exposure, AutoExposure) and exposure.lag_s > 0 and isinstance(scenario.swing, Dynamic)
-        self._control, self._metered = ExposureControl(scenario.optics, scenario.clip.frame_rate_hz), -1
+        self._next, self._control = 0, ExposureControl(scenario.optics, scenario.clip.frame_rate_hz)
 
     @property
-    def needs_depth(self) -> bool:
-        """Whether it wants a view of the whole picture with ids and depth."""
-        return self._scenario.light.floodlights > 0
+    def plain(self) -> bool:
+        """Whether the picture is what was drawn, but for shutter and display."""
+        return self._scenario.optics.off and not self.wants_view
 
-    def picture(self, frame: int, view: View | None) -> Picture:
-        """Make a frame's picture, shape (height, width, 3).
+    @property
+    def wants_view(self) -> bool:
+        """Whether depth and ids of the whole picture are needed."""
+        return self._scenario.light.floodlights > 0 or not self._scenario.weather.off
+
+    def picture(self, frame: int, view: View | None) -> tuple[Picture, NDArray[np.float32] | None]:
+        """Make a frame's picture.
 
         Parameters
         ----------
         frame : int
         view : View or None
-            Of the whole picture at the instant of the labels, where `needs_depth`.
+            Of the whole picture at the instant of the labels, where `wants_view`.
+
+        Returns
+        -------
+        rgb : ndarray of uint8, shape (height, width, 3)
+        veil : ndarray of float32, shape (height, width), or None
+            Share of the scene's light that weather keeps from the camera.
         """
-        optics, moment = self._scenario.optics, self._moment_at(frame)
-        drawn = self._drawn(moment)
-        if view or not optics.off:
-            light = self._light(drawn, moment, view)
-            rgb = drawn if False else self._exposed(frame, light)
+        moment, veil = self._moment_at(frame), None
+        at = self._instants(moment)
+        if self.plain and len(at) == 1:
+            self._renderer.pose(moment)
+            rgb = self._renderer.rgb()
+        elif self.plain:
+            rgb = to_display(self._light(moment, at))
         else:
-            rgb = drawn if drawn.dtype == np.uint8 else to_display(drawn)
+            weathered = self._weathered(frame, self._light(moment, at), view)
+            rgb, veil = self._exposed(frame, weathered.light), weathered.veil
         if self._overlay and moment.shown:
             rgb = self._overlay.blend(rgb, moment.shown)
-        return recompress(rgb, optics.recompress_quality)
+        return recompress(rgb, self._scenario.optics.recompress_quality), veil
+
+    def _instants(self, moment: Moment) -> Array:
+        times = self._scenario.shutter
+        return shutter.instants(times.exposure_s, times.rolling_s, shutter.speed_px_s(self._scenario, moment))
+
+    def _light(self, moment: Moment, at: Array) -> Light:
+        """Draw the scene as its rows see it, one after another and each for a while: linear light."""
+        times = self._scenario.shutter
+        weights = shutter.row_weights(self._scenario.camera.height_px, times.exposure_s, times.rolling_s, at)
+        result = None
+        for seconds, share in zip(at.tolist(), weights.T.astype(np.float32), strict=True):
+            self._renderer.pose(moment.shifted(seconds))
+            light = to_linear(np.ascontiguousarray(self._renderer.rgb()))
+            if len(at) == 1:
+                return light
+            result = np.zeros_like(light) if result is None else result
+            rows = np.flatnonzero(share)
+            some = slice(rows[0], rows[-1] + 1)
+            result[some] += share[some, None, None] * light[some]
+        assert result is not None
+        return result
+
+    def _weathered(self, frame: int, light: Light, view: View | None) -> Weathered:
+        """Light before the lens."""
+        if view is None:
+            return Weathered(light, np.zeros(light.shape[:2], np.float32))
+        scenario, moment = self._scenario, shutter.exposed(self._scenario, self._moment_at(frame))
+        k, rotation = scenario.camera.intrinsics, moment.tilt.jib_from_camera
+        offset = np.array(scenario.camera.offset_m)
+        if scenario.light.floodlights:
+            lit = lamps.illumination(scenario.light, view.depth, intrinsics=k, jib_from_camera=rotation, offset=offset)
+            light = light * lit[..., None]
+        place = scenario.place
+        sight = Sight(
+            light, view.depth, view.ids, k, rotation,
+            centre_m=(float(offset[0]), float(offset[1]), float(offset[2])),
+            height_m=scenario.jib.head_height_m + float(offset[2]),
+            shutter_s=scenario.shutter.exposure_s,
+            grab_m=_vector(moment.grab.jib_from_grab[:3, 3]),
+            jib_from_place=moment.jib.jib_from_place if moment.jib else None,
+            water_m=-place.quay_height_m if isinstance(place, Water) else None,
+        )  # fmt: skip
+        return weather.apply(
+            scenario.weather, sight, seed=scenario.seed, frame=frame, clip=scenario.clip.of(frame),
+            wind_m_s=self._wind(moment), lamps=self._lamps(moment), cargo=scenario.grab.cargo,
+        )  # fmt: skip
+
+    def _wind(self, moment: Moment) -> tuple[float, float, float] | None:
+        """Mean wind of the physics, jib frame; None lets the weather have its own."""
+        swing = self._scenario.swing
+        if not isinstance(swing, Dynamic) or not moment.jib:
+            return None
+        azimuth = math.radians(swing.wind.azimuth_deg) - moment.jib.slew
+        return swing.wind.mean_m_s * math.cos(azimuth), swing.wind.mean_m_s * math.sin(azimuth), 0.0
+
+    def _lamps(self, moment: Moment) -> list[Lamp]:
+        light = self._scenario.light
+        if light.floodlights:
+            each = light.floodlights / len(FLOODLIGHTS)
+            return [Lamp(_vector(position), each) for position in FLOODLIGHTS]
+        if not light.sun:
+            return []
+        elevation = math.radians(light.sun_elevation_deg)
+        azimuth = math.radians(light.sun_azimuth_deg) - (moment.jib.slew if moment.jib else 0.0)
+        level = math.cos(elevation)
+        towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+        return [Lamp(_vector(SUN_M * towards), SUN_SHARE * light.sun)]
+
+    def _exposed(self, frame: int, light: Light) -> Picture:
+        scenario = self._scenario
+        return expose(
+            scenario.optics, light, intrinsics=scenario.camera.intrinsics, seed=scenario.seed, frame=frame,
+            exposure=self._exposure(frame, light),
+        )  # fmt: skip
+
+    def _exposure(self, frame: int, light: Light) -> Exposure:
+        """Exposure of a frame; where it lags, what the clip showed before is metered first."""
+        if not self._lags:
+            return settled(self._scenario.optics, light)
+        clip = self._scenario.clip
+        first = clip.span(clip.of(frame), self._scenario.frames).start
+        if not first < self._next <= frame:
+            self._next = first
+            self._control = ExposureControl(self._scenario.optics, clip.frame_rate_hz)
+        while self._next < frame:
+            self._control.next(self._meter(self._next))
+            self._next += 1
+        self._next = frame + 1
+        return self._control.next(light)
+
+    def _meter(self, frame: int) -> Light:
+        """Light of a frame that is not shown, or that another worker makes."""
+        moment = self._moment_at(frame)
+        self._renderer.pose(shutter.exposed(self._scenario, moment))
+        view = self._renderer.look() if self.wants_view else None
+        return self._weathered(frame, self._light(moment, self._instants(moment)), view).light
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

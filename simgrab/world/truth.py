@@ -18,6 +18,7 @@ from simgrab.world.model import GRAB, ROPE, World
 from simgrab.world.moment import GrabState, Moment
 from simgrab.world.render import Renderer, View, Window
 from simgrab.world.swing import split
+from simgrab.world.weather import hidden_fraction
 
 NEAREST_DEPTH_M = 0.2
 KEYPOINT_TOLERANCE_M = 0.12  # a keypoint on a surface is seen if nothing lies this much nearer,
@@ -157,8 +158,16 @@ def see(renderer: Renderer, aimed: Aim, full: View | None = None) -> Sight:
     return Sight(visible, int((visible.ids == GRAB).sum()) / total, int(inside.sum()) / total)
 
 
-def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha256: str) -> Truth:
-    """Compose the row of labels of one frame."""
+def label(
+    scenario: Scenario,
+    aimed: Aim,
+    sight: Sight,
+    veil: NDArray[np.float32] | None = None,
+    *,
+    file: str,
+    image_sha256: str,
+) -> Truth:
+    """Compose the row of labels of one frame; ``veil`` (height, width) is the light that weather keeps back."""
     moment, state, tilt = aimed.moment, aimed.moment.grab, aimed.moment.tilt
     camera, k, jib, shown = scenario.camera, scenario.camera.intrinsics, moment.jib, moment.shown
     ideal, pixel = k.ideal(aimed.centre_camera), k.project(aimed.centre_camera)
@@ -222,6 +231,7 @@ def label(scenario: Scenario, aimed: Aim, sight: Sight, *, file: str, image_sha2
         amodal_y1_px=amodal[3],
         visible_fraction=sight.visible_fraction,
         in_frame_fraction=sight.in_frame_fraction,
+        weather_hidden_fraction=_hidden(sight, veil),
         oriented_box=oriented,
         keypoints=_floats(_see_keypoints(scenario, aimed, sight)),
         rope_text=shown.rope_text if shown else None,
@@ -249,6 +259,14 @@ def _see_keypoints(scenario: Scenario, aimed: Aim, sight: Sight) -> Array:
             tolerance = ROPE_TOLERANCE_M if own_rope else KEYPOINT_TOLERANCE_M
             rows[i, 2] += sight.visible.depth[at] > depth - tolerance
     return rows
+
+
+def _hidden(sight: Sight, veil: NDArray[np.float32] | None) -> float:
+    """Share of the light of the visible grab that weather keeps from the camera."""
+    if veil is None:
+        return 0.0
+    x0, y0, x1, y1 = sight.visible.window
+    return hidden_fraction(veil[y0:y1, x0:x1], sight.mask)
 
 
 def _finite(points: Array) -> Array:

@@ -15,9 +15,7 @@ from simgrab.world.weather.sight import Picture, Sight, Vector, ray_maps
 from simgrab.world.weather.surface import STEP, Surface
 
 SPAN_M = 51.2  # noise repeats after so much
-WET_ALBEDO = (
-    0.6  # share of a porous surface's albedo that is left when it is wet (Twomey et al. 1986; Lekner & Dorf 1988)
-)
+WET_ALBEDO = 0.6  # share of a porous surface's albedo that is left when it is wet (Lekner & Dorf 1988)
 PUDDLE_ALBEDO = 0.45
 MOST_PUDDLES = 0.35  # share of the level ground
 LEVEL = 0.995  # cosine of the steepest slope on which water stands
