@@ -9,9 +9,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from simgrab.errors import ScenarioError
 from simgrab.resources import SCENES
-from simgrab.scenario import Scenario, merged
+from simgrab.scenario import Scenario, merged, vary
 from simgrab.strict import convert
 
 
@@ -28,7 +30,7 @@ def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = Non
     scene : str or Path
         A bundled scene's name (see `names`), a TOML file, or the ``manifest.json`` of a dataset.
     changes : mapping, optional
-        Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``.
+        Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``. A key that is set so varies no more.
 
     Returns
     -------
@@ -46,8 +48,13 @@ def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = Non
     """
     data = merged(Scenario().to_dict(), _read(scene))
     for key, value in (changes or {}).items():
-        data = merged(data, _nested(key, value))
-    return convert(data, Scenario)
+        data = merged(data, vary.nested(key, value))
+    scenario = convert(data, Scenario)
+    for key in changes or {}:
+        if not f"{key}.".startswith("vary."):
+            scenario = msgspec.structs.replace(scenario, vary=vary.fixed(scenario.vary, key))
+    vary.check(scenario)
+    return scenario
 
 
 def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
@@ -62,12 +69,6 @@ def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
         except tomllib.TOMLDecodeError:
             changes[key] = text
     return changes
-
-
-def _nested(dotted: str, value: Any) -> dict[str, Any]:
-    for step in reversed(dotted.split(".")):
-        value = {step: value}
-    return dict(value)
 
 
 def _read(scene: str | Path) -> dict[str, Any]:

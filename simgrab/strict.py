@@ -58,8 +58,23 @@ def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: s
         if key not in valid:
             raise ScenarioError(dotted, f"unknown key{_suggest(key, valid)}; valid here: {', '.join(valid)}")
         structs = _structs_of(fields.get(key))
+        if get_origin(fields.get(key)) is dict and isinstance(value, Mapping):
+            _refuse_bad_entries(value, get_args(fields[key])[1], dotted)
         if structs and isinstance(value, Mapping):
             _refuse_unknown(value, _choose(structs, value, dotted), f"{dotted}.")
+
+
+def _refuse_bad_entries(table: Mapping[str, Any], kind: Any, path: str) -> None:
+    """Convert the entries of a table with free keys one by one: msgspec does not say which of them it refuses."""
+    for key, value in table.items():
+        dotted = f"{path}.{key}"
+        if isinstance(value, Mapping):
+            _refuse_unknown(value, _choose(_structs_of(kind), value, dotted), f"{dotted}.")
+        try:
+            msgspec.convert(value, kind)
+        except msgspec.ValidationError as problem:
+            inner, text = _read(str(problem), value)
+            raise ScenarioError(f"{dotted}.{inner}" if inner else dotted, text) from None
 
 
 def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any], path: str) -> type[msgspec.Struct]:

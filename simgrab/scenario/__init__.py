@@ -12,6 +12,7 @@ from simgrab.scenario.camera import (
     SensorFocal,
     Vibration,
 )
+from simgrab.scenario.factor import Factor, OneOf
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
@@ -28,6 +29,7 @@ from simgrab.scenario.swing import (
     Turn,
     Wind,
 )
+from simgrab.scenario.vary import Variant, variant, variants
 from simgrab.scenario.weather import Weather
 from simgrab.scenario.whole import Scenario, merged, schema
 
@@ -42,6 +44,7 @@ __all__ = [
     "Cycles",
     "Display",
     "Dynamic",
+    "Factor",
     "FixedExposure",
     "FixedMount",
     "Forcing",
@@ -56,6 +59,7 @@ __all__ = [
     "LensFocal",
     "LevelledMount",
     "Light",
+    "OneOf",
     "Optics",
     "PixelFocal",
     "Plain",
@@ -71,10 +75,13 @@ __all__ = [
     "Strict",
     "Tagged",
     "Turn",
+    "Variant",
     "Vibration",
     "Water",
     "Weather",
     "Wind",
     "merged",
     "schema",
+    "variant",
+    "variants",
 ]

@@ -16,6 +16,7 @@ from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import Intrinsics
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
+from simgrab.scenario.factor import Factor
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
@@ -24,7 +25,10 @@ from simgrab.scenario.weather import Weather
 
 
 class Scenario(Strict, frozen=True):
-    """One scene, whole. Two scenarios with the same `digest` give the same dataset."""
+    """One scene, whole. Two scenarios with the same `digest` give the same dataset.
+
+    ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice.
+    """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
     description: str = ""
@@ -44,6 +48,7 @@ class Scenario(Strict, frozen=True):
     display: Display = Display()
     labels: Labels = Labels()
     splits: Splits = Splits()
+    vary: dict[str, Factor] = {}
 
     def __post_init__(self) -> None:
         if isinstance(self.swing, Iid):
@@ -60,6 +65,8 @@ class Scenario(Strict, frozen=True):
                 "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
             )
         self._check_display()
+        if self.vary and not self.clip.clip_frames:
+            raise ScenarioError("clip.clip_frames", "vary draws once for each clip: say how many frames share a draw")
 
     def _check_display(self) -> None:
         try:

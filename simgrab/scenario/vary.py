@@ -1,0 +1,143 @@
+"""Variants: the scenarios that the frames of one with varying factors are made of."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from simgrab.errors import ScenarioError
+from simgrab.rng import stream
+from simgrab.scenario.factor import JOINT, Factor, OneOf, draw, trials
+from simgrab.scenario.whole import Scenario, merged
+from simgrab.strict import convert
+
+FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "vary")
+_FIXED_WHY = "cannot vary: one dataset has one of it, by which its frames, files and columns fit together"
+
+
+class Variant(msgspec.Struct, frozen=True):
+    """The scenario of the frames of one clip.
+
+    Attributes
+    ----------
+    number : int
+        The clip's index, which also keys what is random about the place; 0 where nothing varies.
+    scenario : Scenario
+        With every factor at its drawn value, and nothing left that varies.
+    drawn : dict
+        By factor, what was drawn: a number, a value, or its name where the choice names its values.
+    """
+
+    number: int
+    scenario: Scenario
+    drawn: dict[str, Any]
+
+    @property
+    def varied(self) -> str:
+        """``drawn`` as JSON, empty where nothing varies."""
+        return json.dumps(self.drawn, sort_keys=True, ensure_ascii=False) if self.drawn else ""
+
+
+def variant(scenario: Scenario, frame: int) -> Variant:
+    """Draw the variant that a frame belongs to; every factor has its own stream, so a new one changes no other.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    frame : int
+
+    Raises
+    ------
+    ScenarioError
+        If the factors drew what cannot be together, naming the key.
+    """
+    if not scenario.vary:
+        return Variant(0, scenario, {})
+    number = scenario.clip.of(frame)
+    drawn, change = {}, {}
+    for key in sorted(scenario.vary):  # a table before the keys in it
+        drawn[key], value = draw(scenario.vary[key], stream(scenario.seed, number, f"vary.{key}"))
+        change |= _by_key(key, value)
+    try:
+        return Variant(number, _changed(scenario, change), drawn)
+    except ScenarioError as problem:
+        raise ScenarioError(problem.key, f"{problem.problem} (drawn for clip {number} by vary)") from None
+
+
+def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:
+    """Give every variant with its frames, in order."""
+    if not scenario.vary:
+        yield variant(scenario, 0), range(scenario.frames)
+        return
+    for clip in range(scenario.clip.count(scenario.frames)):
+        span = scenario.clip.span(clip, scenario.frames)
+        yield variant(scenario, span.start), span
+
+
+def check(scenario: Scenario) -> None:
+    """Refuse factors whose key does not exist or may not vary, and values that can never be valid.
+
+    Every value of a choice is tried, and both ends of a law, each with everything else as it is.
+    """
+    rng = np.random.default_rng(0)
+    for key, factor in scenario.vary.items():
+        for value in trials(factor, rng):
+            try:
+                _changed(scenario, _by_key(key, value))
+            except ScenarioError as problem:
+                inner = "" if problem.key in ("", key) else f"{problem.key}: "
+                raise ScenarioError(f"vary.{key}", f"{inner}{problem.problem} (trying {value!r})") from None
+
+
+def fixed(factors: Mapping[str, Factor], key: str) -> dict[str, Factor]:
+    """Drop from factors what would overwrite ``key``, which somebody set by hand."""
+    left: dict[str, Factor] = {}
+    for name, factor in factors.items():
+        parts = name.split(JOINT)
+        kept = [part for part in parts if not f"{part}.".startswith(f"{key}.")]
+        if any(key.startswith(f"{part}.") for part in kept):
+            raise ScenarioError(key, f"varies as a part of {name!r}; change that factor under vary")
+        if kept == parts:
+            left[name] = factor
+        elif kept and isinstance(factor, OneOf):
+            tables = [{part: value[part] for part in kept} for value in factor.values]
+            values = tuple(tables if len(kept) > 1 else (table[kept[0]] for table in tables))
+            left[JOINT.join(kept)] = msgspec.structs.replace(factor, values=values)
+    return left
+
+
+def _by_key(name: str, value: Any) -> dict[str, Any]:
+    """Split a drawn value into dotted keys."""
+    parts = name.split(JOINT)
+    if len(parts) == 1:
+        return {name: value}
+    if not isinstance(value, Mapping) or set(value) != set(parts):
+        raise ScenarioError(name, f"each value must be a table with the keys {', '.join(parts)}")
+    return {part: value[part] for part in parts}
+
+
+def _changed(scenario: Scenario, change: Mapping[str, Any]) -> Scenario:
+    """Lay dotted keys over a scenario, which varies no more."""
+    data = scenario.to_dict() | {"vary": {}}
+    for key in sorted(change):
+        if key.split(".")[0] in FIXED:
+            raise ScenarioError(key, _FIXED_WHY)
+        data = merged(data, nested(key, change[key]))
+    result = convert(data, Scenario)
+    for key in ("width_px", "height_px"):
+        if getattr(result.camera, key) != getattr(scenario.camera, key):
+            raise ScenarioError(f"camera.{key}", _FIXED_WHY)
+    if type(result.swing) is not type(scenario.swing):
+        raise ScenarioError("swing.model", _FIXED_WHY)
+    return result
+
+
+def nested(dotted: str, value: Any) -> dict[str, Any]:
+    """Turn a dotted key into tables within tables."""
+    for step in reversed(dotted.split(".")):
+        value = {step: value}
+    return dict(value)
