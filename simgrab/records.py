@@ -37,6 +37,10 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     split: Annotated[str, _column("", "train, val or test, by seeded draw")]
     file: Annotated[str, _column("", "picture, relative to the dataset")]
     seed: Annotated[int, _column("", "seed of the scenario")]
+    variant: Annotated[
+        int, _column("", "index of the draw of all that varies within the dataset; 0 where nothing does")
+    ]
+    varied: Annotated[str, _column("", "what that draw gave, as JSON by factor; empty where nothing varies")]
     clip: Annotated[int | None, _column("", "index of the clip that the frame is of; empty for independent frames")]
     time_s: Annotated[float | None, _column("s", "time within the clip; empty for independent frames")]
     alpha_deg: Annotated[float, _column("deg", "swing angle: between OA and gravity, never truncated")]

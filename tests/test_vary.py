@@ -122,7 +122,7 @@ def test_factors_survive_being_written(tmp_path):
         ("grab.cargo", {"dist": "one-of", "values": ["coal", "ore"], "weights": [1]}, "2 values need as many weights"),
         ("grab.cargo", {"dist": "one-of", "values": ["coal", "ore"], "names": ["a", "a"]}, "names must differ"),
         ("place+light", {"dist": "one-of", "values": [{"place": {"model": "hold"}}]}, "keys place, light"),
-        ("seed", UNIFORM, "cannot vary"),
+        ("labels.least_visible_fraction", UNIFORM, "cannot vary"),
         ("clip.frame_rate_hz", UNIFORM, "cannot vary"),
         ("camera", {"dist": "one-of", "values": [{"width_px": 640}]}, "camera.width_px: cannot vary"),
         ("swing", {"dist": "one-of", "values": [{"model": "dynamic"}]}, "swing.model: cannot vary"),

@@ -39,7 +39,7 @@ class OneOf(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         return tuple(w / sum(weights) for w in weights)
 
     def called(self, index: int) -> Any:
-        """What labels hold of a value: its name, or itself."""
+        """Give what labels hold of a value: its name, or itself."""
         return self.names[index] if self.names else self.values[index]
 
 

@@ -57,8 +57,9 @@ def variant(scenario: Scenario, frame: int) -> Variant:
     """
     if not scenario.vary:
         return Variant(0, scenario, {})
-    number = scenario.clip.of(frame)
-    drawn, change = {}, {}
+    number = scenario.variant_number(frame)
+    drawn: dict[str, Any] = {}
+    change: dict[str, Any] = {}
     for key in sorted(scenario.vary):  # a table before the keys in it
         drawn[key], value = draw(scenario.vary[key], stream(scenario.seed, number, f"vary.{key}"))
         change |= _by_key(key, value)

@@ -48,7 +48,7 @@ class Scenario(Strict, frozen=True):
     display: Display = Display()
     labels: Labels = Labels()
     splits: Splits = Splits()
-    vary: dict[str, Factor] = {}
+    vary: dict[str, Factor] = msgspec.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if isinstance(self.swing, Iid):
@@ -76,6 +76,10 @@ class Scenario(Strict, frozen=True):
             raise ScenarioError("display.layout", str(problem)) from None
         except OverflowError:
             raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
+
+    def variant_number(self, frame: int) -> int:
+        """Return the index of the variant that a frame is of: its clip; 0 for all frames where nothing varies."""
+        return self.clip.of(frame) if self.vary else 0
 
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""

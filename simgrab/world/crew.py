@@ -59,7 +59,7 @@ def share(
     ----------
     scenario : Scenario
     world : World
-        Of the same scenario.
+        Of the same scenario's first variant.
     items : iterable of int
         Frames or clips.
     work : callable

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from simgrab.errors import DatasetError
 from simgrab.records import Truth
 from simgrab.scenario import Scenario
-from simgrab.world import crew, export, frames, manifest, model, preview
-from simgrab.world.crew import Progress, Tick
+from simgrab.world import crew, export, frames, manifest, preview
+from simgrab.world.crew import Progress, Tick, Work
 from simgrab.world.folder import MANIFEST, Folder, writing
 from simgrab.world.frames import Studio
 from simgrab.world.gl import Fingerprint
@@ -105,8 +105,7 @@ def render(
         If there is no offscreen OpenGL.
     """
     crew.check(workers)
-    folder, world = Folder(Path(out)), model.build(scenario)
-    frames.check(scenario, world)
+    folder, world = Folder(Path(out)), frames.check(scenario)
     reels = Reels(scenario, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
     made = 0
@@ -118,8 +117,9 @@ def render(
                 drawn = _film(reels, clips, folder, world, missing, workers, progress)
             else:
                 report = crew.report(progress, len(done), scenario.frames)
-                store = functools.partial(_store, folder)
-                drawn = crew.share(scenario, world, missing, store, workers=workers, progress=report)
+                work: Work[Fingerprint] = functools.partial(_store_clip if scenario.vary else _store, folder)
+                items = sorted(set(map(scenario.clip.of, missing))) if scenario.vary else missing
+                drawn = crew.share(scenario, world, items, work, workers=workers, progress=report)
             drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
             with writing(folder.path):
                 _finish(folder, scenario, drawn_by)
@@ -136,6 +136,14 @@ def _store(folder: Folder, studio: Studio, frame: int, tick: Tick) -> Fingerprin
     folder.store(made)
     tick()
     return made.record.drawn_by
+
+
+def _store_clip(folder: Folder, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
+    """Make the missing frames of a clip, whose world is built once."""
+    for frame in studio.scenario.clip.span(clip, studio.scenario.frames):
+        if not folder.has(frame):
+            drawn_by = _store(folder, studio, frame, tick)
+    return drawn_by
 
 
 def _film(

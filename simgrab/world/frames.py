@@ -15,12 +15,12 @@ from pycocotools import mask as coco_mask
 
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.records import Truth
-from simgrab.scenario import Scenario
-from simgrab.world import model, shutter, truth
+from simgrab.scenario import Scenario, Variant, variant, variants
+from simgrab.world import model, truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
-from simgrab.world.picture import Chain
 from simgrab.world.render import Renderer, View
+from simgrab.world.stage import Stage
 from simgrab.world.story import Story
 from simgrab.world.swing import split
 
@@ -57,6 +57,8 @@ class Drawn:
 
     Attributes
     ----------
+    variant : Variant
+        The frame is of.
     aimed : Aim
     rgb : ndarray of uint8, shape (height, width, 3)
     full : View or None
@@ -66,6 +68,7 @@ class Drawn:
         Share of the scene's light that weather keeps from the camera; None in clear air.
     """
 
+    variant: Variant
     aimed: truth.Aim
     rgb: NDArray[np.uint8]
     full: View | None
@@ -74,13 +77,15 @@ class Drawn:
 
 
 class Studio:
-    """The built world of a scenario with a renderer before it. Use as a context manager.
+    """Makes the frames of a scenario. Use as a context manager.
+
+    It keeps one variant's world built, with a renderer before it; where factors vary, go clip by clip.
 
     Parameters
     ----------
     scenario : Scenario
     world : World, optional
-        Of the same scenario, where it was built already.
+        Of the scenario's first variant, where it was built already.
 
     Examples
     --------
@@ -91,23 +96,43 @@ class Studio:
 
     def __init__(self, scenario: Scenario, world: World | None = None) -> None:
         self.scenario = scenario
-        self.world = world or model.build(scenario)
-        self.renderer = Renderer(self.world, scenario)
-        self._story = Story(scenario)
-        self._chain = Chain(scenario, self.renderer, self._story.at)
+        self._stage = Stage(variant(scenario, 0), world) if world else None
 
     def __enter__(self) -> Studio:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.renderer.close()
+        if self._stage:
+            self._stage.close()
+
+    @property
+    def stage(self) -> Stage:
+        """The stage of the frame last aimed at; at first that of frame 0."""
+        return self._stage or self.at(0)
+
+    @property
+    def world(self) -> World:
+        """The stage's world."""
+        return self.stage.world
+
+    @property
+    def renderer(self) -> Renderer:
+        """The stage's renderer."""
+        return self.stage.renderer
+
+    def at(self, frame: int) -> Stage:
+        """Set the stage for a frame, built anew where another variant's stands."""
+        number = self.scenario.variant_number(frame)
+        if self._stage is None or self._stage.variant.number != number:
+            if self._stage:
+                self._stage.close()
+                self._stage = None  # building may fail
+            self._stage = Stage(variant(self.scenario, frame))
+        return self._stage
 
     def aim(self, frame: int) -> truth.Aim:
         """Pose the world and the camera as in one frame, at the instant of its labels."""
-        moment = shutter.exposed(self.scenario, self._story.at(frame))
-        aimed = truth.aim(self.scenario, self.world, moment)
-        self.renderer.pose(aimed.moment)
-        return aimed
+        return self.at(frame).aim(frame)
 
     def make(self, frame: int) -> Frame:
         """Draw, label and encode one frame."""
@@ -115,11 +140,12 @@ class Studio:
 
     def draw(self, frame: int) -> Drawn:
         """Draw one frame."""
-        image, aimed = self.scenario.image, self.aim(frame)
-        full = self.renderer.look() if image.ids or image.depth or self._chain.wants_view else None
-        sight = truth.see(self.renderer, aimed, full)
-        rgb, veil = self._chain.picture(frame, full)
-        return Drawn(aimed, rgb, full, sight, veil)
+        image, stage = self.scenario.image, self.at(frame)
+        aimed = stage.aim(frame)
+        full = stage.renderer.look() if image.ids or image.depth or stage.chain.wants_view else None
+        sight = truth.see(stage.renderer, aimed, full)
+        rgb, veil = stage.chain.picture(frame, full)
+        return Drawn(stage.variant, aimed, rgb, full, sight, veil)
 
     def finish(self, drawn: Drawn) -> Frame:
         """Label and encode a drawn frame."""
@@ -137,7 +163,11 @@ class Studio:
     def label(self, drawn: Drawn, *, file: str, image: bytes | memoryview) -> Truth:
         """Compose the row of labels of a drawn frame, whose picture is kept as ``image`` in ``file``."""
         digest = hashlib.sha256(image).hexdigest()
-        return truth.label(self.scenario, drawn.aimed, drawn.sight, drawn.veil, file=file, image_sha256=digest)
+        frame = drawn.aimed.moment.frame
+        return truth.label(
+            drawn.variant, drawn.aimed, drawn.sight, drawn.veil,
+            split=split(self.scenario, frame), file=file, image_sha256=digest,
+        )  # fmt: skip
 
 
 def _millimetres(view: View) -> NDArray[np.uint16]:
@@ -164,14 +194,23 @@ def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
     return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}
 
 
-def check(scenario: Scenario, world: World) -> None:
-    """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab."""
+def check(scenario: Scenario) -> World:
+    """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab.
+
+    Returns the world of the first variant, which was built for it.
+    """
     k = scenario.camera.intrinsics
-    story = Story(scenario)
-    aims = (truth.aim(scenario, world, story.at(frame)) for frame in range(scenario.frames))
-    if not sum(aimed.meets(k.width_px, k.height_px) for aimed in aims):  # all of them: each may be impossible
+    first, seen = None, 0
+    for one, span in variants(scenario):
+        world, story = model.build(one.scenario, one.number), Story(one.scenario)
+        first = first or world
+        aims = (truth.aim(one.scenario, world, story.at(frame)) for frame in span)
+        seen += sum(aimed.meets(k.width_px, k.height_px) for aimed in aims)  # all of them: each may be impossible
+    if not seen:
         raise ScenarioError(
             "camera",
             f"it never sees the grab in any of the {scenario.frames} frames; "
             "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
         )
+    assert first is not None
+    return first

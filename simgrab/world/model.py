@@ -145,12 +145,15 @@ def placed_shapes(jaw: float, load: float) -> dict[str, Array]:
     return placed if level is None else placed | {f"cargo_{level}": np.eye(4)}
 
 
-def build(scenario: Scenario) -> World:
+def build(scenario: Scenario, number: int = 0) -> World:
     """Build the world of a scenario.
 
     Parameters
     ----------
     scenario : Scenario
+        That varies no more.
+    number : int
+        Which of the worlds of one seed: what is random about place and grab, such as stains, differs between them.
 
     Returns
     -------
@@ -158,7 +161,9 @@ def build(scenario: Scenario) -> World:
     """
     spec = mujoco.MjSpec()
     _set_visuals(spec, scenario)
-    place = places.build(scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, 0, "place"))
+    place = places.build(
+        scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, number, "place")
+    )
     ground = spec.worldbody.add_body(name="place", mocap=True)
     add_parts(spec, ground, place, group=PLACE, prefix="place")
     steel = jib.jib_parts()
@@ -170,9 +175,9 @@ def build(scenario: Scenario) -> World:
         wear=look.wear,
         residue=look.residue,
         cargo=look.cargo,
-        rng=stream(scenario.seed, 0, "grab"),
+        rng=stream(scenario.seed, number, "grab"),
     )
-    heaps = grab.cargo_parts(look.cargo, stream(scenario.seed, 0, "cargo"))
+    heaps = grab.cargo_parts(look.cargo, stream(scenario.seed, number, "cargo"))
     _add_grab(spec, parts, heaps)
     _add_ropes(spec)
     model = spec.compile()

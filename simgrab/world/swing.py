@@ -62,6 +62,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
 
 def split(scenario: Scenario, frame: int) -> str:
     """Draw a frame into train, val or test by the scenario's shares; frames of one clip, being alike, stay together."""
-    unit = frame if isinstance(scenario.swing, Iid) else scenario.clip.of(frame)
+    alone = isinstance(scenario.swing, Iid) and not scenario.vary
+    unit = frame if alone else scenario.clip.of(frame)
     share = stream(scenario.seed, unit, "split").random()
     return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"

@@ -12,12 +12,11 @@ from simgrab import geometry
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.records import KEYPOINT_NAMES, Truth
-from simgrab.scenario import Scenario
+from simgrab.scenario import Scenario, Variant
 from simgrab.world.meshes import grab
 from simgrab.world.model import GRAB, ROPE, World
 from simgrab.world.moment import GrabState, Moment
 from simgrab.world.render import Renderer, View, Window
-from simgrab.world.swing import split
 from simgrab.world.weather import hidden_fraction
 
 NEAREST_DEPTH_M = 0.2
@@ -159,16 +158,18 @@ def see(renderer: Renderer, aimed: Aim, full: View | None = None) -> Sight:
 
 
 def label(
-    scenario: Scenario,
+    variant: Variant,
     aimed: Aim,
     sight: Sight,
     veil: NDArray[np.float32] | None = None,
     *,
+    split: str,
     file: str,
     image_sha256: str,
 ) -> Truth:
     """Compose the row of labels of one frame; ``veil`` (height, width) is the light that weather keeps back."""
-    moment, state, tilt = aimed.moment, aimed.moment.grab, aimed.moment.tilt
+    scenario, moment = variant.scenario, aimed.moment
+    state, tilt = moment.grab, moment.tilt
     camera, k, jib, shown = scenario.camera, scenario.camera.intrinsics, moment.jib, moment.shown
     ideal, pixel = k.ideal(aimed.centre_camera), k.project(aimed.centre_camera)
     m, theta = k.polar(ideal, geometry.vertical_direction(tilt.azimuth, tilt.roll))
@@ -181,9 +182,11 @@ def label(
     box = sight.box or (None, None, None, None)
     return Truth(
         frame=moment.frame,
-        split=split(scenario, moment.frame),
+        split=split,
         file=file,
         seed=scenario.seed,
+        variant=variant.number,
+        varied=variant.varied,
         clip=moment.clip,
         time_s=moment.time,
         alpha_deg=_degrees(state.alpha),

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.world import model
 from simgrab.world.frames import check
 from simgrab.world.meshes.grab import closing_rope_m
 from simgrab.world.motion.axis import Axis, Move
@@ -118,7 +117,7 @@ def test_the_impossible_is_refused_when_it_is_read(changes, key, why):
 def test_hoisting_through_the_ground_is_refused():
     scene = small_scene("work-cycles", frames=3, swing__work__dig_rope_m=31.0)
     with pytest.raises(ScenarioError, match=r"swing\.work.*lowers the grab into what is below it; at most 2\d\.\d\d m"):
-        check(scene, model.build(scene))
+        check(scene)
 
 
 def test_independent_frames_know_no_vibration():

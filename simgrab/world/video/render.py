@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
-from simgrab.world import crew, frames, model
+from simgrab.world import crew, frames
 from simgrab.world.crew import Progress, Tick
 from simgrab.world.folder import Folder
 from simgrab.world.frames import Studio
@@ -91,8 +91,7 @@ def render_video(
     reels = Reels(scenario, Path(path))
     clips = reels.unfinished(resume=resume)
     if clips or reels.partial.exists():
-        world = model.build(scenario)
-        frames.check(scenario, world)
+        world = frames.check(scenario)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = crew.report(progress, ahead, scenario.frames)
         with reels.claim():
@@ -117,12 +116,13 @@ class Filming:
 
     def __call__(self, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
         """Draw the clip's frames, each once."""
-        drawn_by = studio.renderer.fingerprint
+        span = studio.scenario.clip.span(clip, studio.scenario.frames)
+        drawn_by = studio.at(span.start).renderer.fingerprint
         if not self.reels.is_finished(clip):
             self._refuse_other_renderers(drawn_by)
             film(self.reels, clip, lambda frame: self._take(studio, frame), drawn_by, tick=tick, also=self._lacks)
             return drawn_by
-        for frame in filter(self._lacks, studio.scenario.clip.span(clip, studio.scenario.frames)):
+        for frame in filter(self._lacks, span):
             self._take(studio, frame)
             tick()
         return drawn_by
