@@ -70,6 +70,12 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     yaw_deg: Annotated[float, _column("deg", "turn of the grab about its rope, 0 = x outboard, (-180, 180]")]
     jaw_deg: Annotated[float, _column("deg", "opening of each shell about its hinge, 0 = closed")]
     load: Annotated[float, _column("", "fill of the closed grab, 0 to 1; an open grab holds nothing")]
+    present: Annotated[
+        bool,
+        _column(
+            "", "whether the grab is there; else its pose is where it would be, and it has neither box nor keypoint"
+        ),
+    ]
     distance_m: Annotated[float, _column("m", "from the camera centre to the grab centre A")]
     width_px: Annotated[int, _column("px", "width of the picture")]
     height_px: Annotated[int, _column("px", "height of the picture")]

@@ -30,7 +30,10 @@ class Alpha(Strict, frozen=True):
 
 
 class Iid(Tagged, frozen=True, tag="iid"):
-    """Independent frames: each draws its own swing, rope length, yaw, jaws and load."""
+    """Independent frames: each draws its own swing, rope length, yaw, jaws and load.
+
+    A share ``absent`` of the frames shows neither grab nor ropes.
+    """
 
     alpha: Alpha = Alpha()
     gamma_deg: Distribution = Uniform(0.0, 360.0)
@@ -38,6 +41,7 @@ class Iid(Tagged, frozen=True, tag="iid"):
     yaw_deg: Distribution = Uniform(-15.0, 15.0)
     jaw_deg: Distribution = Constant(0.0)
     load: Distribution = Constant(0.0)
+    absent: Share = 0.0
 
 
 class Hang(Tagged, frozen=True, tag="hang"):

@@ -18,7 +18,13 @@ from simgrab.scenario import Scenario
 from simgrab.world.frames import Record
 
 SPLITS = ("train", "val", "test")
-_ARROW = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "tuple": pa.list_(pa.float64())}
+_ARROW = {
+    "bool": pa.bool_(),
+    "int": pa.int64(),
+    "float": pa.float64(),
+    "str": pa.string(),
+    "tuple": pa.list_(pa.float64()),
+}
 
 
 def labels_schema() -> pa.Schema:

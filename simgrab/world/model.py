@@ -22,6 +22,7 @@ from simgrab.world.moment import GrabState, Moment
 
 # Geom groups tell what a pixel belongs to.
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
+STEEL, FALLS = "steel", "falls"
 
 NEAR_M, FAR_M = 0.1, 200.0
 SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
@@ -45,7 +46,8 @@ class World:
     outline : dict of str to ndarray, shape (N, 3)
         Points of each shape among which the outermost of every picture are.
     switches : dict of str to ndarray
-        Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``.
+        Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that
+        only an absent grab lacks: its steel and the falls inside it.
     ground : HeightMap
         What stands below the grab.
     """
@@ -93,10 +95,12 @@ class World:
         data.joint("yaw").qpos = state.yaw
         for name, position in grab.joint_positions(state.jaw).items():
             data.joint(name).qpos = position
-        shown = cargo_level(state.load)
+        shown = cargo_level(state.load) if moment.present else None
         for level in range(len(grab.CARGO_LEVELS)):
             self._show(f"cargo_{level}", level == shown, GRAB)
-        self._hang_ropes(data, state)
+        self._show(STEEL, moment.present, GRAB)
+        self._show(FALLS, moment.present, ROPE)
+        self._hang_ropes(data, moment)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
@@ -114,9 +118,9 @@ class World:
     def _mocap(self, body: str) -> int:
         return int(self.model.body(body).mocapid[0])
 
-    def _hang_ropes(self, data: mujoco.MjData, state: GrabState) -> None:
+    def _hang_ropes(self, data: mujoco.MjData, moment: Moment) -> None:
         """Draw each rope straight from its termination to its exit, with the shortest mesh that reaches."""
-        pose = state.jib_from_grab
+        pose = moment.grab.jib_from_grab
         ends = grab.ROPE_TERMINATIONS @ pose[:3, :3].T + pose[:3, 3]
         for rope, (end, top) in enumerate(zip(ends, ropes.ROPE_EXITS, strict=True)):
             needed = float(np.linalg.norm(top - end))
@@ -125,7 +129,7 @@ class World:
             data.mocap_pos[mocap] = end
             data.mocap_quat[mocap] = _turn_up_to((top - end) / needed)
             for length in ropes.ROPE_CLASSES_M:
-                self._show(f"rope_{rope}/{length}", length == shown, ROPE)
+                self._show(f"rope_{rope}/{length}", moment.present and length == shown, ROPE)
 
     def _show(self, stem: str, shown: bool, group: int) -> None:
         self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
@@ -282,12 +286,15 @@ def _turn_up_to(direction: Array) -> Array:
 
 
 def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
-    """Geoms that come and go, by the stem of their name: ``cargo_2``, ``rope_0/15``."""
+    """See `World.switches`; ropes outside the grab and its heaps are hidden at first."""
     found: dict[str, list[int]] = {}
+    always = {GRAB: STEEL, ROPE: FALLS}
     for geom in range(model.ngeom):
-        stem = model.geom(geom).name.rpartition("/")[0]
-        if model.geom_group[geom] == HIDDEN:
-            found.setdefault(stem, []).append(geom)
+        group = int(model.geom_group[geom])
+        if group == HIDDEN:
+            found.setdefault(model.geom(geom).name.rpartition("/")[0], []).append(geom)
+        elif group in always:
+            found.setdefault(always[group], []).append(geom)
     return {stem: np.array(geoms) for stem, geoms in found.items()}
 
 

@@ -111,6 +111,8 @@ class Moment:
     tilt : Tilt
     gamma : float
         Azimuth of the swing less the tilt azimuth, rad, in [0, 2π).
+    present : bool
+        Whether the grab is there; else ``grab`` is where it would be.
     clip : int or None
         None for independent frames, as `time` and `jib` are.
     time : float or None
@@ -128,6 +130,7 @@ class Moment:
     grab: GrabState
     tilt: Tilt
     gamma: float
+    present: bool = True
     clip: int | None = None
     time: float | None = None
     jib: JibState | None = None

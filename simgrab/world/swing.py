@@ -57,7 +57,8 @@ def draw(scenario: Scenario, frame: int) -> Moment:
         jaw=float(jaw),
         load=load if jaw <= CLOSED else 0.0,
     )
-    return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma))
+    present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
+    return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma), present=bool(present))
 
 
 def split(scenario: Scenario, frame: int) -> str:

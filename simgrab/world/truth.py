@@ -34,7 +34,8 @@ class Aim:
     centre_camera : ndarray, shape (3,)
         Grab centre A, camera frame, m.
     outline_px : ndarray, shape (N, 2)
-        Pixels, as the picture has them, of points that cover the grab; those that the lens shows, maybe none.
+        Pixels, as the picture has them, of points that cover the grab; those that the lens shows, maybe none, and none
+        of a grab that is absent.
     keypoints_camera : ndarray, shape (10, 3)
         In the order of `simgrab.records.KEYPOINT_NAMES`, camera frame, m.
     """
@@ -123,7 +124,7 @@ def aim(scenario: Scenario, world: World, moment: Moment) -> Aim:
     return Aim(
         moment,
         to_camera(pose[:3, 3]),
-        _finite(camera.intrinsics.project(outline)),
+        _finite(camera.intrinsics.project(outline)) if moment.present else np.zeros((0, 2)),
         to_camera(_keypoints(state)),
     )
 
@@ -204,6 +205,7 @@ def label(
         yaw_deg=_degrees(state.yaw),
         jaw_deg=_degrees(state.jaw),
         load=state.load,
+        present=moment.present,
         distance_m=float(np.linalg.norm(aimed.centre_camera)),
         width_px=k.width_px,
         height_px=k.height_px,
@@ -249,6 +251,8 @@ def _see_keypoints(scenario: Scenario, aimed: Aim, sight: Sight) -> Array:
     """u, v and visibility of each keypoint, shape (10, 3); zeros where it is out of the picture, as COCO has it."""
     k = scenario.camera.intrinsics
     rows = np.zeros((len(KEYPOINT_NAMES), 3))
+    if not aimed.moment.present:
+        return rows
     pixels = k.project(aimed.keypoints_camera)
     x0, y0, x1, y1 = sight.visible.window
     for i, ((u, v), depth) in enumerate(zip(pixels, aimed.keypoints_camera[:, 2], strict=True)):

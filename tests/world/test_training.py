@@ -9,11 +9,15 @@ import pytest
 from conftest import small_scene
 from test_dataset import digest
 
+from simgrab.errors import ScenarioError
 from simgrab.judge.audit import audit
+from simgrab.records import columns
 from simgrab.scenario import variant
 from simgrab.world.dataset import render
 from simgrab.world.folder import Folder
-from simgrab.world.frames import Studio
+from simgrab.world.frames import Studio, check
+from simgrab.world.model import GRAB, ROPE
+from simgrab.world.render import NOTHING
 
 VARY = {
     "camera.beta_deg": {"dist": "uniform", "low": 0.0, "high": 6.0},
@@ -108,3 +112,46 @@ def test_the_paint_is_the_one_drawn():
             red, _, blue = np.median(drawn.rgb[y0:y1, x0:x1][drawn.sight.mask].astype(float), axis=0)
             assert (red > blue) == (name == "red")
     assert seen == {"red", "blue"}
+
+
+@pytest.fixture(scope="module")
+def half_empty(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "half"
+    render(small_scene(swing__absent=0.5, frames=8, swing__load={"dist": "constant", "value": 1.0}), path)
+    return path
+
+
+def test_an_absent_grab_leaves_nothing_but_its_pose(half_empty, tmp_path):
+    table = rows(half_empty)
+    away = [row for row in table if not row["present"]]
+    assert 0 < len(away) < 8
+    for row in away:
+        assert all(row[c] is None for c in columns() if c.startswith(("box_", "amodal_", "oriented_")))
+        assert row["visible_fraction"] == row["in_frame_fraction"] == row["weather_hidden_fraction"] == 0
+        assert not any(row["keypoints"])
+        assert (half_empty / f"labels/{row['split']}/{row['frame']:06d}.txt").read_text() == ""
+    there = small_scene(frames=8, swing__load={"dist": "constant", "value": 1.0})
+    with Studio(there) as studio:  # the same frames, all with a grab: being absent changes nothing else that is drawn
+        for row in table:
+            full = studio.make(row["frame"]).record.truth
+            assert (full.alpha_deg, full.rope_length_m, full.grab_u_px) == (
+                row["alpha_deg"], row["rope_length_m"], row["grab_u_px"]
+            )  # fmt: skip
+            assert (full.image_sha256 == row["image_sha256"]) == row["present"]
+
+
+def test_an_absent_grab_is_not_drawn_nor_are_its_ropes():
+    with Studio(small_scene(swing__absent=1.0)) as studio:
+        studio.aim(0)
+        groups = set(np.unique(studio.renderer.look().ids))
+        assert not groups & {GRAB, ROPE}
+        assert (studio.renderer.look(grab_only=True).ids == NOTHING).all()
+
+
+def test_the_audit_passes_without_the_grab(half_empty):
+    assert [p.findings for p in audit(half_empty).proofs if p.status == "failed"] == []
+
+
+def test_a_scene_without_any_grab_is_refused():
+    with pytest.raises(ScenarioError, match="never sees the grab"):
+        check(small_scene(swing__absent=1.0))
