@@ -15,7 +15,7 @@ from simgrab.scenario.camera import (
 from simgrab.scenario.factor import Factor, OneOf
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
-from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.surroundings import Clutter, Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
     ROPE_LENGTH_RANGE_M,
@@ -41,6 +41,7 @@ __all__ = [
     "Camera",
     "Cargo",
     "Clip",
+    "Clutter",
     "Cycles",
     "Display",
     "Dynamic",

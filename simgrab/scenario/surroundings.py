@@ -52,6 +52,12 @@ class Water(Tagged, frozen=True, tag="water"):
     chop: Share = 0.3
 
 
+class Clutter(Strict, frozen=True):
+    """What stands about that could be mistaken: grabs of other cranes, parked, as many as find level ground."""
+
+    other_grabs: Annotated[int, Meta(ge=0, le=4)] = 0
+
+
 class Light(Strict, frozen=True):
     """Sun, sky, and at night the jib's floodlights, each relative to a clear day at the same exposure.
 

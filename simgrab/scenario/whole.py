@@ -19,7 +19,7 @@ from simgrab.scenario.camera import Camera
 from simgrab.scenario.factor import Factor
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
-from simgrab.scenario.surroundings import Grab, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.surroundings import Clutter, Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
 
@@ -39,6 +39,7 @@ class Scenario(Strict, frozen=True):
     grab: Grab = Grab()
     jib: Jib = Jib()
     place: Quay | Hold | Water | Plain = Quay()
+    clutter: Clutter = Clutter()
     light: Light = Light()
     optics: Optics = Optics()
     weather: Weather = Weather()

@@ -19,6 +19,7 @@ from simgrab.world.clearance import HeightMap, check_camera
 from simgrab.world.meshes import grab, jib, linkage, ropes
 from simgrab.world.meshes.part import Part, add_parts
 from simgrab.world.moment import GrabState, Moment
+from simgrab.world.parked import parked_grabs
 
 # Geom groups tell what a pixel belongs to.
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
@@ -167,6 +168,12 @@ def build(scenario: Scenario, number: int = 0) -> World:
     _set_visuals(spec, scenario)
     place = places.build(
         scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, number, "place")
+    )
+    place += parked_grabs(
+        scenario.clutter.other_grabs,
+        place,
+        head_height=scenario.jib.head_height_m,
+        rng=stream(scenario.seed, number, "clutter.grabs"),
     )
     ground = spec.worldbody.add_body(name="place", mocap=True)
     add_parts(spec, ground, place, group=PLACE, prefix="place")

@@ -12,11 +12,15 @@ from test_dataset import digest
 from simgrab.errors import ScenarioError
 from simgrab.judge.audit import audit
 from simgrab.records import columns
+from simgrab.rng import stream
 from simgrab.scenario import variant
+from simgrab.world.clearance import HeightMap
 from simgrab.world.dataset import render
 from simgrab.world.folder import Folder
 from simgrab.world.frames import Studio, check
-from simgrab.world.model import GRAB, ROPE
+from simgrab.world.model import GRAB, PLACE, ROPE
+from simgrab.world.parked import parked_grabs
+from simgrab.world.places import build
 from simgrab.world.render import NOTHING
 
 VARY = {
@@ -121,7 +125,7 @@ def half_empty(tmp_path_factory):
     return path
 
 
-def test_an_absent_grab_leaves_nothing_but_its_pose(half_empty, tmp_path):
+def test_an_absent_grab_leaves_nothing_but_its_pose(half_empty):
     table = rows(half_empty)
     away = [row for row in table if not row["present"]]
     assert 0 < len(away) < 8
@@ -155,3 +159,45 @@ def test_the_audit_passes_without_the_grab(half_empty):
 def test_a_scene_without_any_grab_is_refused():
     with pytest.raises(ScenarioError, match="never sees the grab"):
         check(small_scene(swing__absent=1.0))
+
+
+@pytest.mark.parametrize("place", ["plain", "quay", "hold", "water"])
+def test_other_grabs_stand_on_level_ground_out_of_the_way(place):
+    cluttered = small_scene(place={"model": place}, clutter__other_grabs=3)
+    bare = build(cluttered.place, head_height=28.0, rng=stream(0, 0, "place"))
+    parts = parked_grabs(3, bare, head_height=28.0, rng=stream(0, 0, "clutter.grabs"))
+    assert len({p.name for p in parts}) == len(parts)
+    ground = HeightMap.of((p.mesh for p in bare), 20.0)
+    numbers = {p.name.split("/")[0] for p in parts}
+    assert numbers
+    for number in numbers:
+        points = np.concatenate([p.mesh.vertices for p in parts if p.name.startswith(f"{number}/")])
+        assert np.hypot(*points[:, :2].T).min() > 5.0
+        assert points[:, 2].min() > -28.0 - 0.5
+        foot = points[points[:, 2] < points[:, 2].min() + 0.3]
+        assert -0.05 < ground.gap(foot) < 0.3
+        assert np.ptp(points, axis=0).max() < 6.0
+
+
+def test_other_grabs_are_seen_and_never_labelled():
+    """They change the picture, and neither box nor mask where they hide nothing of the grab."""
+    alone, among = (small_scene(clutter__other_grabs=n, swing__alpha__sigma_deg=0.0) for n in (0, 4))
+    with Studio(alone) as studio:
+        before = [studio.draw(frame) for frame in range(2)]
+        labels = [studio.label(drawn, file="", image=b"") for drawn in before]
+    with Studio(among) as studio:
+        for frame, drawn in enumerate(before):
+            now = studio.draw(frame)
+            assert studio.label(now, file="", image=b"") == labels[frame]
+            assert np.array_equal(now.sight.mask, drawn.sight.mask)
+            ids = studio.renderer.look().ids
+            changed = np.abs(now.rgb.astype(int) - drawn.rgb).max(axis=-1) > 40
+            assert changed.sum() > 500
+            assert (ids[changed] == PLACE).mean() > 0.95  # the rest is their shadow on others
+
+
+def test_an_absent_grab_among_others_has_no_box():
+    with Studio(small_scene(clutter__other_grabs=4, swing__absent=1.0)) as studio:
+        row = studio.make(0).record.truth
+        assert row.box_x0_px is None
+        assert GRAB not in studio.renderer.look().ids
