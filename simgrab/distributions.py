@@ -52,18 +52,36 @@ class HalfNormal(Law, frozen=True, tag="half-normal"):
 
 
 class Rayleigh(Law, frozen=True, tag="rayleigh"):
-    """Length of a two-dimensional normal vector: what isotropic forcing of a pendulum gives."""
+    """Length of a two-dimensional normal vector: what isotropic forcing of a pendulum gives.
+
+    It is truncated to [0, high] where that is given.
+    """
 
     scale: NonNegative = 1.0
+    high: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.high is not None and self.high < 1e-3 * self.scale:
+            raise ValueError(f"hardly any of the law lies in [0, {self.high:g}]")
+
+    def _beyond(self, high: float) -> float:
+        """P(X > high) without truncation."""
+        return math.exp(-((high / self.scale) ** 2) / 2) if self.scale else 0.0
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
-        return np.asarray(rng.rayleigh(self.scale, size))
+        if self.high is None:
+            return np.asarray(rng.rayleigh(self.scale, size))
+        within = 1 - self._beyond(self.high)
+        return np.asarray(self.scale * np.sqrt(-2 * np.log1p(-within * rng.random(size))))
 
     def rms(self) -> float:  # noqa: D102
-        return math.sqrt(2) * self.scale
+        if self.high is None:
+            return math.sqrt(2) * self.scale
+        beyond = self._beyond(self.high)
+        return math.sqrt(2 * self.scale**2 - self.high**2 * beyond / (1 - beyond))
 
     def support(self) -> tuple[float, float]:  # noqa: D102
-        return 0.0, math.inf
+        return 0.0, math.inf if self.high is None else self.high
 
 
 class Exponential(Law, frozen=True, tag="exponential"):
