@@ -162,8 +162,9 @@ def test_as_many_particles_as_the_density_says(of):
 def test_near_particles_and_haze_together_block_what_the_population_does(name):
     # Little enough to have hardly any overlap; the mean over frames of what is blocked is the optical depth.
     # A near scene: about half of what falls before it is drawn one by one.
-    seen, settings = sight(depth=np.full((180, 320), 6.0, np.float32)), {"rain": {"rain_mm_h": 20.0}, "snow": {"snow_mm_h": 1.0}}[name]
+    seen = sight(depth=np.full((180, 320), 6.0, np.float32))
     of = precipitation.rain(20.0) if name == "rain" else precipitation.snow(1.0)
+    settings = {"rain_mm_h": 20.0} if name == "rain" else {"snow_mm_h": 1.0}
     veil = np.mean([weathered(seen, frame, **settings).veil.mean() for frame in range(60)])
     expected = 1 - np.exp(-of.extinction.sum() * distance(seen))
     assert veil == pytest.approx(expected.mean(), rel=0.1)

@@ -91,9 +91,12 @@ def apply(
     white = airlight or _airlight(sight)
     wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
     light, keep = sight.light, np.ones(sight.depth.shape, np.float32)
+    pale: list[Layer] = []  # layers of the colour of white, not laid over the picture yet
     if weather.wetness or weather.snow_cover:
-        light = _ground(weather, sight, lamps, white, seed).over(light, white)
+        pale.append(_ground(weather, sight, lamps, white, seed))
     if weather.dust_thickness:
+        light = _over(light, pale, white)
+        pale.clear()
         colour = _times(white, TINT[cargo])
         for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
             of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)
@@ -101,7 +104,9 @@ def apply(
             light, keep = layer.over(light, colour), cv2.multiply(keep, layer.keep)
     if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
         layer = _air(weather, sight, lamps, white, wind, seed, frame)
-        light, keep = layer.over(light, white), cv2.multiply(keep, layer.keep)
+        pale.append(layer)
+        keep = cv2.multiply(keep, layer.keep)
+    light = _over(light, pale, white)
     if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
         pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
         light, keep = pane.before(light, white), cv2.multiply(keep, pane.keep)
@@ -122,6 +127,10 @@ def _airlight(sight: Sight) -> Vector:
 def _wind(weather: Weather) -> Vector:
     azimuth = np.radians(weather.wind_azimuth_deg)
     return weather.wind_m_s * np.cos(azimuth), weather.wind_m_s * np.sin(azimuth), 0.0
+
+
+def _over(light: Picture, layers: Sequence[Layer], colour: Vector) -> Picture:
+    return reduce(Layer.behind, layers).over(light, colour) if layers else light
 
 
 def _times(colour: Vector, tint: Vector) -> Vector:

@@ -11,8 +11,8 @@ import numpy as np
 from simgrab.world.model import PLACE, ROPE
 from simgrab.world.weather import noise
 from simgrab.world.weather.layer import Layer
-from simgrab.world.weather.sight import Picture, Sight, Vector, ray_maps
-from simgrab.world.weather.surface import STEP, Surface
+from simgrab.world.weather.sight import Picture, Sight, Vector
+from simgrab.world.weather.surface import STEP, Surface, coarse_rays
 
 SPAN_M = 51.2  # noise repeats after so much
 WET_ALBEDO = (
@@ -63,9 +63,9 @@ def wet(sight: Sight, on: Surface, wetness: float, lamps: Sequence[Lamp], white:
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
     damp = np.float32(1 - (1 - WET_ALBEDO) * min(1.0, 2 * wetness))
     keep = np.where(on.solid, damp + (PUDDLE_ALBEDO - damp) * puddle, np.float32(1))
-    x, y, length = (np.ascontiguousarray(m[::STEP, ::STEP]) for m in _rays(sight))
+    rays = coarse_rays(sight.intrinsics)
     down = sight.jib_from_camera[2].astype(np.float32)
-    steep = -(down[0] * x + down[1] * y + down[2]) / length  # cosine of the angle of incidence
+    steep = -(down[0] * rays.x + down[1] * rays.y + down[2]) / rays.length  # cosine of the angle of incidence
     mirror = (FRESNEL + (1 - FRESNEL) * (1 - steep) ** 5) * on.solid * min(1.0, 2 * wetness)
     glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
     for lamp in lamps:
@@ -73,11 +73,6 @@ def wet(sight: Sight, on: Surface, wetness: float, lamps: Sequence[Lamp], white:
         shine += _glint(sight, on, lamp, steep, FILM_SLOPE) * (1 - puddle) * np.float32(0.5)
         glow = glow + mirror * shine * np.float32(lamp.light / white)
     return _enlarged(Layer(keep, glow.astype(np.float32)), sight)
-
-
-def _rays(sight: Sight) -> tuple[Picture, Picture, Picture]:
-    rays = ray_maps(sight.intrinsics)
-    return rays.x, rays.y, rays.length
 
 
 def _glint(sight: Sight, on: Surface, lamp: Lamp, steep: Picture, slope: float) -> Picture:

@@ -12,7 +12,7 @@ BINS = 24
 FARTHEST_M = 60.0
 # Angle, rad, under which the farthest particles are seen that are drawn one by one; the others are haze. Rain has
 # few drops that are near enough, and they are small.
-SNOW_RAD, RAIN_RAD = 1.4e-3, 0.7e-3
+SNOW_RAD, RAIN_RAD = 1.7e-3, 0.7e-3
 
 RAIN_MM = (0.3, 6.0)  # smaller drops are drizzle's, larger ones break up
 # Melted diameters of flakes 1 to 12 mm across.

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.geometry import Intrinsics
 from simgrab.world.model import GRAB, PLACE
-from simgrab.world.weather.sight import Picture, Sight, ray_maps
+from simgrab.world.weather.sight import Picture, RayMaps, Sight, ray_maps
 
 STEP = 2  # every second pixel will do: it is enlarged again
 WAVES_M = 0.4  # above open water's level that is still water
@@ -42,10 +44,17 @@ class Surface:
     solid: NDArray[np.bool_]
 
 
+@lru_cache(maxsize=2)
+def coarse_rays(intrinsics: Intrinsics) -> RayMaps:
+    """Return every second pixel's ray."""
+    rays = ray_maps(intrinsics)
+    return RayMaps(*(np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, rays.length)))
+
+
 def surface(sight: Sight) -> Surface:
     """Find the surfaces from depth."""
-    rays = ray_maps(sight.intrinsics)
-    x, y, depth = (np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, sight.depth))
+    rays, depth = coarse_rays(sight.intrinsics), np.ascontiguousarray(sight.depth[::STEP, ::STEP])
+    x, y = rays.x, rays.y
     ids = sight.ids[::STEP, ::STEP]
     rotation = sight.jib_from_camera.astype(np.float32)
     jib_x, jib_y, below = (depth * (r[0] * x + r[1] * y + r[2]) for r in rotation)
