@@ -94,7 +94,7 @@ class Studio:
         self.world = world or model.build(scenario)
         self.renderer = Renderer(self.world, scenario)
         self._story = Story(scenario)
-        self._chain = Chain(scenario, self.renderer, self._story.at)
+        self.chain = Chain(scenario, self.renderer, self._story.at)
 
     def __enter__(self) -> Studio:
         return self
@@ -116,9 +116,9 @@ class Studio:
     def draw(self, frame: int) -> Drawn:
         """Draw one frame."""
         image, aimed = self.scenario.image, self.aim(frame)
-        full = self.renderer.look() if image.ids or image.depth or self._chain.wants_view else None
+        full = self.renderer.look() if image.ids or image.depth or self.chain.wants_view else None
         sight = truth.see(self.renderer, aimed, full)
-        rgb, veil = self._chain.picture(frame, full)
+        rgb, veil = self.chain.picture(frame, full)
         return Drawn(aimed, rgb, full, sight, veil)
 
     def finish(self, drawn: Drawn) -> Frame:
