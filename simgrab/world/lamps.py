@@ -43,8 +43,9 @@ def illumination(
     ndarray of float32, shape (height, width)
         The beam falls with the sixth power of the cosine, to half at 27 degrees, and with the square of the distance.
     """
-    maps, coarse = ray_maps(intrinsics), np.ascontiguousarray(depth[::STEP, ::STEP])
-    x_map, y_map = (np.ascontiguousarray(m[::STEP, ::STEP]) for m in (maps.x, maps.y))
+    maps, size = ray_maps(intrinsics), (-(-depth.shape[1] // STEP), -(-depth.shape[0] // STEP))
+    x_map, y_map = (cv2.resize(m, size, interpolation=cv2.INTER_AREA) for m in (maps.x, maps.y))
+    coarse = np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST))
     rays = [cv2.addWeighted(x_map, row[0], y_map, row[1], row[2]) for row in jib_from_camera.tolist()]
     ahead = [cv2.multiply(coarse, ray) for ray in rays]
     result = np.full(coarse.shape, light.sky / DRAWN_SKY, np.float32)

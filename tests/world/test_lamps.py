@@ -34,7 +34,7 @@ def test_light_falls_with_the_square_of_the_distance():
 def test_the_beam_falls_off_to_the_side():
     picture = lit(28.0)
     assert picture[135, 5] < 0.75 * middle(picture)
-    np.testing.assert_allclose(picture[:, ::-1], picture, rtol=5e-3)
+    np.testing.assert_allclose(picture[:, ::-1], picture, rtol=1e-3)
 
 
 def test_without_floodlights_only_the_sky_is_left():
