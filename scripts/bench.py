@@ -3,6 +3,7 @@
 scripts/bench.py render [--pairs 30] [--memory-frames 2000]
 scripts/bench.py estimate
 scripts/bench.py motion
+scripts/bench.py world
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from simgrab.world.folder import Folder
 from simgrab.world.frames import Studio
 from simgrab.world.manifest import identity
 from simgrab.world.motion.timeline import Timeline
+from simgrab.world.optics import to_linear
 
 
 def render(pairs: int, memory_frames: int) -> None:
@@ -131,6 +133,22 @@ def motion() -> None:
         print(f"resident memory after {hours:g} h of a clip: {_resident_mb():.1f} MB", flush=True)
 
 
+def world(repeats: int = 7) -> None:
+    """Print what night, weather, optics and display cost a 1080p frame, once it is drawn."""
+    print(f"milliseconds a frame, median of {repeats} frames after 2 that warm up")
+    for name in ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare"):
+        with Studio(scenes.load(name)) as studio:
+            times = []
+            for frame in range(repeats + 2):
+                studio.aim(frame)
+                view = studio.renderer.look() if studio.stage.chain.wants_view else None
+                light = to_linear(np.ascontiguousarray(studio.renderer.rgb()))
+                began = time.perf_counter()
+                studio.stage.chain.develop(frame, light, view)
+                times.append(time.perf_counter() - began)
+        print(f"  {name:18s} {1e3 * float(np.median(times[2:])):6.1f} ms", flush=True)
+
+
 def main() -> None:
     """Parse and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -140,11 +158,14 @@ def main() -> None:
     verb.add_argument("--memory-frames", type=int, default=2000)
     verbs.add_parser("estimate")
     verbs.add_parser("motion")
+    verbs.add_parser("world")
     chosen = parser.parse_args()
     if chosen.verb == "render":
         render(chosen.pairs, chosen.memory_frames)
     elif chosen.verb == "motion":
         motion()
+    elif chosen.verb == "world":
+        world()
     else:
         sys.path.insert(0, str(Path(__file__).parents[1]))
         from scripts.bench_estimate import estimate

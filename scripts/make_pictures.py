@@ -1,4 +1,4 @@
-"""Draw the pictures of the README: one frame of each scene that shows a place, and a contact sheet.
+"""Draw the pictures of the README: one frame of each scene that shows a place or a weather, and a contact sheet.
 
 python -m scripts.make_pictures
 """
@@ -18,19 +18,23 @@ from simgrab.world.preview import captioned
 
 DOCS = Path(__file__).parents[1] / "docs"
 SHOWN = {"quay-day": 6, "quay-truck": 3, "hold-coal": 5, "hold-grain": 2, "water-side": 4, "paper-ideal": 1}
+WEATHERS = {
+    "calm-day": 5, "windy-day": 9, "night-light-snow": 5, "heavy-snow": 3,
+    "rain": 5, "fog": 5, "dust": 7, "glare": 8,
+}  # fmt: skip
 TILE_WIDTH = 800
 
 
-def scenes() -> None:
+def scenes(shown: dict[str, int], file: str) -> None:
     """Draw one frame a scene, two abreast, each with its name."""
     tiles = []
-    for name, frame in SHOWN.items():
+    for name, frame in shown.items():
         with Studio(simgrab.load(name)) as studio:
             made = studio.make(frame)
         tile = _decode(made.files[made.record.truth.file], TILE_WIDTH)
         tiles.append(captioned(tile, name))
     rows = [np.hstack(tiles[i : i + 2]) for i in range(0, len(tiles), 2)]
-    (DOCS / "scenes.jpg").write_bytes(encode(np.vstack(rows), "jpeg", 82))
+    (DOCS / file).write_bytes(encode(np.vstack(rows), "jpeg", 82))
 
 
 def contact_sheet() -> None:
@@ -50,5 +54,6 @@ def _decode(data: bytes, width: int) -> NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    scenes()
+    scenes(SHOWN, "scenes.jpg")
+    scenes(WEATHERS, "weather.jpg")
     contact_sheet()

@@ -44,7 +44,7 @@ class Weather(Strict, frozen=True):
     wetness: Share = 0.0
     snow_cover: Share = 0.0
     lens_drops: Annotated[int, Meta(ge=0, le=200)] = 0
-    lens_drop_mm: Annotated[float, Meta(ge=0.5, le=10)] = 2.5
+    lens_drop_mm: Annotated[float, Meta(ge=0.5, le=10)] = 3.5
     lens_dirt: Share = 0.0
     lens_snow: Share = 0.0
 

@@ -6,6 +6,7 @@ drawn under an even sky, times the light that arrives at its distance: no more t
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,10 +14,11 @@ from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Light
 from simgrab.world.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.model import DRAWN_SKY
+from simgrab.world.weather.sight import ray_maps
 
 REFERENCE_M = 28.0
-BEAM_POWER = 6  # the beam falls with this power of the cosine: to half at 27 degrees
 NEAREST_M = 1.0
+STEP = 2  # light changes slowly: every so many pixels it is computed
 
 Picture = NDArray[np.float32]
 
@@ -39,16 +41,20 @@ def illumination(
     Returns
     -------
     ndarray of float32, shape (height, width)
+        The beam falls with the sixth power of the cosine, to half at 27 degrees, and with the square of the distance.
     """
-    v, u = np.indices(depth.shape, np.float32)
-    ideal = intrinsics.undistort(np.stack([u, v], axis=-1) + 0.5) if not intrinsics.distortion.is_null else None
-    x = ((u + 0.5 if ideal is None else ideal[..., 0]) - intrinsics.cx_px) / intrinsics.f_px
-    y = ((v + 0.5 if ideal is None else ideal[..., 1]) - intrinsics.cy_px) / intrinsics.f_px
-    ray = [(x * r[0] + y * r[1] + r[2]).astype(np.float32) for r in jib_from_camera.astype(np.float32)]
-    result = np.full(depth.shape, light.sky / DRAWN_SKY, np.float32)
+    maps, size = ray_maps(intrinsics), (-(-depth.shape[1] // STEP), -(-depth.shape[0] // STEP))
+    x_map, y_map = (cv2.resize(m, size, interpolation=cv2.INTER_AREA) for m in (maps.x, maps.y))
+    coarse = np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST))
+    rays = [cv2.addWeighted(x_map, row[0], y_map, row[1], row[2]) for row in jib_from_camera.tolist()]
+    ahead = [cv2.multiply(coarse, ray) for ray in rays]
+    result = np.full(coarse.shape, light.sky / DRAWN_SKY, np.float32)
     for lamp in FLOODLIGHTS:
-        way = [depth * axis + np.float32(o - p) for axis, o, p in zip(ray, offset, lamp, strict=True)]
-        square = np.maximum(way[0] ** 2 + way[1] ** 2 + way[2] ** 2, NEAREST_M**2)
-        down = np.maximum(-way[2], 0) ** 2 / square
-        result += np.float32(light.floodlights / len(FLOODLIGHTS) * REFERENCE_M**2) * down ** (BEAM_POWER // 2) / square
-    return result
+        x, y, z = (cv2.add(way, float(o - p)) for way, o, p in zip(ahead, offset, lamp, strict=True))
+        down = cv2.multiply(z, z)
+        square = cv2.max(cv2.addWeighted(cv2.multiply(x, x), 1, cv2.multiply(y, y), 1, 0) + down, NEAREST_M**2)
+        cosine = cv2.divide(np.where(z < 0, down, np.float32(0)), square)  # its square
+        beam = cv2.multiply(cosine, cv2.multiply(cosine, cosine))
+        each = light.floodlights / len(FLOODLIGHTS) * REFERENCE_M**2
+        cv2.accumulate(cv2.divide(beam, square, scale=each), result)
+    return np.asarray(cv2.resize(result, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))

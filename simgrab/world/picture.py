@@ -68,19 +68,26 @@ class Chain:
         veil : ndarray of float32, shape (height, width), or None
             Share of the scene's light that weather keeps from the camera.
         """
-        moment, veil = self._moment_at(frame), None
+        moment = self._moment_at(frame)
         at = self._instants(moment)
         if self.plain and len(at) == 1:
             self._renderer.pose(moment)
-            rgb = self._renderer.rgb()
-        elif self.plain:
-            rgb = to_display(self._light(moment, at))
-        else:
-            weathered = self._weathered(frame, self._light(moment, at), view)
-            rgb, veil = self._exposed(frame, weathered.light), weathered.veil
+            return self._finished(moment, self._renderer.rgb()), None
+        return self.develop(frame, self._light(moment, at), view)
+
+    def develop(self, frame: int, light: Light, view: View | None) -> tuple[Picture, NDArray[np.float32] | None]:
+        """Make a frame's picture of the scene's linear light, shape (height, width, 3); see `picture`."""
+        if self.plain:
+            return self._finished(self._moment_at(frame), to_display(light)), None
+        weathered = self._weathered(frame, light, view)
+        rgb = self._exposed(frame, weathered.light)
+        return self._finished(self._moment_at(frame), rgb), weathered.veil
+
+    def _finished(self, moment: Moment, rgb: Picture) -> Picture:
+        """Put the display into a picture and code it."""
         if self._overlay and moment.shown:
             rgb = self._overlay.blend(rgb, moment.shown)
-        return recompress(rgb, self._scenario.optics.recompress_quality), veil
+        return recompress(rgb, self._scenario.optics.recompress_quality)
 
     def _instants(self, moment: Moment) -> Array:
         times = self._scenario.shutter

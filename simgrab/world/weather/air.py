@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from simgrab.world.model import FAR_M
 from simgrab.world.weather.layer import Layer, matte
 from simgrab.world.weather.precipitation import Precipitation
 from simgrab.world.weather.sight import Picture, Sight, ray_maps
 
 KOSCHMIEDER = 3.912  # −ln 0.02: what is left of a black thing's contrast at the visibility
-TABLE_STEP_M, TABLE_END_M = 0.005, 250.0
+TABLE_STEP_M, TABLE_END_M = 0.05, FAR_M + 1
 
 
 def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Precipitation]) -> Layer:
@@ -29,22 +30,19 @@ def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Preci
         Each counts from the depth on to which its particles are drawn.
     """
     fog = KOSCHMIEDER / visibility_m if visibility_m else 0.0
-    depths = _optical_depths(sight, fog, precipitation)
-    thickness = cv2.multiply(depths, ray_maps(sight.intrinsics).length, scale=-1.0)
+    thickness = cv2.multiply(sight.depth, fog)
+    if precipitation:
+        cv2.add(thickness, _beyond_reach(sight, precipitation), dst=thickness)
+    cv2.multiply(thickness, ray_maps(sight.intrinsics).length, dst=thickness, scale=-1.0)
     total = fog + sum(p.extinction.sum() for p in precipitation)
     bright = fog + sum(p.extinction.sum() * p.brightness for p in precipitation)
-    return matte(cv2.exp(thickness), float(bright / total))
+    return matte(cv2.exp(thickness, dst=thickness), float(bright / total))
 
 
-def _optical_depths(sight: Sight, fog: float, precipitation: Sequence[Precipitation]) -> Picture:
-    """Optical thickness of each pixel's path, were it parallel to the axis, shape (height, width)."""
-    if not precipitation:
-        return cv2.multiply(sight.depth, fog)
+def _beyond_reach(sight: Sight, precipitation: Sequence[Precipitation]) -> Picture:
+    """Optical thickness of what falls beyond its reach, were the paths parallel to the axis, shape (height, width)."""
     along = np.arange(0, TABLE_END_M, TABLE_STEP_M)
-    table = fog * along
-    for p in precipitation:
-        beyond = np.maximum(along - p.reach_m(sight.intrinsics.f_px)[:, None], 0.0)
-        table = table + p.extinction @ beyond
+    table = sum(p.extinction @ np.maximum(along - p.reach_m[:, None], 0.0) for p in precipitation)
     place = np.empty(sight.depth.shape, np.uint16)
     np.multiply(sight.depth, 1 / TABLE_STEP_M, out=place, casting="unsafe")
-    return np.take(table.astype(np.float32), place)
+    return np.take(np.float32(table), place)

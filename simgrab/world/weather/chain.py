@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,7 @@ from simgrab.world.weather.air import haze
 from simgrab.world.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
 from simgrab.world.weather.glass import glass
 from simgrab.world.weather.ground import Lamp, snow_cover, wet
-from simgrab.world.weather.layer import Layer, clear
+from simgrab.world.weather.layer import Layer
 from simgrab.world.weather.particles import Particles, scatter
 from simgrab.world.weather.precipitation import Precipitation
 from simgrab.world.weather.sight import Picture, Sight, Vector
@@ -87,22 +89,28 @@ def apply(
     if weather.off:
         return Weathered(sight.light, np.zeros(sight.depth.shape, np.float32))
     white = airlight or _airlight(sight)
-    wind = np.array(wind_m_s if wind_m_s is not None else _wind(weather))
-    light = _ground(weather, sight, lamps, white, seed)
-    air = _air(weather, sight, lamps, white, wind, seed, frame)
-    veil = air.keep
+    wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
+    light, keep = sight.light, np.ones(sight.depth.shape, np.float32)
+    pale: list[Layer] = []  # layers of the colour of white, not laid over the picture yet
+    if weather.wetness or weather.snow_cover:
+        pale.append(_ground(weather, sight, lamps, white, seed))
     if weather.dust_thickness:
-        tint = TINT[cargo]
+        light = _over(light, pale, white)
+        pale.clear()
+        colour = _times(white, TINT[cargo])
         for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
-            layer = dust(cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind), sight, seed=seed)
-            light = layer.over(light, (tint[0] * white[0], tint[1] * white[1], tint[2] * white[2]))
-            veil = veil * layer.keep
-    light = air.over(light, white)
+            of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)
+            layer = dust(of, sight, seed=seed)
+            light, keep = layer.over(light, colour), cv2.multiply(keep, layer.keep)
+    if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
+        layer = _air(weather, sight, lamps, white, wind, seed, frame)
+        pale.append(layer)
+        keep = cv2.multiply(keep, layer.keep)
+    light = _over(light, pale, white)
     if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
         pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
-        light = pane.before(light, white)
-        veil = veil * pane.layer.keep
-    return Weathered(light, 1 - veil)
+        light, keep = pane.before(light, white), cv2.multiply(keep, pane.keep)
+    return Weathered(light, 1 - keep)
 
 
 def hidden_fraction(veil: Picture, mask: NDArray[np.bool_]) -> float:
@@ -121,36 +129,44 @@ def _wind(weather: Weather) -> Vector:
     return weather.wind_m_s * np.cos(azimuth), weather.wind_m_s * np.sin(azimuth), 0.0
 
 
-def _ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, seed: int) -> Picture:
-    if not (weather.wetness or weather.snow_cover):
-        return sight.light
-    on, unit = surface(sight), max(sum(white) / 3, 1e-6)
-    layer = clear(sight.depth.shape)
+def _over(light: Picture, layers: Sequence[Layer], colour: Vector) -> Picture:
+    return reduce(Layer.behind, layers).over(light, colour) if layers else light
+
+
+def _times(colour: Vector, tint: Vector) -> Vector:
+    return colour[0] * tint[0], colour[1] * tint[1], colour[2] * tint[2]
+
+
+def _ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, seed: int) -> Layer:
+    on, unit = surface(sight), _mean(white)
+    layers = []
     if weather.wetness:
-        layer = layer.behind(wet(sight, on, weather.wetness, lamps, unit, seed=seed))
+        layers.append(wet(sight, on, weather.wetness, lamps, unit, seed=seed))
     if weather.snow_cover:
-        layer = layer.behind(snow_cover(sight, on, weather.snow_cover, unit, seed=seed))
-    return layer.over(sight.light, white)
+        layers.append(snow_cover(sight, on, weather.snow_cover, unit, seed=seed))
+    return reduce(Layer.behind, layers)
 
 
 def _air(
     weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
 ) -> Layer:
-    """Fog, rain and snow: haze first, then what falls near the camera."""
+    """Fog, rain and snow: haze, and before it what falls near the camera."""
     falling = {}
     if weather.rain_mm_h:
         falling["rain"] = precipitation.rain(weather.rain_mm_h)
     if weather.snow_mm_h:
         falling["snow"] = precipitation.snow(weather.snow_mm_h)
-    if weather.visibility_m is None and not falling:
-        return clear(sight.depth.shape)
-    layer = haze(sight, weather.visibility_m, list(falling.values()))
+    layers = [haze(sight, weather.visibility_m, list(falling.values()))]
     for name, of in falling.items():
         rng = stream(seed, frame, f"weather.{name}")
         near = scatter(of, sight.intrinsics, sight.jib_from_camera, wind, rng)
-        brightness = _brightness(of, near, sight, lamps, max(sum(white) / 3, 1e-6))
-        layer = layer.behind(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight))
-    return layer
+        brightness = _brightness(of, near, sight, lamps, _mean(white))
+        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight))
+    return reduce(Layer.behind, layers)
+
+
+def _mean(white: Vector) -> float:
+    return max(sum(white) / 3, 1e-6)
 
 
 def _brightness(of: Precipitation, near: Particles, sight: Sight, lamps: Sequence[Lamp], white: float) -> Array:

@@ -12,7 +12,7 @@ from simgrab.geometry import Array, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Weather
 from simgrab.world.weather import noise
-from simgrab.world.weather.layer import Layer, matte
+from simgrab.world.weather.layer import matte
 from simgrab.world.weather.sight import Picture, Vector
 from simgrab.world.weather.streaks import APERTURE_M
 
@@ -24,6 +24,7 @@ SNOW_LIGHT = 0.75  # lit from below and through the snow
 DIRT_SPAN_M = 0.06
 DROP_SPREAD = 0.45  # standard deviation of the logarithm of a drop's diameter
 REFRACTION = 2.5  # a drop shows the scene upside down, from so much farther out
+SKY_AT_RIM = 0.3  # a drop's rim bends light in from the horizon
 REFRACTED_BLUR = 1.6  # coarse pixels
 
 
@@ -37,34 +38,38 @@ class Glass:
         Share of each pixel's light that comes through a drop.
     source : ndarray of float32, shape (h, w, 2)
         Coarse pixel that drops show, for each coarse pixel.
+    sky : ndarray of float32, shape (h, w)
+        Share of the sky in what drops show.
     dirt, snow : ndarray of float32, shape (height, width)
         Share of light that is kept out.
     """
 
     drops: Picture
     source: Picture
+    sky: Picture
     dirt: Picture
     snow: Picture
 
     def before(self, light: Picture, white: Vector) -> Picture:
         """Put the glass before a picture (height, width, 3)."""
         if self.drops.any():
-            light = cv2.blendLinear(light, self._refracted(light), 1 - self.drops, self.drops)
+            light = cv2.blendLinear(light, self._refracted(light, white), 1 - self.drops, self.drops)
         for part, colour in ((self.dirt, DIRT), (self.snow, (SNOW_LIGHT,) * 3)):
             if part.any():
                 light = matte(1 - part).over(light, (colour[0] * white[0], colour[1] * white[1], colour[2] * white[2]))
         return light
 
     @property
-    def layer(self) -> Layer:
-        """What the glass keeps of the scene's own light."""
-        keep = (1 - self.drops) * (1 - self.dirt) * (1 - self.snow)
-        return Layer(keep, np.zeros_like(keep))
+    def keep(self) -> Picture:
+        """Share of the scene's own light that comes straight through, shape (height, width)."""
+        return cv2.multiply(cv2.multiply(1 - self.drops, 1 - self.dirt), 1 - self.snow)
 
-    def _refracted(self, light: Picture) -> Picture:
+    def _refracted(self, light: Picture, white: Vector) -> Picture:
         h, w = self.source.shape[:2]
         coarse = cv2.GaussianBlur(cv2.resize(light, (w, h), interpolation=cv2.INTER_AREA), (0, 0), REFRACTED_BLUR)
         shown = cv2.remap(coarse, self.source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        shown = cv2.GaussianBlur(shown, (0, 0), 1.0)
+        shown = matte(1 - self.sky).over(shown, white)
         return cv2.resize(shown, light.shape[1::-1], interpolation=cv2.INTER_LINEAR)
 
 
@@ -75,14 +80,14 @@ def glass(weather: Weather, intrinsics: Intrinsics, *, seed: int, clip: int) -> 
     w, h = (max(1, round(n / COARSE)) for n in size)
     focal = intrinsics.f_px * w / size[0]
     aperture = _disc(APERTURE_M / GLASS_M * focal)
-    drops, source = _drops(weather, (h, w), focal, stream(seed, clip, "weather.lens.drops"))
+    drops, source, sky = _drops(weather, (h, w), focal, stream(seed, clip, "weather.lens.drops"))
     dirt, snow = _dirt(weather.lens_dirt, (h, w), focal, seed, clip), _rim(weather.lens_snow, (h, w), focal, seed, clip)
 
     def seen(mask: Picture, opacity: float) -> Picture:
         blurred = cv2.filter2D(mask * np.float32(opacity), cv2.CV_32F, aperture, borderType=cv2.BORDER_REFLECT)
         return np.clip(cv2.resize(blurred, size, interpolation=cv2.INTER_LINEAR), 0, 1)
 
-    return Glass(seen(drops, 1.0), source, seen(dirt, DIRT_OPACITY), seen(snow, SNOW_OPACITY))
+    return Glass(seen(drops, 1.0), source, sky, seen(dirt, DIRT_OPACITY), seen(snow, SNOW_OPACITY))
 
 
 def _disc(diameter: float) -> Picture:
@@ -93,10 +98,12 @@ def _disc(diameter: float) -> Picture:
     return np.asarray(disc / disc.sum(), np.float32)
 
 
-def _drops(weather: Weather, shape: tuple[int, int], focal: float, rng: np.random.Generator) -> tuple[Picture, Picture]:
-    """Masks of drops in focus, and where what they show lies."""
+def _drops(
+    weather: Weather, shape: tuple[int, int], focal: float, rng: np.random.Generator
+) -> tuple[Picture, Picture, Picture]:
+    """Masks of drops in focus, where what they show lies, and how much of the sky they show."""
     h, w = shape
-    mask = np.zeros(shape, np.float32)
+    mask, sky = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     y, x = np.mgrid[0:h, 0:w].astype(np.float32)
     source = np.stack([x, y], axis=-1)
     scale = focal / GLASS_M / 1000
@@ -105,11 +112,13 @@ def _drops(weather: Weather, shape: tuple[int, int], focal: float, rng: np.rando
         a = weather.lens_drop_mm / 2 * rng.lognormal(0, DROP_SPREAD) * scale
         b, angle = a * rng.uniform(0.75, 1.0), rng.uniform(0, np.pi)
         far = _ellipse(x - cx, y - cy, a, b, angle)
-        mask = np.maximum(mask, np.clip((1 - far) * b + 0.5, 0, 1))
+        mask = np.maximum(mask, np.float32(np.clip((1 - far) * b + 0.5, 0, 1)))
         # The blurred drop reaches beyond itself by half an aperture.
         near = far < 1 + APERTURE_M / 2 / GLASS_M * focal / b
+        sky[near] = SKY_AT_RIM * np.minimum(far[near], 1.2) ** 3
         source[near] = (cx, cy) - REFRACTION * (np.stack([x - cx, y - cy], axis=-1)[near])
-    return mask, source.astype(np.float32)
+    sky = cv2.GaussianBlur(sky, (0, 0), 1.0)
+    return mask, source.astype(np.float32), sky
 
 
 def _ellipse(x: Picture, y: Picture, a: float, b: float, angle: float) -> Array:

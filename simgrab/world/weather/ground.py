@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simgrab.world.model import PLACE
+from simgrab.world.model import PLACE, ROPE
 from simgrab.world.weather import noise
 from simgrab.world.weather.layer import Layer
-from simgrab.world.weather.sight import Picture, Sight, Vector, ray_maps
-from simgrab.world.weather.surface import STEP, Surface
+from simgrab.world.weather.sight import Picture, Sight, Vector
+from simgrab.world.weather.surface import STEP, Surface, coarse_rays
 
 SPAN_M = 51.2  # noise repeats after so much
 WET_ALBEDO = 0.6  # share of a porous surface's albedo that is left when it is wet (Lekner & Dorf 1988)
-PUDDLE_ALBEDO = 0.45
+PUDDLE_ALBEDO = 0.3  # wet through, and mud besides
 MOST_PUDDLES = 0.35  # share of the level ground
 LEVEL = 0.995  # cosine of the steepest slope on which water stands
 FRESNEL = 0.02  # of water at normal incidence, n = 1.33
@@ -57,13 +57,13 @@ def wet(sight: Sight, on: Surface, wetness: float, lamps: Sequence[Lamp], white:
     seed : int
     """
     share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
-    pattern = noise.look_up(noise.tile(seed, 0, "weather.puddles", 1.7), on.x, on.y, SPAN_M)
+    pattern = noise.look_up(noise.tile(seed, 0, "weather.puddles", 1.45), on.x, on.y, SPAN_M)
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
     damp = np.float32(1 - (1 - WET_ALBEDO) * min(1.0, 2 * wetness))
     keep = np.where(on.solid, damp + (PUDDLE_ALBEDO - damp) * puddle, np.float32(1))
-    x, y, length = (np.ascontiguousarray(m[::STEP, ::STEP]) for m in _rays(sight))
+    rays = coarse_rays(sight.intrinsics)
     down = sight.jib_from_camera[2].astype(np.float32)
-    steep = -(down[0] * x + down[1] * y + down[2]) / length  # cosine of the angle of incidence
+    steep = -(down[0] * rays.x + down[1] * rays.y + down[2]) / rays.length  # cosine of the angle of incidence
     mirror = (FRESNEL + (1 - FRESNEL) * (1 - steep) ** 5) * on.solid * min(1.0, 2 * wetness)
     glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
     for lamp in lamps:
@@ -71,11 +71,6 @@ def wet(sight: Sight, on: Surface, wetness: float, lamps: Sequence[Lamp], white:
         shine += _glint(sight, on, lamp, steep, FILM_SLOPE) * (1 - puddle) * np.float32(0.5)
         glow = glow + mirror * shine * np.float32(lamp.light / white)
     return _enlarged(Layer(keep, glow.astype(np.float32)), sight)
-
-
-def _rays(sight: Sight) -> tuple[Picture, Picture, Picture]:
-    rays = ray_maps(sight.intrinsics)
-    return rays.x, rays.y, rays.length
 
 
 def _glint(sight: Sight, on: Surface, lamp: Lamp, steep: Picture, slope: float) -> Picture:
@@ -107,7 +102,7 @@ def snow_cover(sight: Sight, on: Surface, cover: float, white: float, *, seed: i
     hold = np.clip((on.up - np.float32(low)) / np.float32(high - low), 0, 1)
     ids = sight.ids[::STEP, ::STEP]
     steel = (ids != PLACE) & (ids <= 3)
-    lying = noise.covered(pattern, cover, 0.25) * on.solid + noise.covered(pattern, DUSTING * cover, 0.5) * steel
+    lying = noise.covered(pattern, cover, 0.12) * on.solid + noise.covered(pattern, DUSTING * cover, 0.5) * steel
     snow = (hold * lying).astype(np.float32)
     return _enlarged(Layer(1 - snow, snow * _snow_light(sight, pattern, white)), sight)
 
@@ -127,5 +122,10 @@ def _snow_light(sight: Sight, pattern: Picture, white: float) -> Picture:
 
 
 def _enlarged(layer: Layer, sight: Sight) -> Layer:
+    """Enlarge to the picture, with edges that are soft instead of stepped, and leave the ropes alone."""
     size = sight.depth.shape[::-1]
-    return Layer(*(cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in (layer.keep, layer.glow)))
+    soft = (cv2.GaussianBlur(m, (3, 3), 0) for m in (layer.keep, layer.glow))
+    keep, glow = (cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in soft)
+    ropes = sight.ids == ROPE
+    keep[ropes], glow[ropes] = 1, 0
+    return Layer(keep, glow)

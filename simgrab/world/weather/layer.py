@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from simgrab.world.weather.sight import Picture, Vector
+
+BAND_PX = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +32,18 @@ class Layer:
 
     def over(self, light: Picture, colour: Vector) -> Picture:
         """Lay the layer over a picture (height, width, 3)."""
-        result = cv2.merge([self.keep] * 3)
-        cv2.multiply(light, result, dst=result)
-        return cv2.add(result, cv2.merge([cv2.multiply(self.glow, float(c)) for c in colour]), dst=result)
+        result, colours = np.empty_like(light), np.tile(np.array(colour, np.float32), (BAND_PX, light.shape[1], 1))
+        for rows in bands(len(light)):
+            added = cv2.cvtColor(self.glow[rows], cv2.COLOR_GRAY2RGB)
+            added *= colours[: len(added)]
+            np.multiply(light[rows], cv2.cvtColor(self.keep[rows], cv2.COLOR_GRAY2RGB), out=result[rows])
+            result[rows] += added
+        return result
+
+
+def bands(height: int) -> Iterator[slice]:
+    """Cut a picture into bands of rows whose intermediate results stay in the processor's cache."""
+    return (slice(y, min(y + BAND_PX, height)) for y in range(0, height, BAND_PX))
 
 
 def matte(keep: Picture, brightness: float = 1.0) -> Layer:

@@ -53,7 +53,7 @@ def scatter(
         As many in each bin as Poisson's law has it in the volume to the bin's reach.
     """
     low, high = frustum(intrinsics)
-    reach = np.maximum(precipitation.reach_m(intrinsics.f_px), NEAREST_M)
+    reach = np.maximum(precipitation.reach_m, NEAREST_M)
     volume = np.prod(high - low) * (reach**3 - NEAREST_M**3) / 3
     count = rng.poisson(precipitation.density_m3 * volume)
     bins = np.repeat(np.arange(len(count)), count)

@@ -9,15 +9,17 @@ import numpy as np
 from simgrab.geometry import Array
 
 BINS = 24
-LEAST_STREAK_PX = 1.2  # particles that look narrower, were they in focus, are part of the haze
 FARTHEST_M = 60.0
+# Angle, rad, under which the farthest particles are seen that are drawn one by one; the others are haze. Rain has
+# few drops that are near enough, and they are small.
+SNOW_RAD, RAIN_RAD = 1.7e-3, 0.7e-3
 
 RAIN_MM = (0.3, 6.0)  # smaller drops are drizzle's, larger ones break up
 # Melted diameters of flakes 1 to 12 mm across.
 SNOW_MELTED_MM = (0.55, 2.9)
 SNOW_DENSITY = 0.17  # g/cm³ · mm: density · diameter of flakes (Holroyd 1971, as in Fabry & Szyrmer 1999)
 FLUTTER_M_S = 0.25  # standard deviation of each component; flakes tumble (Kajikawa 1989: 0.1 … 0.3)
-DROP_BRIGHTNESS = 0.5  # of white: a drop shows a wide-angle picture of what is below it (Garg & Nayar 2007)
+DROP_BRIGHTNESS = 0.8  # of white: a drop gathers light from all around it, most of it from the sky (Garg & Nayar 2007)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class Precipitation:
         Standard deviation of each component of a particle's own velocity.
     brightness : float
         Of a particle, as a share of a white surface's.
+    least_rad : float
+        Angle under which the farthest particles are seen that are drawn one by one; the others are haze.
     """
 
     diameter_m: Array
@@ -43,6 +47,7 @@ class Precipitation:
     fall_m_s: Array
     flutter_m_s: float
     brightness: float
+    least_rad: float
 
     @property
     def extinction(self) -> Array:
@@ -52,9 +57,10 @@ class Precipitation:
         """
         return np.asarray(self.density_m3 * np.pi / 4 * self.diameter_m**2)
 
-    def reach_m(self, focal_length_px: float) -> Array:
-        """Depth to which each bin's particles are drawn one by one; farther ones are haze. Shape (B,)."""
-        return np.asarray(np.minimum(focal_length_px * self.diameter_m / LEAST_STREAK_PX, FARTHEST_M))
+    @property
+    def reach_m(self) -> Array:
+        """Depth to which each bin's particles are drawn, shape (B,)."""
+        return np.asarray(np.minimum(self.diameter_m / self.least_rad, FARTHEST_M))
 
 
 def rain(rate_mm_h: float) -> Precipitation:
@@ -63,7 +69,7 @@ def rain(rate_mm_h: float) -> Precipitation:
     edges = np.geomspace(*RAIN_MM, BINS + 1)
     diameter, density = _bins(edges, 8000.0, slope)
     fall = 9.65 - 10.3 * np.exp(-0.6 * diameter)
-    return Precipitation(diameter / 1000, density, fall, 0.0, DROP_BRIGHTNESS)
+    return Precipitation(diameter / 1000, density, fall, 0.0, DROP_BRIGHTNESS, RAIN_RAD)
 
 
 def snow(rate_mm_h: float) -> Precipitation:
@@ -76,7 +82,7 @@ def snow(rate_mm_h: float) -> Precipitation:
     edges = np.geomspace(*SNOW_MELTED_MM, BINS + 1)
     melted, density = _bins(edges, 3800.0 * rate_mm_h**-0.87, slope)
     diameter = np.sqrt(melted**3 / SNOW_DENSITY)
-    return Precipitation(diameter / 1000, density, 0.8 * diameter**0.16, FLUTTER_M_S, 1.0)
+    return Precipitation(diameter / 1000, density, 0.8 * diameter**0.16, FLUTTER_M_S, 1.0, SNOW_RAD)
 
 
 def _bins(edges: Array, intercept: float, slope: float) -> tuple[Array, Array]:

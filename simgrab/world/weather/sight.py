@@ -91,5 +91,5 @@ def ray_maps(intrinsics: Intrinsics) -> RayMaps:
 
 
 def distance(sight: Sight) -> Picture:
-    """Compute the true distance of what each pixel shows, m, shape (height, width)."""
+    """Return the true distance of what each pixel shows, m, shape (height, width)."""
     return cv2.multiply(sight.depth, ray_maps(sight.intrinsics).length)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
-from simgrab.world.weather.layer import Layer
+from simgrab.world.weather.layer import Layer, clear, matte
 from simgrab.world.weather.particles import Particles
 from simgrab.world.weather.sight import Picture, Sight
 
@@ -21,7 +21,8 @@ APERTURE_M = 0.003  # 4.8 mm at F/1.6
 LEVELS = 6
 COARSEST = 2 ** (LEVELS - 1)
 BORDER_PX = 64  # drawn around the picture, for what spills into it; a multiple of COARSEST
-SPACING = 0.5  # of samples along a streak, in pixels of their level
+SPACING = 0.8  # of samples along a streak, in pixels of their level
+FEW = 0.1  # so many of the thinnest may be drawn a little wider than they are
 KERNEL_PX = 2.1  # width at half height of what one sample leaves, in pixels of its level
 
 
@@ -66,48 +67,65 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
     """Draw streaks before what a picture shows, and none behind it."""
     height, width = sight.depth.shape
     rows, columns = (-(-(n + 2 * BORDER_PX) // COARSEST) * COARSEST for n in (height, width))
+    if not streaks.depth_m.size:
+        return clear((height, width))
     level = np.clip(np.round(np.log2(streaks.width_px / KERNEL_PX)), 0, LEVELS - 1).astype(int)
-    blocked = glow = np.zeros((rows // COARSEST // 2, columns // COARSEST // 2), np.float32)
-    for one in range(LEVELS - 1, -1, -1):
+    finest = int(np.quantile(level, FEW, method="lower"))
+    level = np.maximum(level, finest)
+    even = np.ptp(streaks.brightness) == 0
+    sums = [np.zeros((1, 1), np.float32)] * (1 if even else 2)  # what is blocked, and how bright that is
+    for one in range(LEVELS - 1, finest - 1, -1):
         shape = (rows >> one, columns >> one)
-        samples = _samples(streaks, np.flatnonzero(level == one), 2**one, sight.depth)
-        share, light = _gather(samples, shape, 2**one)
-        # What coarser levels hold is nearer.
-        keep = 1 - _enlarged(blocked, shape)
-        glow = _enlarged(glow, shape) + light * keep
-        blocked = 1 - (1 - share) * keep
+        coarser = [cv2.resize(s, shape[::-1], interpolation=cv2.INTER_LINEAR) for s in sums]
+        chosen = np.flatnonzero(level == one)
+        if chosen.size:
+            keep = 1 - coarser[0]  # what coarser levels hold is nearer
+            finer = _gather(_samples(streaks, chosen, 2**one, sight.depth), shape, 2**one, even)
+            coarser = [near + cv2.multiply(far, keep) for near, far in zip(coarser, finer, strict=True)]
+        sums = coarser
+    sums = [cv2.resize(s, (columns, rows), interpolation=cv2.INTER_LINEAR) for s in sums] if finest else sums
     inside = np.s_[BORDER_PX : BORDER_PX + height, BORDER_PX : BORDER_PX + width]
-    return Layer(np.ascontiguousarray(1 - blocked[inside]), np.ascontiguousarray(glow[inside]))
+    keep = 1 - sums[0][inside]
+    if even:
+        return matte(keep, float(streaks.brightness[0]))
+    return Layer(keep, np.ascontiguousarray(sums[1][inside]))
 
 
-_Samples = tuple[Array, Array, Array]  # (N, 2) pixels of the picture; cross section, px²; that times brightness
+_Samples = tuple[NDArray[np.intp], Array, Array]  # flat cells of their level; cross section, px²; that times brightness
 
 
 def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Picture) -> _Samples:
     """Spread streaks over their paths and drop what the scene hides."""
-    start, step = streaks.start_px[chosen], (streaks.end_px - streaks.start_px)[chosen]
-    number = np.ceil(np.hypot(*step.T) / (SPACING * pixel)).astype(int) + 1
-    which = np.repeat(np.arange(len(chosen)), number)
-    order = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
-    at = start[which] + step[which] * ((order + 0.5) / number[which])[:, None]
     height, width = depth.shape
-    x, y = np.clip(at[:, 0].astype(int), 0, width - 1), np.clip(at[:, 1].astype(int), 0, height - 1)
-    near = (at > -BORDER_PX).all(axis=1) & (at < (width + BORDER_PX, height + BORDER_PX)).all(axis=1)
-    seen = near & (depth[y, x] > streaks.depth_m[chosen][which])
-    area = (streaks.area_px[chosen] / number)[which][seen]
-    return at[seen], area, area * streaks.brightness[chosen][which][seen]
+    start, end = streaks.start_px[chosen], streaks.end_px[chosen]
+    number = np.ceil(np.hypot(*(end - start).T) / (SPACING * pixel)).astype(np.intp) + 1
+    order = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
+    share = (order.astype(np.float32) + np.float32(0.5)) / np.repeat(number.astype(np.float32), number)
+    x, y = (
+        np.repeat(a.astype(np.float32), number) + np.repeat((b - a).astype(np.float32), number) * share
+        for a, b in zip(start.T, end.T, strict=True)
+    )
+    column, row = (np.clip(v, 0, n - 1).astype(np.int32) for v, n in ((x, width), (y, height)))
+    hit = np.take(depth, row * width + column)
+    seen = hit > np.repeat(streaks.depth_m[chosen].astype(np.float32), number)
+    for v, n in ((x, width), (y, height)):
+        seen &= (v > -BORDER_PX) & (v < n + BORDER_PX)
+    seen = np.flatnonzero(seen)
+    area = streaks.area_px[chosen] / number
+    columns = -(-(width + 2 * BORDER_PX) // COARSEST) * COARSEST // pixel
+    across, down = (((v[seen] + np.float32(BORDER_PX)) / np.float32(pixel)).astype(np.intp) for v in (x, y))
+    light = area * streaks.brightness[chosen]
+    return down * columns + across, np.repeat(area, number)[seen], np.repeat(light, number)[seen]
 
 
-def _gather(samples: _Samples, shape: tuple[int, int], pixel: int) -> tuple[Picture, Picture]:
-    """Return the share of each pixel's light that samples block, at most 1, and that share times their brightness."""
-    at, area, light = samples
-    cell = ((at + BORDER_PX) / pixel).astype(int)
-    flat = cell[:, 1] * shape[1] + cell[:, 0]
-    sums = [np.bincount(flat, w / pixel**2, shape[0] * shape[1]).reshape(shape) for w in (area, light)]
-    share, glow = (cv2.GaussianBlur(s.astype(np.float32), (3, 3), 0) for s in sums)
-    excess = np.maximum(share, 1.0)
-    return share / excess, glow / excess
-
-
-def _enlarged(picture: Picture, shape: tuple[int, int]) -> Picture:
-    return cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_LINEAR)
+def _gather(samples: _Samples, shape: tuple[int, int], pixel: int, even: bool) -> list[Picture]:
+    """Return the share of each pixel's light that samples block, at most 1, and unless even that times brightness."""
+    cell, *weights = samples
+    sums = []
+    for weight in weights[: 1 if even else 2]:
+        total = np.bincount(cell, weight, shape[0] * shape[1]).astype(np.float32).reshape(shape)
+        sums.append(cv2.GaussianBlur(total / np.float32(pixel**2), (3, 3), 0))
+    if not even:
+        sums[1] /= np.maximum(sums[0], 1)
+    sums[0] = np.minimum(sums[0], 1)
+    return sums

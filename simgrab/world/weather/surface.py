@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from simgrab.geometry import Intrinsics
 from simgrab.world.model import GRAB, PLACE
-from simgrab.world.weather.sight import Picture, Sight, ray_maps
+from simgrab.world.weather.sight import Picture, RayMaps, Sight, ray_maps
 
 STEP = 2  # every second pixel will do: it is enlarged again
 WAVES_M = 0.4  # above open water's level that is still water
@@ -38,13 +41,20 @@ class Surface:
     jib_y: Picture
     height: Picture
     up: Picture
-    solid: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    solid: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=2)
+def coarse_rays(intrinsics: Intrinsics) -> RayMaps:
+    """Return every second pixel's ray."""
+    rays = ray_maps(intrinsics)
+    return RayMaps(*(np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, rays.length)))
 
 
 def surface(sight: Sight) -> Surface:
     """Find the surfaces from depth."""
-    rays = ray_maps(sight.intrinsics)
-    x, y, depth = (np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, sight.depth))
+    rays, depth = coarse_rays(sight.intrinsics), np.ascontiguousarray(sight.depth[::STEP, ::STEP])
+    x, y = rays.x, rays.y
     ids = sight.ids[::STEP, ::STEP]
     rotation = sight.jib_from_camera.astype(np.float32)
     jib_x, jib_y, below = (depth * (r[0] * x + r[1] * y + r[2]) for r in rotation)
@@ -56,7 +66,7 @@ def surface(sight: Sight) -> Surface:
     return Surface(*_anchored(sight, jib_x, jib_y, ids), jib_x, jib_y, height, _up(x, y, depth, rotation[2]), solid)
 
 
-def _anchored(sight: Sight, x: Picture, y: Picture, ids: Picture) -> tuple[Picture, Picture]:
+def _anchored(sight: Sight, x: Picture, y: Picture, ids: NDArray[np.uint8]) -> tuple[Picture, Picture]:
     if sight.jib_from_place is None:
         place_x, place_y = x, y
     else:
@@ -72,15 +82,20 @@ def _anchored(sight: Sight, x: Picture, y: Picture, ids: Picture) -> tuple[Pictu
 
 
 def _up(x: Picture, y: Picture, depth: Picture, down: Picture) -> Picture:
-    """Upward component of the normal, from depth D over ray coordinates: n ∝ (−D_x, −D_y, D + x D_x + y D_y)."""
-    dx, dy = _slope(depth, x), _slope(np.ascontiguousarray(depth.T), np.ascontiguousarray(y.T)).T
-    along = depth + x * dx + y * dy
-    upwards = -down[0] * dx - down[1] * dy + down[2] * along
-    return np.asarray(np.abs(upwards) / np.sqrt(dx * dx + dy * dy + along * along))
+    """Upward component of the normal.
+
+    The inverse depth w of a plane is linear in the ray coordinates: n ∝ (w_x, w_y, w − x w_x − y w_y).
+    """
+    w = cv2.divide(1.0, depth)
+    wx = _slope(w, x)
+    wy = _slope(np.ascontiguousarray(w.T), np.ascontiguousarray(y.T)).T
+    wz = w - x * wx - y * wy
+    upwards = down[0] * wx + down[1] * wy + down[2] * wz
+    return np.asarray(np.abs(upwards) / np.sqrt(wx * wx + wy * wy + wz * wz))
 
 
-def _slope(depth: Picture, x: Picture) -> Picture:
-    """∂D/∂x along rows: of the two one-sided differences the lesser, which does not look over an edge."""
-    one = cv2.subtract(depth[:, 1:], depth[:, :-1]) / cv2.subtract(x[:, 1:], x[:, :-1])
+def _slope(w: Picture, x: Picture) -> Picture:
+    """∂w/∂x along rows: of the two one-sided differences the lesser, which does not look over an edge."""
+    one = cv2.subtract(w[:, 1:], w[:, :-1]) / cv2.subtract(x[:, 1:], x[:, :-1])
     before, after = np.concatenate([one[:, :1], one], axis=1), np.concatenate([one, one[:, -1:]], axis=1)
     return np.where(np.abs(before) < np.abs(after), before, after)

@@ -1,0 +1,375 @@
+from dataclasses import fields, replace
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from simgrab import geometry
+from simgrab.geometry import Distortion, Intrinsics
+from simgrab.rng import stream
+from simgrab.scenario import Weather
+from simgrab.world.weather import Lamp, Puff, Sight, air, apply, dust, hidden_fraction, precipitation, streaks
+from simgrab.world.weather.particles import Particles, scatter
+from simgrab.world.weather.sight import distance, ray_maps
+from simgrab.world.weather.surface import surface
+
+K = Intrinsics(320, 180, 274.0, 160.0, 90.0)
+HEIGHT_M = 28.0
+WHITE = (1.0, 1.0, 1.0)
+SETTINGS = {
+    "fog": {"visibility_m": 80.0},
+    "rain": {"rain_mm_h": 60.0},
+    "snow": {"snow_mm_h": 6.0, "wind_m_s": 5.0},
+    "dust": {"dust_thickness": 2.0},
+    "wet": {"wetness": 1.0},
+    "snow cover": {"snow_cover": 0.5},
+    "drops": {"lens_drops": 20},
+    "dirt": {"lens_dirt": 0.2},
+    "snow on the glass": {"lens_snow": 0.2},
+}
+MOVING = {"rain", "snow", "dust"}
+
+
+def sight(beta=0.0, slope=0.0, light=0.2, intrinsics=K, **changes):
+    """A plane below a tilted camera, level, or falling by a slope along x through the point straight below."""
+    rotation = geometry.camera_rotation(beta, 0.7, 0.3)
+    rays = ray_maps(intrinsics)
+    unit = np.stack([rays.x, rays.y, np.ones_like(rays.x)], axis=-1) @ rotation.T
+    depth = HEIGHT_M / (-unit[..., 2] - np.tan(slope) * unit[..., 0])
+    depth = np.where(depth > 0, np.minimum(depth, 190), 190).astype(np.float32)
+    made = Sight(
+        np.full((*depth.shape, 3), light, np.float32),
+        depth,
+        np.zeros(depth.shape, np.uint8),
+        intrinsics,
+        rotation,
+        (0.0, 0.6, -0.3),
+        HEIGHT_M,
+        0.02,
+        (0.5, -0.5, -15.0),
+    )
+    return replace(made, **changes)
+
+
+def weathered(seen, frame=0, **settings):
+    return apply(Weather(**settings), seen, seed=4, frame=frame, airlight=WHITE)
+
+
+def test_no_weather_is_no_change():
+    seen = sight()
+    off = apply(Weather(), seen, seed=0, frame=0)
+    assert np.array_equal(off.light, seen.light)
+    assert not off.veil.any()
+
+
+@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
+def test_every_amount_is_off_at_zero_and_only_there(settings):
+    amount = next(iter(settings))
+    assert not Weather(**settings).off
+    assert Weather(**settings | {amount: None if amount == "visibility_m" else 0}).off
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_repeatable_input_unchanged_new_in_every_frame(name):
+    seen = sight(0.05)
+    before = [getattr(seen, f.name).copy() for f in fields(seen) if isinstance(getattr(seen, f.name), np.ndarray)]
+    first, again, other = (weathered(seen, frame, **SETTINGS[name]) for frame in (3, 3, 4))
+    after = [getattr(seen, f.name) for f in fields(seen) if isinstance(getattr(seen, f.name), np.ndarray)]
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+    assert np.array_equal(first.light, again.light)
+    assert np.array_equal(first.veil, again.veil)
+    assert (not np.array_equal(first.light, other.light)) == (name in MOVING)
+    assert not np.array_equal(first.light, seen.light)
+    assert first.veil.min() >= 0
+    assert first.veil.max() <= 1
+
+
+def test_bytes_do_not_depend_on_threads():
+    seen = sight(0.05, intrinsics=Intrinsics(960, 540, 822.0, 480.0, 270.0))
+    everything = {key: value for settings in SETTINGS.values() for key, value in settings.items() if key != "rain_mm_h"}
+    threads, pictures = cv2.getNumThreads(), []
+    try:
+        for n in (1, 2, 5):
+            cv2.setNumThreads(n)
+            pictures.append(weathered(seen, **everything).light.tobytes())
+    finally:
+        cv2.setNumThreads(threads)
+    assert len(set(pictures)) == 1
+
+
+@pytest.mark.parametrize("lens", [Distortion(), Distortion(-0.25, 0.06)])
+def test_contrast_in_fog_falls_with_the_true_distance(lens):
+    k = replace(K, distortion=lens)
+    black, white = (weathered(sight(0.3, light=v, intrinsics=k), visibility_m=60.0).light for v in (0.0, 1.0))
+    d = distance(sight(0.3, intrinsics=k))
+    expected = np.exp(np.log(0.02) / 60 * d)[..., None]
+    np.testing.assert_allclose(white - black, np.broadcast_to(expected, white.shape), rtol=2e-4)
+    assert d.max() > 1.5 * d.min()
+
+
+def test_the_column_of_dust_is_the_integral_of_its_density():
+    of = dust.Cloud(np.array([1.0, -0.5, 14.0]), 2.0, 3.0)
+    x = np.linspace(-0.2, 0.3, 7, dtype=np.float32)[None]
+    y, length = np.zeros_like(x), np.sqrt(1 + x * x)
+    for end in (5.0, 13.0, 15.0, 40.0):
+        s = np.linspace(0, end, 20001)
+        points = np.stack([x[0], y[0], np.ones_like(x[0])]) / length * s[:, None, None]
+        squared = ((points - of.centre_m[None, :, None]) ** 2).sum(axis=1)
+        density = of.thickness / (of.radius_m * np.sqrt(2 * np.pi)) * np.exp(-squared / 2 / of.radius_m**2)
+        column = dust.column(of, x, y, length, np.full_like(x, end))
+        np.testing.assert_allclose(column[0], np.trapezoid(density, s, axis=0), atol=2e-3)
+
+
+def test_a_cloud_drifts_spreads_and_thins():
+    seen = sight()
+    young, old = (dust.cloud(Puff((0.0, 0.0, -20.0), age), seen, 2.0, 1.0, np.array([3.0, 0, 0])) for age in (0.0, 4.0))
+    np.testing.assert_allclose((old.centre_m - young.centre_m) @ seen.jib_from_camera.T, [12, 0, 0], atol=1e-9)
+    assert old.thickness * old.radius_m**2 == pytest.approx(young.thickness * young.radius_m**2)
+    assert old.radius_m > young.radius_m
+
+
+@pytest.mark.parametrize("rate", [2.0, 20.0, 80.0])
+def test_rain_blocks_half_of_marshall_and_palmers_extinction(rate):
+    # Their drops extinguish 0.365 R^0.63 a kilometre, half of it by diffraction.
+    assert precipitation.rain(rate).extinction.sum() * 1000 == pytest.approx(0.365 / 2 * rate**0.63, rel=0.1)
+
+
+def test_heavy_snow_begins_where_visibility_is_a_quarter_mile():
+    # Counting diffraction, as visibility does; Rasmussen et al. (1999) find a spread of a factor of two and more.
+    visibility = air.KOSCHMIEDER / (2 * precipitation.snow(2.5).extinction.sum())
+    assert 250 < visibility < 800
+
+
+@pytest.mark.parametrize("of", [precipitation.rain(40.0), precipitation.snow(4.0)])
+def test_as_many_particles_as_the_density_says(of):
+    rotation = geometry.camera_rotation(0.1, 0, 0)
+    counts = np.zeros(len(of.diameter_m))
+    for frame in range(5):
+        near = scatter(of, K, rotation, np.zeros(3), stream(1, frame, "test"))
+        u, v = K.project(near.position_m).T
+        seen = (u > 0) & (u < K.width_px) & (v > 0) & (v < K.height_px) & (near.position_m[:, 2] > 0.5)
+        counts += [(near.diameter_m[seen] == d).sum() for d in of.diameter_m]
+    volume = K.width_px * K.height_px / K.f_px**2 * np.maximum(of.reach_m**3 - 0.5**3, 0) / 3
+    expected = 5 * of.density_m3 * volume
+    assert abs(counts.sum() - expected.sum()) < 4 * np.sqrt(expected.sum())
+    assert (np.abs(counts - expected) < 5 * np.sqrt(expected + 1)).all()
+    assert expected.sum() > 500
+
+
+@pytest.mark.parametrize("name", ["rain", "snow"])
+def test_near_particles_and_haze_together_block_what_the_population_does(name):
+    # Little enough to have hardly any overlap; the mean over frames of what is blocked is the optical depth.
+    # A near scene: about half of what falls before it is drawn one by one.
+    seen = sight(depth=np.full((180, 320), 6.0, np.float32))
+    of = precipitation.rain(20.0) if name == "rain" else precipitation.snow(1.0)
+    settings = {"rain_mm_h": 20.0} if name == "rain" else {"snow_mm_h": 1.0}
+    veil = np.mean([weathered(seen, frame, **settings).veil.mean() for frame in range(60)])
+    expected = 1 - np.exp(-of.extinction.sum() * distance(seen))
+    assert veil == pytest.approx(expected.mean(), rel=0.1)
+
+
+def one_particle(velocity, depth, diameter=0.015):
+    one = Particles(np.array([[0.0, 0.0, depth]]), np.array([velocity]), np.array([diameter]))
+    path = streaks.expose(one, np.ones(1), K, 0.02)
+    return 1 - streaks.draw(path, sight()).keep
+
+
+def variance(veil, axis):
+    at = np.arange(veil.shape[axis]) + 0.5
+    weight = veil.sum(axis=1 - axis) / veil.sum()
+    return (weight * at**2).sum() - (weight * at).sum() ** 2
+
+
+@pytest.mark.parametrize(("speed", "depth"), [(20.0, 3.0), (15.0, 6.0), (30.0, 6.0)])
+def test_a_streak_is_as_long_as_velocity_times_shutter(speed, depth):
+    still, moved = one_particle((0.0, 0.0, 0.0), depth), one_particle((speed, 0.0, 0.0), depth)
+    length = np.sqrt(12 * (variance(moved, 1) - variance(still, 1)))  # of an even spread
+    assert length == pytest.approx(K.f_px * speed * 0.02 / depth, rel=0.05)
+    assert variance(moved, 0) == pytest.approx(variance(still, 0), rel=0.1)
+    for veil in (still, moved):  # the light it blocks is its cross section, however fast it goes
+        assert veil.sum() == pytest.approx(np.pi / 4 * (K.f_px * 0.015 / depth) ** 2, rel=0.03)
+
+
+def test_nothing_falls_before_what_is_nearer():
+    one = Particles(np.array([[0.0, 0.0, 6.0]]), np.zeros((1, 3)), np.array([0.03]))
+    path = streaks.expose(one, np.ones(1), K, 0.02)
+    near = sight(depth=np.full((180, 320), 5.0, np.float32))
+    assert not (1 - streaks.draw(path, near).keep).any()
+
+
+def test_streaks_of_rain_point_to_where_it_falls():
+    seen = sight(0.15, light=0.0, intrinsics=Intrinsics(640, 360, 548.0, 320.0, 180.0), shutter_s=0.04)
+    rain = sum(
+        apply(Weather(rain_mm_h=60.0), seen, seed=4, frame=frame, airlight=WHITE, wind_m_s=(1.0, 0.5, 0.0)).light[
+            ..., 0
+        ]
+        for frame in range(8)
+    )
+    fall = np.array([1.0, 0.5, -6.5]) @ seen.jib_from_camera  # the drops that are seen most are 1 to 3 mm
+    vanishing = seen.intrinsics.project(fall)
+    gx, gy = cv2.Sobel(rain, cv2.CV_32F, 1, 0), cv2.Sobel(rain, cv2.CV_32F, 0, 1)
+    errors = []
+    for y in range(0, 360, 120):
+        for x in range(0, 640, 160):
+            a, b = gx[y : y + 120, x : x + 160], gy[y : y + 120, x : x + 160]
+            along = 0.5 * np.arctan2(2 * (a * b).sum(), (a * a - b * b).sum()) + np.pi / 2
+            towards = vanishing - (x + 80, y + 60)
+            if np.hypot(*towards) > 120:
+                errors.append((along - np.arctan2(towards[1], towards[0]) + np.pi / 2) % np.pi - np.pi / 2)
+    assert len(errors) >= 6
+    assert np.degrees(np.abs(errors)).max() < 20
+    assert np.degrees(np.abs(errors)).mean() < 7
+
+
+@pytest.mark.parametrize(
+    ("key", "amounts"),
+    [
+        ("visibility_m", (500.0, 100.0, 30.0)),
+        ("rain_mm_h", (5.0, 50.0, 150.0)),
+        ("snow_mm_h", (0.5, 5.0, 20.0)),
+        ("dust_thickness", (0.2, 1.0, 5.0)),
+        ("lens_drops", (3, 20, 100)),
+        ("lens_dirt", (0.05, 0.3, 0.8)),
+        ("lens_snow", (0.1, 0.4, 0.9)),
+    ],
+)
+def test_more_weather_hides_more(key, amounts):
+    mask = np.zeros((180, 320), bool)
+    mask[40:140, 80:240] = True
+    hidden = [hidden_fraction(weathered(sight(), **{key: amount}).veil, mask) for amount in amounts]
+    assert 0 <= hidden[0] < hidden[1] < hidden[2] <= 1
+    assert hidden_fraction(np.ones((180, 320), np.float32), ~mask & mask) == 0
+
+
+def test_a_veil_is_the_share_of_scene_light_that_is_lost():
+    for settings in SETTINGS.values():
+        dark, bright = (weathered(sight(light=v), **settings) for v in (0.2, 0.3))
+        if "lens_drops" in settings or not dark.veil.any():  # a drop shows light from elsewhere
+            continue
+        through = (bright.light - dark.light)[..., 1] / 0.1
+        np.testing.assert_allclose(through, 1 - dark.veil, atol=1e-4)
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 20.0, 40.0])
+def test_normals_come_from_depth_whatever_the_tilt(slope_deg):
+    on = surface(sight(0.2, np.radians(slope_deg)))
+    inside = np.s_[5:-5, 5:-5]
+    np.testing.assert_allclose(on.up[inside], np.cos(np.radians(slope_deg)), atol=2e-3)
+    np.testing.assert_allclose(surface(sight(0.2)).height, 0, atol=1e-4)
+
+
+def at_places(picture, seen, points):
+    """Values of a picture at points on the ground, jib frame."""
+    below = np.column_stack([points, np.full(len(points), seen.centre_m[2] - HEIGHT_M)])
+    u, v = K.project(geometry.to_camera(below, seen.jib_from_camera, seen.centre_m)).T.astype(np.float32)
+    return cv2.remap(picture, u[None] - 0.5, v[None] - 0.5, cv2.INTER_LINEAR)[0]
+
+
+@pytest.mark.parametrize("effect", [{"wetness": 1.0}, {"snow_cover": 0.5}])
+def test_puddles_and_snow_stay_in_place_when_the_camera_tilts_and_the_crane_slews(effect):
+    points = np.random.default_rng(0).uniform(-5, 5, (3000, 2))
+    straight, tilted = sight(), sight(0.12)
+    turn = np.eye(4)
+    turn[:3, :3], turn[:2, 3] = geometry.rotation_z(0.4), (1.0, -2.0)
+    slewed = sight(0.12, jib_from_place=turn)
+    moved = points @ turn[:2, :2].T + turn[:2, 3]
+    first, second, third = (
+        at_places(weathered(s, **effect).light[..., 1], s, p)
+        for s, p in ((straight, points), (tilted, points), (slewed, moved))
+    )
+    unmoved = at_places(weathered(slewed, **effect).light[..., 1], slewed, points)
+    assert np.corrcoef(first, second)[0, 1] > 0.93
+    assert np.corrcoef(first, third)[0, 1] > 0.93
+    assert np.corrcoef(first, unmoved)[0, 1] < 0.5
+
+
+def test_snow_covers_its_share_of_level_ground_and_no_walls_or_water():
+    wide = Intrinsics(320, 180, 100.0, 160.0, 90.0)
+    for cover in (0.2, 0.7, 1.0):
+        level = weathered(sight(intrinsics=wide), snow_cover=cover).light[..., 1] > 0.5
+        assert level.mean() == pytest.approx(cover, abs=0.07)
+    for bare in (sight(slope=np.radians(65)), sight(water_m=0.0)):
+        ground = cv2.erode(np.float32(bare.depth < 189), np.ones((15, 15))) > 0  # the slope, not what is beyond it
+        np.testing.assert_allclose(weathered(bare, snow_cover=1.0).light[ground], 0.2, atol=1e-6)
+
+
+def test_wet_ground_is_darker_and_only_the_ground():
+    ids = np.zeros((180, 320), np.uint8)
+    ids[60:120, 100:200] = 3
+    wet = weathered(sight(ids=ids), wetness=0.5).light[..., 1]
+    # 0.6 of the dry albedo, and half a film's mirror image of the sky.
+    np.testing.assert_allclose(wet[:50], 0.6 * 0.2 + 0.01, atol=2e-3)
+    np.testing.assert_allclose(wet[65:115, 105:195], 0.2, atol=1e-6)
+
+
+def test_a_lamp_glints_where_the_ground_mirrors_it():
+    seen = sight(0.1)
+    lamp = Lamp((6.0, 3.6, -0.3 - HEIGHT_M / 2), 0.5)  # half as high as the camera
+    lit, unlit = (
+        apply(Weather(wetness=0.5), seen, seed=4, frame=0, airlight=WHITE, lamps=lamps).light for lamps in ((lamp,), ())
+    )
+    v, u = np.unravel_index(np.argmax((lit - unlit)[..., 1]), (180, 320))
+    mirrored = geometry.to_camera((4.0, 2.6, -0.3 - HEIGHT_M), seen.jib_from_camera, seen.centre_m)
+    assert np.hypot(*(K.project(mirrored) - (u + 0.5, v + 0.5))) < 3
+
+
+def test_a_lamp_lights_the_flakes_near_it():
+    seen = sight(light=0.001)
+    lit, unlit = (
+        apply(
+            Weather(snow_mm_h=1.0),
+            seen,
+            seed=4,
+            frame=0,
+            airlight=(0.005,) * 3,
+            lamps=[Lamp((1.0, 0.0, 0.0), 0.004)][:n],
+        )
+        for n in (1, 0)
+    )
+    assert lit.light.max() > 4 * unlit.light.max()
+    np.testing.assert_allclose(lit.veil, unlit.veil, atol=1e-6)
+
+
+@pytest.mark.parametrize(("key", "opacity"), [("lens_dirt", 0.75), ("lens_snow", 0.95)])
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_the_glass_is_covered_by_its_share(key, opacity, share):
+    assert weathered(sight(), **{key: share}).veil.mean() == pytest.approx(share * opacity, abs=0.03)
+
+
+@pytest.mark.parametrize("key", ["lens_drops", "lens_dirt", "lens_snow"])
+def test_the_glass_stays_as_it_is_for_a_clip(key):
+    weather = Weather(**{key: 20 if key == "lens_drops" else 0.2})
+    first, later, other = (
+        apply(weather, sight(), seed=4, frame=frame, clip=clip).veil for frame, clip in ((0, 0), (9, 0), (9, 1))
+    )
+    assert np.array_equal(first, later)
+    assert not np.array_equal(later, other)
+
+
+def test_the_error_function_is_good_enough_for_dust():
+    x = np.linspace(-4, 4, 2001, dtype=np.float32)
+    assert np.abs(dust._erf(x) - erf(x)).max() < 4e-4
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"visibility_m": -10.0}, "visibility_m"),
+        ({"rain_mm_h": -1.0}, "rain_mm_h"),
+        ({"snow_mm_h": 50.0}, "snow_mm_h"),
+        ({"rain_mm_h": 5.0, "snow_mm_h": 4.0}, "heavy snow falls without rain"),
+        ({"lens_dirt": 0.7, "lens_snow": 0.5}, "share one glass"),
+        ({"wetness": 1.5}, "wetness"),
+        ({"fog": 1.0}, "fog"),
+    ],
+)
+def test_impossible_weather_is_refused_with_the_reason(settings, reason):
+    with pytest.raises(msgspec.ValidationError, match=reason):
+        msgspec.convert(settings, Weather)
+
+
+def test_pictures_of_another_size_are_refused():
+    with pytest.raises(ValueError, match="light, depth and ids"):
+        sight(depth=np.ones((10, 10), np.float32))
