@@ -26,7 +26,7 @@ from simgrab.world import swing
 from simgrab.world.moment import Moment
 
 ALARM = 0.001  # so rare a draw is worth a look
-DRAWN = 100_000  # of a law, to have its distribution function
+DRAWN = 1_000_000  # of a law, to have its distribution function
 DRAWS_FOR_TENTHS = 60  # with fewer, an empty tenth says nothing
 COLUMNS = (
     "box_centre_x", "box_centre_y", "box_width", "box_height", "box_area", "alpha_deg", "rope_length_m",

@@ -8,6 +8,7 @@ from simgrab.rng import stream
 LAWS = {
     "half-normal": (HalfNormal(2.0), stats.halfnorm(scale=2.0)),
     "rayleigh": (Rayleigh(2.0), stats.rayleigh(scale=2.0)),
+    "cut rayleigh": (Rayleigh(2.0, high=3.0), stats.truncweibull_min(2.0, 0.0, 3.0 / np.sqrt(8.0), scale=np.sqrt(8.0))),
     "exponential": (Exponential(2.0), stats.expon(scale=2.0)),
     "normal": (Normal(1.0, 2.0), stats.norm(1.0, 2.0)),
     "truncated": (Normal(1.0, 2.0, low=-1.0, high=6.0), stats.truncnorm(-1.0, 2.5, 1.0, 2.0)),

@@ -9,6 +9,7 @@ import pytest
 from conftest import small_scene
 from test_dataset import digest
 
+from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.judge.audit import audit
 from simgrab.records import columns
@@ -201,3 +202,12 @@ def test_an_absent_grab_among_others_has_no_box():
         row = studio.make(0).record.truth
         assert row.box_x0_px is None
         assert GRAB not in studio.renderer.look().ids
+
+
+def test_the_training_scene_runs():
+    """One small world of the bundled scene, whole: drawn, labelled, encoded."""
+    size = {"camera.width_px": 480, "camera.height_px": 270, "camera.focal.pixels_per_mm": 342.67 / 4}
+    with Studio(scenes.load("training", size | {"image.samples": 0, "image.shadow_map_px": 1024})) as studio:
+        row = studio.make(9).record.truth
+    assert row.variant == 1
+    assert len(json.loads(row.varied)) > 20
