@@ -42,9 +42,11 @@ def alter(path, column, frame):
     if value is None:
         value = "2000" if pa.types.is_string(kind) else 1
     elif isinstance(value, str):
-        value = "test" if value in ("train", "val") else value[::-1]
+        value = "test" if value in ("train", "val") else value[::-1] or "2000"
     elif isinstance(value, list):
         value = [value[0] + 1e-3, *value[1:]]
+    elif isinstance(value, bool):
+        value = not value
     elif isinstance(value, int):
         value = value + 1
     else:
