@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
-from scipy.linalg import solve_discrete_lyapunov
 
 from simgrab.geometry import Array
 from simgrab.rng import stream
@@ -32,18 +32,13 @@ class Shape:
         """Coefficients of the sampled filter whose output has variance 1 for white noise of variance 1."""
         b, a, _ = signal.cont2discrete((self.numerator, self.denominator), step, method="bilinear")
         b = np.ravel(b)
-        return b / np.sqrt(_variance(b, a)), a
+        impulse = np.zeros(math.ceil(self.memory() / step) + 1)
+        impulse[0] = 1.0
+        return b / np.linalg.norm(signal.lfilter(b, a, impulse)), a
 
     def memory(self) -> float:
         """Time in which the start is forgotten, s."""
         return float(_FORGETTING / np.abs(np.real(np.roots(self.denominator))).min())
-
-
-def _variance(b: Array, a: Array) -> float:
-    """Variance of the output of b/a for white noise of variance 1: b's autocovariance through the discrete filter."""
-    A, B, C, D = signal.tf2ss(b, a)
-    state = solve_discrete_lyapunov(A, B @ B.T)
-    return float((C @ state @ C.T + D @ D.T)[0, 0])
 
 
 def low_pass(bandwidth_hz: float) -> Shape:
