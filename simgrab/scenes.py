@@ -6,6 +6,7 @@ import difflib
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +59,15 @@ def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = Non
 
 
 def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
-    """Parse ``a.b=value`` assignments; values are TOML, and anything else is taken as a string."""
+    """Parse ``a.b=value`` assignments; values are TOML, and dates and anything else are taken as strings."""
     changes: dict[str, Any] = {}
     for assignment in assignments:
         key, equals, text = (s.strip() for s in assignment.partition("="))
         if not equals or not key or not text:
             raise ScenarioError("", f"--set takes key=value, got {assignment!r}")
         try:
-            changes[key] = tomllib.loads(f"v = {text}")["v"]
+            value = tomllib.loads(f"v = {text}")["v"]
+            changes[key] = text if isinstance(value, date) else value  # scenarios hold dates as ISO texts
         except tomllib.TOMLDecodeError:
             changes[key] = text
     return changes

@@ -123,3 +123,8 @@ def test_unknown_scenes_are_named(tmp_path):
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(ScenarioError, match="not a simgrab manifest"):
         scenes.load(tmp_path / "manifest.json")
+
+
+def test_a_date_needs_no_quotes_in_the_shell():
+    changes = scenes.parse_changes(["display.start=2022-01-26T14:05:38", "frames=3"])
+    assert scenes.load("quay-day", changes).display.start == "2022-01-26T14:05:38"
