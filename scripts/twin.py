@@ -1,18 +1,22 @@
 """Print the paper's video beside its twin, the scene `qingdao-twin`, for the scene's seed and ten others.
 
-    uv run scripts/twin.py [--seeds N]
+    uv run scripts/twin.py [SCENE] [--seeds N]
 
 How the twin was tuned. The paper says what its record looks like (sections 3 and 4.5), not what the crane did. Left
 free, within what such cranes do, were: the tilt and where it points, the camera's offset, how rough the operator is
-and how much cycles vary, slewing, luffing and hoisting (arc, reach, speeds), depths, digging time and pauses, a light
-wind, and the damping. A random search minimised the squared misfit of the medians over the seeds 101 to 110, each in
-units of the accepted one (10 %, tails and maximum 25 %); then the values were rounded. The table below shows other
-seeds.
+and how much cycles vary, slewing, luffing and hoisting (arc, reach, speeds), depths, digging time and pauses, how hard
+the slewing is braked now and then, a light wind, and the damping. A random search and then least squares minimised the
+misfit of the medians over the seeds 101 to 110, each in units of the accepted one (10 %, tails and maximum 25 %), and
+the values were rounded. The last step, the tilt and the time of the hard braking, was set by eye on the seeds 1 to 10,
+so that none of them is refused by the paper's iteration; `--set seed=10` shows ten that nothing was tuned on.
 
-What the tuning says about the record. The tail (0.8 % of frames beyond 300 px) needs an operator nearer rough than
-smooth whose ramps vary from cycle to cycle: one or two moves in six minutes end in a swing of about 10 degrees. The
-largest swings happen at the shortest rope, while slewing. With a levelled camera the tilt follows what the
-accelerating jib feels, which the paper's constant β does not know.
+What the tuning says about the record. The tail (0.8 % of frames beyond 300 px) needs a rare hard event where the rope
+is short: here every fifth cycle brakes its slewing within 2.25 s and swings by about 10 degrees until it digs. A harder
+one lifts the kurtosis of the ray angles above 3, and the paper's iteration, started at 0, then has no solution. With a
+levelled camera the tilt follows what the accelerating jib feels, which the paper's constant β does not know.
+
+The two weather records give only β̂ and σ̂; tilt, luffing, operator and braking were set by hand on the seeds 1 to 10. In
+heavy snow the camera is bolted to the jib, which luffs in by 1.8 m to dump and pitches by 2 degrees a metre.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ import tomli_w
 from simgrab.distributions import Law
 from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import Intrinsics
+from simgrab.layouts import Layout
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
 from simgrab.scenario.factor import Factor
@@ -71,7 +72,7 @@ class Scenario(Strict, frozen=True):
 
     def _check_display(self) -> None:
         try:
-            self.display.layout_in(self.camera.width_px, self.camera.height_px)
+            _ = self.display_layout
             self.display.started + timedelta(seconds=self.frames / self.clip.frame_rate_hz)
         except LayoutError as problem:
             raise ScenarioError("display.layout", str(problem)) from None
@@ -81,6 +82,11 @@ class Scenario(Strict, frozen=True):
     def variant_number(self, frame: int) -> int:
         """Return the index of the variant that a frame is of: its clip; 0 for all frames where nothing varies."""
         return self.clip.of(frame) if self.vary else 0
+
+    @property
+    def display_layout(self) -> Layout | None:
+        """The display's layout fitted to the picture; None where there is no display."""
+        return self.display.layout_in(self.camera.width_px, self.camera.height_px)
 
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""

@@ -127,5 +127,5 @@ def calibration_of(scenario: Scenario) -> Calibration:
         k1=d.k1, k2=d.k2, p1=d.p1, p2=d.p2, k3=d.k3,
         offset_m=camera.offset_m, roll_deg=camera.roll_deg, offset_sd_m=0.05,
         display_constant_m=scenario.display.constant_m,
-        digit_layout=scenario.display.layout_in(k.width_px, k.height_px),
+        digit_layout=scenario.display_layout,
     )  # fmt: skip

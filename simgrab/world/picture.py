@@ -37,7 +37,7 @@ class Chain:
 
     def __init__(self, scenario: Scenario, renderer: Renderer, moment_at: Callable[[int], Moment]) -> None:
         self._scenario, self._renderer, self._moment_at = scenario, renderer, moment_at
-        layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
+        layout = scenario.display_layout
         self._overlay = Overlay(layout) if layout else None
         exposure = scenario.optics.exposure
         self._lags = isinstance(exposure, AutoExposure) and exposure.lag_s > 0 and isinstance(scenario.swing, Dynamic)

@@ -29,7 +29,7 @@ class Story:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
+        self._layout = scenario.display_layout
         self._clip = -1
         self._moments: Iterator[Moment] = iter(())
         self._recent: deque[Moment] = deque(maxlen=REMEMBERED)

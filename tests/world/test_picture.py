@@ -3,20 +3,13 @@
 import msgspec
 import numpy as np
 import pytest
-from conftest import small_scene
+from conftest import SMALL, small_scene
 
 from simgrab import scenes
 from simgrab.world.frames import Studio
 
-SMALL_CAMERA = {
-    "camera.width_px": 480,
-    "camera.height_px": 270,
-    "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
-    "image.samples": 0,
-    "image.shadow_map_px": 1024,
-    "display.layout": "none",
-    "frames": 8,
-}
+SMALL_CAMERA = SMALL | {"display.layout": "none", "frames": 8}
+del SMALL_CAMERA["place"]  # the presets' own
 PRESETS = ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare")
 LAGGING = {"model": "auto", "lag_s": 1.0}
 

@@ -43,9 +43,8 @@ class Timeline:
         self._interval = period / self._per_frame
         self._steps = math.ceil(self._interval / MOST_STEP_S)
         self._settle = math.ceil(self._swing.settle_s / period)  # frames before the first
-        size = scenario.clip.clip_frames or scenario.frames
-        self._first = clip * size  # frame
-        self._layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
+        self._first = scenario.clip.span(clip, scenario.frames).start  # frame
+        self._layout = scenario.display_layout
 
     def __iter__(self) -> Iterator[Moment]:
         swing = self._swing
