@@ -141,7 +141,7 @@ def world(repeats: int = 7) -> None:
             times = []
             for frame in range(repeats + 2):
                 studio.aim(frame)
-                view = studio.renderer.look() if studio.stage.chain.wants_view else None
+                view = studio.renderer.glance() if studio.stage.chain.wants_view else None
                 light = to_linear(np.ascontiguousarray(studio.renderer.rgb()))
                 began = time.perf_counter()
                 studio.stage.chain.develop(frame, light, view)

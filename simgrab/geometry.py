@@ -23,6 +23,8 @@ _STRAIGHT_DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
 PAPER_PIXELS_PER_MM = 342.67
 PAPER_FOCAL_LENGTH_MM = 4.8
 
+_POINTS_AT_ONCE = 8192  # whose intermediate results a core's cache holds
+
 
 def rotation_z(angle: ArrayLike) -> Array:
     """Rotation about z, shape (..., 3, 3), counter-clockwise seen from +z."""
@@ -129,15 +131,17 @@ class Distortion:
 
     def apply(self, xy: ArrayLike) -> Array:
         """Distort normalised points, shape (..., 2)."""
-        x, y = np.moveaxis(np.asarray(xy, float), -1, 0)
+        return np.moveaxis(self._bend(*np.moveaxis(np.asarray(xy, float), -1, 0)), 0, -1)
+
+    def _bend(self, x: Array, y: Array) -> Array:
+        """`apply`, coordinate by coordinate; shape (2, ...)."""
         r2 = x * x + y * y
         radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         return np.stack(
             [
                 x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
                 y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y,
-            ],
-            axis=-1,
+            ]
         )
 
     @cached_property
@@ -166,21 +170,30 @@ class Distortion:
         target = np.asarray(xy, float)
         if self.is_null:
             return target.copy()
-        tx, ty = np.moveaxis(target, -1, 0)
-        x, y = tx.copy(), ty.copy()
+        flat = target.reshape(-1, 2)
+        result = np.empty_like(flat)
+        for start in range(0, len(flat), _POINTS_AT_ONCE):
+            some = slice(start, start + _POINTS_AT_ONCE)
+            result[some] = self._remove(np.ascontiguousarray(flat[some].T)).T
+        return result.reshape(target.shape)
+
+    def _remove(self, target: Array) -> Array:
+        """`remove` of points of shape (2, N)."""
+        point = target.copy()
         with np.errstate(all="ignore"):
             for _ in range(30):
-                ex, ey = np.moveaxis(self.apply(np.stack([x, y], -1)), -1, 0) - np.stack([tx, ty])
-                a, d, b = self._jacobian(x, y)
+                ex, ey = self._bend(*point) - target
+                a, d, b = self._jacobian(*point)
                 det = a * d - b * b
-                x, y = x - (d * ex - b * ey) / det, y - (a * ey - b * ex) / det
+                point[0] -= (d * ex - b * ey) / det
+                point[1] -= (a * ey - b * ex) / det
                 if np.all((np.abs(ex) + np.abs(ey) < 1e-14) | ~np.isfinite(ex + ey)):
                     break
-            a, d, b = self._jacobian(x, y)
-            residual = np.linalg.norm(self.apply(np.stack([x, y], -1)) - target, axis=-1)
+            a, d, b = self._jacobian(*point)
+            residual = np.linalg.norm(self._bend(*point) - target, axis=0)
             # On the near side of the fold the map keeps orientation and stretches in every direction.
             good = (residual < 1e-9) & (a * d - b * b > 0) & (a + d > 0)
-        return np.where(good[..., None], np.stack([x, y], -1), np.nan)
+        return np.where(good, point, np.nan)
 
 
 @dataclass(frozen=True)

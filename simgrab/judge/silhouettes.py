@@ -14,7 +14,8 @@ from simgrab.judge.proof import Findings, Proof
 from simgrab.records import Truth
 from simgrab.world import second_opinion
 from simgrab.world.frames import Studio
-from simgrab.world.model import GRAB, placed_shapes
+from simgrab.world.model import GRAB
+from simgrab.world.plan import placed_shapes
 from simgrab.world.render import Window
 from simgrab.world.second_opinion import SecondOpinion
 
@@ -60,7 +61,7 @@ def compare(rows: Sequence[Truth], studio: Studio, tick: Iterable[None]) -> Proo
 def _compare(rows: Sequence[Truth], studio: Studio, found: Findings) -> tuple[float, float, float]:
     """Compare rows of one variant; gives the worst edge, px, IoU and centroid, px."""
     edge, iou, centroid = 0.0, 1.0, 0.0
-    meshes = studio.at(rows[0].frame).world.shapes
+    meshes = studio.at(rows[0].frame).world.plan.shapes
     with SecondOpinion({name: (np.array(m.vertices), np.array(m.faces)) for name, m in meshes.items()}) as other:
         for row in rows:
             aimed = studio.aim(row.frame)

@@ -16,7 +16,7 @@ from typing import TypeVar
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
 from simgrab.world.frames import Studio
-from simgrab.world.model import World
+from simgrab.world.plan import Plan
 
 PR_SET_PDEATHSIG = 1
 LOOK_S = 0.25  # how often the ticks of other processes are counted
@@ -46,7 +46,7 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
 
 def share(
     scenario: Scenario,
-    world: World,
+    plan: Plan,
     items: Iterable[int],
     work: Work[T],
     *,
@@ -58,7 +58,7 @@ def share(
     Parameters
     ----------
     scenario : Scenario
-    world : World
+    plan : Plan
         Of the same scenario's first variant.
     items : iterable of int
         Frames or clips.
@@ -73,7 +73,7 @@ def share(
         yield from _among_processes(scenario, items, work, workers, progress)
         return
     counted = itertools.count(1)
-    with Studio(scenario, world) as studio:
+    with Studio(scenario, plan) as studio:
         for item in items:
             yield work(studio, item, lambda: progress(next(counted)))
 

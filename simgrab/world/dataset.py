@@ -23,7 +23,7 @@ from simgrab.world.crew import Progress, Tick, Work
 from simgrab.world.folder import MANIFEST, Folder, writing
 from simgrab.world.frames import Studio
 from simgrab.world.gl import Fingerprint
-from simgrab.world.model import World
+from simgrab.world.plan import Plan
 from simgrab.world.video.files import Reels
 from simgrab.world.video.render import Filming, VideoSummary, render_video
 
@@ -105,7 +105,7 @@ def render(
         If there is no offscreen OpenGL.
     """
     crew.check(workers)
-    folder, world = Folder(Path(out)), frames.check(scenario)
+    folder, plan = Folder(Path(out)), frames.check(scenario)
     reels = Reels(scenario, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
     made = 0
@@ -114,12 +114,12 @@ def render(
             done = folder.done()
             missing = [frame for frame in range(scenario.frames) if frame not in done]
             if reels and clips:
-                drawn = _film(reels, clips, folder, world, missing, workers, progress)
+                drawn = _film(reels, clips, folder, plan, missing, workers, progress)
             else:
                 report = crew.report(progress, len(done), scenario.frames)
                 work: Work[Fingerprint] = functools.partial(_store_clip if scenario.vary else _store, folder)
                 items = sorted(set(map(scenario.clip.of, missing))) if scenario.vary else missing
-                drawn = crew.share(scenario, world, items, work, workers=workers, progress=report)
+                drawn = crew.share(scenario, plan, items, work, workers=workers, progress=report)
             drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
             with writing(folder.path):
                 _finish(folder, scenario, drawn_by)
@@ -150,7 +150,7 @@ def _film(
     reels: Reels,
     unfinished: Sequence[int],
     folder: Folder,
-    world: World,
+    plan: Plan,
     missing: Sequence[int],
     workers: int,
     progress: Progress | None,
@@ -162,7 +162,7 @@ def _film(
     left = sum(len(clip.span(c, scenario.frames)) for c in unfinished)
     left += sum(clip.of(frame) not in filmed for frame in missing)
     report = crew.report(progress, scenario.frames - left, scenario.frames)
-    return crew.share(scenario, world, clips, Filming(reels, folder), workers=workers, progress=report)
+    return crew.share(scenario, plan, clips, Filming(reels, folder), workers=workers, progress=report)
 
 
 def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:

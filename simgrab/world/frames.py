@@ -16,9 +16,10 @@ from pycocotools import mask as coco_mask
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.records import Truth
 from simgrab.scenario import Scenario, Variant, variant, variants
-from simgrab.world import model, truth
+from simgrab.world import truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
+from simgrab.world.plan import Plan, draw_up
 from simgrab.world.render import Renderer, View
 from simgrab.world.stage import Stage
 from simgrab.world.story import Story
@@ -84,8 +85,8 @@ class Studio:
     Parameters
     ----------
     scenario : Scenario
-    world : World, optional
-        Of the scenario's first variant, where it was built already.
+    plan : Plan, optional
+        Of the scenario's first variant, where it was drawn up already.
 
     Examples
     --------
@@ -94,9 +95,9 @@ class Studio:
     ...     frame = studio.make(812)
     """
 
-    def __init__(self, scenario: Scenario, world: World | None = None) -> None:
+    def __init__(self, scenario: Scenario, plan: Plan | None = None) -> None:
         self.scenario = scenario
-        self._stage = Stage(variant(scenario, 0), world) if world else None
+        self._stage = Stage(variant(scenario, 0), plan) if plan else None
 
     def __enter__(self) -> Studio:
         return self
@@ -142,9 +143,10 @@ class Studio:
         """Draw one frame."""
         image, stage = self.scenario.image, self.at(frame)
         aimed = stage.aim(frame)
-        full = stage.renderer.look() if image.ids or image.depth or stage.chain.wants_view else None
-        sight = truth.see(stage.renderer, aimed, full)
-        rgb, veil = stage.chain.picture(frame, full)
+        full = stage.renderer.look() if image.ids or image.depth else None
+        glance = full or (stage.renderer.glance() if stage.chain.wants_view else None)
+        sight = truth.see(stage.renderer, aimed, full if stage.renderer.bends else glance)
+        rgb, veil = stage.chain.picture(frame, glance)
         return Drawn(stage.variant, aimed, rgb, full, sight, veil)
 
     def finish(self, drawn: Drawn) -> Frame:
@@ -194,17 +196,17 @@ def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
     return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}
 
 
-def check(scenario: Scenario) -> World:
+def check(scenario: Scenario) -> Plan:
     """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab.
 
-    Returns the world of the first variant, which was built for it.
+    Returns the plan of the first variant's world.
     """
     k = scenario.camera.intrinsics
     first, seen = None, 0
     for one, span in variants(scenario):
-        world, story = model.build(one.scenario, one.number), Story(one.scenario)
-        first = first or world
-        aims = (truth.aim(one.scenario, world, story.at(frame)) for frame in span)
+        plan, story = draw_up(one.scenario, one.number), Story(one.scenario)
+        first = first or plan
+        aims = (truth.aim(one.scenario, plan, story.at(frame)) for frame in span)
         seen += sum(aimed.meets(k.width_px, k.height_px) for aimed in aims)  # all of them: each may be impossible
     if not seen:
         raise ScenarioError(

@@ -1,8 +1,8 @@
-"""From a scenario to a MuJoCo model: the grab on its ropes, the jib head above it, the place below."""
+"""From a plan to a MuJoCo model: the grab on its ropes, the jib head above it, the place below."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -10,16 +10,12 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import Dynamic, Hang, Hold, Light, Scenario
-from simgrab.world import places
-from simgrab.world.clearance import HeightMap, check_camera
-from simgrab.world.meshes import grab, jib, linkage, ropes
+from simgrab.scenario import Hold, Light, Scenario
+from simgrab.world.meshes import grab, linkage, ropes
 from simgrab.world.meshes.part import Part, add_parts
-from simgrab.world.moment import GrabState, Moment
-from simgrab.world.parked import parked_grabs
+from simgrab.world.moment import Moment
+from simgrab.world.plan import Plan, cargo_level
 
 # Geom groups tell what a pixel belongs to.
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
@@ -28,10 +24,7 @@ STEEL, FALLS = "steel", "falls"
 NEAR_M, FAR_M = 0.1, 200.0
 SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
 SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
-CLEARANCE_M = 0.3
 DRAWN_SKY = 1.0  # at night, so that eight bits keep the darkness
-GRAB_REACH_M, TRAVEL_M = 16.0, 48.0  # heights are known so far from O: with swing alone, and what the crane's moves add
-COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,41 +35,16 @@ class World:
     ----------
     model : mujoco.MjModel
         World frame = jib frame.
-    shapes : dict of str to trimesh.Trimesh
-        Steel of each grab body, in the body's frame, and each cargo heap (``cargo_0`` …), in the grab frame.
-    outline : dict of str to ndarray, shape (N, 3)
-        Points of each shape among which the outermost of every picture are.
+    plan : Plan
+        What it was built of.
     switches : dict of str to ndarray
         Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that
         only an absent grab lacks: its steel and the falls inside it.
-    ground : HeightMap
-        What stands below the grab.
     """
 
     model: mujoco.MjModel
-    shapes: dict[str, trimesh.Trimesh]
-    outline: dict[str, Array]
+    plan: Plan
     switches: dict[str, NDArray[np.int64]]
-    ground: HeightMap
-
-    def grab_points(self, state: GrabState) -> Array:
-        """Points (N, 3), grab frame, that cover the grab and what it holds."""
-        placed = placed_shapes(state.jaw, state.load)
-        return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
-
-    def check_clearance(self, moment: Moment, points_jib: Array) -> None:
-        """Refuse a frame whose grab would stand in the ground or in the cargo heap."""
-        jib, rope = moment.jib, moment.grab.rope_length
-        if jib:
-            place_from_jib = np.linalg.inv(jib.jib_from_place)
-            points_jib = points_jib @ place_from_jib[:3, :3].T + place_from_jib[:3, 3]
-        gap = self.ground.gap(points_jib)
-        if gap < CLEARANCE_M:
-            raise ScenarioError(
-                "swing.work" if jib else "swing.rope_length_m",
-                f"frame {moment.frame} has {rope:.2f} m of rope, which lowers the grab into what is below it; "
-                f"at most {rope - CLEARANCE_M + gap:.2f} m there",
-            )
 
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
@@ -136,79 +104,17 @@ class World:
         self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
 
 
-def cargo_level(load: float) -> int | None:
-    """Index of the heap that stands for a fill, None when empty."""
-    if load <= 0:
-        return None
-    return int(np.abs(np.array(grab.CARGO_LEVELS) - load).argmin())
-
-
-def placed_shapes(jaw: float, load: float) -> dict[str, Array]:
-    """Shapes that the grab shows, each with ``grab_from_shape``, shape (4, 4)."""
-    placed = dict(grab.body_frames(jaw))
-    level = cargo_level(load)
-    return placed if level is None else placed | {f"cargo_{level}": np.eye(4)}
-
-
-def build(scenario: Scenario, number: int = 0) -> World:
-    """Build the world of a scenario.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        That varies no more.
-    number : int
-        Which of the worlds of one seed: what is random about place and grab, such as stains, differs between them.
-
-    Returns
-    -------
-    World
-    """
+def build(scenario: Scenario, plan: Plan) -> World:
+    """Build the world that was planned for a scenario."""
     spec = mujoco.MjSpec()
     _set_visuals(spec, scenario)
-    place = places.build(
-        scenario.place, head_height=scenario.jib.head_height_m, rng=stream(scenario.seed, number, "place")
-    )
-    place += parked_grabs(
-        scenario.clutter.other_grabs,
-        place,
-        head_height=scenario.jib.head_height_m,
-        rng=stream(scenario.seed, number, "clutter.grabs"),
-    )
     ground = spec.worldbody.add_body(name="place", mocap=True)
-    add_parts(spec, ground, place, group=PLACE, prefix="place")
-    steel = jib.jib_parts()
-    check_camera(np.array(scenario.camera.offset_m), trimesh.util.concatenate([part.mesh for part in steel]))
-    add_parts(spec, spec.worldbody, steel, group=JIB, prefix="jib")
-    look = scenario.grab
-    parts = grab.grab_parts(
-        paint=look.paint_rgb,
-        wear=look.wear,
-        residue=look.residue,
-        cargo=look.cargo,
-        rng=stream(scenario.seed, number, "grab"),
-    )
-    heaps = grab.cargo_parts(look.cargo, stream(scenario.seed, number, "cargo"))
-    _add_grab(spec, parts, heaps)
+    add_parts(spec, ground, plan.place, group=PLACE, prefix="place")
+    add_parts(spec, spec.worldbody, plan.jib, group=JIB, prefix="jib")
+    _add_grab(spec, plan.bodies, plan.heaps)
     _add_ropes(spec)
     model = spec.compile()
-    shapes = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in parts.items()}
-    straight = scenario.camera.intrinsics.distortion.is_null
-    shapes |= {f"cargo_{level}": heap.mesh for level, heap in enumerate(heaps)}
-    return World(
-        model=model,
-        shapes=shapes,
-        outline={name: _cover(mesh, straight=straight) for name, mesh in shapes.items()},
-        switches=_switches(model),
-        ground=HeightMap.of((part.mesh for part in place), _reach(scenario)),
-    )
-
-
-def _reach(scenario: Scenario) -> float:
-    """How far from where O is at first the grab may come, m."""
-    if not isinstance(scenario.swing, Dynamic) or isinstance(scenario.swing.work, Hang):
-        return GRAB_REACH_M
-    return GRAB_REACH_M + TRAVEL_M
+    return World(model, plan, _switches(model))
 
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
@@ -241,7 +147,7 @@ def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bo
     )  # fmt: skip
 
 
-def _add_grab(spec: mujoco.MjSpec, parts: dict[str, list[Part]], heaps: Sequence[Part]) -> None:
+def _add_grab(spec: mujoco.MjSpec, parts: Mapping[str, Sequence[Part]], heaps: Sequence[Part]) -> None:
     hinge, slide, ball = (getattr(mujoco.mjtJoint, f"mjJNT_{kind}") for kind in ("HINGE", "SLIDE", "BALL"))
     rope_line = spec.worldbody.add_body(name="rope_line", mass=1e-3, inertia=(1e-3, 1e-3, 1e-3), explicitinertial=True)
     rope_line.add_joint(name="swing", type=ball)
@@ -303,21 +209,3 @@ def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
         elif group in always:
             found.setdefault(always[group], []).append(geom)
     return {stem: np.array(geoms) for stem, geoms in found.items()}
-
-
-def _cover(mesh: trimesh.Trimesh, *, straight: bool) -> Array:
-    """Points of a mesh, shape (N, 3), among which the outermost of every picture are.
-
-    A lens that draws straight lines straight shows corners of the convex hull outermost. One that bends them may show
-    a point along an edge, so the surface near the hull is covered at `COVER_SPACING_M`.
-    """
-    hull = mesh.convex_hull
-    if straight:
-        return np.asarray(hull.vertices)
-    points = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, max_edge=COVER_SPACING_M, max_iter=20)[0]
-    points = np.unique(points.round(6), axis=0)
-    normals, on_plane = np.asarray(hull.face_normals), np.asarray(hull.triangles)[:, 0]
-    outside = np.full(len(points), -np.inf)
-    for normal, offset in zip(normals, np.einsum("ij,ij->i", normals, on_plane), strict=True):
-        np.maximum(outside, points @ normal - offset, out=outside)
-    return np.asarray(points[outside > -COVER_DEPTH_M])

@@ -182,7 +182,7 @@ class Chain:
         """Light of a frame that is not shown, or that another worker makes."""
         moment = self._moment_at(frame)
         self._renderer.pose(shutter.exposed(self._scenario, moment))
-        view = self._renderer.look() if self.wants_view else None
+        view = self._renderer.glance() if self.wants_view else None
         return self._weathered(frame, self._light(moment, self._instants(moment)), view).light
 
 

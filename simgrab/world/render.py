@@ -75,8 +75,9 @@ class Renderer:
         self._rotation = np.eye(3)
         self._centre = np.array(camera.offset_m)
         self.full: Window = (0, 0, camera.width_px, camera.height_px)
-        self._lens = _PictureMap(self.intrinsics) if not self.intrinsics.distortion.is_null else None
-        drawn = self._lens.source if self._lens else self.full
+        self._lens = None if self.intrinsics.distortion.is_null else _Lens(self.intrinsics)
+        whole = self._lens.map(self.full) if self._lens else None
+        drawn = whole.source if whole else self.full
         self._size = drawn[2] - drawn[0], drawn[3] - drawn[1]
         if max(self._size) > LARGEST_BUFFER_PX:
             raise ScenarioError(
@@ -117,10 +118,16 @@ class Renderer:
         self._gather(self.option)
         if self._lens is None:
             return self._draw_rgb(self.full)
-        return self._lens.resample(self._draw_rgb(self._lens.source), cv2.INTER_CUBIC)
+        lens = self._lens.map(self.full)
+        return lens.resample(self._draw_rgb(lens.source), cv2.INTER_CUBIC)
+
+    @property
+    def bends(self) -> bool:
+        """Whether a lens bends the picture, so that a `glance` sees less finely than a `look`."""
+        return self._lens is not None
 
     def look(self, window: Window | None = None, *, grab_only: bool = False) -> View:
-        """Draw ids and depth through a window of the picture.
+        """Draw ids and depth through a window of the picture, as finely as labels need them.
 
         Parameters
         ----------
@@ -129,12 +136,19 @@ class Renderer:
         grab_only : bool
             Draw the grab and what it holds as if nothing were in front of it.
         """
-        window = window or self.full
         self._gather(self._grab_only if grab_only else self.option)
+        return self._view(window or self.full, LENS_SAMPLES)
+
+    def glance(self) -> View:
+        """Draw ids and depth of the whole picture; a lens may move its edges by half a pixel."""
+        self._gather(self.option)
+        return self._view(self.full, 1)
+
+    def _view(self, window: Window, finer: int) -> View:
         if self._lens is None:
             return View(window, *self._draw_tiles(window))
-        lens = _PictureMap(self.intrinsics, window, finer=LENS_SAMPLES)
-        ids, depth = self._draw_tiles(lens.source, LENS_SAMPLES)
+        lens = self._lens.map(window, finer)
+        ids, depth = self._draw_tiles(lens.source, finer)
         return View(
             window,
             lens.resample(ids, cv2.INTER_NEAREST, NOTHING),
@@ -208,12 +222,15 @@ def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class _PictureMap:
-    """Where each pixel of a window of the lens' picture comes from in the undistorted one, drawn ``finer`` or not."""
+    """Where each pixel of a window of the lens' picture comes from in the undistorted one.
 
-    def __init__(self, intrinsics: Intrinsics, window: Window | None = None, finer: int = 1) -> None:
-        x0, y0, x1, y1 = window or (0, 0, intrinsics.width_px, intrinsics.height_px)
-        grid = np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
-        ideal: Array = intrinsics.undistort(grid) * finer
+    Parameters
+    ----------
+    ideal : ndarray, shape (h, w, 2)
+        Undistorted pixels, of a picture that may be drawn finer.
+    """
+
+    def __init__(self, ideal: Array) -> None:
         low, high = np.nanmin(ideal, axis=(0, 1)), np.nanmax(ideal, axis=(0, 1))
         # Two pixels of margin for the resampling kernel.
         self.source: Window = (*(int(v) - 2 for v in np.floor(low)), *(int(v) + 2 for v in np.ceil(high)))  # type: ignore[assignment]
@@ -223,3 +240,31 @@ class _PictureMap:
     def resample(self, picture: NDArray[Any], interpolation: int, outside: float = 0) -> NDArray[Any]:
         source = np.ascontiguousarray(picture)
         return cv2.remap(source, self._map, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
+
+
+class _Lens:
+    """The maps of one lens, worked out once for the whole picture."""
+
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        self._intrinsics = intrinsics
+        self._full: Window = (0, 0, intrinsics.width_px, intrinsics.height_px)
+        self._ideal = self._undistorted(self._full)
+        self._whole = _PictureMap(self._ideal)
+
+    def map(self, window: Window, finer: int = 1) -> _PictureMap:
+        """Map a window, drawn ``finer`` or not."""
+        if window == self._full and finer == 1:
+            return self._whole
+        return _PictureMap(self._of(window) * finer)
+
+    def _of(self, window: Window) -> Array:
+        x0, y0, x1, y1 = window
+        if x0 >= 0 and y0 >= 0 and x1 <= self._full[2] and y1 <= self._full[3]:
+            return self._ideal[y0:y1, x0:x1]
+        return self._undistorted(window)
+
+    def _undistorted(self, window: Window) -> Array:
+        x0, y0, x1, y1 = window
+        return self._intrinsics.undistort(
+            np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
+        )

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from simgrab.scenario import Variant
 from simgrab.world import model, shutter, truth
-from simgrab.world.model import World
 from simgrab.world.picture import Chain
+from simgrab.world.plan import Plan, draw_up
 from simgrab.world.render import Renderer
 from simgrab.world.story import Story
 
@@ -18,8 +18,8 @@ class Stage:
     Parameters
     ----------
     variant : Variant
-    world : World, optional
-        Of the same variant, where it was built already.
+    plan : Plan, optional
+        Of the same variant, where it was drawn up already.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class Stage:
         Frees the OpenGL context.
     """
 
-    def __init__(self, variant: Variant, world: World | None = None) -> None:
+    def __init__(self, variant: Variant, plan: Plan | None = None) -> None:
         self.variant, self.scenario = variant, variant.scenario
-        self.world = world or model.build(self.scenario, variant.number)
+        self.world = model.build(self.scenario, plan or draw_up(self.scenario, variant.number))
         self.renderer = Renderer(self.world, self.scenario)
         self.close: Callable[[], None] = self.renderer.close
         self._story = Story(self.scenario)
@@ -44,6 +44,6 @@ class Stage:
     def aim(self, frame: int) -> truth.Aim:
         """Pose the world and the camera as in one frame, at the instant of its labels."""
         moment = shutter.exposed(self.scenario, self._story.at(frame))
-        aimed = truth.aim(self.scenario, self.world, moment)
+        aimed = truth.aim(self.scenario, self.world.plan, moment)
         self.renderer.pose(aimed.moment)
         return aimed

@@ -14,8 +14,9 @@ from simgrab.geometry import Array
 from simgrab.records import KEYPOINT_NAMES, Truth
 from simgrab.scenario import Scenario, Variant
 from simgrab.world.meshes import grab
-from simgrab.world.model import GRAB, ROPE, World
+from simgrab.world.model import GRAB, ROPE
 from simgrab.world.moment import GrabState, Moment
+from simgrab.world.plan import Plan
 from simgrab.world.render import Renderer, View, Window
 from simgrab.world.weather import hidden_fraction
 
@@ -98,7 +99,7 @@ class Sight:
         return x0 + int(x[0]), y0 + int(y[0]), x0 + int(x[-1]) + 1, y0 + int(y[-1]) + 1
 
 
-def aim(scenario: Scenario, world: World, moment: Moment) -> Aim:
+def aim(scenario: Scenario, plan: Plan, moment: Moment) -> Aim:
     """Project a frame's moment.
 
     Raises
@@ -108,8 +109,8 @@ def aim(scenario: Scenario, world: World, moment: Moment) -> Aim:
     """
     frame, state = moment.frame, moment.grab
     pose = state.jib_from_grab
-    points = world.grab_points(state) @ pose[:3, :3].T + pose[:3, 3]
-    world.check_clearance(moment, points)
+    points = plan.grab_points(state) @ pose[:3, :3].T + pose[:3, 3]
+    plan.check_clearance(moment, points)
     camera, rotation = scenario.camera, moment.tilt.jib_from_camera
 
     def to_camera(points_jib: Array) -> Array:

@@ -6,6 +6,8 @@ Jib frame: origin O, the centroid of the rope exits; x outboard, z up. All steel
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import shapely
 import trimesh
@@ -29,10 +31,11 @@ _LAMP = Material("jib_lamp", rgba=(0.34, 0.35, 0.36, 1.0), specular=0.3)
 _LENS = Material("jib_lens", rgba=(0.92, 0.93, 0.88, 1.0), specular=0.9, shininess=0.8, emission=0.35)
 
 
-def jib_parts() -> list[Part]:
+@cache
+def jib_parts() -> tuple[Part, ...]:
     """Return the jib head's parts in the jib frame."""
     dark = Material("jib_dark", texture=textures.load("grease"), tile_m=0.6, specular=0.35)
-    return [
+    return (
         Part("cheeks", _cheeks(), _PAINT),
         Part("guards", _guards(), _YELLOW),
         Part("trunk", trunk(), _PAINT),
@@ -44,7 +47,13 @@ def jib_parts() -> list[Part]:
         Part("floodlights", floodlights(), _LAMP),
         Part("lenses", lenses(), _LENS),
         *_rope_runs(),
-    ]
+    )
+
+
+@cache
+def jib_steel() -> trimesh.Trimesh:
+    """Return the jib head's parts as one mesh in the jib frame."""
+    return trimesh.util.concatenate([part.mesh for part in jib_parts()])
 
 
 def _axes() -> list[tuple[float, float]]:

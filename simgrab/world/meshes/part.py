@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -66,6 +67,22 @@ class Part:
         mesh.apply_transform(transform)
         return Part(name or self.name, mesh, self.material, self.uv)
 
+    @cached_property
+    def corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Positions, normals and UVs of every face corner: (3F, 3), (3F, 3), (3F, 2). Facets keep their sharp edges."""
+        mesh = self.mesh
+        faces = np.asarray(mesh.faces)
+        normals = _corner_normals(mesh)
+        corners = np.asarray(mesh.vertices)[faces].reshape(-1, 3)
+        if self.uv is not None:
+            return corners, normals, np.asarray(self.uv)[faces].reshape(-1, 2)
+        axis = np.abs(np.asarray(mesh.face_normals)).argmax(axis=1).repeat(3)
+        # Look along x: (y, z); along y: (x, z); along z: (x, y).
+        first, second = np.array([1, 0, 0])[axis], np.array([2, 2, 1])[axis]
+        rows = np.arange(len(corners))
+        uv = np.stack([corners[rows, first], corners[rows, second]], axis=1) / self.material.tile_m
+        return corners, normals, uv
+
 
 def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
     """Add parts to a body as visual geoms, one per material: no collision, no mass.
@@ -85,7 +102,7 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
         by_material.setdefault(part.material.name, []).append(part)
     for name, same in by_material.items():
         _add_material(spec, same[0].material)
-        corners = [_corners(part) for part in same]
+        corners = [part.corners for part in same]
         vertices, normals, uvs = (np.concatenate([c[i] for c in corners]) for i in range(3))
         mesh = spec.add_mesh(name=f"{prefix}/{name}")
         mesh.uservert = vertices.ravel()
@@ -131,22 +148,6 @@ def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
         )
         texture.data = np.ascontiguousarray(material.texture[::-1]).tobytes()
         mat.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
-
-
-def _corners(part: Part) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Positions, normals and UVs of every face corner: (3F, 3), (3F, 3), (3F, 2). Facets keep their sharp edges."""
-    mesh = part.mesh
-    faces = np.asarray(mesh.faces)
-    normals = _corner_normals(mesh)
-    corners = np.asarray(mesh.vertices)[faces].reshape(-1, 3)
-    if part.uv is not None:
-        return corners, normals, np.asarray(part.uv)[faces].reshape(-1, 2)
-    axis = np.abs(np.asarray(mesh.face_normals)).argmax(axis=1).repeat(3)
-    # Look along x: (y, z); along y: (x, z); along z: (x, y).
-    first, second = np.array([1, 0, 0])[axis], np.array([2, 2, 1])[axis]
-    rows = np.arange(len(corners))
-    uv = np.stack([corners[rows, first], corners[rows, second]], axis=1) / part.material.tile_m
-    return corners, normals, uv
 
 
 def _corner_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:

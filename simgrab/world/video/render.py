@@ -91,11 +91,11 @@ def render_video(
     reels = Reels(scenario, Path(path))
     clips = reels.unfinished(resume=resume)
     if clips or reels.partial.exists():
-        world = frames.check(scenario)
+        plan = frames.check(scenario)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = crew.report(progress, ahead, scenario.frames)
         with reels.claim():
-            for _ in crew.share(scenario, world, clips, Filming(reels, None), workers=workers, progress=report):
+            for _ in crew.share(scenario, plan, clips, Filming(reels, None), workers=workers, progress=report):
                 pass
     return _summary(reels, len(clips))
 
