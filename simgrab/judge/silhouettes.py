@@ -14,15 +14,14 @@ from simgrab.judge.proof import Findings, Proof
 from simgrab.records import Truth
 from simgrab.world import second_opinion
 from simgrab.world.frames import Studio
-from simgrab.world.model import GRAB
+from simgrab.world.lens import Window
 from simgrab.world.plan import placed_shapes
-from simgrab.world.render import Window
 from simgrab.world.second_opinion import SecondOpinion
 
 EDGE_TOLERANCE_PX = 0.5
 CENTROID_TOLERANCE_PX = 0.2
 LEAST_IOU = 0.98
-MOST_SAMPLES = 3000  # a side of the supersampled picture
+MOST_SAMPLES = 5000  # a side of the supersampled picture
 CLAIM = "a second renderer draws the same silhouette"
 
 Array = NDArray[np.float64]
@@ -65,17 +64,18 @@ def _compare(rows: Sequence[Truth], studio: Studio, found: Findings) -> tuple[fl
     with SecondOpinion({name: (np.array(m.vertices), np.array(m.faces)) for name, m in meshes.items()}) as other:
         for row in rows:
             aimed = studio.aim(row.frame)
-            ours = studio.renderer.look(aimed.window, grab_only=True).ids == GRAB
-            fine, coarse = _draw(other, row, aimed.window)
-            for column, value in zip(("x0", "y0", "x1", "y1"), _box(fine, aimed.window), strict=True):
+            samples = _samples(aimed.window)
+            # At one sample a pixel, an edge that lies along the samples of a row would move the whole row.
+            ours, theirs = studio.renderer.silhouette(aimed.window, samples), _draw(other, row, aimed.window, samples)
+            for column, value in zip(("x0", "y0", "x1", "y1"), _box(theirs, aimed.window), strict=True):
                 stored = getattr(row, f"amodal_{column}_px")
                 edge = max(edge, abs(stored - value))
                 found.expect(
                     abs(stored - value) <= EDGE_TOLERANCE_PX, f"frame {row.frame}, amodal_{column}_px",
                     f"{stored:.2f} px, but the second renderer's edge is at {value:.2f} px",
                 )  # fmt: skip
-            overlap = float((ours & coarse).sum() / max((ours | coarse).sum(), 1))
-            shift = float(np.abs(_centroid(ours) - _centroid(coarse)).max())
+            overlap = float((ours & theirs).sum() / max((ours | theirs).sum(), 1))
+            shift = float(np.abs(_centroid(ours) - _centroid(theirs)).max()) / samples
             iou, centroid = min(iou, overlap), max(centroid, shift)
             found.expect(overlap >= LEAST_IOU, f"frame {row.frame}, silhouette", f"IoU {overlap:.4f} < {LEAST_IOU}")
             found.expect(
@@ -84,11 +84,15 @@ def _compare(rows: Sequence[Truth], studio: Studio, found: Findings) -> tuple[fl
     return edge, iou, centroid
 
 
-def _draw(other: SecondOpinion, row: Truth, window: Window) -> tuple[Mask, Mask]:
-    """Silhouette through a window of the lens' picture, supersampled and at pixel centres."""
+def _samples(window: Window) -> int:
+    """Return the samples a pixel and direction."""
+    longest = max(window[2] - window[0], window[3] - window[1])
+    return next((s for s in (5, 3) if s * longest <= MOST_SAMPLES), 1)
+
+
+def _draw(other: SecondOpinion, row: Truth, window: Window, samples: int) -> Mask:
+    """Silhouette through a window of the lens' picture, supersampled."""
     source, maps = _source(row, window)
-    longest = max(source[2] - source[0], source[3] - source[1])
-    samples = next((s for s in (5, 3) if s * longest <= MOST_SAMPLES), 1)
     camera_from_jib = np.linalg.inv(_square(row.jib_from_camera))
     camera_from_grab = camera_from_jib @ _square(row.jib_from_grab)
     shapes = placed_shapes(float(np.radians(row.jaw_deg)), row.load)
@@ -99,7 +103,7 @@ def _draw(other: SecondOpinion, row: Truth, window: Window) -> tuple[Mask, Mask]
         fine = cv2.resize(maps, ((x1 - x0) * samples, (y1 - y0) * samples), interpolation=cv2.INTER_LINEAR)
         at = ((fine - source[:2]) * samples - 0.5).astype(np.float32)
         mask = cv2.remap(mask.astype(np.uint8), at, None, cv2.INTER_NEAREST) > 0
-    return mask, mask[samples // 2 :: samples, samples // 2 :: samples]
+    return mask
 
 
 def _source(row: Truth, window: Window) -> tuple[Window, Array | None]:

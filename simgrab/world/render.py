@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any
 
 import cv2
 import mujoco
@@ -13,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import RendererError, ScenarioError
-from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Scenario
 from simgrab.world import gl
+from simgrab.world.lens import Lens, Window
 from simgrab.world.model import FAR_M, GRAB, HIDDEN, NEAR_M, World
 from simgrab.world.moment import Moment
 
-Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
 NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
 LENS_SAMPLES = 3  # ids are drawn so much finer before a lens bends them, which takes the nearest
@@ -75,7 +73,7 @@ class Renderer:
         self._rotation = np.eye(3)
         self._centre = np.array(camera.offset_m)
         self.full: Window = (0, 0, camera.width_px, camera.height_px)
-        self._lens = None if self.intrinsics.distortion.is_null else _Lens(self.intrinsics)
+        self._lens = None if self.intrinsics.distortion.is_null else Lens(self.intrinsics)
         whole = self._lens.map(self.full) if self._lens else None
         drawn = whole.source if whole else self.full
         self._size = drawn[2] - drawn[0], drawn[3] - drawn[1]
@@ -138,6 +136,20 @@ class Renderer:
         """
         self._gather(self._grab_only if grab_only else self.option)
         return self._view(window or self.full, LENS_SAMPLES)
+
+    def silhouette(self, window: Window, samples: int) -> NDArray[np.bool_]:
+        """Draw the whole grab alone through a window, with so many samples a pixel and direction.
+
+        Returns
+        -------
+        ndarray of bool, shape (h·samples, w·samples)
+        """
+        self._gather(self._grab_only)
+        if self._lens is None:
+            x0, y0, x1, y1 = (samples * v for v in window)
+            return self._draw_tiles((x0, y0, x1, y1), samples)[0] == GRAB
+        lens = self._lens.map(window, samples, enlarged=True)
+        return lens.resample(self._draw_tiles(lens.source, samples)[0], cv2.INTER_NEAREST, NOTHING) == GRAB
 
     def glance(self) -> View:
         """Draw ids and depth of the whole picture; a lens may move its edges by half a pixel."""
@@ -219,52 +231,3 @@ class Renderer:
 def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:
     """Distance along the optical axis from MuJoCo's reversed depth buffer: 1 at the near plane, 0 at the far one."""
     return np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer.astype(float) * (FAR_M - NEAR_M)), np.float32)
-
-
-class _PictureMap:
-    """Where each pixel of a window of the lens' picture comes from in the undistorted one.
-
-    Parameters
-    ----------
-    ideal : ndarray, shape (h, w, 2)
-        Undistorted pixels, of a picture that may be drawn finer.
-    """
-
-    def __init__(self, ideal: Array) -> None:
-        low, high = np.nanmin(ideal, axis=(0, 1)), np.nanmax(ideal, axis=(0, 1))
-        # Two pixels of margin for the resampling kernel.
-        self.source: Window = (*(int(v) - 2 for v in np.floor(low)), *(int(v) + 2 for v in np.ceil(high)))  # type: ignore[assignment]
-        # OpenCV counts from the centre of the first pixel.
-        self._map = np.where(np.isnan(ideal), -10.0, ideal - self.source[:2] - 0.5).astype(np.float32)
-
-    def resample(self, picture: NDArray[Any], interpolation: int, outside: float = 0) -> NDArray[Any]:
-        source = np.ascontiguousarray(picture)
-        return cv2.remap(source, self._map, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
-
-
-class _Lens:
-    """The maps of one lens, worked out once for the whole picture."""
-
-    def __init__(self, intrinsics: Intrinsics) -> None:
-        self._intrinsics = intrinsics
-        self._full: Window = (0, 0, intrinsics.width_px, intrinsics.height_px)
-        self._ideal = self._undistorted(self._full)
-        self._whole = _PictureMap(self._ideal)
-
-    def map(self, window: Window, finer: int = 1) -> _PictureMap:
-        """Map a window, drawn ``finer`` or not."""
-        if window == self._full and finer == 1:
-            return self._whole
-        return _PictureMap(self._of(window) * finer)
-
-    def _of(self, window: Window) -> Array:
-        x0, y0, x1, y1 = window
-        if x0 >= 0 and y0 >= 0 and x1 <= self._full[2] and y1 <= self._full[3]:
-            return self._ideal[y0:y1, x0:x1]
-        return self._undistorted(window)
-
-    def _undistorted(self, window: Window) -> Array:
-        x0, y0, x1, y1 = window
-        return self._intrinsics.undistort(
-            np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
-        )

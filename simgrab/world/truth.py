@@ -13,11 +13,12 @@ from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.records import KEYPOINT_NAMES, Truth
 from simgrab.scenario import Scenario, Variant
+from simgrab.world.lens import Window
 from simgrab.world.meshes import grab
 from simgrab.world.model import GRAB, ROPE
 from simgrab.world.moment import GrabState, Moment
 from simgrab.world.plan import Plan
-from simgrab.world.render import Renderer, View, Window
+from simgrab.world.render import Renderer, View
 from simgrab.world.weather import hidden_fraction
 
 NEAREST_DEPTH_M = 0.2
