@@ -11,8 +11,9 @@ import numpy as np
 from simgrab.geometry import Array, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Weather
+from simgrab.world.bands import each_band, enlarged
 from simgrab.world.weather import noise
-from simgrab.world.weather.layer import matte
+from simgrab.world.weather.layer import Layer, Maker, matte
 from simgrab.world.weather.sight import Picture, Vector
 from simgrab.world.weather.streaks import APERTURE_M
 
@@ -50,27 +51,38 @@ class Glass:
     dirt: Picture
     snow: Picture
 
-    def before(self, light: Picture, white: Vector) -> Picture:
-        """Put the glass before a picture (height, width, 3)."""
-        if self.drops.any():
-            light = cv2.blendLinear(light, self._refracted(light, white), 1 - self.drops, self.drops)
-        for part, colour in ((self.dirt, DIRT), (self.snow, (SNOW_LIGHT,) * 3)):
-            if part.any():
-                light = matte(1 - part).over(light, (colour[0] * white[0], colour[1] * white[1], colour[2] * white[2]))
-        return light
+    def through_drops(self, light: Picture, white: Vector) -> Picture:
+        """Put the drops before a picture (height, width, 3)."""
+        shown, result = self._refracted(light, white), np.empty_like(light)
 
-    @property
-    def keep(self) -> Picture:
-        """Share of the scene's own light that comes straight through, shape (height, width)."""
-        return cv2.multiply(cv2.multiply(1 - self.drops, 1 - self.dirt), 1 - self.snow)
+        def refract(rows: slice) -> None:
+            result[rows] = light[rows]
+            wet = np.flatnonzero(self.drops[rows].any(axis=0))
+            if wet.size:
+                columns = slice(wet[0], wet[-1] + 1)
+                drops = self.drops[rows, columns]
+                here = enlarged(shown, light.shape[1::-1], rows)[:, columns]
+                result[rows, columns] = cv2.blendLinear(light[rows, columns], here, 1 - drops, drops)
+
+        each_band(len(light), refract)
+        return result
 
     def _refracted(self, light: Picture, white: Vector) -> Picture:
+        """Return what drops show, in coarse pixels."""
         h, w = self.source.shape[:2]
         coarse = cv2.GaussianBlur(cv2.resize(light, (w, h), interpolation=cv2.INTER_AREA), (0, 0), REFRACTED_BLUR)
         shown = cv2.remap(coarse, self.source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         shown = cv2.GaussianBlur(shown, (0, 0), 1.0)
-        shown = matte(1 - self.sky).over(shown, white)
-        return cv2.resize(shown, light.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        return matte(1 - self.sky).over(shown, white)
+
+
+def lying(part: Picture) -> Maker:
+    """Return dirt or snow that keeps out a share of the light, shape (height, width)."""
+
+    def band(rows: slice) -> Layer | None:
+        return Layer(1 - part[rows], part[rows]) if part[rows].any() else None
+
+    return band
 
 
 @lru_cache(maxsize=2)

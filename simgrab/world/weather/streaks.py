@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
+from simgrab.world.bands import each_band, enlarged, share
 from simgrab.world.weather.layer import Layer, clear, matte
 from simgrab.world.weather.particles import Particles
 from simgrab.world.weather.sight import Picture, Sight
@@ -73,25 +74,43 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
     finest = int(np.quantile(level, FEW, method="lower"))
     level = np.maximum(level, finest)
     even = np.ptp(streaks.brightness) == 0
-    sums = [np.zeros((1, 1), np.float32)] * (1 if even else 2)  # what is blocked, and how bright that is
-    for one in range(LEVELS - 1, finest - 1, -1):
-        shape = (rows >> one, columns >> one)
-        coarser = [cv2.resize(s, shape[::-1], interpolation=cv2.INTER_LINEAR) for s in sums]
+
+    def gathered(one: int) -> list[Picture]:
         chosen = np.flatnonzero(level == one)
-        if chosen.size:
-            keep = 1 - coarser[0]  # what coarser levels hold is nearer
-            finer = _gather(_samples(streaks, chosen, 2**one, sight.depth), shape, 2**one, even)
-            coarser = [near + cv2.multiply(far, keep) for near, far in zip(coarser, finer, strict=True)]
-        sums = coarser
-    sums = [cv2.resize(s, (columns, rows), interpolation=cv2.INTER_LINEAR) for s in sums] if finest else sums
-    inside = np.s_[BORDER_PX : BORDER_PX + height, BORDER_PX : BORDER_PX + width]
-    keep = 1 - sums[0][inside]
-    if even:
-        return matte(keep, float(streaks.brightness[0]))
-    return Layer(keep, np.ascontiguousarray(sums[1][inside]))
+        samples = _samples(streaks, chosen, 2**one, sight.depth)
+        return _gather(samples, (rows >> one, columns >> one), even)
+
+    levels = [one for one in range(LEVELS) if (level == one).any()]
+    *finer, sums = share(gathered, levels)
+    for far in reversed(finer):
+        sums = _before(sums, far)
+    result = Layer(*(np.empty((height, width), np.float32) for _ in range(2)))
+
+    def finish(some: slice) -> None:
+        near = [enlarged(s, (columns, rows), slice(some.start + BORDER_PX, some.stop + BORDER_PX)) for s in sums]
+        blocked, *light = (np.ascontiguousarray(s[:, BORDER_PX : BORDER_PX + width]) for s in near)
+        layer = Layer(1 - blocked, light[0]) if light else matte(1 - blocked, float(streaks.brightness[0]))
+        result.keep[some], result.glow[some] = layer.keep, layer.glow
+
+    each_band(height, finish)
+    return result
 
 
-_Samples = tuple[NDArray[np.intp], Array, Array]  # flat cells of their level; cross section, px²; that times brightness
+def _before(near: list[Picture], far: list[Picture]) -> list[Picture]:
+    """Lay what a coarser level holds, which is nearer, over a finer one."""
+    results, size = [np.empty_like(f) for f in far], far[0].shape[::-1]
+
+    def lay(rows: slice) -> None:
+        here = [enlarged(n, size, rows) for n in near]
+        keep = 1 - here[0]
+        for result, n, f in zip(results, here, far, strict=True):
+            np.add(n, cv2.multiply(f[rows], keep), out=result[rows])
+
+    each_band(size[1], lay)
+    return results
+
+
+_Samples = tuple[NDArray[np.intp], Picture, Picture]  # flat cells of a level; share blocked; that times brightness
 
 
 def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Picture) -> _Samples:
@@ -100,9 +119,9 @@ def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Pict
     start, end = streaks.start_px[chosen], streaks.end_px[chosen]
     number = np.ceil(np.hypot(*(end - start).T) / (SPACING * pixel)).astype(np.intp) + 1
     order = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-    share = (order.astype(np.float32) + np.float32(0.5)) / np.repeat(number.astype(np.float32), number)
+    along = (order.astype(np.float32) + np.float32(0.5)) / np.repeat(number.astype(np.float32), number)
     x, y = (
-        np.repeat(a.astype(np.float32), number) + np.repeat((b - a).astype(np.float32), number) * share
+        np.repeat(a.astype(np.float32), number) + np.repeat((b - a).astype(np.float32), number) * along
         for a, b in zip(start.T, end.T, strict=True)
     )
     column, row = (np.clip(v, 0, n - 1).astype(np.int32) for v, n in ((x, width), (y, height)))
@@ -111,21 +130,22 @@ def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Pict
     for v, n in ((x, width), (y, height)):
         seen &= (v > -BORDER_PX) & (v < n + BORDER_PX)
     seen = np.flatnonzero(seen)
-    area = streaks.area_px[chosen] / number
+    area = (streaks.area_px[chosen] / number / pixel**2).astype(np.float32)
     columns = -(-(width + 2 * BORDER_PX) // COARSEST) * COARSEST // pixel
     across, down = (((v[seen] + np.float32(BORDER_PX)) / np.float32(pixel)).astype(np.intp) for v in (x, y))
-    light = area * streaks.brightness[chosen]
+    light = area * streaks.brightness[chosen].astype(np.float32)
     return down * columns + across, np.repeat(area, number)[seen], np.repeat(light, number)[seen]
 
 
-def _gather(samples: _Samples, shape: tuple[int, int], pixel: int, even: bool) -> list[Picture]:
+def _gather(samples: _Samples, shape: tuple[int, int], even: bool) -> list[Picture]:
     """Return the share of each pixel's light that samples block, at most 1, and unless even that times brightness."""
     cell, *weights = samples
     sums = []
     for weight in weights[: 1 if even else 2]:
-        total = np.bincount(cell, weight, shape[0] * shape[1]).astype(np.float32).reshape(shape)
-        sums.append(cv2.GaussianBlur(total / np.float32(pixel**2), (3, 3), 0))
+        total = np.zeros(shape, np.float32)
+        np.add.at(total.reshape(-1), cell, weight)
+        sums.append(cv2.GaussianBlur(total, (3, 3), 0))
     if not even:
         sums[1] /= np.maximum(sums[0], 1)
-    sums[0] = np.minimum(sums[0], 1)
+    cv2.min(sums[0], 1.0, dst=sums[0])
     return sums
