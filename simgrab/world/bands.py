@@ -47,25 +47,23 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="bands")
 
 
-def enlarged(coarse: Picture, size: tuple[int, int], rows: slice) -> Picture:
+def enlarged(coarse: Picture, times: int, rows: slice, width: int) -> Picture:
     """Enlarge a picture bilinearly, and return some rows of that.
 
     Parameters
     ----------
     coarse : ndarray of float32, shape (h, w) or (h, w, n)
-    size : tuple of 2 ints
-        Width and height of the whole enlarged picture, px.
+    times : int
     rows : slice
         Of the enlarged picture.
+    width : int
+        Of the enlarged picture, up to w · times: its right end is cut off.
 
     Returns
     -------
     ndarray of float32, shape (rows, width) or (rows, width, n)
     """
-    width, height = size
-    last = len(coarse) - 1
-    at = np.clip((np.arange(rows.start, rows.stop) + 0.5) * (len(coarse) / height) - 0.5, 0, last)
-    above = at.astype(int)
-    share = (at - above).astype(np.float32).reshape(-1, *[1] * (coarse.ndim - 1))
-    between = coarse[above] * (1 - share) + coarse[np.minimum(above + 1, last)] * share
-    return np.asarray(cv2.resize(between, (width, len(at)), interpolation=cv2.INTER_LINEAR))
+    first = max(rows.start // times - 1, 0)
+    near = coarse[first : -(-rows.stop // times) + 1]
+    fine = cv2.resize(near, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(fine[rows.start - first * times : rows.stop - first * times, :width])

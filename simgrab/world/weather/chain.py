@@ -110,9 +110,9 @@ def apply(
             light, keep = pane.through_drops(light, white), cv2.multiply(keep, 1 - pane.drops)
             sheets = []
         if weather.lens_dirt:
-            sheets.append(_Sheet(lying(pane.dirt), _times(white, DIRT)))
+            sheets.append(_Sheet(lying(pane.dirt, 1.0), _times(white, DIRT)))
         if weather.lens_snow:
-            sheets.append(_Sheet(lying(pane.snow), _times(white, (SNOW_LIGHT,) * 3)))
+            sheets.append(_Sheet(lying(pane.snow, SNOW_LIGHT), white))
     light, keep = _laid(light, keep, sheets)
     return Weathered(light, np.subtract(1, keep, out=keep))
 

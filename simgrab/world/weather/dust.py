@@ -78,7 +78,7 @@ def dust(of: Cloud, sight: Sight, *, seed: int) -> Maker:
     if window is None:
         return lambda _: None
     rays, (inside, columns) = ray_maps(sight.intrinsics), window
-    lobes, size = _billows(of, sight, window, seed), (columns.stop - columns.start, inside.stop - inside.start)
+    lobes, width = _billows(of, sight, window, seed), columns.stop - columns.start
 
     def band(rows: slice) -> Layer | None:
         some = slice(max(rows.start, inside.start), min(rows.stop, inside.stop))
@@ -86,7 +86,8 @@ def dust(of: Cloud, sight: Sight, *, seed: int) -> Maker:
             return None
         at, length = (some, columns), rays.length[some, columns]
         thickness = column(of, rays.x[at], rays.y[at], length, sight.depth[at] * length)
-        thickness *= enlarged(lobes, size, slice(some.start - inside.start, some.stop - inside.start))
+        within = slice(some.start - inside.start, some.stop - inside.start)
+        thickness *= enlarged(lobes, BILLOW_STEP, within, width)
         layer, here = clear(sight.depth[rows].shape), (slice(some.start - rows.start, some.stop - rows.start), columns)
         layer.keep[here] = cv2.exp(-thickness)
         layer.glow[here] = 1 - layer.keep[here]

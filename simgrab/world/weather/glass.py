@@ -60,9 +60,9 @@ class Glass:
             wet = np.flatnonzero(self.drops[rows].any(axis=0))
             if wet.size:
                 columns = slice(wet[0], wet[-1] + 1)
-                drops = self.drops[rows, columns]
-                here = enlarged(shown, light.shape[1::-1], rows)[:, columns]
-                result[rows, columns] = cv2.blendLinear(light[rows, columns], here, 1 - drops, drops)
+                drops = cv2.cvtColor(self.drops[rows, columns], cv2.COLOR_GRAY2RGB)
+                change = enlarged(shown, COARSE, rows, columns.stop)[:, columns] - light[rows, columns]
+                result[rows, columns] += cv2.multiply(change, drops, dst=change)
 
         each_band(len(light), refract)
         return result
@@ -76,11 +76,11 @@ class Glass:
         return matte(1 - self.sky).over(shown, white)
 
 
-def lying(part: Picture) -> Maker:
+def lying(part: Picture, brightness: float) -> Maker:
     """Return dirt or snow that keeps out a share of the light, shape (height, width)."""
 
     def band(rows: slice) -> Layer | None:
-        return Layer(1 - part[rows], part[rows]) if part[rows].any() else None
+        return matte(1 - part[rows], brightness) if part[rows].any() else None
 
     return band
 
@@ -89,15 +89,15 @@ def lying(part: Picture) -> Maker:
 def glass(weather: Weather, intrinsics: Intrinsics, *, seed: int, clip: int) -> Glass:
     """Dirty the glass of one clip."""
     size = intrinsics.width_px, intrinsics.height_px
-    w, h = (max(1, round(n / COARSE)) for n in size)
-    focal = intrinsics.f_px * w / size[0]
+    w, h = (-(-n // COARSE) for n in size)
+    focal = intrinsics.f_px / COARSE
     aperture = _disc(APERTURE_M / GLASS_M * focal)
     drops, source, sky = _drops(weather, (h, w), focal, stream(seed, clip, "weather.lens.drops"))
     dirt, snow = _dirt(weather.lens_dirt, (h, w), focal, seed, clip), _rim(weather.lens_snow, (h, w), focal, seed, clip)
 
     def seen(mask: Picture, opacity: float) -> Picture:
         blurred = cv2.filter2D(mask * np.float32(opacity), cv2.CV_32F, aperture, borderType=cv2.BORDER_REFLECT)
-        return np.clip(cv2.resize(blurred, size, interpolation=cv2.INTER_LINEAR), 0, 1)
+        return np.clip(enlarged(blurred, COARSE, slice(0, size[1]), size[0]), 0, 1)
 
     return Glass(seen(drops, 1.0), source, sky, seen(dirt, DIRT_OPACITY), seen(snow, SNOW_OPACITY))
 

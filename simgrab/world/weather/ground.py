@@ -140,9 +140,12 @@ class _SnowLight:
         self._grey = np.empty((height, width), np.float32)
         each_band(height, partial(self._look, sight))
         size = max(1, width // 32), max(1, height // 32)
-        self._large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
-        mean = np.float32(max(float(self._large.mean()), 1e-6))
-        self._wide = cv2.pow(np.clip(self._large / mean, np.float32(0.05), np.float32(4)), 0.35)
+        large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
+        mean = np.float32(max(float(large.mean()), 1e-6))
+        wide = cv2.pow(np.clip(large / mean, np.float32(0.05), np.float32(4)), 0.35)
+        self._large, self._wide = (
+            cv2.resize(m, (width, height), interpolation=cv2.INTER_LINEAR) for m in (large, wide)
+        )
         self._floor = np.float32(0.02 * white)
 
     def _look(self, sight: Sight, rows: slice) -> None:
@@ -151,20 +154,18 @@ class _SnowLight:
 
     def of(self, rows: slice, pattern: Picture) -> Picture:
         """Radiance in some rows, given the noise that the snow's grain follows."""
-        size = self._grey.shape[::-1]
-        large, wide = enlarged(self._large, size, rows) + self._floor, enlarged(self._wide, size, rows)
-        fine = cv2.pow(np.clip((self._grey[rows] + self._floor) / large, np.float32(0.1), np.float32(2)), 0.12)
+        contrast = (self._grey[rows] + self._floor) / (self._large[rows] + self._floor)
+        fine = cv2.pow(np.clip(contrast, np.float32(0.1), np.float32(2)), 0.12)
         grain = np.float32(0.94) + np.float32(0.12) * pattern
-        return np.minimum(np.float32(SNOW_ALBEDO) * wide * fine * grain, np.float32(1.05))
+        return np.minimum(np.float32(SNOW_ALBEDO) * self._wide[rows] * fine * grain, np.float32(1.05))
 
 
 def _enlarged(layer: Layer, sight: Sight) -> Maker:
     """Enlarge to the picture, with edges that are soft instead of stepped, and leave the ropes alone."""
-    size = sight.intrinsics.width_px, sight.intrinsics.height_px
     soft = [cv2.GaussianBlur(m, (3, 3), 0) for m in (layer.keep, layer.glow)]
 
     def band(rows: slice) -> Layer:
-        keep, glow = (enlarged(m, size, rows) for m in soft)
+        keep, glow = (enlarged(m, STEP, rows, sight.intrinsics.width_px) for m in soft)
         ropes = sight.ids[rows] == ROPE
         keep[ropes], glow[ropes] = 1, 0
         return Layer(keep, glow)

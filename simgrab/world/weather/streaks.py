@@ -6,6 +6,7 @@ wide as the particle looks. What a level holds is the share of its pixels' light
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -23,6 +24,7 @@ LEVELS = 6
 COARSEST = 2 ** (LEVELS - 1)
 BORDER_PX = 64  # drawn around the picture, for what spills into it; a multiple of COARSEST
 SPACING = 0.8  # of samples along a streak, in pixels of their level
+PART = 512  # streaks that are sampled at a time
 FEW = 0.1  # so many of the thinnest may be drawn a little wider than they are
 KERNEL_PX = 2.1  # width at half height of what one sample leaves, in pixels of its level
 
@@ -75,20 +77,20 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
     level = np.maximum(level, finest)
     even = np.ptp(streaks.brightness) == 0
 
-    def gathered(one: int) -> list[Picture]:
+    sums: list[Picture] = []
+    for one in range(LEVELS - 1, finest - 1, -1):
         chosen = np.flatnonzero(level == one)
-        samples = _samples(streaks, chosen, 2**one, sight.depth)
-        return _gather(samples, (rows >> one, columns >> one), even)
-
-    levels = [one for one in range(LEVELS) if (level == one).any()]
-    *finer, sums = share(gathered, levels)
-    for far in reversed(finer):
-        sums = _before(sums, far)
+        if chosen.size:
+            parts = np.array_split(chosen, -(-chosen.size // PART))
+            samples = share(lambda part, pixel=2**one: _samples(streaks, part, pixel, sight.depth), parts)
+            finer = _gather(samples, (rows >> one, columns >> one), even)
+            sums = _before(sums, finer) if sums else finer
+    times = rows // len(sums[0])
     result = Layer(*(np.empty((height, width), np.float32) for _ in range(2)))
 
     def finish(some: slice) -> None:
-        near = [enlarged(s, (columns, rows), slice(some.start + BORDER_PX, some.stop + BORDER_PX)) for s in sums]
-        blocked, *light = (np.ascontiguousarray(s[:, BORDER_PX : BORDER_PX + width]) for s in near)
+        inside = slice(some.start + BORDER_PX, some.stop + BORDER_PX)
+        blocked, *light = (enlarged(s, times, inside, BORDER_PX + width)[:, BORDER_PX:] for s in sums)
         layer = Layer(1 - blocked, light[0]) if light else matte(1 - blocked, float(streaks.brightness[0]))
         result.keep[some], result.glow[some] = layer.keep, layer.glow
 
@@ -98,15 +100,16 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
 
 def _before(near: list[Picture], far: list[Picture]) -> list[Picture]:
     """Lay what a coarser level holds, which is nearer, over a finer one."""
-    results, size = [np.empty_like(f) for f in far], far[0].shape[::-1]
+    results, (height, width) = [np.empty_like(f) for f in far], far[0].shape
+    times = height // len(near[0])
 
     def lay(rows: slice) -> None:
-        here = [enlarged(n, size, rows) for n in near]
+        here = [enlarged(n, times, rows, width) for n in near]
         keep = 1 - here[0]
         for result, n, f in zip(results, here, far, strict=True):
             np.add(n, cv2.multiply(f[rows], keep), out=result[rows])
 
-    each_band(size[1], lay)
+    each_band(height, lay)
     return results
 
 
@@ -137,13 +140,13 @@ def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Pict
     return down * columns + across, np.repeat(area, number)[seen], np.repeat(light, number)[seen]
 
 
-def _gather(samples: _Samples, shape: tuple[int, int], even: bool) -> list[Picture]:
+def _gather(samples: Sequence[_Samples], shape: tuple[int, int], even: bool) -> list[Picture]:
     """Return the share of each pixel's light that samples block, at most 1, and unless even that times brightness."""
-    cell, *weights = samples
     sums = []
-    for weight in weights[: 1 if even else 2]:
+    for which in (1,) if even else (1, 2):
         total = np.zeros(shape, np.float32)
-        np.add.at(total.reshape(-1), cell, weight)
+        for part in samples:
+            np.add.at(total.reshape(-1), part[0], part[which])
         sums.append(cv2.GaussianBlur(total, (3, 3), 0))
     if not even:
         sums[1] /= np.maximum(sums[0], 1)
