@@ -70,7 +70,7 @@ def lit(drawn: Picture, by: Picture) -> Picture:
     result = np.empty_like(drawn)
 
     def multiply(rows: slice) -> None:
-        cv2.multiply(drawn[rows], cv2.cvtColor(by[rows], cv2.COLOR_GRAY2RGB), dst=result[rows])
+        np.multiply(drawn[rows], cv2.cvtColor(by[rows], cv2.COLOR_GRAY2RGB), out=result[rows])
 
     each_band(len(drawn), multiply)
     return result

@@ -16,6 +16,7 @@ import numpy as np
 from simgrab.world.optics.light import Light
 
 WHOLE = slice(None)
+LARGE = 50  # OpenCV sums smaller ones
 _FINE = 16  # samples a pixel and axis
 
 
@@ -42,7 +43,8 @@ def defocus(light: Light, diameter_px: float, rows: slice = WHOLE) -> Light:
     first = max(top - len(kernel) // 2, 0)
     seen = light[first : bottom + len(kernel) // 2]
     spread = cv2.filter2D(seen, -1, kernel, borderType=cv2.BORDER_REPLICATE)[top - first : bottom - first]
-    return np.asarray(cv2.max(spread, 0.0, dst=spread))  # large kernels go through a DFT, which may end below 0
+    # Large kernels go through a DFT, which may end below 0.
+    return np.asarray(cv2.max(spread, 0.0) if kernel.size >= LARGE else spread)
 
 
 @lru_cache(maxsize=2)

@@ -107,7 +107,7 @@ def apply(
         pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
         if weather.lens_drops:  # they show what lies behind from elsewhere, so that must be there
             light, keep = _laid(light, keep, sheets)
-            light, keep = pane.through_drops(light, white), cv2.multiply(keep, 1 - pane.drops)
+            light, keep = pane.through_drops(light, keep, white)
             sheets = []
         if weather.lens_dirt:
             sheets.append(_Sheet(lying(pane.dirt, 1.0), _times(white, DIRT)))

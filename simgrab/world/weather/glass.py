@@ -35,8 +35,8 @@ class Glass:
 
     Attributes
     ----------
-    drops : ndarray of float32, shape (height, width)
-        Share of each pixel's light that comes through a drop.
+    drops : ndarray of float32, shape (h, w)
+        Share of each coarse pixel's light that comes through a drop.
     source : ndarray of float32, shape (h, w, 2)
         Coarse pixel that drops show, for each coarse pixel.
     sky : ndarray of float32, shape (h, w)
@@ -51,21 +51,20 @@ class Glass:
     dirt: Picture
     snow: Picture
 
-    def through_drops(self, light: Picture, white: Vector) -> Picture:
-        """Put the drops before a picture (height, width, 3)."""
-        shown, result = self._refracted(light, white), np.empty_like(light)
+    def through_drops(self, light: Picture, keep: Picture, white: Vector) -> tuple[Picture, Picture]:
+        """Put the drops before a picture (height, width, 3) and the share of light that was kept before them."""
+        shown = cv2.multiply(self._refracted(light, white), cv2.cvtColor(self.drops, cv2.COLOR_GRAY2RGB))
+        height, width = keep.shape
+        seen, kept = np.empty_like(light), np.empty_like(keep)
 
         def refract(rows: slice) -> None:
-            result[rows] = light[rows]
-            wet = np.flatnonzero(self.drops[rows].any(axis=0))
-            if wet.size:
-                columns = slice(wet[0], wet[-1] + 1)
-                drops = cv2.cvtColor(self.drops[rows, columns], cv2.COLOR_GRAY2RGB)
-                change = enlarged(shown, COARSE, rows, columns.stop)[:, columns] - light[rows, columns]
-                result[rows, columns] += cv2.multiply(change, drops, dst=change)
+            through = 1 - enlarged(self.drops, COARSE, rows, width)
+            band = cv2.multiply(light[rows], cv2.cvtColor(through, cv2.COLOR_GRAY2RGB))
+            np.add(band, enlarged(shown, COARSE, rows, width), out=seen[rows])
+            np.multiply(keep[rows], through, out=kept[rows])
 
-        each_band(len(light), refract)
-        return result
+        each_band(height, refract)
+        return seen, kept
 
     def _refracted(self, light: Picture, white: Vector) -> Picture:
         """Return what drops show, in coarse pixels."""
@@ -95,11 +94,15 @@ def glass(weather: Weather, intrinsics: Intrinsics, *, seed: int, clip: int) -> 
     drops, source, sky = _drops(weather, (h, w), focal, stream(seed, clip, "weather.lens.drops"))
     dirt, snow = _dirt(weather.lens_dirt, (h, w), focal, seed, clip), _rim(weather.lens_snow, (h, w), focal, seed, clip)
 
-    def seen(mask: Picture, opacity: float) -> Picture:
-        blurred = cv2.filter2D(mask * np.float32(opacity), cv2.CV_32F, aperture, borderType=cv2.BORDER_REFLECT)
-        return np.clip(enlarged(blurred, COARSE, slice(0, size[1]), size[0]), 0, 1)
+    def blurred(mask: Picture, opacity: float) -> Picture:
+        spread = cv2.filter2D(mask * np.float32(opacity), cv2.CV_32F, aperture, borderType=cv2.BORDER_REFLECT)
+        return np.clip(spread, 0, 1)
 
-    return Glass(seen(drops, 1.0), source, sky, seen(dirt, DIRT_OPACITY), seen(snow, SNOW_OPACITY))
+    def seen(mask: Picture) -> Picture:
+        return enlarged(mask, COARSE, slice(0, size[1]), size[0])
+
+    dirt, snow = blurred(dirt, DIRT_OPACITY), blurred(snow, SNOW_OPACITY)
+    return Glass(blurred(drops, 1.0), source, sky, seen(dirt), seen(snow))
 
 
 def _disc(diameter: float) -> Picture:

@@ -89,7 +89,7 @@ def _wet(sight: Sight, on: Surface, wetness: float, lamps: Sequence[Lamp], white
     glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
     for lamp in lamps:
         hx, hy, hz = (a + b for a, b in zip(camera, _towards(lamp.position_m, on, ground_z), strict=True))
-        lean = np.asarray((hx * hx + hy * hy) / np.maximum(hz * hz, np.float32(1e-6)))
+        lean = cv2.divide(hx * hx + hy * hy, np.maximum(hz * hz, np.float32(1e-6)))
         shine = _slopes(lean, PUDDLE_SLOPE) * puddle + _slopes(lean, FILM_SLOPE) * (np.float32(0.5) - 0.5 * puddle)
         # Radiance of a lamp's mirror image over the lamp's light and the Fresnel coefficient (Cox & Munk 1954):
         # π p(slopes) / (4 cos θ cos⁴ β), β being the lean of the facet that mirrors the lamp into the camera.
@@ -143,9 +143,7 @@ class _SnowLight:
         large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
         mean = np.float32(max(float(large.mean()), 1e-6))
         wide = cv2.pow(np.clip(large / mean, np.float32(0.05), np.float32(4)), 0.35)
-        self._large, self._wide = (
-            cv2.resize(m, (width, height), interpolation=cv2.INTER_LINEAR) for m in (large, wide)
-        )
+        self._large, self._wide = (cv2.resize(m, (width, height)) for m in (large, wide))
         self._floor = np.float32(0.02 * white)
 
     def _look(self, sight: Sight, rows: slice) -> None:

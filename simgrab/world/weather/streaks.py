@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -82,7 +83,7 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
         chosen = np.flatnonzero(level == one)
         if chosen.size:
             parts = np.array_split(chosen, -(-chosen.size // PART))
-            samples = share(lambda part, pixel=2**one: _samples(streaks, part, pixel, sight.depth), parts)
+            samples = share(partial(_samples, streaks, 2**one, sight.depth), parts)
             finer = _gather(samples, (rows >> one, columns >> one), even)
             sums = _before(sums, finer) if sums else finer
     times = rows // len(sums[0])
@@ -116,7 +117,7 @@ def _before(near: list[Picture], far: list[Picture]) -> list[Picture]:
 _Samples = tuple[NDArray[np.intp], Picture, Picture]  # flat cells of a level; share blocked; that times brightness
 
 
-def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Picture) -> _Samples:
+def _samples(streaks: Streaks, pixel: int, depth: Picture, chosen: NDArray[np.intp]) -> _Samples:
     """Spread streaks over their paths and drop what the scene hides."""
     height, width = depth.shape
     start, end = streaks.start_px[chosen], streaks.end_px[chosen]
