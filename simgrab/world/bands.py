@@ -37,7 +37,7 @@ def each_band(height: int, work: Callable[[slice], None], rows: int = ROWS) -> N
 
 
 def share(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-    """Do work on every item, in as many threads as OpenCV may use, and return the results in order."""
+    """Do work, which shares no further, on every item in as many threads as OpenCV may use; results come in order."""
     threads = cv2.getNumThreads()
     return list(_pool(threads).map(work, items)) if threads > 1 else [work(item) for item in items]
 

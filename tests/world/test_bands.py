@@ -14,7 +14,8 @@ def threads(request):
 
 
 @pytest.mark.parametrize("height", [1, 32, 33, 1080])
-def test_every_row_is_worked_on_once(threads, height):
+@pytest.mark.usefixtures("threads")
+def test_every_row_is_worked_on_once(height):
     times = np.zeros(height, int)
 
     def work(rows):
@@ -24,7 +25,8 @@ def test_every_row_is_worked_on_once(threads, height):
     assert (times == 1).all()
 
 
-def test_results_come_in_order_and_errors_come_through(threads):
+@pytest.mark.usefixtures("threads")
+def test_results_come_in_order_and_errors_come_through():
     assert share(lambda x: x * x, range(100)) == [x * x for x in range(100)]
     with pytest.raises(ZeroDivisionError):
         each_band(100, lambda rows: 1 // (rows.start - 64))

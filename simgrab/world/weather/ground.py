@@ -60,14 +60,15 @@ def ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: float, 
     """
     shape = coarse_rays(sight.intrinsics).x.shape
     keep, glow = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    snow_light = _SnowLight(sight, white) if weather.snow_cover else None
+    puddles = noise.tile(seed, 0, "weather.puddles", 1.45) if weather.wetness else None
+    snow = (noise.tile(seed, 0, "weather.snow.cover", 1.5), _SnowLight(sight, white)) if weather.snow_cover else None
 
     def lie(rows: slice) -> None:
         on, layers = surface(sight, rows), []
-        if weather.wetness:
-            layers.append(_wet(sight, on, weather.wetness, lamps, white, seed))
-        if snow_light:
-            layers.append(_snow(sight, on, rows, weather.snow_cover, snow_light, seed))
+        if puddles is not None:
+            layers.append(_wet(sight, on, puddles, weather.wetness, lamps, white))
+        if snow:
+            layers.append(_snow(sight, on, rows, weather.snow_cover, *snow))
         joined = reduce(Layer.behind, layers)
         keep[rows], glow[rows] = joined.keep, joined.glow
 
@@ -75,10 +76,10 @@ def ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: float, 
     return _enlarged(Layer(keep, glow), sight)
 
 
-def _wet(sight: Sight, on: Surface, wetness: float, lamps: Sequence[Lamp], white: float, seed: int) -> Layer:
+def _wet(sight: Sight, on: Surface, puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float) -> Layer:
     """Darken porous ground, and let it mirror the sky and the lamps."""
     share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
-    pattern = noise.look_up(noise.tile(seed, 0, "weather.puddles", 1.45), on.x, on.y, SPAN_M)
+    pattern = noise.look_up(puddles, on.x, on.y, SPAN_M)
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
     damp = np.float32(1 - (1 - WET_ALBEDO) * min(1.0, 2 * wetness))
     keep = np.where(on.solid, damp + (PUDDLE_ALBEDO - damp) * puddle, np.float32(1))
@@ -111,9 +112,9 @@ def _slopes(squared: Picture, rms: float) -> Picture:
     return np.asarray(cv2.exp(squared * np.float32(-0.5 / rms**2)) * np.float32(1 / (2 * np.pi * rms**2)))
 
 
-def _snow(sight: Sight, on: Surface, rows: slice, cover: float, light: _SnowLight, seed: int) -> Layer:
+def _snow(sight: Sight, on: Surface, rows: slice, cover: float, patches: Picture, light: _SnowLight) -> Layer:
     """Lay snow on what faces upwards: fully on the place, thinly on grab and jib."""
-    pattern = noise.look_up(noise.tile(seed, 0, "weather.snow.cover", 1.5), on.x, on.y, SPAN_M)
+    pattern = noise.look_up(patches, on.x, on.y, SPAN_M)
     low, high = STEEPEST_SNOW
     hold = np.clip((on.up - np.float32(low)) / np.float32(high - low), 0, 1)
     ids = sight.ids[::STEP, ::STEP][rows]
