@@ -6,12 +6,15 @@ drawn under an even sky, times the light that arrives at its distance: no more t
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Light
+from simgrab.world.bands import each_band
 from simgrab.world.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.model import DRAWN_SKY
 from simgrab.world.weather.sight import ray_maps
@@ -43,18 +46,39 @@ def illumination(
     ndarray of float32, shape (height, width)
         The beam falls with the sixth power of the cosine, to half at 27 degrees, and with the square of the distance.
     """
-    maps, size = ray_maps(intrinsics), (-(-depth.shape[1] // STEP), -(-depth.shape[0] // STEP))
-    x_map, y_map = (cv2.resize(m, size, interpolation=cv2.INTER_AREA) for m in (maps.x, maps.y))
-    coarse = np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST))
-    rays = [cv2.addWeighted(x_map, row[0], y_map, row[1], row[2]) for row in jib_from_camera.tolist()]
-    ahead = [cv2.multiply(coarse, ray) for ray in rays]
+    x_map, y_map = _coarse_rays(intrinsics)
+    coarse = np.asarray(cv2.resize(depth, x_map.shape[::-1], interpolation=cv2.INTER_NEAREST))
     result = np.full(coarse.shape, light.sky / DRAWN_SKY, np.float32)
-    for lamp in FLOODLIGHTS:
-        x, y, z = (cv2.add(way, float(o - p)) for way, o, p in zip(ahead, offset, lamp, strict=True))
-        down = cv2.multiply(z, z)
-        square = cv2.max(cv2.addWeighted(cv2.multiply(x, x), 1, cv2.multiply(y, y), 1, 0) + down, NEAREST_M**2)
-        cosine = cv2.divide(np.where(z < 0, down, np.float32(0)), square)  # its square
-        beam = cv2.multiply(cosine, cv2.multiply(cosine, cosine))
-        each = light.floodlights / len(FLOODLIGHTS) * REFERENCE_M**2
-        cv2.accumulate(cv2.divide(beam, square, scale=each), result)
+    rotation = jib_from_camera.astype(np.float32)
+    each = np.float32(light.floodlights / len(FLOODLIGHTS) * REFERENCE_M**2)
+
+    def shine(rows: slice) -> None:
+        ahead = [coarse[rows] * (a * x_map[rows] + b * y_map[rows] + c) for a, b, c in rotation]
+        for lamp in FLOODLIGHTS:
+            x, y, z = (way + np.float32(o - p) for way, o, p in zip(ahead, offset, lamp, strict=True))
+            square = np.maximum(x * x + y * y + z * z, np.float32(NEAREST_M**2))
+            below = np.minimum(z, 0)
+            cosine = below * below / square  # its square
+            result[rows] += each * cosine * cosine * cosine / square
+
+    each_band(len(coarse), shine)
     return np.asarray(cv2.resize(result, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+def lit(drawn: Picture, by: Picture) -> Picture:
+    """Multiply light, shape (height, width, 3), by that of shape (height, width)."""
+    result = np.empty_like(drawn)
+
+    def multiply(rows: slice) -> None:
+        np.multiply(drawn[rows], cv2.cvtColor(by[rows], cv2.COLOR_GRAY2RGB), out=result[rows])
+
+    each_band(len(drawn), multiply)
+    return result
+
+
+@lru_cache(maxsize=2)
+def _coarse_rays(intrinsics: Intrinsics) -> tuple[Picture, Picture]:
+    maps = ray_maps(intrinsics)
+    size = -(-intrinsics.width_px // STEP), -(-intrinsics.height_px // STEP)
+    x, y = (np.asarray(cv2.resize(m, size, interpolation=cv2.INTER_AREA)) for m in (maps.x, maps.y))
+    return x, y

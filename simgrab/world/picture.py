@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.scenario import AutoExposure, Dynamic, Scenario, Water
 from simgrab.world import lamps, shutter, weather
+from simgrab.world.bands import each_band
 from simgrab.world.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.moment import Moment
 from simgrab.world.optics import Exposure, ExposureControl, Light, expose, recompress, settled, to_display, to_linear
@@ -100,13 +102,11 @@ class Chain:
         result = None
         for seconds, share in zip(at.tolist(), weights.T.astype(np.float32), strict=True):
             self._renderer.pose(moment.shifted(seconds))
-            light = to_linear(np.ascontiguousarray(self._renderer.rgb()))
+            rgb = self._renderer.rgb()
             if len(at) == 1:
-                return light
-            result = np.zeros_like(light) if result is None else result
-            rows = np.flatnonzero(share)
-            some = slice(rows[0], rows[-1] + 1)
-            result[some] += share[some, None, None] * light[some]
+                return to_linear(np.ascontiguousarray(rgb))
+            result = np.zeros(rgb.shape, np.float32) if result is None else result
+            each_band(len(rgb), partial(_accumulate, result, rgb, share))
         assert result is not None
         return result
 
@@ -118,8 +118,8 @@ class Chain:
         k, rotation = scenario.camera.intrinsics, moment.tilt.jib_from_camera
         offset = np.array(scenario.camera.offset_m)
         if scenario.light.floodlights:
-            lit = lamps.illumination(scenario.light, view.depth, intrinsics=k, jib_from_camera=rotation, offset=offset)
-            light = light * lit[..., None]
+            by = lamps.illumination(scenario.light, view.depth, intrinsics=k, jib_from_camera=rotation, offset=offset)
+            light = lamps.lit(light, by)
         place = scenario.place
         sight = Sight(
             light, view.depth, view.ids, k, rotation,
@@ -184,6 +184,14 @@ class Chain:
         self._renderer.pose(shutter.exposed(self._scenario, moment))
         view = self._renderer.glance() if self.wants_view else None
         return self._weathered(frame, self._light(moment, self._instants(moment)), view).light
+
+
+def _accumulate(total: Light, rgb: Picture, share: NDArray[np.float32], rows: slice) -> None:
+    """Add the light of some rows, each by its share."""
+    if share[rows].any():
+        light = to_linear(np.ascontiguousarray(rgb[rows])).reshape(len(share[rows]), -1)
+        light *= share[rows, None]
+        total[rows] += light.reshape(total[rows].shape)
 
 
 def _vector(values: Array) -> tuple[float, float, float]:

@@ -1,4 +1,7 @@
+from itertools import pairwise
+
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -46,3 +49,33 @@ def test_the_bit_rate_has_two_seconds_of_slack_and_no_more(tmp_path):
         mbit = np.cumsum([0, *(packet.size * 8e-6 for packet in file.demux(video=0) if packet.size)])
     for frames in (9, 18, 36, 60):
         assert (mbit[frames:] - mbit[:-frames]).max() < frames / 9 + 2
+
+
+def moving(frames, width=640, height=352):
+    """A textured ground that pans, before it a striped block that swings, seen with a little noise."""
+    rng = np.random.default_rng(0)
+    ground = cv2.GaussianBlur(rng.integers(0, 256, (height, 2 * width, 3), dtype=np.uint8), (0, 0), 1.5)
+    ground = cv2.normalize(ground, None, 30, 220, cv2.NORM_MINMAX)
+    block = np.full((60, 50, 3), (219, 133, 18), np.uint8)
+    block[::6] = 40
+    for frame in range(frames):
+        picture = ground[:, 2 * frame : 2 * frame + width].copy()
+        x, y = width // 2 + round(60 * np.sin(0.3 * frame)), 60 + round(20 * np.cos(0.2 * frame))
+        picture[y : y + 60, x : x + 50] = block
+        yield cv2.add(picture, rng.normal(0, 4, picture.shape), dtype=cv2.CV_8U)
+
+
+def test_more_bits_show_more(tmp_path):
+    """PSNR of luma, dB, of a picture too busy for any of the rates."""
+    pictures, psnr = list(moving(40)), []
+    luma = [16 + 219 / 255 * (picture @ (0.2126, 0.7152, 0.0722)) for picture in pictures]
+    for rate in (0.5, 1.0, 2.0, 4.0):
+        code(tmp_path / f"{rate}.mp4", pictures, bit_rate_mbit_s=rate, frame_rate_hz=25.0)
+        with av.open(str(tmp_path / f"{rate}.mp4")) as file:
+            planes = [frame.planes[0] for frame in file.decode(video=0)]
+            shown = [np.frombuffer(p, np.uint8).reshape(-1, p.line_size)[:, : p.width] for p in planes]
+        error = np.mean([(a - b) ** 2 for a, b in zip(shown, luma, strict=True)])
+        psnr.append(10 * np.log10(255**2 / error))
+    assert all(more - less > 0.8 for less, more in pairwise(psnr))
+    assert 32 < psnr[0] < 36
+    assert 38 < psnr[-1] < 42

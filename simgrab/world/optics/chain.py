@@ -10,13 +10,12 @@ import numpy as np
 from simgrab.geometry import Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Optics
+from simgrab.world.bands import each_band
 from simgrab.world.optics.exposure import Exposure
 from simgrab.world.optics.focus import defocus
 from simgrab.world.optics.lens import chromatic, vignetting
 from simgrab.world.optics.light import Light, Picture, luminance, to_display
 from simgrab.world.optics.sensor import noisy, pattern
-
-STRIP_ROWS = 64  # what is done to so many rows stays in the cache: a third less time at 1080p
 
 
 def expose(
@@ -41,16 +40,21 @@ def expose(
     ndarray of uint8, shape (height, width, 3)
     """
     sharp = chromatic(light, intrinsics, optics.chromatic_px)
-    seen = defocus(sharp, optics.defocus_px)
-    if exposure.grey:  # without its infrared filter the sensor sees much the same through all three colours
-        seen = luminance(seen)
-    response = _response(intrinsics, seen.ndim, optics.vignetting_stops, optics.sensor.fixed_pattern_percent, seed)
-    picture, rng = np.empty(seen.shape, np.uint8), stream(seed, frame, "optics.noise")
-    for top in range(0, len(seen), STRIP_ROWS):
-        rows = np.s_[top : top + STRIP_ROWS]
-        level = cv2.multiply(seen[rows], response[rows], scale=exposure.gain)
-        picture[rows] = to_display(noisy(level, optics.sensor, exposure.gain, rng))
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)) if exposure.grey else picture
+    axes = 2 if exposure.grey else 3
+    response = _response(intrinsics, axes, optics.vignetting_stops, optics.sensor.fixed_pattern_percent, seed)
+    picture = np.empty(light.shape, np.uint8)
+
+    def take(rows: slice) -> None:
+        seen = defocus(sharp, optics.defocus_px, rows)
+        if exposure.grey:  # without its infrared filter the sensor sees much the same through all three colours
+            seen = luminance(seen)
+        level = cv2.multiply(seen, response[rows], scale=exposure.gain)
+        rng = stream(seed, frame, f"optics.noise.{rows.start}")
+        taken = to_display(noisy(level, optics.sensor, exposure.gain, rng))
+        picture[rows] = cv2.cvtColor(taken, cv2.COLOR_GRAY2RGB) if exposure.grey else taken
+
+    each_band(len(light), take)
+    return picture
 
 
 @lru_cache(maxsize=2)

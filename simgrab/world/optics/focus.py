@@ -8,15 +8,19 @@ anywhere beyond 5 m blurs none of them by more than a pixel. A camera that is se
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
 from simgrab.world.optics.light import Light
 
+WHOLE = slice(None)
+LARGE = 50  # OpenCV sums smaller ones
 _FINE = 16  # samples a pixel and axis
 
 
-def defocus(light: Light, diameter_px: float) -> Light:
+def defocus(light: Light, diameter_px: float, rows: slice = WHOLE) -> Light:
     """Spread every point over a disc.
 
     Parameters
@@ -25,17 +29,25 @@ def defocus(light: Light, diameter_px: float) -> Light:
         Taken to go on beyond the border as it is there.
     diameter_px : float
         Of the circle of confusion. Up to a pixel it makes no difference.
+    rows : slice
+        Of the picture, which to return.
 
     Returns
     -------
-    ndarray of float32, shape (height, width, 3)
+    ndarray of float32, shape (rows, width, 3)
     """
     if diameter_px <= 1:
-        return light
-    spread = cv2.filter2D(light, -1, disc(diameter_px), borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.max(spread, 0.0, dst=spread))  # large kernels go through a DFT, which may end below 0
+        return light[rows]
+    kernel = disc(diameter_px)
+    top, bottom, _ = rows.indices(len(light))
+    first = max(top - len(kernel) // 2, 0)
+    seen = light[first : bottom + len(kernel) // 2]
+    spread = cv2.filter2D(seen, -1, kernel, borderType=cv2.BORDER_REPLICATE)[top - first : bottom - first]
+    # Large kernels go through a DFT, which may end below 0.
+    return np.asarray(cv2.max(spread, 0.0) if kernel.size >= LARGE else spread)
 
 
+@lru_cache(maxsize=2)
 def disc(diameter_px: float) -> Light:
     """Share of a centred disc that falls into each pixel, shape (n, n), n odd; the sum is 1."""
     half = int(np.ceil(diameter_px / 2 - 0.5))
@@ -43,4 +55,6 @@ def disc(diameter_px: float) -> Light:
     at = (np.arange(n * _FINE) + 0.5) / _FINE - n / 2
     inside = np.hypot(at, at[:, None]) <= diameter_px / 2
     share = inside.reshape(n, _FINE, n, _FINE).sum(axis=(1, 3))
-    return (share / share.sum()).astype(np.float32)
+    result: Light = (share / share.sum()).astype(np.float32)
+    result.setflags(write=False)
+    return result

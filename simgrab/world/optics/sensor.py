@@ -26,7 +26,9 @@ _QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
 def normals(shape: tuple[int, ...], rng: Generator) -> Light:
     """Independent standard normal numbers: 16 random bits pick a quantile, seven times as fast as NumPy's sampler."""
     count = int(np.prod(shape))
-    bits = rng.bit_generator.random_raw(-(-count // 4)).astype("<u8", copy=False).view("<u2")[:count]
+    # Unlike `random_raw`, `integers` lets other threads run.
+    words = rng.integers(0, 2**64 - 1, -(-count // 4), np.uint64, endpoint=True)
+    bits = words.astype("<u8", copy=False).view("<u2")[:count]
     return np.asarray(cv2.LUT(bits.reshape(shape[0], -1), _QUANTILES)).reshape(shape)
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from simgrab.world.model import FAR_M
-from simgrab.world.weather.layer import Layer, matte
+from simgrab.world.weather.layer import Layer, Maker, matte
 from simgrab.world.weather.precipitation import Precipitation
 from simgrab.world.weather.sight import Picture, Sight, ray_maps
 
@@ -16,7 +16,7 @@ KOSCHMIEDER = 3.912  # −ln 0.02: what is left of a black thing's contrast at t
 TABLE_STEP_M, TABLE_END_M = 0.05, FAR_M + 1
 
 
-def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Precipitation]) -> Layer:
+def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Precipitation]) -> Maker:
     """Return the homogeneous part of the air.
 
     Light keeps exp(−∫σ ds) along its true path, and the air adds what it scatters into it (Koschmieder 1924).
@@ -30,19 +30,24 @@ def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Preci
         Each counts from the depth on to which its particles are drawn.
     """
     fog = KOSCHMIEDER / visibility_m if visibility_m else 0.0
-    thickness = cv2.multiply(sight.depth, fog)
-    if precipitation:
-        cv2.add(thickness, _beyond_reach(sight, precipitation), dst=thickness)
-    cv2.multiply(thickness, ray_maps(sight.intrinsics).length, dst=thickness, scale=-1.0)
     total = fog + sum(p.extinction.sum() for p in precipitation)
     bright = fog + sum(p.extinction.sum() * p.brightness for p in precipitation)
-    return matte(cv2.exp(thickness, dst=thickness), float(bright / total))
+    length, table = ray_maps(sight.intrinsics).length, _beyond_reach(precipitation)
+
+    def band(rows: slice) -> Layer:
+        depth = sight.depth[rows]
+        thickness = cv2.multiply(depth, fog)
+        if precipitation:
+            place = cv2.addWeighted(depth, 1 / TABLE_STEP_M, depth, 0, 0, dtype=cv2.CV_16U)
+            cv2.add(thickness, cv2.LUT(place, table), dst=thickness)
+        cv2.multiply(thickness, length[rows], dst=thickness, scale=-1.0)
+        return matte(cv2.exp(thickness, dst=thickness), float(bright / total))
+
+    return band
 
 
-def _beyond_reach(sight: Sight, precipitation: Sequence[Precipitation]) -> Picture:
-    """Optical thickness of what falls beyond its reach, were the paths parallel to the axis, shape (height, width)."""
-    along = np.arange(0, TABLE_END_M, TABLE_STEP_M)
-    table = sum(p.extinction @ np.maximum(along - p.reach_m[:, None], 0.0) for p in precipitation)
-    place = np.empty(sight.depth.shape, np.uint16)
-    np.multiply(sight.depth, 1 / TABLE_STEP_M, out=place, casting="unsafe")
-    return np.take(np.float32(table), place)
+def _beyond_reach(precipitation: Sequence[Precipitation]) -> Picture:
+    """Optical thickness of what falls beyond its reach, were the paths parallel to the axis, by depth."""
+    along, table = np.arange(0, TABLE_END_M, TABLE_STEP_M), np.zeros(2**16, np.float32)  # OpenCV's size of table
+    table[: len(along)] = sum(p.extinction @ np.maximum(along - p.reach_m[:, None], 0.0) for p in precipitation)
+    return table

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import groupby
+from operator import attrgetter
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,17 +16,17 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import Cargo, Weather
+from simgrab.world.bands import each_band
 from simgrab.world.weather import precipitation
 from simgrab.world.weather.air import haze
 from simgrab.world.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
-from simgrab.world.weather.glass import glass
-from simgrab.world.weather.ground import Lamp, snow_cover, wet
-from simgrab.world.weather.layer import Layer
+from simgrab.world.weather.glass import DIRT, SNOW_LIGHT, glass, lying
+from simgrab.world.weather.ground import Lamp, ground
+from simgrab.world.weather.layer import Layer, Maker
 from simgrab.world.weather.particles import Particles, scatter
 from simgrab.world.weather.precipitation import Precipitation
 from simgrab.world.weather.sight import Picture, Sight, Vector
 from simgrab.world.weather.streaks import draw, expose
-from simgrab.world.weather.surface import surface
 
 MEAN_ALBEDO = 0.2  # of what ports show: turns the picture's mean light into that of a white surface
 SKY: Vector = (0.96, 1.0, 1.03)
@@ -90,27 +93,28 @@ def apply(
         return Weathered(sight.light, np.zeros(sight.depth.shape, np.float32))
     white = airlight or _airlight(sight)
     wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
-    light, keep = sight.light, np.ones(sight.depth.shape, np.float32)
-    pale: list[Layer] = []  # layers of the colour of white, not laid over the picture yet
+    sheets: list[_Sheet] = []
     if weather.wetness or weather.snow_cover:
-        pale.append(_ground(weather, sight, lamps, white, seed))
+        sheets.append(_Sheet(ground(weather, sight, lamps, _mean(white), seed=seed), white, veils=False))
     if weather.dust_thickness:
-        light = _over(light, pale, white)
-        pale.clear()
-        colour = _times(white, TINT[cargo])
         for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
             of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)
-            layer = dust(of, sight, seed=seed)
-            light, keep = layer.over(light, colour), cv2.multiply(keep, layer.keep)
+            sheets.append(_Sheet(dust(of, sight, seed=seed), _times(white, TINT[cargo])))
     if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
-        layer = _air(weather, sight, lamps, white, wind, seed, frame)
-        pale.append(layer)
-        keep = cv2.multiply(keep, layer.keep)
-    light = _over(light, pale, white)
+        sheets += (_Sheet(part, white) for part in _air(weather, sight, lamps, white, wind, seed, frame))
+    light, keep = sight.light, np.ones(sight.depth.shape, np.float32)
     if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
         pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
-        light, keep = pane.before(light, white), cv2.multiply(keep, pane.keep)
-    return Weathered(light, 1 - keep)
+        if weather.lens_drops:  # they show what lies behind from elsewhere, so that must be there
+            light, keep = _laid(light, keep, sheets)
+            light, keep = pane.through_drops(light, keep, white)
+            sheets = []
+        if weather.lens_dirt:
+            sheets.append(_Sheet(lying(pane.dirt, 1.0), _times(white, DIRT)))
+        if weather.lens_snow:
+            sheets.append(_Sheet(lying(pane.snow, SNOW_LIGHT), white))
+    light, keep = _laid(light, keep, sheets)
+    return Weathered(light, np.subtract(1, keep, out=keep))
 
 
 def hidden_fraction(veil: Picture, mask: NDArray[np.bool_]) -> float:
@@ -129,27 +133,42 @@ def _wind(weather: Weather) -> Vector:
     return weather.wind_m_s * np.cos(azimuth), weather.wind_m_s * np.sin(azimuth), 0.0
 
 
-def _over(light: Picture, layers: Sequence[Layer], colour: Vector) -> Picture:
-    return reduce(Layer.behind, layers).over(light, colour) if layers else light
+class _Sheet(NamedTuple):
+    """A layer and its colour, and whether what it hides counts as hidden by weather."""
+
+    layer: Maker
+    colour: Vector
+    veils: bool = True
+
+
+def _laid(light: Picture, keep: Picture, sheets: Sequence[_Sheet]) -> tuple[Picture, Picture]:
+    """Lay sheets over a picture, from the back to the front, and over the share of light that was kept before them."""
+    if not sheets:
+        return light, keep
+    seen, kept = np.empty_like(light), np.empty_like(keep)
+
+    def lay(rows: slice) -> None:
+        band, through = light[rows], keep[rows]
+        for colour, some in groupby(sheets, attrgetter("colour")):
+            layers = []
+            for sheet in some:
+                if layer := sheet.layer(rows):
+                    layers.append(layer)
+                    through = cv2.multiply(through, layer.keep) if sheet.veils else through
+            band = reduce(Layer.behind, layers).over(band, colour) if layers else band
+        seen[rows], kept[rows] = band, through
+
+    each_band(len(light), lay)
+    return seen, kept
 
 
 def _times(colour: Vector, tint: Vector) -> Vector:
     return colour[0] * tint[0], colour[1] * tint[1], colour[2] * tint[2]
 
 
-def _ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, seed: int) -> Layer:
-    on, unit = surface(sight), _mean(white)
-    layers = []
-    if weather.wetness:
-        layers.append(wet(sight, on, weather.wetness, lamps, unit, seed=seed))
-    if weather.snow_cover:
-        layers.append(snow_cover(sight, on, weather.snow_cover, unit, seed=seed))
-    return reduce(Layer.behind, layers)
-
-
 def _air(
     weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
-) -> Layer:
+) -> list[Maker]:
     """Fog, rain and snow: haze, and before it what falls near the camera."""
     falling = {}
     if weather.rain_mm_h:
@@ -161,8 +180,8 @@ def _air(
         rng = stream(seed, frame, f"weather.{name}")
         near = scatter(of, sight.intrinsics, sight.jib_from_camera, wind, rng)
         brightness = _brightness(of, near, sight, lamps, _mean(white))
-        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight))
-    return reduce(Layer.behind, layers)
+        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight).band)
+    return layers
 
 
 def _mean(white: Vector) -> float:

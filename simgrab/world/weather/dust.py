@@ -10,8 +10,9 @@ import numpy as np
 from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import Cargo
+from simgrab.world.bands import enlarged
 from simgrab.world.weather import noise
-from simgrab.world.weather.layer import Layer, bands, clear
+from simgrab.world.weather.layer import Layer, Maker, clear
 from simgrab.world.weather.sight import Picture, Sight, Vector, ray_maps
 
 SPREAD_M_S = 0.25  # growth of a cloud's standard deviation, about the turbulence near the ground
@@ -71,21 +72,28 @@ def cloud(puff: Puff, sight: Sight, thickness: float, radius_m: float, wind_m_s:
     return Cloud(centre, radius, thickness * (radius_m / radius) ** 2)
 
 
-def dust(of: Cloud, sight: Sight, *, seed: int) -> Layer:
+def dust(of: Cloud, sight: Sight, *, seed: int) -> Maker:
     """Return the cloud before the scene; its billows travel with it."""
-    layer = clear(sight.depth.shape)
     window = _window(of, sight)
     if window is None:
-        return layer
-    rays, (rows, columns) = ray_maps(sight.intrinsics), window
-    billows = _billows(of, sight, window, seed)
-    for band in bands(rows.stop - rows.start):
-        at = slice(rows.start + band.start, rows.start + band.stop), columns
-        length = rays.length[at]
+        return lambda _: None
+    rays, (inside, columns) = ray_maps(sight.intrinsics), window
+    lobes, width = _billows(of, sight, window, seed), columns.stop - columns.start
+
+    def band(rows: slice) -> Layer | None:
+        some = slice(max(rows.start, inside.start), min(rows.stop, inside.stop))
+        if some.start >= some.stop:
+            return None
+        at, length = (some, columns), rays.length[some, columns]
         thickness = column(of, rays.x[at], rays.y[at], length, sight.depth[at] * length)
-        layer.keep[at] = cv2.exp(-thickness * billows[band])
-        layer.glow[at] = 1 - layer.keep[at]
-    return layer
+        within = slice(some.start - inside.start, some.stop - inside.start)
+        thickness *= enlarged(lobes, BILLOW_STEP, within, width)
+        layer, here = clear(sight.depth[rows].shape), (slice(some.start - rows.start, some.stop - rows.start), columns)
+        layer.keep[here] = cv2.exp(-thickness)
+        layer.glow[here] = 1 - layer.keep[here]
+        return layer
+
+    return band
 
 
 def column(of: Cloud, x: Picture, y: Picture, length: Picture, distance: Picture) -> Picture:
@@ -130,12 +138,10 @@ def _window(of: Cloud, sight: Sight) -> tuple[slice, slice] | None:
 
 
 def _billows(of: Cloud, sight: Sight, window: tuple[slice, slice], seed: int) -> Picture:
-    """Lobes of mean 1."""
+    """Lobes of mean 1, at every fourth pixel of the window."""
     rays, coarse = ray_maps(sight.intrinsics), tuple(slice(s.start, s.stop, BILLOW_STEP) for s in window)
     scale = np.float32(of.centre_m[2] / of.radius_m)
     cx, cy = (np.float32(c / of.radius_m) for c in of.centre_m[:2])
     pattern = noise.tile(seed, 0, "weather.dust.billows", 1.8)
     field = noise.look_up(pattern, rays.x[coarse] * scale - cx, rays.y[coarse] * scale - cy, BILLOW_SPAN)
-    lobes = cv2.exp(np.float32(BILLOWS) * field) * np.float32(BILLOWS / np.expm1(BILLOWS))
-    rows, columns = window
-    return cv2.resize(lobes, (columns.stop - columns.start, rows.stop - rows.start), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.exp(np.float32(BILLOWS) * field) * np.float32(BILLOWS / np.expm1(BILLOWS)))

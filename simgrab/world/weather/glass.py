@@ -11,8 +11,9 @@ import numpy as np
 from simgrab.geometry import Array, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Weather
+from simgrab.world.bands import each_band, enlarged
 from simgrab.world.weather import noise
-from simgrab.world.weather.layer import matte
+from simgrab.world.weather.layer import Layer, Maker, matte
 from simgrab.world.weather.sight import Picture, Vector
 from simgrab.world.weather.streaks import APERTURE_M
 
@@ -34,8 +35,8 @@ class Glass:
 
     Attributes
     ----------
-    drops : ndarray of float32, shape (height, width)
-        Share of each pixel's light that comes through a drop.
+    drops : ndarray of float32, shape (h, w)
+        Share of each coarse pixel's light that comes through a drop.
     source : ndarray of float32, shape (h, w, 2)
         Coarse pixel that drops show, for each coarse pixel.
     sky : ndarray of float32, shape (h, w)
@@ -50,44 +51,58 @@ class Glass:
     dirt: Picture
     snow: Picture
 
-    def before(self, light: Picture, white: Vector) -> Picture:
-        """Put the glass before a picture (height, width, 3)."""
-        if self.drops.any():
-            light = cv2.blendLinear(light, self._refracted(light, white), 1 - self.drops, self.drops)
-        for part, colour in ((self.dirt, DIRT), (self.snow, (SNOW_LIGHT,) * 3)):
-            if part.any():
-                light = matte(1 - part).over(light, (colour[0] * white[0], colour[1] * white[1], colour[2] * white[2]))
-        return light
+    def through_drops(self, light: Picture, keep: Picture, white: Vector) -> tuple[Picture, Picture]:
+        """Put the drops before a picture (height, width, 3) and the share of light that was kept before them."""
+        shown = cv2.multiply(self._refracted(light, white), cv2.cvtColor(self.drops, cv2.COLOR_GRAY2RGB))
+        height, width = keep.shape
+        seen, kept = np.empty_like(light), np.empty_like(keep)
 
-    @property
-    def keep(self) -> Picture:
-        """Share of the scene's own light that comes straight through, shape (height, width)."""
-        return cv2.multiply(cv2.multiply(1 - self.drops, 1 - self.dirt), 1 - self.snow)
+        def refract(rows: slice) -> None:
+            through = 1 - enlarged(self.drops, COARSE, rows, width)
+            band = cv2.multiply(light[rows], cv2.cvtColor(through, cv2.COLOR_GRAY2RGB))
+            np.add(band, enlarged(shown, COARSE, rows, width), out=seen[rows])
+            np.multiply(keep[rows], through, out=kept[rows])
+
+        each_band(height, refract)
+        return seen, kept
 
     def _refracted(self, light: Picture, white: Vector) -> Picture:
+        """Return what drops show, in coarse pixels."""
         h, w = self.source.shape[:2]
         coarse = cv2.GaussianBlur(cv2.resize(light, (w, h), interpolation=cv2.INTER_AREA), (0, 0), REFRACTED_BLUR)
         shown = cv2.remap(coarse, self.source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         shown = cv2.GaussianBlur(shown, (0, 0), 1.0)
-        shown = matte(1 - self.sky).over(shown, white)
-        return cv2.resize(shown, light.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        return matte(1 - self.sky).over(shown, white)
+
+
+def lying(part: Picture, brightness: float) -> Maker:
+    """Return dirt or snow that keeps out a share of the light, shape (height, width)."""
+
+    def band(rows: slice) -> Layer | None:
+        return matte(1 - part[rows], brightness) if part[rows].any() else None
+
+    return band
 
 
 @lru_cache(maxsize=2)
 def glass(weather: Weather, intrinsics: Intrinsics, *, seed: int, clip: int) -> Glass:
     """Dirty the glass of one clip."""
     size = intrinsics.width_px, intrinsics.height_px
-    w, h = (max(1, round(n / COARSE)) for n in size)
-    focal = intrinsics.f_px * w / size[0]
+    w, h = (-(-n // COARSE) for n in size)
+    focal = intrinsics.f_px / COARSE
     aperture = _disc(APERTURE_M / GLASS_M * focal)
     drops, source, sky = _drops(weather, (h, w), focal, stream(seed, clip, "weather.lens.drops"))
     dirt, snow = _dirt(weather.lens_dirt, (h, w), focal, seed, clip), _rim(weather.lens_snow, (h, w), focal, seed, clip)
 
-    def seen(mask: Picture, opacity: float) -> Picture:
-        blurred = cv2.filter2D(mask * np.float32(opacity), cv2.CV_32F, aperture, borderType=cv2.BORDER_REFLECT)
-        return np.clip(cv2.resize(blurred, size, interpolation=cv2.INTER_LINEAR), 0, 1)
+    def blurred(mask: Picture, opacity: float) -> Picture:
+        spread = cv2.filter2D(mask * np.float32(opacity), cv2.CV_32F, aperture, borderType=cv2.BORDER_REFLECT)
+        return np.clip(spread, 0, 1)
 
-    return Glass(seen(drops, 1.0), source, sky, seen(dirt, DIRT_OPACITY), seen(snow, SNOW_OPACITY))
+    def seen(mask: Picture) -> Picture:
+        return enlarged(mask, COARSE, slice(0, size[1]), size[0])
+
+    dirt, snow = blurred(dirt, DIRT_OPACITY), blurred(snow, SNOW_OPACITY)
+    return Glass(blurred(drops, 1.0), source, sky, seen(dirt), seen(snow))
 
 
 def _disc(diameter: float) -> Picture:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from simgrab.world.weather.sight import Picture, Vector
-
-BAND_PX = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +18,15 @@ class Layer:
     Attributes
     ----------
     keep, glow : ndarray of float32, shape (height, width)
+        Of the picture, or of a band of its rows.
     """
 
     keep: Picture
     glow: Picture
+
+    def band(self, rows: slice) -> Layer:
+        """Return some rows."""
+        return Layer(self.keep[rows], self.glow[rows])
 
     def behind(self, front: Layer) -> Layer:
         """Join this layer and one before it, which dims what this one keeps and adds."""
@@ -32,18 +35,15 @@ class Layer:
 
     def over(self, light: Picture, colour: Vector) -> Picture:
         """Lay the layer over a picture (height, width, 3)."""
-        result, colours = np.empty_like(light), np.tile(np.array(colour, np.float32), (BAND_PX, light.shape[1], 1))
-        for rows in bands(len(light)):
-            added = cv2.cvtColor(self.glow[rows], cv2.COLOR_GRAY2RGB)
-            added *= colours[: len(added)]
-            np.multiply(light[rows], cv2.cvtColor(self.keep[rows], cv2.COLOR_GRAY2RGB), out=result[rows])
-            result[rows] += added
-        return result
+        added = cv2.cvtColor(self.glow, cv2.COLOR_GRAY2RGB)
+        by_row = added.reshape(len(added), -1)
+        by_row *= np.tile(np.array(colour, np.float32), added.shape[1])
+        result = cv2.cvtColor(self.keep, cv2.COLOR_GRAY2RGB)
+        cv2.multiply(result, light, dst=result)
+        return np.asarray(cv2.add(result, added, dst=result))
 
 
-def bands(height: int) -> Iterator[slice]:
-    """Cut a picture into bands of rows whose intermediate results stay in the processor's cache."""
-    return (slice(y, min(y + BAND_PX, height)) for y in range(0, height, BAND_PX))
+Maker = Callable[[slice], Layer | None]  # makes a band of a layer; None where that changes nothing
 
 
 def matte(keep: Picture, brightness: float = 1.0) -> Layer:

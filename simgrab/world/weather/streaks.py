@@ -6,13 +6,16 @@ wide as the particle looks. What a level holds is the share of its pixels' light
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
+from simgrab.world.bands import each_band, enlarged, share
 from simgrab.world.weather.layer import Layer, clear, matte
 from simgrab.world.weather.particles import Particles
 from simgrab.world.weather.sight import Picture, Sight
@@ -22,6 +25,7 @@ LEVELS = 6
 COARSEST = 2 ** (LEVELS - 1)
 BORDER_PX = 64  # drawn around the picture, for what spills into it; a multiple of COARSEST
 SPACING = 0.8  # of samples along a streak, in pixels of their level
+PART = 512  # streaks that are sampled at a time
 FEW = 0.1  # so many of the thinnest may be drawn a little wider than they are
 KERNEL_PX = 2.1  # width at half height of what one sample leaves, in pixels of its level
 
@@ -73,36 +77,55 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
     finest = int(np.quantile(level, FEW, method="lower"))
     level = np.maximum(level, finest)
     even = np.ptp(streaks.brightness) == 0
-    sums = [np.zeros((1, 1), np.float32)] * (1 if even else 2)  # what is blocked, and how bright that is
+
+    sums: list[Picture] = []
     for one in range(LEVELS - 1, finest - 1, -1):
-        shape = (rows >> one, columns >> one)
-        coarser = [cv2.resize(s, shape[::-1], interpolation=cv2.INTER_LINEAR) for s in sums]
         chosen = np.flatnonzero(level == one)
         if chosen.size:
-            keep = 1 - coarser[0]  # what coarser levels hold is nearer
-            finer = _gather(_samples(streaks, chosen, 2**one, sight.depth), shape, 2**one, even)
-            coarser = [near + cv2.multiply(far, keep) for near, far in zip(coarser, finer, strict=True)]
-        sums = coarser
-    sums = [cv2.resize(s, (columns, rows), interpolation=cv2.INTER_LINEAR) for s in sums] if finest else sums
-    inside = np.s_[BORDER_PX : BORDER_PX + height, BORDER_PX : BORDER_PX + width]
-    keep = 1 - sums[0][inside]
-    if even:
-        return matte(keep, float(streaks.brightness[0]))
-    return Layer(keep, np.ascontiguousarray(sums[1][inside]))
+            parts = np.array_split(chosen, -(-chosen.size // PART))
+            samples = share(partial(_samples, streaks, 2**one, sight.depth), parts)
+            finer = _gather(samples, (rows >> one, columns >> one), even)
+            sums = _before(sums, finer) if sums else finer
+    times = rows // len(sums[0])
+    result = Layer(*(np.empty((height, width), np.float32) for _ in range(2)))
+
+    def finish(some: slice) -> None:
+        inside = slice(some.start + BORDER_PX, some.stop + BORDER_PX)
+        blocked, *light = (enlarged(s, times, inside, BORDER_PX + width)[:, BORDER_PX:] for s in sums)
+        layer = Layer(1 - blocked, light[0]) if light else matte(1 - blocked, float(streaks.brightness[0]))
+        result.keep[some], result.glow[some] = layer.keep, layer.glow
+
+    each_band(height, finish)
+    return result
 
 
-_Samples = tuple[NDArray[np.intp], Array, Array]  # flat cells of their level; cross section, px²; that times brightness
+def _before(near: list[Picture], far: list[Picture]) -> list[Picture]:
+    """Lay what a coarser level holds, which is nearer, over a finer one."""
+    results, (height, width) = [np.empty_like(f) for f in far], far[0].shape
+    times = height // len(near[0])
+
+    def lay(rows: slice) -> None:
+        here = [enlarged(n, times, rows, width) for n in near]
+        keep = 1 - here[0]
+        for result, n, f in zip(results, here, far, strict=True):
+            np.add(n, cv2.multiply(f[rows], keep), out=result[rows])
+
+    each_band(height, lay)
+    return results
 
 
-def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Picture) -> _Samples:
+_Samples = tuple[NDArray[np.intp], Picture, Picture]  # flat cells of a level; share blocked; that times brightness
+
+
+def _samples(streaks: Streaks, pixel: int, depth: Picture, chosen: NDArray[np.intp]) -> _Samples:
     """Spread streaks over their paths and drop what the scene hides."""
     height, width = depth.shape
     start, end = streaks.start_px[chosen], streaks.end_px[chosen]
     number = np.ceil(np.hypot(*(end - start).T) / (SPACING * pixel)).astype(np.intp) + 1
     order = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-    share = (order.astype(np.float32) + np.float32(0.5)) / np.repeat(number.astype(np.float32), number)
+    along = (order.astype(np.float32) + np.float32(0.5)) / np.repeat(number.astype(np.float32), number)
     x, y = (
-        np.repeat(a.astype(np.float32), number) + np.repeat((b - a).astype(np.float32), number) * share
+        np.repeat(a.astype(np.float32), number) + np.repeat((b - a).astype(np.float32), number) * along
         for a, b in zip(start.T, end.T, strict=True)
     )
     column, row = (np.clip(v, 0, n - 1).astype(np.int32) for v, n in ((x, width), (y, height)))
@@ -111,21 +134,22 @@ def _samples(streaks: Streaks, chosen: NDArray[np.intp], pixel: int, depth: Pict
     for v, n in ((x, width), (y, height)):
         seen &= (v > -BORDER_PX) & (v < n + BORDER_PX)
     seen = np.flatnonzero(seen)
-    area = streaks.area_px[chosen] / number
+    area = (streaks.area_px[chosen] / number / pixel**2).astype(np.float32)
     columns = -(-(width + 2 * BORDER_PX) // COARSEST) * COARSEST // pixel
     across, down = (((v[seen] + np.float32(BORDER_PX)) / np.float32(pixel)).astype(np.intp) for v in (x, y))
-    light = area * streaks.brightness[chosen]
+    light = area * streaks.brightness[chosen].astype(np.float32)
     return down * columns + across, np.repeat(area, number)[seen], np.repeat(light, number)[seen]
 
 
-def _gather(samples: _Samples, shape: tuple[int, int], pixel: int, even: bool) -> list[Picture]:
+def _gather(samples: Sequence[_Samples], shape: tuple[int, int], even: bool) -> list[Picture]:
     """Return the share of each pixel's light that samples block, at most 1, and unless even that times brightness."""
-    cell, *weights = samples
     sums = []
-    for weight in weights[: 1 if even else 2]:
-        total = np.bincount(cell, weight, shape[0] * shape[1]).astype(np.float32).reshape(shape)
-        sums.append(cv2.GaussianBlur(total / np.float32(pixel**2), (3, 3), 0))
+    for which in (1,) if even else (1, 2):
+        total = np.zeros(shape, np.float32)
+        for part in samples:
+            np.add.at(total.reshape(-1), part[0], part[which])
+        sums.append(cv2.GaussianBlur(total, (3, 3), 0))
     if not even:
         sums[1] /= np.maximum(sums[0], 1)
-    sums[0] = np.minimum(sums[0], 1)
+    cv2.min(sums[0], 1.0, dst=sums[0])
     return sums

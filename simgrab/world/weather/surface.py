@@ -13,13 +13,14 @@ from simgrab.geometry import Intrinsics
 from simgrab.world.model import GRAB, PLACE
 from simgrab.world.weather.sight import Picture, RayMaps, Sight, ray_maps
 
+WHOLE = slice(None)
 STEP = 2  # every second pixel will do: it is enlarged again
 WAVES_M = 0.4  # above open water's level that is still water
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Every second pixel's surface point, shapes (h, w), float32.
+    """Every second pixel's surface point, shapes (h, w) or those of a band, float32.
 
     Attributes
     ----------
@@ -51,19 +52,24 @@ def coarse_rays(intrinsics: Intrinsics) -> RayMaps:
     return RayMaps(*(np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, rays.length)))
 
 
-def surface(sight: Sight) -> Surface:
-    """Find the surfaces from depth."""
-    rays, depth = coarse_rays(sight.intrinsics), np.ascontiguousarray(sight.depth[::STEP, ::STEP])
-    x, y = rays.x, rays.y
-    ids = sight.ids[::STEP, ::STEP]
+def surface(sight: Sight, rows: slice = WHOLE) -> Surface:
+    """Find the surfaces from depth, all or in some rows of every second."""
+    rays = coarse_rays(sight.intrinsics)
+    top, bottom, _ = rows.indices(len(rays.x))
+    near = slice(max(top - 1, 0), min(bottom + 1, len(rays.x)))  # normals look at the rows beside
+    inside = slice(top - near.start, bottom - near.start)
+    around = np.ascontiguousarray(sight.depth[near.start * STEP : near.stop * STEP : STEP, ::STEP])
     rotation = sight.jib_from_camera.astype(np.float32)
+    up = _up(rays.x[near], rays.y[near], around, rotation[2])[inside]
+    x, y, depth = rays.x[rows], rays.y[rows], around[inside]
+    ids = sight.ids[::STEP, ::STEP][rows]
     jib_x, jib_y, below = (depth * (r[0] * x + r[1] * y + r[2]) for r in rotation)
     jib_x, jib_y = jib_x + np.float32(sight.centre_m[0]), jib_y + np.float32(sight.centre_m[1])
     height = below + np.float32(sight.height_m)
     solid = ids == PLACE
     if sight.water_m is not None:
         solid &= height > sight.water_m + WAVES_M
-    return Surface(*_anchored(sight, jib_x, jib_y, ids), jib_x, jib_y, height, _up(x, y, depth, rotation[2]), solid)
+    return Surface(*_anchored(sight, jib_x, jib_y, ids), jib_x, jib_y, height, up, solid)
 
 
 def _anchored(sight: Sight, x: Picture, y: Picture, ids: NDArray[np.uint8]) -> tuple[Picture, Picture]:
@@ -87,15 +93,15 @@ def _up(x: Picture, y: Picture, depth: Picture, down: Picture) -> Picture:
     The inverse depth w of a plane is linear in the ray coordinates: n ∝ (w_x, w_y, w − x w_x − y w_y).
     """
     w = cv2.divide(1.0, depth)
-    wx = _slope(w, x)
-    wy = _slope(np.ascontiguousarray(w.T), np.ascontiguousarray(y.T)).T
+    wx, wy = _slope(w, x, 1), _slope(w, y, 0)
     wz = w - x * wx - y * wy
     upwards = down[0] * wx + down[1] * wy + down[2] * wz
     return np.asarray(np.abs(upwards) / np.sqrt(wx * wx + wy * wy + wz * wz))
 
 
-def _slope(w: Picture, x: Picture) -> Picture:
-    """∂w/∂x along rows: of the two one-sided differences the lesser, which does not look over an edge."""
-    one = cv2.subtract(w[:, 1:], w[:, :-1]) / cv2.subtract(x[:, 1:], x[:, :-1])
-    before, after = np.concatenate([one[:, :1], one], axis=1), np.concatenate([one, one[:, -1:]], axis=1)
+def _slope(w: Picture, x: Picture, axis: int) -> Picture:
+    """∂w/∂x along an axis: of the two one-sided differences the lesser, which does not look over an edge."""
+    one = np.diff(w, axis=axis) / np.diff(x, axis=axis)
+    ends = np.split(one, (1, one.shape[axis] - 1), axis=axis)
+    before, after = np.concatenate([ends[0], one], axis=axis), np.concatenate([one, ends[-1]], axis=axis)
     return np.where(np.abs(before) < np.abs(after), before, after)

@@ -1,0 +1,69 @@
+"""Pictures are worked on in bands of rows: what lies between two steps stays in the cache, and threads share the bands.
+
+NumPy and OpenCV let other threads run while they compute. No result depends on how many there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+ROWS = 32  # 0.7 MB of float32 colours at 1080p
+
+Picture = NDArray[np.float32]
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def each_band(height: int, work: Callable[[slice], None], rows: int = ROWS) -> None:
+    """Do work on every band of a picture's rows.
+
+    Parameters
+    ----------
+    height : int
+        Of the picture, px.
+    work : callable
+        Takes a band, and writes to no other rows.
+    rows : int
+        Height of a band, px.
+    """
+    share(work, (slice(y, min(y + rows, height)) for y in range(0, height, rows)))
+
+
+def share(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """Do work, which shares no further, on every item in as many threads as OpenCV may use; results come in order."""
+    threads = cv2.getNumThreads()
+    return list(_pool(threads).map(work, items)) if threads > 1 else [work(item) for item in items]
+
+
+@lru_cache(maxsize=1)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="bands")
+
+
+def enlarged(coarse: Picture, times: int, rows: slice, width: int) -> Picture:
+    """Enlarge a picture bilinearly, and return some rows of that.
+
+    Parameters
+    ----------
+    coarse : ndarray of float32, shape (h, w) or (h, w, n)
+    times : int
+    rows : slice
+        Of the enlarged picture.
+    width : int
+        Of the enlarged picture, up to w · times: its right end is cut off.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, width) or (rows, width, n)
+    """
+    first = max(rows.start // times - 1, 0)
+    near = coarse[first : -(-rows.stop // times) + 1]
+    fine = cv2.resize(near, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(fine[rows.start - first * times : rows.stop - first * times, :width])

@@ -1,0 +1,43 @@
+import cv2
+import numpy as np
+import pytest
+
+from simgrab.world.bands import each_band, enlarged, share
+
+
+@pytest.fixture(params=[1, 2, 5])
+def threads(request):
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(request.param)
+    yield request.param
+    cv2.setNumThreads(before)
+
+
+@pytest.mark.parametrize("height", [1, 32, 33, 1080])
+@pytest.mark.usefixtures("threads")
+def test_every_row_is_worked_on_once(height):
+    times = np.zeros(height, int)
+
+    def work(rows):
+        times[rows] += 1
+
+    each_band(height, work)
+    assert (times == 1).all()
+
+
+@pytest.mark.usefixtures("threads")
+def test_results_come_in_order_and_errors_come_through():
+    assert share(lambda x: x * x, range(100)) == [x * x for x in range(100)]
+    with pytest.raises(ZeroDivisionError):
+        each_band(100, lambda rows: 1 // (rows.start - 64))
+
+
+@pytest.mark.parametrize("times", [1, 2, 8])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_bands_are_those_of_the_whole_enlarged_picture(times, channels):
+    coarse = np.random.default_rng(0).random((30, 40, *channels), np.float32)
+    whole = cv2.resize(coarse, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    height, width = 30 * times - 1, 40 * times - 1
+    for top in range(0, height, 7):
+        rows = slice(top, min(top + 7, height))
+        np.testing.assert_allclose(enlarged(coarse, times, rows, width), whole[rows, :width], atol=1e-6)
