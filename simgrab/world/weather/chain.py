@@ -15,6 +15,8 @@ from simgrab.rng import stream
 from simgrab.scenario import Cargo, Weather
 from simgrab.world.weather import precipitation
 from simgrab.world.weather.air import haze
+from simgrab.world.weather.drift import TINT as DRIFT_TINT
+from simgrab.world.weather.drift import drift
 from simgrab.world.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
 from simgrab.world.weather.glass import glass
 from simgrab.world.weather.ground import Lamp, snow_cover, wet
@@ -53,6 +55,7 @@ def apply(
     seed: int,
     frame: int,
     clip: int = 0,
+    time_s: float = 0.0,
     wind_m_s: Vector | None = None,
     airlight: Vector | None = None,
     lamps: Sequence[Lamp] = (),
@@ -70,6 +73,8 @@ def apply(
         Key the random streams of what changes from frame to frame.
     clip : int
         Keys those of what stays on the glass. What lies on the ground is the scene's, for all clips.
+    time_s : float
+        Since the clip began: what the wind drives along the ground has come so far.
     wind_m_s : tuple of 3 floats, optional
         Velocity of the air, jib frame; the weather's own unless given.
     airlight : tuple of 3 floats, optional
@@ -94,6 +99,11 @@ def apply(
     pale: list[Layer] = []  # layers of the colour of white, not laid over the picture yet
     if weather.wetness or weather.snow_cover:
         pale.append(_ground(weather, sight, lamps, white, seed))
+    if weather.drift_thickness:
+        light = _over(light, pale, white)
+        pale.clear()
+        layer = drift(sight, surface(sight), weather.drift_thickness, wind, time_s, seed=seed)
+        light, keep = layer.over(light, _times(white, DRIFT_TINT)), cv2.multiply(keep, layer.keep)
     if weather.dust_thickness:
         light = _over(light, pale, white)
         pale.clear()
