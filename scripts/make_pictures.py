@@ -39,11 +39,11 @@ def scenes(shown: dict[str, int], file: str) -> None:
 
 
 def training() -> None:
-    """Draw the first frame of each of the first worlds of `training`."""
+    """Draw a frame of each of the first worlds of `training`."""
     scenario = simgrab.load("training")
     tiles = []
     with Studio(scenario) as studio:
-        for world in range(WORLDS):
+        for world in range(1, WORLDS + 1):  # the very first is dense fog without a grab
             made = studio.make(world * scenario.clip.clip_frames)
             tiles.append(_decode(made.files[made.record.truth.file], WORLD_WIDTH))
     rows = [np.hstack(tiles[i : i + ABREAST]) for i in range(0, WORLDS, ABREAST)]
