@@ -33,13 +33,21 @@ def test_half_of_it_lies_above_so_much_height():
 
 
 def shifted(x, y):
-    return replace(GROUND, jib_x=GROUND.jib_x + np.float32(x), jib_y=GROUND.jib_y + np.float32(y))
+    return replace(GROUND, x=GROUND.x + np.float32(x), y=GROUND.y + np.float32(y))
 
 
 def test_it_travels_with_the_wind():
     later = shifted(0.7 * WIND[0], 0.7 * WIND[1])
     np.testing.assert_allclose(thickness(later, time_s=0.7), thickness(), atol=0.02)
     assert np.abs(thickness(time_s=0.7) - thickness()).mean() > 0.05
+
+
+def test_it_stays_on_the_ground_while_the_jib_slews():
+    """The place turns by −slew before the jib, and with it the wind."""
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[c, s, 0.0, 0.0], [-s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    slewed = drift(replace(SEEN, jib_from_place=turn), GROUND, 0.4, turn[:3, :3] @ WIND, 3.0, seed=4)
+    np.testing.assert_allclose(slewed.keep, drift(SEEN, GROUND, 0.4, WIND, 3.0, seed=4).keep, atol=2e-3)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 1.0, np.pi / 2])

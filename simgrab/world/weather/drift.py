@@ -43,10 +43,11 @@ def drift(sight: Sight, on: Surface, thickness: float, wind_m_s: Array, time_s: 
     Layer
         Its glow is in units of `TINT`.
     """
-    speed = math.hypot(wind_m_s[0], wind_m_s[1])
-    east, north = (np.float32(w / speed) for w in wind_m_s[:2]) if speed else (np.float32(1), np.float32(0))
-    along = on.jib_x * east + on.jib_y * north - np.float32(speed * time_s % (STRETCH * ACROSS_M))
-    across = on.jib_y * east - on.jib_x * north
+    wind = wind_m_s if sight.jib_from_place is None else sight.jib_from_place[:3, :3].T @ wind_m_s  # place frame
+    speed = math.hypot(wind[0], wind[1])
+    east, north = (np.float32(w / speed) for w in wind[:2]) if speed else (np.float32(1), np.float32(0))
+    along = on.x * east + on.y * north - np.float32(speed * time_s % (STRETCH * ACROSS_M))
+    across = on.y * east - on.x * north
     pattern = noise.look_up(noise.tile(seed, 0, "weather.drift", 1.25), along / np.float32(STRETCH), across, ACROSS_M)
     streamers = np.float32(SHARPNESS + 1) * cv2.pow(pattern, SHARPNESS)  # of mean 1
     # Above a point at height h lies the share exp(−h / scale) of the layer.
