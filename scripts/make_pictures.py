@@ -1,4 +1,4 @@
-"""Draw the pictures of the README: one frame of each scene that shows a place or a weather, and a contact sheet.
+"""Draw the pictures of the README: a frame of each place and weather, worlds of `training`, a contact sheet.
 
 python -m scripts.make_pictures
 """
@@ -19,10 +19,11 @@ from simgrab.world.preview import captioned
 DOCS = Path(__file__).parents[1] / "docs"
 SHOWN = {"quay-day": 6, "quay-truck": 3, "hold-coal": 5, "hold-grain": 2, "water-side": 4, "paper-ideal": 1}
 WEATHERS = {
-    "calm-day": 5, "windy-day": 9, "night-light-snow": 5, "heavy-snow": 3,
-    "rain": 5, "fog": 5, "dust": 7, "glare": 8,
+    "calm-day": 5, "windy-day": 1, "night-light-snow": 5, "heavy-snow": 5, "rain": 5,
+    "fog": 5, "dust": 7, "glare": 8, "qingdao-night-snow": 3, "qingdao-heavy-snow": 3,
 }  # fmt: skip
-TILE_WIDTH = 800
+TILE_WIDTH = 640
+WORLDS, ABREAST, WORLD_WIDTH = 24, 4, 320
 
 
 def scenes(shown: dict[str, int], file: str) -> None:
@@ -35,6 +36,18 @@ def scenes(shown: dict[str, int], file: str) -> None:
         tiles.append(captioned(tile, name))
     rows = [np.hstack(tiles[i : i + 2]) for i in range(0, len(tiles), 2)]
     (DOCS / file).write_bytes(encode(np.vstack(rows), "jpeg", 82))
+
+
+def training() -> None:
+    """Draw a frame of each of the first worlds of `training`."""
+    scenario = simgrab.load("training")
+    tiles = []
+    with Studio(scenario) as studio:
+        for world in range(1, WORLDS + 1):  # the very first is dense fog without a grab
+            made = studio.make(world * scenario.clip.clip_frames)
+            tiles.append(_decode(made.files[made.record.truth.file], WORLD_WIDTH))
+    rows = [np.hstack(tiles[i : i + ABREAST]) for i in range(0, WORLDS, ABREAST)]
+    (DOCS / "training.jpg").write_bytes(encode(np.vstack(rows), "jpeg", 82))
 
 
 def contact_sheet() -> None:
@@ -56,4 +69,5 @@ def _decode(data: bytes, width: int) -> NDArray[np.uint8]:
 if __name__ == "__main__":
     scenes(SHOWN, "scenes.jpg")
     scenes(WEATHERS, "weather.jpg")
+    training()
     contact_sheet()

@@ -88,6 +88,22 @@ def grain(rng: np.random.Generator) -> Image:
     return picture * (0.90 + 0.20 * chaff)[..., None] + (np.clip(chaff - 0.7, 0, 1) * 40)[..., None]
 
 
+def bauxite(rng: np.random.Generator) -> Image:
+    """Bauxite: earthy orange-red fines, pale pisolites."""
+    light = bulk(rng, [(50000, 0.45), (9000, 0.3), (500, 0.2)], fines=2.5)
+    picture = ramp(light, [(0, (78, 45, 33)), (0.5, (130, 82, 59)), (0.9, (160, 110, 83)), (1, (190, 152, 128))])
+    damp = fractal(SIZE, rng, slope=2.2, low=4)
+    return picture * (0.84 + 0.28 * damp)[..., None]
+
+
+def sulphur(rng: np.random.Generator) -> Image:
+    """Formed sulphur: pale yellow granules, dusty, grey where dirt has got in."""
+    light = bulk(rng, [(60000, 0.5), (6000, 0.25)], fines=2.0)
+    picture = ramp(light, [(0, (132, 112, 46)), (0.5, (188, 166, 76)), (1, (224, 208, 134))])
+    dirt = np.clip(fractal(SIZE, rng, slope=2.2, low=3) - 0.6, 0, 1)
+    return picture * (1 - np.array([0.5, 0.48, 0.3]) * dirt[..., None])
+
+
 def cracks(rng: np.random.Generator, *, cells: int, width: float) -> Image:
     """Map cracking: 1 on hairlines between ``cells`` cells a tile, fading with noise so that most are broken off."""
     centre = rng.uniform(0, SIZE, (cells, 2))
@@ -227,6 +243,8 @@ TEXTURES: dict[str, Callable[[np.random.Generator], Image]] = {
     "deck": deck,
     "tanktop": tanktop,
     "hullplate": hullplate,
+    "bauxite": bauxite,
+    "sulphur": sulphur,
 }
 
 

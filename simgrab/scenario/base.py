@@ -8,7 +8,7 @@ import msgspec
 
 Meta = msgspec.Meta
 Share = Annotated[float, Meta(ge=0, le=1)]
-Cargo = Literal["coal", "ore", "grain"]
+Cargo = Literal["coal", "ore", "grain", "bauxite", "sulphur"]
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

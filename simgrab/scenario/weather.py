@@ -24,6 +24,8 @@ class Weather(Strict, frozen=True):
         Optical thickness through the middle of a fresh cloud of dust.
     dust_radius_m : float
         Standard deviation of the fresh cloud.
+    drift_thickness : float
+        Mean optical thickness, from above, of the dust that the wind drives along the ground in streamers.
     wetness : float
         0 is dry; 0.5 wets every pore; up to 1 puddles spread.
     snow_cover : float
@@ -41,6 +43,7 @@ class Weather(Strict, frozen=True):
     wind_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 90.0
     dust_thickness: Annotated[float, Meta(ge=0, le=10)] = 0.0
     dust_radius_m: Annotated[float, Meta(ge=0.2, le=10)] = 1.5
+    drift_thickness: Annotated[float, Meta(ge=0, le=3)] = 0.0
     wetness: Share = 0.0
     snow_cover: Share = 0.0
     lens_drops: Annotated[int, Meta(ge=0, le=200)] = 0
@@ -59,5 +62,6 @@ class Weather(Strict, frozen=True):
     @property
     def off(self) -> bool:
         """Whether pictures stay as they are."""
-        amounts = (self.rain_mm_h, self.snow_mm_h, self.dust_thickness, self.wetness, self.snow_cover)
-        return self.visibility_m is None and not any((*amounts, self.lens_drops, self.lens_dirt, self.lens_snow))
+        air = (self.rain_mm_h, self.snow_mm_h, self.dust_thickness, self.drift_thickness)
+        rest = (self.wetness, self.snow_cover, self.lens_drops, self.lens_dirt, self.lens_snow)
+        return self.visibility_m is None and not any((*air, *rest))

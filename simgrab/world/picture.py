@@ -132,6 +132,7 @@ class Chain:
         )  # fmt: skip
         return weather.apply(
             scenario.weather, sight, seed=scenario.seed, frame=frame, clip=scenario.clip.of(frame),
+            time_s=frame / scenario.clip.frame_rate_hz if moment.time is None else moment.time,
             wind_m_s=self._wind(moment), lamps=self._lamps(moment), cargo=scenario.grab.cargo,
         )  # fmt: skip
 

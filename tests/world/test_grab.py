@@ -2,10 +2,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from simgrab.scenario import Cargo
 from simgrab.world.meshes import grab, linkage
 from simgrab.world.meshes.part import Part
 from simgrab.world.meshes.shells import back_curve
@@ -159,7 +161,7 @@ def test_wear_is_the_share_of_paint_that_is_lost() -> None:
         assert share == pytest.approx(painted, abs=0.04)
 
 
-@pytest.mark.parametrize("cargo", ["coal", "ore", "grain"])
+@pytest.mark.parametrize("cargo", get_args(Cargo))
 def test_cargo_lies_inside_the_closed_shells(cargo: str, parts: dict[str, list[Part]]) -> None:
     heaps = grab.cargo_parts(cargo, np.random.default_rng(3))
     low, high = box(points(parts, 0.0).values())

@@ -23,6 +23,7 @@ SETTINGS = {
     "rain": {"rain_mm_h": 60.0},
     "snow": {"snow_mm_h": 6.0, "wind_m_s": 5.0},
     "dust": {"dust_thickness": 2.0},
+    "drift": {"drift_thickness": 0.5, "wind_m_s": 14.0},
     "wet": {"wetness": 1.0},
     "snow cover": {"snow_cover": 0.5},
     "drops": {"lens_drops": 20},

@@ -18,7 +18,7 @@ _HALF_Y = HALF_WIDTH - 0.045
 _SHOULDER = (-1.05, -0.75, -0.46, -0.19)  # height of the heap at its edge, per level
 _DOME = (0.16, 0.20, 0.24, 0.27)  # rise of the middle
 _SLUMP = (0.0, 0.0, 0.03, 0.12)  # how far it falls away towards the side plates, whose top edge is hollowed
-_LUMPS = {"coal": 0.045, "ore": 0.028, "grain": 0.010}  # roughness, metres
+_LUMPS = {"coal": 0.045, "ore": 0.028, "grain": 0.010, "bauxite": 0.024, "sulphur": 0.014}  # roughness, metres
 _GRID = (41, 37)
 
 
@@ -28,7 +28,7 @@ def cargo_parts(cargo: str, rng: np.random.Generator) -> list[Part]:
     Parameters
     ----------
     cargo : str
-        "coal", "ore" or "grain".
+        "coal", "ore", "grain", "bauxite" or "sulphur".
     rng : numpy.random.Generator
         Draws the lumps of the surface.
 

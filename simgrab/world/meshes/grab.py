@@ -106,7 +106,7 @@ def grab_parts(
     residue : float
         Dust of the cargo on the steel, in [0, 1].
     cargo : str
-        "coal", "ore" or "grain".
+        "coal", "ore", "grain", "bauxite" or "sulphur".
     rng : numpy.random.Generator
         Moves the patches of wear and dust; the shapes never change.
 

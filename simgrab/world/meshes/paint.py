@@ -17,7 +17,13 @@ Colour = tuple[float, float, float]
 TILE_M = 1.7
 SHELL_SIZE = (2.4, 2.4)  # metres that the shell's texture spans: along the lip, and from lip to rim
 
-_DUST = {"coal": (0.10, 0.10, 0.105), "ore": (0.36, 0.20, 0.14), "grain": (0.74, 0.62, 0.40)}
+_DUST = {
+    "coal": (0.10, 0.10, 0.105),
+    "ore": (0.36, 0.20, 0.14),
+    "grain": (0.74, 0.62, 0.40),
+    "bauxite": (0.58, 0.34, 0.22),
+    "sulphur": (0.80, 0.72, 0.26),
+}
 _SIZE = 512
 
 
@@ -60,7 +66,7 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     residue : float
         How much dust of the cargo lies on the steel, in [0, 1].
     cargo : str
-        "coal", "ore" or "grain".
+        "coal", "ore", "grain", "bauxite" or "sulphur".
     rng : numpy.random.Generator
         Shifts the masks, so that no two grabs are worn alike.
 

@@ -37,6 +37,8 @@ CARGOES = {
     "coal": Cargo("coal", 5.5, np.radians(37.0), 0.085),
     "ore": Cargo("ore", 5.0, np.radians(36.0), 0.07),
     "grain": Cargo("grain", 4.5, np.radians(27.0), 0.02),
+    "bauxite": Cargo("bauxite", 5.0, np.radians(34.0), 0.06),
+    "sulphur": Cargo("sulphur", 4.5, np.radians(32.0), 0.035),
 }
 
 

@@ -19,6 +19,8 @@ from simgrab.scenario import Cargo, Weather
 from simgrab.world.bands import each_band
 from simgrab.world.weather import precipitation
 from simgrab.world.weather.air import haze
+from simgrab.world.weather.drift import TINT as DRIFT_TINT
+from simgrab.world.weather.drift import drift
 from simgrab.world.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
 from simgrab.world.weather.glass import DIRT, SNOW_LIGHT, glass, lying
 from simgrab.world.weather.ground import Lamp, ground
@@ -27,6 +29,7 @@ from simgrab.world.weather.particles import Particles, scatter
 from simgrab.world.weather.precipitation import Precipitation
 from simgrab.world.weather.sight import Picture, Sight, Vector
 from simgrab.world.weather.streaks import draw, expose
+from simgrab.world.weather.surface import surface
 
 MEAN_ALBEDO = 0.2  # of what ports show: turns the picture's mean light into that of a white surface
 SKY: Vector = (0.96, 1.0, 1.03)
@@ -56,6 +59,7 @@ def apply(
     seed: int,
     frame: int,
     clip: int = 0,
+    time_s: float = 0.0,
     wind_m_s: Vector | None = None,
     airlight: Vector | None = None,
     lamps: Sequence[Lamp] = (),
@@ -73,6 +77,8 @@ def apply(
         Key the random streams of what changes from frame to frame.
     clip : int
         Keys those of what stays on the glass. What lies on the ground is the scene's, for all clips.
+    time_s : float
+        Since the clip began: what the wind drives along the ground has come so far.
     wind_m_s : tuple of 3 floats, optional
         Velocity of the air, jib frame; the weather's own unless given.
     airlight : tuple of 3 floats, optional
@@ -96,6 +102,9 @@ def apply(
     sheets: list[_Sheet] = []
     if weather.wetness or weather.snow_cover:
         sheets.append(_Sheet(ground(weather, sight, lamps, _mean(white), seed=seed), white, veils=False))
+    if weather.drift_thickness:
+        streamers = drift(sight, surface(sight), weather.drift_thickness, wind, time_s, seed=seed)
+        sheets.append(_Sheet(streamers.band, _times(white, DRIFT_TINT)))
     if weather.dust_thickness:
         for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
             of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)

@@ -23,7 +23,13 @@ BILLOWS = 1.6  # thickest over thinnest lobe is exp of this
 BILLOW_SPAN = 12.0  # standard deviations after which billows repeat
 BILLOW_STEP = 4  # every fourth pixel will do
 # Colour of a dense cloud, as a share of a white one's.
-TINT: dict[Cargo, Vector] = {"coal": (0.2, 0.19, 0.18), "ore": (0.55, 0.33, 0.22), "grain": (0.82, 0.72, 0.52)}
+TINT: dict[Cargo, Vector] = {
+    "coal": (0.2, 0.19, 0.18),
+    "ore": (0.55, 0.33, 0.22),
+    "grain": (0.82, 0.72, 0.52),
+    "bauxite": (0.68, 0.42, 0.28),
+    "sulphur": (0.86, 0.78, 0.36),
+}
 
 
 @dataclass(frozen=True)

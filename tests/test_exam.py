@@ -1,0 +1,56 @@
+"""The exam scenes ask what training never shows."""
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+from simgrab import scenes
+from simgrab.scenario import Scenario
+from simgrab.scenario.factor import JOINT
+
+EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
+WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
+LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
+
+load = cache(scenes.load)
+
+
+def values(scene: Scenario, key: str) -> list:
+    """Every value that a key takes in a scene."""
+    for name, factor in scene.vary.items():
+        parts = name.split(JOINT)
+        if key in parts:
+            return [value[key] if len(parts) > 1 else value for value in factor.values]
+    raise AssertionError(f"{key} does not vary in {scene.name}")
+
+
+def cargoes(scene: Scenario) -> set[str]:
+    """What lies about and hangs in the grab; places without a word about it show none, but for the quay's coal."""
+    lying = {place.get("cargo", "coal") for place in values(scene, "place") if place["model"] in ("quay", "hold")}
+    return lying | set(values(scene, "grab.cargo"))
+
+
+def test_there_is_an_exam_for_each_weather():
+    assert set(EXAMS) == {f"exam-{weather}" for weather in WEATHERS}
+    assert len({load(name).seed for name in [*EXAMS, "training"]}) == len(EXAMS) + 1
+
+
+@pytest.mark.parametrize("name", EXAMS)
+def test_an_exam_shares_no_paint_cargo_place_or_display_with_training(name):
+    exam, training = load(name), load("training")
+    paints = product(values(exam, "grab.paint_rgb"), values(training, "grab.paint_rgb"))
+    assert min(np.linalg.norm(np.subtract(a, b)) for a, b in paints) > LEAST_APART
+    assert not cargoes(exam) & cargoes(training)
+    places = [place for place in values(exam, "place") if place != {"model": "plain"}]  # which has no parameters
+    assert not [place for place in places if place in values(training, "place")]
+    for key in ("jib.head_height_m", "display.start"):
+        assert not set(values(exam, key)) & set(values(training, key)), key
+
+
+@pytest.mark.parametrize("name", EXAMS)
+def test_an_exam_is_a_test_set_of_many_worlds_and_a_third_lacks_the_grab(name):
+    exam = load(name)
+    assert (exam.frames, exam.clip.count(exam.frames), exam.splits.test) == (1500, 100, 1.0)
+    assert exam.swing.absent == pytest.approx(1 / 3, abs=1e-3)

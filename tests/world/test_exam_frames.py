@@ -1,0 +1,33 @@
+"""Exam scenes are drawn, small: frames with the grab, labelled, and frames without."""
+
+import cv2
+import numpy as np
+import pytest
+
+from simgrab import scenes
+from simgrab.world.frames import Studio
+
+SMALL = {
+    "camera.width_px": 480,
+    "camera.height_px": 270,
+    "camera.focal.pixels_per_mm": 342.67 / 4,
+    "image.samples": 0,
+    "image.shadow_map_px": 1024,
+}
+
+
+@pytest.mark.parametrize("name", [name for name in scenes.names() if name.startswith("exam-")])
+def test_an_exam_shows_the_grab_or_none(name):
+    with Studio(scenes.load(name, SMALL)) as studio:
+        first = [studio.aim(frame).moment for frame in range(15)]
+        there, away = (next(m.frame for m in first if m.present == present) for present in (True, False))
+        full, bare = (studio.make(frame) for frame in (there, away))
+    shown, empty = full.record.truth, bare.record.truth
+    picture = cv2.imdecode(np.frombuffer(full.files[shown.file], np.uint8), cv2.IMREAD_COLOR)
+    assert shown.present
+    assert shown.visible_fraction >= 0.5
+    assert 10 < picture.mean() < 245  # neither black nor burnt out
+    assert picture.std() > 5
+    assert (shown.split, shown.variant) == ("test", 0)
+    assert not empty.present
+    assert empty.box_x0_px is None

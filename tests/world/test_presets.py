@@ -1,0 +1,70 @@
+"""Every weather preset gives the same bytes, whoever draws it and however it was interrupted."""
+
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+from conftest import SMALL
+from test_dataset import digest, simgrab
+
+from simgrab import scenes
+from simgrab.scenario import Scenario, variants
+from simgrab.world.dataset import render
+
+PRESETS = ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare")
+KEY = "light+optics+shutter+swing+weather"  # what they differ in
+SEED = 315  # with which eight draws give each of them once
+SHALLOW = {"swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 16.0}}
+
+
+def presets() -> Scenario:
+    """The presets as worlds of one dataset, a frame each, so that workers start once for all of them."""
+    tables = [{key: scenes.load(name).to_dict()[key] for key in KEY.split("+")} for name in PRESETS]
+    vary = {KEY: {"dist": "one-of", "names": PRESETS, "values": tables}}
+    return scenes.load("calm-day", SMALL | {"clip.clip_frames": 1, "frames": len(PRESETS), "seed": SEED, "vary": vary})
+
+
+def record(name) -> Scenario:
+    """Two clips of two frames of one of the twins."""
+    over_the_yard = {"swing.work.dig_rope_m": 20.0, "swing.settle_s": 1.0}
+    return scenes.load(name, SMALL | over_the_yard | {"frames": 4, "clip.clip_frames": 2})
+
+
+SCENES = {
+    "presets": presets,
+    "training": lambda: scenes.load("training", SMALL | SHALLOW | {"frames": 3, "clip.clip_frames": 2}),
+    "qingdao-night-snow": lambda: record("qingdao-night-snow"),
+    "qingdao-heavy-snow": lambda: record("qingdao-heavy-snow"),
+}
+KILLED = ("presets", "qingdao-heavy-snow")  # half-way: one that varies and one in time
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def drawn(request, tmp_path_factory):
+    """A scene, and its dataset as one process draws it."""
+    scenario = SCENES[request.param]()
+    path = tmp_path_factory.mktemp("data") / request.param
+    render(scenario, path)
+    return scenario, path
+
+
+def test_every_preset_is_among_them():
+    assert {one.drawn[KEY] for one, _ in variants(presets())} == set(PRESETS)
+
+
+def test_two_workers_give_the_same_bytes_also_when_killed_and_resumed(drawn, tmp_path):
+    scenario, path = drawn
+    out = tmp_path / "out"
+    command = simgrab("render", path / "manifest.json", "--out", out, "--quiet", "--resume", "--workers", 2)
+    if path.name in KILLED:
+        process = subprocess.Popen(command, start_new_session=True)
+        rows = out / ".partial" / "rows"
+        while process.poll() is None and len(list(rows.glob("*.json"))) < scenario.frames // 2:
+            time.sleep(0.005)
+        assert process.poll() is None, "it ended before it could be killed"
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    subprocess.run(command, check=True)
+    assert digest(out) == digest(path)
