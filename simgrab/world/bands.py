@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-ROWS = 32  # 0.7 MB of float32 colours at 1080p
+ROWS = 96  # 2.2 MB of float32 colours at 1080p: smaller bands cost more to hand out than the cache gives
 
 Picture = NDArray[np.float32]
 _Item = TypeVar("_Item")

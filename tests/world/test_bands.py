@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.world.bands import each_band, enlarged, share
+from simgrab.world.bands import ROWS, each_band, enlarged, share
 
 
 @pytest.fixture(params=[1, 2, 5])
@@ -13,7 +13,7 @@ def threads(request):
     cv2.setNumThreads(before)
 
 
-@pytest.mark.parametrize("height", [1, 32, 33, 1080])
+@pytest.mark.parametrize("height", [1, ROWS, ROWS + 1, 1080])
 @pytest.mark.usefixtures("threads")
 def test_every_row_is_worked_on_once(height):
     times = np.zeros(height, int)
@@ -29,7 +29,7 @@ def test_every_row_is_worked_on_once(height):
 def test_results_come_in_order_and_errors_come_through():
     assert share(lambda x: x * x, range(100)) == [x * x for x in range(100)]
     with pytest.raises(ZeroDivisionError):
-        each_band(100, lambda rows: 1 // (rows.start - 64))
+        each_band(100, lambda rows: 1 // (rows.start - 64), rows=32)
 
 
 @pytest.mark.parametrize("times", [1, 2, 8])
