@@ -52,3 +52,7 @@ class TrainingError(SimgrabError):
 
 class DetectorError(SimgrabError):
     """A file that is no detector, or a picture that none can look at."""
+
+
+class ReaderError(SimgrabError):
+    """A file that is no reader of digits, or a picture that none can read."""

@@ -294,3 +294,43 @@ class Estimates:
             intervals=tuple(one(interval) for interval in self.intervals) if ok else (),
             diagnostics={name: value[i] for name, value in self.diagnostics.items()},
         )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a reader made of the rope lengths on the display in one picture, or why it refused.
+
+    Attributes
+    ----------
+    status : str
+        ``"read"``, ``"refused"``, or ``"jump"``: read, but the rope cannot have got there since the readings around it.
+    reason : str
+        Of a refusal or jump; empty when read.
+    hoist_text, closing_text : str
+        As the display writes them, with ``?`` for a digit that was refused.
+    confidence : ndarray, shape (8,)
+        Of each digit, 0 to 1: hoist rope, then closing rope, from left to right.
+    hoist_m, closing_m : float or None
+        Lengths on the display; None when refused.
+    rope_length_m : float or None
+        |OA|: hoist rope plus the display's constant; None unless read.
+    """
+
+    status: str
+    reason: str
+    hoist_text: str
+    closing_text: str
+    confidence: Array
+    hoist_m: float | None
+    closing_m: float | None
+    rope_length_m: float | None
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is to be believed."""
+        return self.status == "read"
+
+    @property
+    def text(self) -> str:
+        """Both numbers, as in the label column ``rope_text``."""
+        return f"{self.hoist_text} {self.closing_text}"
