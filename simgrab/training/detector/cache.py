@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError, TrainingError
 from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.records import Truth
-from simgrab.training.datasets import Dataset
 
 Progress = Callable[[int, int], None]
 _WORKERS = 2  # decoding lets go of Python's lock
@@ -25,7 +25,7 @@ _WORKERS = 2  # decoding lets go of Python's lock
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame to learn from: its row, its picture's file, and whether detection labels hold a box for it.
+    """One frame to learn from: row, picture's file, whether detection labels hold a box for it, and its weather.
 
     A frame of which labels hold no box although a little of the grab shows is neither a grab nor none: `frames` leaves
     it out.
@@ -34,6 +34,7 @@ class Frame:
     row: Truth
     file: Path
     labelled: bool
+    weather: str
 
     def picture(self) -> Picture:
         """Decode the picture, RGB.
@@ -56,7 +57,7 @@ class Frame:
 def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
     """Frames of a split, but for those in which so little of the grab shows that labels hold no box."""
     return tuple(
-        Frame(row, dataset.image(row), dataset.is_labelled(row))
+        Frame(row, dataset.image(row), dataset.is_labelled(row), dataset.weather(row))
         for dataset in datasets
         for row in dataset.rows
         if row.split == split and (dataset.is_labelled(row) or row.box_x0_px is None)

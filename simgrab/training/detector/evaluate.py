@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from simgrab import labels
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.bundled import Trust
-from simgrab.records import Detection, Truth
-from simgrab.training.detector import cache, targets
+from simgrab.records import Detection
+from simgrab.training.detector import cache
 
 LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that hold LEVEL of a normal law
@@ -31,7 +31,7 @@ class Seen:
     @property
     def overlap(self) -> float:
         """IoU with the labelled box; 0 where there is none of either."""
-        box = targets.box(self.frame.row)
+        box = labels.box(self.frame.row)
         if not self.frame.labelled or box is None or self.detection.box is None:
             return 0.0
         return float(iou(self.detection.box, box))
@@ -66,10 +66,10 @@ def errors_over_sd(seen: Sequence[Seen]) -> dict[str, Array]:
         found, row = one.detection, one.frame.row
         if not one.hit or found.box_sd_px is None or found.centre_sd_px is None or found.centre is None:
             continue
-        ratios["box"].append((found.box - targets.box(row)) / found.box_sd_px)  # type: ignore[operator]
-        ratios["centre"].append((found.centre - targets.centre(row)) / found.centre_sd_px)
+        ratios["box"].append((found.box - labels.box(row)) / found.box_sd_px)  # type: ignore[operator]
+        ratios["centre"].append((found.centre - labels.centre(row)) / found.centre_sd_px)
         if found.yaw is not None and found.yaw_sd is not None:
-            ratios["yaw"].append(np.array([half_turn(found.yaw - targets.yaw(row)) / found.yaw_sd]))
+            ratios["yaw"].append(np.array([half_turn(found.yaw - labels.yaw(row)) / found.yaw_sd]))
     return {name: np.abs(np.concatenate(some)) if some else np.zeros(0) for name, some in ratios.items()}
 
 
@@ -87,9 +87,9 @@ def _factor(ratios: Array) -> float:
 
 def metrics(seen: Sequence[Seen]) -> dict[str, Any]:
     """Figures of a model card: overall, and by weather."""
-    weathers = sorted({weather(one.frame.row) for one in seen})
+    weathers = sorted({one.frame.weather for one in seen})
     return _figures(seen) | {
-        "by_weather": {name: _figures([s for s in seen if weather(s.frame.row) == name]) for name in weathers}
+        "by_weather": {name: _figures([s for s in seen if s.frame.weather == name]) for name in weathers}
     }
 
 
@@ -98,7 +98,7 @@ def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
     empty = [one for one in seen if not one.frame.labelled]
     hits = [one for one in there if one.hit]
     miss = [
-        float(np.linalg.norm(one.detection.centre - targets.centre(one.frame.row)))
+        float(np.linalg.norm(one.detection.centre - labels.centre(one.frame.row)))
         for one in hits
         if one.detection.centre is not None
     ]
@@ -112,12 +112,6 @@ def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
         "empty_frames": len(empty),
         "false_boxes": sum(one.detection.found for one in empty),
     }
-
-
-def weather(row: Truth) -> str:
-    """Say what a varied scene calls a row's weather; empty where weather does not vary."""
-    varied: Mapping[str, Any] = json.loads(row.varied) if row.varied else {}
-    return next((str(value) for key, value in varied.items() if "weather" in key.split("+")), "")
 
 
 def as_dict(factors: Trust) -> dict[str, float]:

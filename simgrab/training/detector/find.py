@@ -12,10 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from simgrab import labels
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, Patch, Picture, cut, whole
-from simgrab.training.detector import cache, targets
+from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import STRIDE
 from simgrab.training.loop import SCORE, Batch
@@ -43,7 +44,7 @@ def pictures(folder: Path, chosen: Sequence[cache.Frame], progress: cache.Progre
     small, patches = cache.build(folder, chosen, (FIND_HEIGHT, FIND_WIDTH, 3), make, progress)
     boxes = np.full((len(chosen), 4), np.nan)
     for i, frame in enumerate(chosen):
-        corners = targets.box(frame.row)
+        corners = labels.box(frame.row)
         if frame.labelled and corners is not None:
             boxes[i] = (patches[i][0].to_shares(corners.reshape(2, 2)) * _SIZE).ravel()
     return Pictures(small, boxes)

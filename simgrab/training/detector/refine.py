@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
+from simgrab import labels
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
 from simgrab.rng import stream
-from simgrab.training.detector import cache, targets
+from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import (
     BEYOND,
@@ -75,7 +76,7 @@ def crops(
     seed : int
         Of the places that are cut where nothing was suspected.
     """
-    boxes = [targets.box(frame.row) for frame in chosen]
+    boxes = [labels.box(frame.row) for frame in chosen]
     sizes = np.array(
         [b[2:] - b[:2] for frame, b in zip(chosen, boxes, strict=True) if frame.labelled and b is not None]
     )
@@ -188,16 +189,16 @@ def _example(
     there = frame.labelled and not other
     slot = 1 if other else 0
     patch, row = crops.patches[i][slot], frame.row
-    window = _window(patch, targets.box(row) if there else None, rng)
+    window = _window(patch, labels.box(row) if there else None, rng)
     picture = cut(np.asarray(crops.crops[i, slot]), window, REFINE_SIZE, REFINE_SIZE)
     corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
     inside = mask(row.width_px, row.height_px, corner, extent, REFINE_SIZE)
     places, yaw = np.full(6, np.nan), 0.0
     if there:
-        box = targets.box(row)
+        box = labels.box(row)
         assert box is not None
-        places = ((np.concatenate([box, targets.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
-        yaw = targets.yaw(row)
+        places = ((np.concatenate([box, labels.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
+        yaw = labels.yaw(row)
     if dirt:
         laid = turn(rng, quarters=True)
         picture = dirt(laid.picture(picture), rng)

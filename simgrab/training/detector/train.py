@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from simgrab import datasets
 from simgrab.errors import TrainingError
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, REFINE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
-from simgrab.training import datasets, loop
+from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine
 from simgrab.training.detector.nets import Find, Refine

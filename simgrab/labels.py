@@ -1,4 +1,4 @@
-"""What is to be learned of a frame, from its row of labels."""
+"""What a row of labels says of the grab in the picture, as arrays."""
 
 from __future__ import annotations
 
