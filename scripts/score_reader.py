@@ -21,7 +21,6 @@ from simgrab.instrument.read import BUNDLED, Reader
 from simgrab.judge import reading, reading_trial
 from simgrab.judge.reading import Read
 from simgrab.layouts import Layout
-from simgrab.scenario import Scenario
 
 BACKDROPS = 16  # pictures of each scene
 BACKDROP_SEED = 77_001

@@ -8,7 +8,19 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "simgrab"
-GROUND = {"geometry", "records", "distributions", "calibration", "layouts", "strict", "rng", "errors", "resources"}
+GROUND = {
+    "geometry",
+    "records",
+    "distributions",
+    "calibration",
+    "layouts",
+    "strict",
+    "rng",
+    "errors",
+    "resources",
+    "datasets",
+    "labels",
+}
 SCENARIO = {"scenario", "scenes"}
 # Room: what it may import of simgrab.
 MAY = {

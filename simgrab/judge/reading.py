@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
-import pyarrow.parquet as pq
 from scipy import stats
 
-from simgrab import scenes
+from simgrab import datasets, scenes
+from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
 from simgrab.records import Reading, Truth
@@ -145,37 +143,32 @@ def _pairs(read: Read) -> Iterable[tuple[str, str]]:
 
 
 def read_dataset(path: str | Path, reader: Reader, *, split: str | None = None) -> tuple[Read, ...]:
-    """Read every display of a dataset, all splits or one. The group is the scene's name, with its weather's if varied.
+    """Read every display of a dataset, all splits or one. The group is the weather.
 
     Raises
     ------
     DatasetError
         If it is none, or shows no display.
     """
-    path = Path(path)
-    try:
-        rows = [msgspec.convert(row, Truth) for row in pq.read_table(path / "labels.parquet").to_pylist()]
-    except (OSError, ValueError, msgspec.ValidationError) as problem:
-        raise DatasetError(f"{path} is no finished dataset ({problem})") from None
-    scenario = scenes.load(path / "manifest.json")
-    shown = [row for row in rows if row.rope_text is not None and split in (None, row.split)]
+    dataset = datasets.read(path)
+    scenario = scenes.load(dataset.path / "manifest.json")
+    shown = [row for row in dataset.rows if row.rope_text is not None and split in (None, row.split)]
     if not shown:
         raise DatasetError(f"{path}: no frame shows rope lengths; render with a display.layout")
-    return tuple(_read(path, scenario, row, reader) for row in shown)
+    return tuple(_read(dataset, scenario, row, reader) for row in shown)
 
 
-def _read(path: Path, scenario: Scenario, row: Truth, reader: Reader) -> Read:
-    picture = cv2.imread(str(path / row.file), cv2.IMREAD_COLOR)
+def _read(dataset: Dataset, scenario: Scenario, row: Truth, reader: Reader) -> Read:
+    picture = cv2.imread(str(dataset.image(row)), cv2.IMREAD_COLOR)
     if picture is None:
-        raise DatasetError(f"{path}: frame {row.frame} has labels and no picture; {row.file} is missing")
+        raise DatasetError(f"{dataset.image(row)} is not a picture")
     own = variant(scenario, row.frame).scenario
     assert own.display_layout is not None
     assert row.rope_text is not None
     reading = reader.read(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), own.display_layout,
                           display_constant_m=own.display.constant_m)  # fmt: skip
-    weather = next((str(v) for key, v in json.loads(row.varied or "{}").items() if "weather" in key.split("+")), "")
-    group = f"{scenario.name}, {weather}" if weather else scenario.name
-    return Read(f"{path.name}/{row.file}", group, row.rope_text, row.rope_text_below or row.rope_text, reading)
+    below = row.rope_text_below or row.rope_text
+    return Read(f"{dataset.path.name}/{row.file}", dataset.weather(row), row.rope_text, below, reading)
 
 
 def as_json(scores: Sequence[Score]) -> list[dict[str, Any]]:
@@ -193,10 +186,9 @@ def as_json(scores: Sequence[Score]) -> list[dict[str, Any]]:
 
 def table(scores: Sequence[Score]) -> str:
     """Markdown: a line for each group, and below it the wrong frames of the last."""
-    lines = [
-        "| frames of | digits | right, % | 95 % interval | refused, % | frames | wrong | refused | torn | either | refused |",
-        "|" + "---|" * 11,
-    ]
+    columns = "frames of | digits | right, % | 95 % interval | refused, % | frames | wrong | refused"
+    columns += " | torn | either | refused"
+    lines = [f"| {columns} |", "|---" * (columns.count("|") + 1) + "|"]
     for s in scores:
         low, high = s.digits_right.interval
         right, whole = s.digits_right.value, s.frames_refused

@@ -133,7 +133,7 @@ def stills(pictures: Sequence[Picture], layout: Layout, shown: Iterator[Shown], 
         with_display = overlay.blend(picture, one)[y0:y1, x0:x1]
         data = frames.encode(with_display[..., ::-1], "jpeg", quality)
         coded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-        canvas[y0:y1, x0:x1] = coded[..., ::-1]
+        canvas[y0:y1, x0:x1] = np.asarray(coded)[..., ::-1]
         yield Trial(canvas, one)
 
 

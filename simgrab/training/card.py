@@ -13,29 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from simgrab import __version__
+from simgrab.datasets import Data
 
 LICENCE = "Apache-2.0"
 PACKAGES = ("torch", "onnx", "onnxruntime", "numpy", "opencv-python-headless")
-
-
-@dataclass(frozen=True)
-class Data:
-    """A dataset that was learned from.
-
-    Attributes
-    ----------
-    scenario : str
-        Its name.
-    scenario_digest, labels_sha256 : str
-        Of the scenario, from the manifest; of ``labels.parquet``.
-    seed, frames : int
-    """
-
-    scenario: str
-    scenario_digest: str
-    labels_sha256: str
-    seed: int
-    frames: int
 
 
 @dataclass(frozen=True)

@@ -245,9 +245,14 @@ def blend(average: nn.Module, net: nn.Module, share: float) -> None:
 
 
 def to_device(batch: Batch, device: torch.device) -> Batch:
-    """Move a batch; pictures become channels-last."""
+    """Move a batch; pictures of floats, (n, channels, height, width), become channels-last."""
     return {
-        name: value.to(device, memory_format=torch.channels_last if value.ndim == 4 else torch.preserve_format)
+        name: value.to(
+            device,
+            memory_format=torch.channels_last
+            if value.ndim == 4 and value.is_floating_point()
+            else torch.preserve_format,
+        )
         for name, value in batch.items()
     }
 

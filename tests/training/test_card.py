@@ -1,7 +1,8 @@
 import hashlib
 import json
 
-from simgrab.training.card import Card, Data
+from simgrab.datasets import Data
+from simgrab.training.card import Card
 
 
 def test_a_card_says_what_it_is_of(tmp_path):

@@ -139,7 +139,7 @@ def checked(times: Array, readings: Sequence[Reading], hoist: Hoist | None = Non
     believed = consistent(times, lengths, hoist)
     trusted = np.flatnonzero(believed)
     result = list(readings)
-    for i in np.flatnonzero(np.isfinite(lengths) & ~believed):
+    for i in np.flatnonzero(np.isfinite(lengths) & ~believed).tolist():
         reason = "as much speaks for another reading"
         if len(trusted):
             near = trusted[np.abs(times[trusted] - times[i]).argmin()]

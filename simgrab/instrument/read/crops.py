@@ -87,4 +87,4 @@ def cut(picture: Picture, box: Rectangle) -> Picture:
 def entered(grey: Picture) -> Crops:
     """Shape a grey box, (h, w), into what the net takes, (32, 32)."""
     small = cv2.resize(grey, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32) / 255 - np.float32(0.5)
+    return np.asarray(small, np.float32) / np.float32(255) - np.float32(0.5)

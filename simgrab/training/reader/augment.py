@@ -82,4 +82,4 @@ def _compressed(box: Picture, quality: int, rng: np.random.Generator) -> Picture
     padded = cv2.copyMakeBorder(box, int(y), JPEG_BLOCK_PX, int(x), JPEG_BLOCK_PX, cv2.BORDER_REPLICATE)
     _, data = cv2.imencode(".jpg", padded, [cv2.IMWRITE_JPEG_QUALITY, quality])
     coded = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    return np.asarray(coded[y : y + box.shape[0], x : x + box.shape[1]])
+    return np.asarray(coded)[y : y + box.shape[0], x : x + box.shape[1]]

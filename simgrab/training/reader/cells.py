@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab import layouts
+from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError, LayoutError
 from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
@@ -20,7 +21,6 @@ from simgrab.layouts import Layout, Rectangle
 from simgrab.records import Truth
 from simgrab.rng import stream
 from simgrab.strict import convert
-from simgrab.training.datasets import Dataset
 
 KEY, JOINT = "display.layout", "+"
 SPARE_PX = 3  # around a cell's margin, for shifts
@@ -40,11 +40,14 @@ class Cells:
         0 … 9, or `NO_DIGIT`.
     frames : ndarray of int, shape (n,)
         Boxes of one number are of one picture, and as large.
+    weather : tuple of str
+        Of each picture.
     """
 
     boxes: tuple[Picture, ...]
     digits: NDArray[np.int64]
     frames: NDArray[np.int64]
+    weather: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.digits)
@@ -68,22 +71,23 @@ def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
     boxes: list[Picture] = []
     digits: list[int] = []
     frames: list[int] = []
-    count = 0
+    weather: list[str] = []
     for dataset in datasets:
         scenario = _scenario(dataset)
         for row in dataset.rows:
             if row.split != split or row.rope_text is None or row.torn_row_px is not None:
                 continue
             layout = layout_of(scenario, row)
-            found, shown = _cells(_picture(dataset, row), layout, row.rope_text, stream(seed, count, "cells"))
+            rng = stream(seed, len(weather), "cells")
+            found, shown = _cells(_picture(dataset, row), layout, row.rope_text, rng)
             boxes += found
             digits += shown
-            frames += [count] * len(shown)
-            count += 1
-    if not count:
+            frames += [len(weather)] * len(shown)
+            weather.append(dataset.weather(row))
+    if not weather:
         given = ", ".join(str(dataset.path) for dataset in datasets)
         raise DatasetError(f"{given}: no frame of the split {split!r} shows rope lengths; render with a display.layout")
-    return Cells(tuple(boxes), np.array(digits), np.array(frames))
+    return Cells(tuple(boxes), np.array(digits), np.array(frames), tuple(weather))
 
 
 def _cells(picture: Picture, layout: Layout, text: str, rng: np.random.Generator) -> tuple[list[Picture], list[int]]:

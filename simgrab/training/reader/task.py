@@ -30,6 +30,11 @@ class Digits:
     train, val : Cells
     seed : int
         Of the alterations of the validation cells, which are the same in every epoch.
+
+    Attributes
+    ----------
+    crops, digits, weather : ndarray, shapes (n, 1, 32, 32), (n,), (n,)
+        The validation cells.
     """
 
     def __init__(self, train: Cells, val: Cells, seed: int) -> None:
@@ -37,6 +42,7 @@ class Digits:
         self._order = _balanced(train.digits)
         self._first, self._last = _spans(train.frames)
         self.crops, self.digits = validation(val, seed)
+        self.weather = np.tile(np.array(val.weather)[val.frames], 1 + ROUNDS)
 
     @property
     def examples(self) -> int:
@@ -104,7 +110,7 @@ def validation(cells: Cells, seed: int) -> tuple[Crops, NDArray[np.int64]]:
 
 
 def _balanced(digits: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Indices in which every digit is as frequent as the commonest, and "no digit" up to twice as frequent."""
+    """List indices in which every digit is as frequent as the commonest, and "no digit" up to twice as frequent."""
     most = np.bincount(digits[digits != NO_DIGIT]).max()
     by_class = [np.flatnonzero(digits == digit) for digit in range(NO_DIGIT)]
     missing = [str(digit) for digit, members in enumerate(by_class) if not len(members)]

@@ -3,8 +3,8 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
+from simgrab import datasets
 from simgrab.errors import DatasetError
-from simgrab.training import datasets
 
 
 @pytest.fixture
