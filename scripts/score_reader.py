@@ -22,7 +22,7 @@ from simgrab.judge import reading, reading_trial
 from simgrab.judge.reading import Read
 from simgrab.layouts import Layout
 
-BACKDROPS = 16  # pictures of each scene
+BACKDROPS = 8  # pictures of each scene
 BACKDROP_SEED = 77_001
 RATES_MBIT_S = 2.0, 4.0
 VIDEO_SHARE = 0.2  # of the digits; the rest are in stills
