@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import av
 import cv2
@@ -23,7 +22,7 @@ from simgrab import scenes
 from simgrab.errors import DatasetError
 from simgrab.layouts import Layout, Rectangle
 from simgrab.rng import stream
-from simgrab.scenario import AutoExposure, Scenario
+from simgrab.scenario import Scenario
 from simgrab.world import frames
 from simgrab.world.osd import Overlay, Shown
 from simgrab.world.osd.clock import clock_text
@@ -59,17 +58,14 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
     Parameters
     ----------
     scene : str
-        A bundled scene.
+        A bundled scene of independent frames.
     folder : Path
         Where they are kept, as PNG.
     count : int
     seed : int
         Of the scene; another than any that was trained on.
     """
-    changes: dict[str, Any] = {"display.layout": "none", "seed": seed}
-    if isinstance(scenes.load(scene).optics.exposure, AutoExposure):
-        changes["optics.exposure.lag_s"] = 0.0  # or all frames before would be drawn to be metered
-    scenario = scenes.load(scene, changes)
+    scenario = scenes.load(scene, {"display.layout": "none", "seed": seed})
     if count > scenario.frames:
         raise DatasetError(f"{scene} has {scenario.frames} frames, of which {count} cannot be taken")
     taken = {folder / f"{scene}-{seed}-{frame:06d}.png": frame for frame in _spread(scenario.frames, count)}
