@@ -274,7 +274,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
         detector(tmp_path / "text.onnx")
     with pytest.raises(DetectorError, match="no such file"):
         detector(tmp_path / "missing.onnx")
-    with pytest.raises(DetectorError, match="find.onnx: no such file"):
+    with pytest.raises(DetectorError, match=r"find\.onnx: no such file"):
         detector(tmp_path)
     (tmp_path / "f").mkdir()
     with pytest.raises(DetectorError, match="not simgrab's refine-grab net"):
