@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import shutil
+from types import SimpleNamespace
 
 import cv2
 import msgspec
@@ -256,6 +257,14 @@ def test_a_cache_is_made_once_and_whole_or_not_at_all(dataset, tmp_path):
     assert len(made) == count
     np.testing.assert_array_equal(first, again)
     assert patches == same == [[Patch(i, 0, 1, 1)] for i in range(len(frames))]
+
+
+def test_a_cache_that_does_not_fit_is_refused(dataset, tmp_path, monkeypatch):
+    frames = cache.frames([datasets.read(dataset)], "train")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
+    with pytest.raises(TrainingError, match=r"needs 0\.0 GB, and only 0\.0 GB are free"):
+        cache.build(tmp_path / "c", frames, (8, 16, 3), lambda *_: None)
+    assert not list(tmp_path.iterdir())
 
 
 def test_frames_leave_slivers_out(dataset):
