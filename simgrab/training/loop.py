@@ -221,8 +221,11 @@ class _Run:
 
     def restore(self) -> None:
         state: dict[str, Any] = checkpoint.load(self.path, self.identity)
-        self.net.load_state_dict(state["net"])
-        self.average.load_state_dict(state["average"])
+        try:
+            self.net.load_state_dict(state["net"])
+            self.average.load_state_dict(state["average"])
+        except RuntimeError:
+            raise TrainingError(f"{self.path} holds another net, of another version: choose another --out") from None
         self.optimiser.load_state_dict(state["optimiser"])
         self.history, self.seconds = state["history"], state["seconds"]
         self.best, self.best_epoch = state["best"], state["best_epoch"]
