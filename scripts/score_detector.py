@@ -20,7 +20,7 @@ from simgrab.cli._progress import bar
 from simgrab.instrument.detect import detector as opened
 from simgrab.judge import detection, detections
 
-_WIDTH = 190  # columns of text
+_WIDTH = 160  # columns of text
 
 
 def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, Any]:
@@ -41,41 +41,43 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
 def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
     console = Console(width=_WIDTH)
-    console.print(_main(scores))
-    console.print(_centres(scores["by_rope"]))
-    console.print(f"from array to detection: median {scores['time']['median_ms']:.1f} ms, "
-                  f"95 % {scores['time']['p95_ms']:.1f} ms")  # fmt: skip
-
-
-def _main(scores: dict[str, Any]) -> Table:
-    table = Table(title=scores["detector"])
-    for column in (
-        "", "grab", "mAP50-95", "mAP50", "recall", "longest miss", "empty", "false boxes", "median px", "95 % px",
-        "bias u", "bias v", "radial", "of the box", "holds box", "centre", "yaw",
-    ):  # fmt: skip
-        table.add_column(column, justify="right" if column else "left")
     groups = {"overall": scores["overall"], "half visible": scores["half_visible"]} | scores["by_weather"]
-    for name, f in groups.items():
-        c = f["centre"]
+    console.print(_found(scores["detector"], groups))
+    console.print(_centres({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
+    times = scores["time"]
+    console.print(f"from array to detection: median {times['median_ms']:.1f} ms, 95 % {times['p95_ms']:.1f} ms")
+
+
+def _table(title: str, columns: tuple[str, ...]) -> Table:
+    table = Table(title=title)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="right" if i else "left", no_wrap=True)
+    return table
+
+
+def _found(name: str, groups: dict[str, Any]) -> Table:
+    table = _table(
+        f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
+        ("", "grab", "mAP50-95", "mAP50", "recall", "longest miss", "empty", "false boxes", "box", "centre", "yaw"),
+    )
+    for group, f in groups.items():
         table.add_row(
-            name, str(f["labelled"]), _n(f["map50_95"]), _n(f["map50"]), _share(f["recall"], f["recall_interval"]),
+            group, str(f["labelled"]), _n(f["map50_95"]), _n(f["map50"]), _share(f["recall"], f["recall_interval"]),
             str(f["longest_miss"]), str(f["empty"]), f"{f['false_boxes']}{_interval(f['false_interval'])}",
-            *(_n(c.get(key), 2) for key in ("median_px", "p95_px", "u_mean_px", "v_mean_px", "radial_mean_px",
-                                            "box_radial_mean_px")),
             *(_n(f["coverage"][key]) for key in ("box", "centre", "yaw")),
         )  # fmt: skip
     return table
 
 
-def _centres(bins: dict[str, Any]) -> Table:
-    table = Table(title="grab centre by rope length: signed means ± their standard error")
-    for column in ("rope", "frames", "width px", "median px", "95 % px", "u px", "v px", "radial px", "radial %",
-                   "box radial px", "box radial %"):  # fmt: skip
-        table.add_column(column, justify="right")
-    for name, c in bins.items():
+def _centres(groups: dict[str, Any]) -> Table:
+    table = _table(
+        "grab centre: distance, signed means ± their standard error, and those of a perfect box's centre",
+        ("", "frames", "width px", "median px", "95 % px", "u px", "v px", "outwards px", "%", "box px", "box %"),
+    )
+    for group, c in groups.items():
         if c["frames"]:
             table.add_row(
-                name, str(c["frames"]), _n(c["width_px"], 0), _n(c["median_px"], 2), _n(c["p95_px"], 2),
+                group, str(c["frames"]), _n(c["width_px"], 0), _n(c["median_px"], 2), _n(c["p95_px"], 2),
                 *(f"{c[f'{k}_mean_px']:+.2f} ± {c[f'{k}_se_px']:.2f}" for k in ("u", "v", "radial")),
                 f"{100 * c['radial_mean_share']:+.2f}", f"{c['box_radial_mean_px']:+.2f}",
                 f"{100 * c['box_radial_mean_share']:+.2f}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import sys
 from pathlib import Path
@@ -43,11 +44,9 @@ def detector(
     from simgrab.training.detector.train import train
     from simgrab.training.progress import board
 
-    def chosen(frames: int):  # type: ignore[no-untyped-def]
-        return recipes(
-            frames, quick=quick, epochs=epochs, half=half, seed=seed, patience=patience, device=device, threads=threads
-        )
-
+    chosen = functools.partial(
+        recipes, quick=quick, epochs=epochs, half=half, seed=seed, patience=patience, device=device, threads=threads
+    )
     try:
         with board(shown=not (quiet or as_json)) as shown:
             result = train(datasets, out, chosen, resume=resume, watch=shown.step, report=shown.training)

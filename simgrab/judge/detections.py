@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
 import pyarrow.parquet as pq
 
 from simgrab import datasets
@@ -130,12 +130,15 @@ def save(watched: Watched, path: str | Path) -> None:
         If it cannot be written.
     """
     path = Path(path)
-    table = pa.Table.from_pylist(rows(watched))
+    table = rows(watched)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".parquet":
-            pq.write_table(table, path)
+            pq.write_table(pa.Table.from_pylist(table), path)
         else:
-            pyarrow.csv.write_csv(table, path)
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, table[0].keys())
+                writer.writeheader()
+                writer.writerows(table)
     except OSError as problem:
         raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None

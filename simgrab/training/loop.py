@@ -11,7 +11,6 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -24,6 +23,7 @@ from torch import Tensor, nn
 from simgrab.errors import TrainingError
 from simgrab.rng import stream
 from simgrab.training import checkpoint
+from simgrab.training.device import named, out_of_memory, to_device
 from simgrab.training.recipe import Recipe
 
 CHECKPOINT = "checkpoint.pt"
@@ -141,7 +141,7 @@ class _Run:
         torch.manual_seed(recipe.seed)
         self.task, self.recipe, self.path = task, recipe, path
         self.identity = dataclasses.asdict(recipe) | {"data": data}
-        self.device = _device(recipe.device)
+        self.device = named(recipe.device)
         self.net = build().to(self.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.net).eval().requires_grad_(False)
         self.optimiser = torch.optim.AdamW(_groups(self.net, recipe.weight_decay), lr=recipe.rate)
@@ -221,8 +221,11 @@ class _Run:
 
     def restore(self) -> None:
         state: dict[str, Any] = checkpoint.load(self.path, self.identity)
-        self.net.load_state_dict(state["net"])
-        self.average.load_state_dict(state["average"])
+        try:
+            self.net.load_state_dict(state["net"])
+            self.average.load_state_dict(state["average"])
+        except RuntimeError:
+            raise TrainingError(f"{self.path} holds another net, of another version: choose another --out") from None
         self.optimiser.load_state_dict(state["optimiser"])
         self.history, self.seconds = state["history"], state["seconds"]
         self.best, self.best_epoch = state["best"], state["best_epoch"]
@@ -244,44 +247,8 @@ def blend(average: nn.Module, net: nn.Module, share: float) -> None:
                 mean.copy_(value)
 
 
-def to_device(batch: Batch, device: torch.device) -> Batch:
-    """Move a batch; pictures of floats, (n, channels, height, width), become channels-last."""
-    return {
-        name: value.to(
-            device,
-            memory_format=torch.channels_last
-            if value.ndim == 4 and value.is_floating_point()
-            else torch.preserve_format,
-        )
-        for name, value in batch.items()
-    }
-
-
 def _groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
     """Spare biases and norms the weight decay."""
     weights = [p for p in net.parameters() if p.ndim >= 2]
     rest = [p for p in net.parameters() if p.ndim < 2]
     return [{"params": weights, "weight_decay": decay}, {"params": rest, "weight_decay": 0.0}]
-
-
-def _device(name: str) -> torch.device:
-    try:
-        device = torch.device(name)
-        torch.empty(1, device=device)
-    except (RuntimeError, AssertionError) as problem:
-        raise TrainingError(f"device {name!r} cannot be used: {str(problem).splitlines()[0]}") from None
-    return device
-
-
-@contextmanager
-def out_of_memory(recipe: Recipe) -> Iterator[None]:
-    """Turn a lack of memory into one line."""
-    line = f"out of memory with batches of {recipe.batch} on {recipe.device}: choose a smaller --batch"
-    try:
-        yield
-    except (MemoryError, torch.OutOfMemoryError):
-        raise TrainingError(line) from None
-    except RuntimeError as problem:  # what the CPU's allocator raises
-        if "not enough memory" not in str(problem) and "alloc" not in str(problem).lower():
-            raise
-        raise TrainingError(line) from None

@@ -124,6 +124,9 @@ def test_another_trainings_checkpoint_is_refused(tmp_path):
         loop.train(build, Line(), RECIPE, tmp_path, data="one", resume=True)
     with pytest.raises(TrainingError, match="data 'one' became 'two'"):
         loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="two", resume=True)
+    one = dataclasses.replace(RECIPE, epochs=1)
+    with pytest.raises(TrainingError, match="holds another net"):
+        loop.train(lambda: torch.nn.Linear(1, 1), Line(), one, tmp_path, data="one", resume=True)
     (tmp_path / "checkpoint.pt").write_bytes(b"torn")
     with pytest.raises(TrainingError, match="no checkpoint"):
         loop.train(build, Line(), RECIPE, tmp_path, resume=True)

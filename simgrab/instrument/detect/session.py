@@ -1,4 +1,8 @@
-"""Opens ONNX files and runs them on two threads."""
+"""Opens ONNX files and runs them on two threads.
+
+onnxruntime and not cv2.dnn: on one core find took 7.5 ms and refine 3.4 ms against 17 and 9 (OpenCV 5.0.0), and what
+cv2.dnn said was off by up to 0.3 in refine. It also tells a file's shapes and metadata, by which others are refused.
+"""
 
 from __future__ import annotations
 

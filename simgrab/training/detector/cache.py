@@ -107,6 +107,9 @@ def _make(
     draft = folder.with_name(f"{folder.name}.draft-{os.getpid()}")
     try:
         draft.mkdir(parents=True)
+        needed, free = len(chosen) * int(np.prod(shape)), shutil.disk_usage(draft).free
+        if needed > free:  # a mapped file would end the process where the disk does
+            raise TrainingError(f"{folder} needs {needed / 1e9:.1f} GB, and only {free / 1e9:.1f} GB are free")
         target = np.lib.format.open_memmap(draft / "bytes.npy", "w+", np.uint8, (len(chosen), *shape))
 
         def one(i: int) -> list[tuple[int, int, int, int]]:

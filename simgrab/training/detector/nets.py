@@ -38,12 +38,14 @@ class _Residual(nn.Module):
 class _Trunk(nn.Module):
     """Residual stages, each half as fine as the one before, and the way back up to the finest that is wanted."""
 
-    def __init__(self, channels: int, widths: tuple[int, ...], depths: tuple[int, ...], up: int) -> None:
+    def __init__(self, channels: int, widths: tuple[int, ...], depths: tuple[int, ...], up: int, stride: int) -> None:
         super().__init__()
         ins = (channels, *widths[:-1])
+        first = _conv(channels, widths[0], stride, kernel=2 * stride - 1)
+        enter = [first, *(_conv(i, o, 2) for i, o in zip(ins[1:], widths[1:], strict=True))]
         self.stages = nn.ModuleList(
-            nn.Sequential(_conv(i, o, 2), *(_Residual(o) for _ in range(depth)))
-            for i, o, depth in zip(ins, widths, depths, strict=True)
+            nn.Sequential(step, *(_Residual(width) for _ in range(depth)))
+            for step, width, depth in zip(enter, widths, depths, strict=True)
         )
         self.down_to = len(widths) - 1 - up
         self.across = nn.ModuleList(
@@ -65,7 +67,7 @@ class _Trunk(nn.Module):
 
 
 def _normalised(pictures: Tensor) -> Tensor:
-    return pictures.permute(0, 3, 1, 2).float() / 127.5 - 1.0
+    return pictures.permute(0, 3, 1, 2).float().sub_(127.5).div_(127.5)
 
 
 class Find(nn.Module):
@@ -77,8 +79,8 @@ class Find(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        # A shallow, wide first step: half of the time goes into the finest maps.
-        self.trunk = _Trunk(3, (16, 32, 64, 80, 112), (0, 0, 1, 2, 2), up=2)
+        # One long first step: most of the time would go into finer maps.
+        self.trunk = _Trunk(3, (32, 64, 80, 112), (0, 1, 2, 2), up=2, stride=4)
         last = nn.Conv2d(64, 5, 1)
         self.head = nn.Sequential(_conv(64, 64), last)
         assert last.bias is not None
@@ -103,7 +105,7 @@ class Refine(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.trunk = _Trunk(4, (24, 48, 72, 96), (0, 1, 2, 2), up=2)
+        self.trunk = _Trunk(4, (24, 48, 72, 96), (0, 1, 2, 2), up=2, stride=2)
         self.summary = nn.Sequential(nn.Linear(2 * 96, 96), nn.ReLU(inplace=True))
         self.along_x, self.along_y = _Positions(48, 96), _Positions(48, 96)
         self.rest = nn.Linear(96, 10)
