@@ -21,6 +21,7 @@ from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.checkpoint import write_whole
+from simgrab.training.device import out_of_memory
 from simgrab.training.reader.cells import gather
 from simgrab.training.reader.lenet import LeNet5
 from simgrab.training.reader.task import Digits, threshold
@@ -64,7 +65,7 @@ def train_reader(
     DatasetError, TrainingError
     """
     found = data.read_all(paths, "train", "val")
-    with loop.out_of_memory(recipe):
+    with out_of_memory(recipe):
         task = Digits(gather(found, "train", recipe.seed), gather(found, "val", recipe.seed), recipe.seed)
     out.mkdir(parents=True, exist_ok=True)
     trained = loop.train(LeNet5, task, recipe, out, data=data.digest(found), resume=resume, report=report)
