@@ -44,3 +44,15 @@ class RendererError(SimgrabError):
 
 class RecordError(SimgrabError):
     """A record of pixels, rope lengths and times that no estimator can use. Names the row or the column."""
+
+
+class TrainingError(SimgrabError):
+    """A training that cannot start, go on or fit into memory."""
+
+
+class DetectorError(SimgrabError):
+    """A file that is no detector, or a picture that none can look at."""
+
+
+class ReaderError(SimgrabError):
+    """A file that is no reader of digits, or a picture that none can read."""

@@ -11,6 +11,7 @@ import math
 import tomllib
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import msgspec
@@ -170,8 +171,12 @@ class Layout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ('2015 2100', '00.00 99.99')
         """
         numbers = (f"{min(max(round(m * 10**self.decimals), 0), 9999):04d}" for m in (hoist_m, closing_m))
+        return self.written("".join(numbers))
+
+    def written(self, digits: str) -> str:
+        """Write eight digits, or whatever stands in their cells, as the display does: ``"20.15 21.00"``."""
         cut = 4 - self.decimals
-        return " ".join(f"{n[:cut]}.{n[cut:]}" if self.point else n for n in numbers)
+        return " ".join(f"{n[:cut]}.{n[cut:]}" if self.point else n for n in (digits[:4], digits[4:]))
 
     def lengths(self, text: str) -> tuple[float, float]:
         """Hoist and closing rope, m, from the display's text or from its eight digits alone."""
@@ -201,8 +206,14 @@ def load(name: str) -> Layout:
         close = difflib.get_close_matches(name, names(), n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
         raise LayoutError(f"no layout {name!r}{hint}; there are: {', '.join(names())}")
-    path = FOLDER / f"{name}.toml"
+    return read(FOLDER / f"{name}.toml")
+
+
+def read(path: str | Path) -> Layout:
+    """Read a layout's TOML file; raises `LayoutError` with one line that names file and key."""
     try:
-        return convert(tomllib.loads(path.read_text(encoding="utf-8")), Layout, LayoutError)
+        return convert(tomllib.loads(Path(path).read_text(encoding="utf-8")), Layout, LayoutError)
     except (LayoutError, tomllib.TOMLDecodeError) as problem:
         raise LayoutError(f"{path}: {problem}") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise LayoutError(f"cannot read layout {path}: {problem}") from None

@@ -8,16 +8,30 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "simgrab"
-GROUND = {"geometry", "records", "distributions", "calibration", "layouts", "strict", "rng", "errors", "resources"}
+GROUND = {
+    "geometry",
+    "records",
+    "distributions",
+    "calibration",
+    "layouts",
+    "strict",
+    "rng",
+    "errors",
+    "resources",
+    "datasets",
+    "labels",
+}
 SCENARIO = {"scenario", "scenes"}
 # Room: what it may import of simgrab.
 MAY = {
     "instrument": GROUND | {"instrument"},
     "world": GROUND | SCENARIO | {"world"},
     "judge": GROUND | SCENARIO | {"world", "instrument", "judge"},
-    "cli": GROUND | SCENARIO | {"world", "instrument", "judge", "cli"},
+    "training": GROUND | {"instrument", "training"},
+    "cli": GROUND | SCENARIO | {"world", "instrument", "judge", "training", "cli"},
 }
 FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender"}
+ONLY_TO_TRAINING = {"torch", "onnx", "onnxscript"}
 
 
 def imported(source: str) -> set[str]:
@@ -41,6 +55,8 @@ def violations(room: str, source: str) -> set[str]:
             bad.add(name)
         if room == "instrument" and top in FORBIDDEN_TO_INSTRUMENT:
             bad.add(name)
+        if room != "training" and top in ONLY_TO_TRAINING:
+            bad.add(name)
     return bad
 
 
@@ -62,6 +78,9 @@ def test_imports_run_downwards(path):
         ("world", "def f():\n    import simgrab.instrument.estimate"),
         ("world", "from simgrab.judge import audit"),
         ("ground", "from simgrab import world"),
+        ("training", "from simgrab.world import export"),
+        ("instrument", "from simgrab.training import loop"),
+        ("judge", "import torch"),
     ],
 )
 def test_a_planted_violation_is_seen(room, line):
@@ -69,5 +88,5 @@ def test_a_planted_violation_is_seen(room, line):
 
 
 def test_import_touches_no_opengl():
-    code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'simgrab.world'} & set(sys.modules)"
+    code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'torch', 'simgrab.world'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -42,7 +42,8 @@ def test_commands_parse():
 def test_options_named_in_the_table_exist():
     for row in re.findall(r"^\| `simgrab (\w+)([^|]*(?:\\\|[^|]*)*)` \|", README, re.MULTILINE):
         verb, rest = row
-        help_text = CliRunner().invoke(cli, [verb, "--help"]).output
+        sub = re.findall(r"^ ([a-z]+) ", rest)  # as in `train detector`
+        help_text = CliRunner().invoke(cli, [verb, *sub, "--help"]).output
         for option in re.findall(r"--[a-z-]+", rest):
             assert option in help_text, (verb, option)
 

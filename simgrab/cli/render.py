@@ -5,15 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from simgrab.cli._progress import bar
 from simgrab.cli._scene import load_scene, scene_options
 
 
@@ -42,7 +40,7 @@ def command(
 
     summary: Summary | VideoSummary
     try:
-        with _bar(scenario.frames, shown=not (quiet or as_json)) as progress:
+        with bar("drawing", shown=not (quiet or as_json)) as progress:
             if out is not None:
                 summary = render(scenario, out, video=video, workers=workers, resume=resume, progress=progress)
             else:
@@ -60,26 +58,6 @@ def command(
             click.echo(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}")
         if video is not None:
             click.echo(f"beside each video of {video} lies its truth table, .parquet")
-
-
-@contextmanager
-def _bar(frames: int, *, shown: bool) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar; gives what takes frames done and frames in all."""
-    columns = (
-        TextColumn("drawing"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True, quiet=not shown)) as bar:
-        task = bar.add_task("", total=frames, rate="")
-
-        def progress(done: int, total: int) -> None:
-            speed = bar.tasks[0].speed
-            bar.update(task, completed=done, total=total, rate=f"{speed:.1f} frames/s" if speed else "")
-
-        yield progress
 
 
 def _table(summary: dict[str, object]) -> Table:

@@ -1,0 +1,109 @@
+"""Make the bundled weights again, from nothing: ``python -m scripts.build_weights [--quick] [--out assets/weights]``.
+
+Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
+the same command is given again. Needs ``simgrab[train]``.
+"""
+
+from __future__ import annotations
+
+import functools
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from simgrab import scenes
+from simgrab.cli._progress import bar
+from simgrab.training import need_torch
+from simgrab.world.dataset import render
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A dataset to render: a scene, what differs from it, how many frames (and how many in a hurry), and the seed."""
+
+    name: str
+    scene: str
+    changes: Mapping[str, Any]
+    frames: int
+    quick: int
+    seed: int
+
+
+# Most frames show the grab; the second set teaches what none looks like.
+DETECTOR = (
+    Source("training", "training", {}, 2880, 560, 0),
+    Source("empty", "training", {"swing.absent": 0.9}, 480, 120, 1),
+)
+
+READER = Source("digits", "digits", {}, 2400, 960, 0)
+
+
+def rendered(source: Source, work: Path, *, quick: bool, workers: int) -> Path:
+    """Render a dataset, or what is missing of it."""
+    frames = source.quick if quick else source.frames
+    scenario = scenes.load(source.scene, {**source.changes, "frames": frames, "seed": source.seed})
+    out = work / source.name
+    with bar(f"drawing {source.name}", shown=True) as progress:
+        render(scenario, out, workers=workers, resume=True, progress=progress)
+    return out
+
+
+def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:
+    """Train the detector; returns its nets."""
+    from simgrab.training.detector.settings import recipes
+    from simgrab.training.detector.train import train
+    from simgrab.training.progress import board
+
+    datasets = [rendered(source, work, quick=quick, workers=workers) for source in DETECTOR]
+    out = work / "detector"
+    chosen = functools.partial(recipes, quick=quick, threads=threads)
+    with board(shown=True) as shown:
+        train(datasets, out, chosen, resume=True, watch=shown.step, report=shown.training)
+    return [out / "find.onnx", out / "refine.onnx"]
+
+
+def reader(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:  # noqa: ARG001
+    """Train the reader, which gains nothing by a second thread; returns its net."""
+    from simgrab.training.progress import board
+    from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
+
+    dataset = rendered(READER, work, quick=quick, workers=workers)
+    out = work / "reader"
+    recipe = replace(RECIPE, epochs=QUICK_EPOCHS) if quick else RECIPE
+    with board(shown=True) as shown:
+        train_reader([dataset], out, recipe, resume=True, report=shown.training("reader"))
+    return [out / "reader.onnx"]
+
+
+PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": detector}
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="Fewer frames, a quarter of the training.")
+@click.option("--only", type=click.Choice(list(PARTS)), help="Build one part.")
+@click.option("--out", type=click.Path(path_type=Path), default=ROOT / "assets" / "weights", show_default=True)
+@click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
+@click.option("--workers", default=2, show_default=True, help="Processes that draw.")
+@click.option("--threads", default=2, show_default=True, help="Of torch.")
+def main(quick: bool, only: str | None, out: Path, work: Path | None, workers: int, threads: int) -> None:
+    """Make the bundled weights again, from nothing."""
+    need_torch()
+    work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
+    work.mkdir(parents=True, exist_ok=True)
+    for name in [only] if only else PARTS:
+        nets = PARTS[name](work, quick=quick, workers=workers, threads=threads)
+        out.mkdir(parents=True, exist_ok=True)
+        for net in nets:
+            for suffix in (".onnx", ".json", ".md"):
+                shutil.copyfile(net.with_suffix(suffix), out / net.with_suffix(suffix).name)
+        click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""Score a detector on datasets: ``python -m scripts.score_detector DATASET... [--detector …] [--json FILE]``.
+
+Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals, the centre's error and bias with
+the box centre's bias beside it, and how often stated intervals hold; then the centre by rope length, and the time.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from simgrab import datasets
+from simgrab.cli._progress import bar
+from simgrab.instrument.detect import detector as opened
+from simgrab.judge import detection, detections
+
+_WIDTH = 160  # columns of text
+
+
+def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, Any]:
+    """Score a detector on datasets together."""
+    looks, some, seconds = opened(name), [], list[float]()
+    for path in paths:
+        dataset = datasets.read(path)
+        if split:
+            dataset = datasets.part(dataset, split)
+        with bar(str(path), shown=True) as progress:
+            watched = detections.watch([dataset.image(row) for row in dataset.rows], looks, progress)
+        some += detection.cases(dataset, watched.detections)
+        seconds += watched.seconds
+    times = {"median_ms": 1e3 * float(np.median(seconds)), "p95_ms": 1e3 * float(np.quantile(seconds, 0.95))}
+    return {"detector": name, "datasets": [str(path) for path in paths], "time": times} | detection.score(some)
+
+
+def show(scores: dict[str, Any]) -> None:
+    """Print the tables."""
+    console = Console(width=_WIDTH)
+    groups = {"overall": scores["overall"], "half visible": scores["half_visible"]} | scores["by_weather"]
+    console.print(_found(scores["detector"], groups))
+    console.print(_centres({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
+    times = scores["time"]
+    console.print(f"from array to detection: median {times['median_ms']:.1f} ms, 95 % {times['p95_ms']:.1f} ms")
+
+
+def _table(title: str, columns: tuple[str, ...]) -> Table:
+    table = Table(title=title)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="right" if i else "left", no_wrap=True)
+    return table
+
+
+def _found(name: str, groups: dict[str, Any]) -> Table:
+    table = _table(
+        f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
+        ("", "grab", "mAP50-95", "mAP50", "recall", "longest miss", "empty", "false boxes", "box", "centre", "yaw"),
+    )
+    for group, f in groups.items():
+        table.add_row(
+            group, str(f["labelled"]), _n(f["map50_95"]), _n(f["map50"]), _share(f["recall"], f["recall_interval"]),
+            str(f["longest_miss"]), str(f["empty"]), f"{f['false_boxes']}{_interval(f['false_interval'])}",
+            *(_n(f["coverage"][key]) for key in ("box", "centre", "yaw")),
+        )  # fmt: skip
+    return table
+
+
+def _centres(groups: dict[str, Any]) -> Table:
+    table = _table(
+        "grab centre: distance, signed means ± their standard error, and those of a perfect box's centre",
+        ("", "frames", "width px", "median px", "95 % px", "u px", "v px", "outwards px", "%", "box px", "box %"),
+    )
+    for group, c in groups.items():
+        if c["frames"]:
+            table.add_row(
+                group, str(c["frames"]), _n(c["width_px"], 0), _n(c["median_px"], 2), _n(c["p95_px"], 2),
+                *(f"{c[f'{k}_mean_px']:+.2f} ± {c[f'{k}_se_px']:.2f}" for k in ("u", "v", "radial")),
+                f"{100 * c['radial_mean_share']:+.2f}", f"{c['box_radial_mean_px']:+.2f}",
+                f"{100 * c['box_radial_mean_share']:+.2f}",
+            )  # fmt: skip
+    return table
+
+
+def _n(value: float | None, digits: int = 3) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _share(value: float | None, interval: tuple[float, float] | None) -> str:
+    return "" if value is None else f"{value:.4f}{_interval(interval)}"
+
+
+def _interval(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else f" ({interval[0]:.4f}-{interval[1]:.4f})"
+
+
+@click.command()
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
+@click.option("--split", type=click.Choice(["train", "val", "test"]), help="Only frames of one split.")
+@click.option("--json", "out", type=click.Path(path_type=Path), help="Where all figures go.")
+def main(paths: tuple[Path, ...], detector: str, split: str | None, out: Path | None) -> None:
+    """Score a detector on datasets."""
+    scores = measure(paths, detector, split)
+    show(scores)
+    if out:
+        out.write_text(json.dumps(scores, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Score a reader of digits: on displays laid over pictures of every weather's scene, or on datasets.
+
+    uv run python -m scripts.score_reader [--digits 100000] [--model reader.onnx] [--json scores.json] [DATASET ...]
+
+With DATASETs only these are read. See `simgrab.judge.reading_trial` for how displays are laid on and coded: as JPEG of
+the scene's quality and as H.264 of 2 and 4 Mbit/s, torn ones apart.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+import msgspec
+import numpy as np
+
+from simgrab import layouts, scenes
+from simgrab.instrument.read import BUNDLED, Reader
+from simgrab.judge import reading, reading_trial
+from simgrab.judge.reading import Read
+from simgrab.layouts import Layout
+from simgrab.scenario import Iid
+
+BACKDROPS = 8  # pictures of each scene
+BACKDROP_SEED = 77_001
+RATES_MBIT_S = 2.0, 4.0
+VIDEO_SHARE = 0.2  # of the digits; the rest are in stills
+TORN = 100  # displays of each scene and layout
+
+
+def with_display() -> list[str]:
+    """Bundled scenes of independent frames that show rope lengths as they are: one for each weather."""
+    loaded = ((name, scenes.load(name)) for name in scenes.names())
+    return [name for name, scene in loaded if isinstance(scene.swing, Iid) and not scene.vary and scene.display_layout]
+
+
+def trials(scene: str, digits: int, folder: Path, layout: Layout, reader: Reader, seed: int) -> Iterator[Read]:
+    """Read so many digits laid over a scene's pictures, and some torn displays beside."""
+    scenario = scenes.load(scene)
+    pictures = reading_trial.backdrops(scene, folder, BACKDROPS, BACKDROP_SEED)
+    filmed = round(digits * VIDEO_SHARE / 8 / len(RATES_MBIT_S))
+    still = max(-(-digits // 8) - filmed * len(RATES_MBIT_S), 0)
+    quality = scenario.image.quality
+    shown = reading_trial.displays(layout, still, seed)
+    made = [(f"JPEG {quality}", reading_trial.stills(pictures, layout, shown, quality))]
+    for k, rate in enumerate(RATES_MBIT_S, 1):
+        clip = msgspec.structs.replace(scenario.clip, bit_rate_mbit_s=rate, gop_frames=50)
+        coded = msgspec.structs.replace(scenario, clip=clip)
+        texts = reading_trial.displays(layout, filmed, seed + k)
+        made.append((f"H.264 {rate:g} Mbit/s", reading_trial.video(pictures, layout, texts, coded, seed)))
+    torn = reading_trial.displays(layout, TORN, seed + 9, torn=True)
+    made.append((f"torn, JPEG {quality}", reading_trial.stills(pictures, layout, torn, quality)))
+    for name, several in made:
+        for i, trial in enumerate(several):
+            found = reader.read(trial.rgb, layout)
+            where = f"{scene}, {name}, layout of {layout.hoist_px[0]}, number {i}"
+            yield Read(where, scene, trial.shown.rope_text, trial.shown.rope_text_below, found)
+
+
+def score_trials(reader: Reader, digits: int, folder: Path, seed: int, echo: bool = True) -> tuple[reading.Score, ...]:
+    """Score ``digits`` digits, as many in each scene and layout."""
+    names, kinds = with_display(), layouts.names()
+    each = -(-digits // (len(names) * len(kinds)))
+    found: list[Read] = []
+    for i, scene in enumerate(names):
+        start = time.monotonic()
+        for j, kind in enumerate(kinds):
+            scenario = scenes.load(scene, {"display.layout": kind})
+            assert scenario.display_layout is not None
+            found += trials(scene, each, folder, scenario.display_layout, reader, seed + 100 * i + 10 * j)
+        if echo:
+            click.echo(f"{scene}: {len(found)} frames so far, {time.monotonic() - start:.0f} s", err=True)
+    return reading.by_group(found)
+
+
+def milliseconds(reader: Reader, pictures: Sequence[reading_trial.Picture], rounds: int = 50) -> float:
+    """Median time of a reading, from picture to lengths, of pictures that take turns."""
+    layout, took = layouts.load("two-by-four"), []
+    for picture in [*pictures] * rounds:
+        start = time.perf_counter()
+        reader.read(picture, layout)
+        took.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(took))
+
+
+@click.command()
+@click.argument("datasets", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--digits", default=100_000, show_default=True)
+@click.option("--model", type=click.Path(path_type=Path), default=BUNDLED, help="Another reader than the bundled one.")
+@click.option("--backdrops", type=click.Path(path_type=Path), default=Path("runs/backdrops"), show_default=True)
+@click.option("--seed", default=1, show_default=True, help="Of the digits.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the scores there as well.")
+def main(
+    datasets: tuple[Path, ...], digits: int, model: Path, backdrops: Path, seed: int, json_path: Path | None
+) -> None:
+    """Print the table; exit with 1 where less than 99.99 % are right or more than 0.1 % refused."""
+    reader = Reader(model)
+    if datasets:
+        scores = reading.by_group([read for path in datasets for read in reading.read_dataset(path, reader)])
+    else:
+        scores = score_trials(reader, digits, backdrops, seed)
+        pictures = reading_trial.backdrops("calm-day", backdrops, BACKDROPS, BACKDROP_SEED)
+        click.echo(f"eight digits of 1080p in {milliseconds(reader, pictures):.2f} ms (median, one thread)", err=True)
+    click.echo(reading.table(scores))
+    if json_path:
+        json_path.write_text(json.dumps(reading.as_json(scores), indent=1) + "\n", encoding="utf-8")
+    right, refused = scores[-1].digits_right.value or 0.0, scores[-1].digits_refused.value or 0.0
+    raise SystemExit(0 if right >= 0.9999 and refused <= 0.001 else 1)
+
+
+if __name__ == "__main__":
+    main()

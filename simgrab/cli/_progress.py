@@ -1,0 +1,29 @@
+"""A progress bar of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+
+@contextmanager
+def bar(what: str, *, shown: bool) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on stderr; gives what takes frames done and frames in all."""
+    columns = (
+        TextColumn(what),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True, quiet=not shown)) as shows:
+        task = shows.add_task("", total=None, rate="")
+
+        def progress(done: int, total: int) -> None:
+            speed = shows.tasks[0].speed
+            shows.update(task, completed=done, total=total, rate=f"{speed:.1f} frames/s" if speed else "")
+
+        yield progress

@@ -1,0 +1,39 @@
+"""`simgrab detect`: where the grab is in pictures."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from pathlib import Path
+
+import click
+
+
+@click.command(name="detect")
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option(
+    "--detector", "name", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx."
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Table of detections, .parquet or .csv.")
+@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture.")
+def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
+    """Find the grab in SOURCE: a picture, a folder of pictures, or a dataset.
+
+    The table has u_px, v_px, which `simgrab estimate` reads. `python -m scripts.score_detector` compares with labels.
+    """
+    from simgrab.cli._progress import bar
+    from simgrab.instrument.detect import detector
+    from simgrab.judge import detections
+
+    files, looks = detections.pictures(source), detector(name)
+    with bar("looking", shown=not as_json and len(files) > 1) as progress:
+        watched = detections.watch(files, looks, progress)
+    if as_json:
+        for row in detections.rows(watched):
+            click.echo(json.dumps(row))
+    else:
+        found, median = sum(one.found for one in watched.detections), statistics.median(watched.seconds)
+        click.echo(f"{looks.name}: the grab in {found} of {len(files)} pictures, {1e3 * median:.1f} ms each")
+    if out:
+        detections.save(watched, out)
+        click.echo(f"table: {out}", err=as_json)

@@ -1,0 +1,101 @@
+"""`simgrab train`: nets from datasets; one sub-command for each."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import sys
+from pathlib import Path
+
+import click
+
+
+@click.group(name="train")
+def command() -> None:
+    """Train the instrument's nets from rendered datasets alone. Needs `pip install 'simgrab[train]'`."""
+
+
+@command.command()
+@click.argument("datasets", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for nets, cards, checkpoints.")
+@click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
+@click.option("--quick", is_flag=True, help="A quarter of the time.")
+@click.option("--epochs", type=int, help="Passes over the frames, of each net.  [default: as time allows]")
+@click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
+@click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
+@click.option("--threads", default=2, show_default=True, help="Of torch; another number may round otherwise.")
+@click.option("--half/--no-half", default=None, help="Multiply in bfloat16.  [default: where there are units for it]")
+@click.option("--resume", is_flag=True, help="Go on with an interrupted training.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def detector(
+    datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, patience: int, device: str,
+    threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Train the detector from DATASETS of `simgrab render`: what their split train shows, judged by val.
+
+    OUT gets find.onnx and refine.onnx, which --detector takes as a folder, each with a model card.
+    """
+    from simgrab.training import need_torch
+
+    need_torch()
+    from simgrab.training.detector.settings import recipes
+    from simgrab.training.detector.train import train
+    from simgrab.training.progress import board
+
+    chosen = functools.partial(
+        recipes, quick=quick, epochs=epochs, half=half, seed=seed, patience=patience, device=device, threads=threads
+    )
+    try:
+        with board(shown=not (quiet or as_json)) as shown:
+            result = train(datasets, out, chosen, resume=resume, watch=shown.step, report=shown.training)
+    except KeyboardInterrupt:
+        click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
+        sys.exit(130)
+    if as_json:
+        click.echo(json.dumps(result.metrics))
+    elif not quiet:
+        click.echo((out / "refine.md").read_text(encoding="utf-8"))
+
+
+@command.command()
+@click.argument("datasets", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for net, card and checkpoint.")
+@click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
+@click.option("--quick", is_flag=True, help="Half of the time.")
+@click.option("--epochs", type=int, help="Passes over the digits.  [default: 16, or 6 with --quick]")
+@click.option("--patience", default=8, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
+@click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
+@click.option("--threads", default=1, show_default=True, help="Of torch; another number may round otherwise.")
+@click.option("--resume", is_flag=True, help="Go on with an interrupted training.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def reader(
+    datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, patience: int, device: str,
+    threads: int, resume: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Train the reader of the display's digits from DATASETS of `simgrab render` that show rope lengths.
+
+    OUT gets reader.onnx, with a model card. The scene `digits` is made for this.
+    """
+    from simgrab.training import need_torch
+
+    need_torch()
+    from simgrab.training.progress import board
+    from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
+
+    recipe = dataclasses.replace(
+        RECIPE, seed=seed, epochs=(QUICK_EPOCHS if quick else RECIPE.epochs) if epochs is None else epochs,
+        patience=patience, device=device, threads=threads,
+    )  # fmt: skip
+    try:
+        with board(shown=not (quiet or as_json)) as shown:
+            card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))
+    except KeyboardInterrupt:
+        click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
+        sys.exit(130)
+    if as_json:
+        click.echo(json.dumps(card.metrics))
+    elif not quiet:
+        click.echo((out / "reader.md").read_text(encoding="utf-8"))

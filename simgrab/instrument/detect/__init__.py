@@ -1,0 +1,45 @@
+"""Where the grab is in a picture: the bundled detector, or a user's own YOLO, by one protocol."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from simgrab.instrument.detect.bundled import FIND, REFINE, Bundled
+from simgrab.instrument.detect.contract import Detector
+from simgrab.instrument.detect.session import open_net
+from simgrab.instrument.detect.yolo import Yolo
+from simgrab.resources import ASSETS
+
+BUNDLED = "bundled"
+
+
+def detector(name: str | Path = BUNDLED) -> Detector:
+    """Open a detector.
+
+    Parameters
+    ----------
+    name : str or path
+        ``"bundled"``, a folder with ``find.onnx`` and ``refine.onnx`` as `simgrab train detector` writes them, or a
+        YOLO's ``.onnx`` file.
+
+    Raises
+    ------
+    DetectorError
+        If it is none; says what was expected and what was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> detector()(np.zeros((1080, 1920, 3), np.uint8)).status  # doctest: +SKIP
+    'none'
+    """
+    path = ASSETS / "weights" if name == BUNDLED else Path(name)
+    if path.is_dir():
+        return Bundled(path)
+    net = open_net(path)
+    if net.facts.get("task") in (FIND, REFINE):
+        return Bundled(path.parent)
+    return Yolo(net)
+
+
+__all__ = ["BUNDLED", "Bundled", "Detector", "Yolo", "detector"]

@@ -1,0 +1,216 @@
+"""The bundled detector: one net finds the grab in the shrunken picture, another refines it twice at full resolution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import DetectorError
+from simgrab.geometry import Array
+from simgrab.instrument.detect import contract
+from simgrab.instrument.detect.patches import (
+    FIND_HEIGHT,
+    FIND_WIDTH,
+    REFINE_SIZE,
+    Patch,
+    Picture,
+    around,
+    cut,
+    cut_with_mask,
+    whole,
+)  # fmt: skip
+from simgrab.instrument.detect.session import Net, open_net
+from simgrab.records import Detection
+
+# Tasks that the files' metadata names.
+FIND, REFINE = "find-grab", "refine-grab"
+COLUMNS = 16  # of refine's output
+_STRIDE = 8
+_MOST = 3  # candidates that are looked at closely
+_LEAST_SIDE = 8.0  # px of the picture, of a refined box
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How candidates are judged; a file's metadata may set them anew.
+
+    Attributes
+    ----------
+    least_heat : float
+        From which on a place is a candidate.
+    least_presence : float
+        From which on refine's word makes it a grab.
+    rivals : float
+        Share of the best candidate's heat from which on others are refined too.
+    first_room, room : float
+        Side of the first and the second crop, over the box's longer side.
+    """
+
+    least_heat: float = 0.1
+    least_presence: float = 0.5
+    rivals: float = 0.3
+    first_room: float = 1.5
+    room: float = 1.35
+
+
+@dataclass(frozen=True)
+class Trust:
+    """By what the stated standard deviations are multiplied, as validation frames showed: edges, centre, yaw."""
+
+    box: float = 1.0
+    centre: float = 1.0
+    yaw: float = 1.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place that may be the grab: box, px, and heat."""
+
+    box: Array
+    heat: float
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What refine says of crops: everything in px of the picture, and its probability that the grab is there."""
+
+    boxes: Array
+    centres: Array
+    box_sd: Array
+    centre_sd: Array
+    yaw: Array
+    yaw_sd: Array
+    presence: Array
+
+
+class Bundled:
+    """The bundled detector (`simgrab.instrument.detect.contract.Detector`).
+
+    Parameters
+    ----------
+    folder : path
+        Holds ``find.onnx`` and ``refine.onnx``.
+    settings : Settings, optional
+        In place of those in the file.
+
+    Raises
+    ------
+    DetectorError
+        If a file is missing or is not the net that its name says.
+    """
+
+    def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
+        self._find = _opened(Path(folder) / "find.onnx", FIND)
+        self._refine = _opened(Path(folder) / "refine.onnx", REFINE)
+        facts = self._refine.facts
+        self.settings = settings or Settings(**facts.get("settings", {}))
+        self.trust = Trust(**facts.get("trust", {}))
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+        return "bundled"
+
+    def __call__(self, picture: Picture) -> Detection:
+        """Look at a picture."""
+        contract.check(picture)
+        candidates = self.candidates(picture)
+        if not candidates or candidates[0].heat < self.settings.least_heat:
+            return Detection("none", "nothing found", candidates[0].heat if candidates else 0.0)
+        enough = max(self.settings.least_heat, self.settings.rivals * candidates[0].heat)
+        close = [candidate for candidate in candidates[:_MOST] if candidate.heat >= enough]
+        first = self.refine(picture, [candidate.box for candidate in close], self.settings.first_room)
+        best = int(np.argmax(first.presence * [candidate.heat for candidate in close]))
+        second = self.refine(picture, [first.boxes[best]], self.settings.room)
+        presence = float(second.presence[0])
+        if presence < self.settings.least_presence:
+            return Detection("none", f"refine takes it for something else (presence {presence:.2f})", presence)
+        return _detection(second, presence, picture, self.trust)
+
+    def candidates(self, picture: Picture) -> list[Candidate]:
+        """Places that find takes for the grab, the hottest first."""
+        patch = whole(picture.shape[1], picture.shape[0])
+        small = cut(picture, patch, FIND_WIDTH, FIND_HEIGHT)
+        logits, reach = self._find(small[None])
+        limits = np.array([picture.shape[1], picture.shape[0]] * 2, float)
+        return [
+            Candidate(np.clip(patch.to_picture(box.reshape(2, 2) / (FIND_WIDTH, FIND_HEIGHT)).ravel(), 0, limits), heat)
+            for box, heat in peaks(logits[0], reach[0])
+        ]
+
+    def refine(self, picture: Picture, boxes: list[Array], room: float) -> Refined:
+        """Look closely at crops around boxes."""
+        patches = [around(_sound(box), room) for box in boxes]
+        crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
+        return read(self._refine(crops)[0], patches, picture.shape[1], picture.shape[0])
+
+
+def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:
+    """Highest cells of a heat map, none beside a higher one.
+
+    Parameters
+    ----------
+    logits : ndarray, shape (rows, columns)
+    reach : ndarray, shape (4, rows, columns)
+        From a cell's middle to the left, top, right and bottom edge, px of the small picture.
+    most : int
+
+    Returns
+    -------
+    list of (box, heat)
+        Boxes in px of the small picture; the hottest first.
+    """
+    highest = cv2.dilate(logits, np.ones((3, 3), np.uint8))
+    rows, columns = np.nonzero(logits >= highest)
+    order = np.argsort(-logits[rows, columns], kind="stable")[:most]
+    result = []
+    for row, column in zip(rows[order], columns[order], strict=True):
+        middle = (np.array([column, row, column, row]) + 0.5) * _STRIDE
+        heat = 1 / (1 + math.exp(-float(logits[row, column])))
+        result.append((middle + reach[:, row, column].astype(float) * [-1, -1, 1, 1], heat))
+    return result
+
+
+def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int) -> Refined:
+    """Read refine's output (n, 16) on patches of a picture of a size."""
+    o = out.astype(float)
+    corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
+    places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
+    boxes = np.clip(places[:, :2], 0, [width, height])
+    sd = math.sqrt(2) * np.exp(o[:, 6:12]).reshape(-1, 3, 2) * extent[:, None]  # of a Laplace law
+    return Refined(
+        boxes=boxes.reshape(-1, 4), centres=places[:, 2],
+        box_sd=sd[:, :2].reshape(-1, 4), centre_sd=sd[:, 2],
+        yaw=np.arctan2(o[:, 13], o[:, 12]) / 2 % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[:, 14]) / 2,
+        presence=1 / (1 + np.exp(-o[:, 15])),
+    )  # fmt: skip
+
+
+def _sound(box: Array) -> Array:
+    """Make sure that a box ends after it begins."""
+    middle, half = (box[:2] + box[2:]) / 2, np.maximum((box[2:] - box[:2]) / 2, _LEAST_SIDE / 2)
+    return np.concatenate([middle - half, middle + half])
+
+
+def _detection(refined: Refined, presence: float, picture: Picture, trust: Trust) -> Detection:
+    limits = np.array([picture.shape[1], picture.shape[0]] * 2, float)
+    return Detection(
+        status="found", reason="", score=presence,
+        box=np.clip(_sound(refined.boxes[0]), 0, limits), centre=refined.centres[0], yaw=float(refined.yaw[0]),
+        box_sd_px=refined.box_sd[0] * trust.box, centre_sd_px=refined.centre_sd[0] * trust.centre,
+        yaw_sd=float(refined.yaw_sd[0]) * trust.yaw,
+    )  # fmt: skip
+
+
+def _opened(path: Path, task: str) -> Net:
+    net = open_net(path)
+    found: Any = net.facts.get("task")
+    if found != task:
+        raise DetectorError(f"{path} is not simgrab's {task} net (its task is {found!r}; {net})")
+    return net

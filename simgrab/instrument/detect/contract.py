@@ -1,0 +1,46 @@
+"""What every detector keeps to."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import DetectorError
+from simgrab.records import Detection
+
+
+class Detector(Protocol):
+    """Finds the grab in a picture."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+
+    def __call__(self, picture: NDArray[np.uint8]) -> Detection:
+        """Look at a picture, RGB, (height, width, 3).
+
+        Raises
+        ------
+        DetectorError
+            If that is no picture; a picture without a grab gives a `Detection` that says so.
+        """
+
+
+LEAST_PX = 32
+
+
+def check(picture: NDArray[np.uint8]) -> None:
+    """Refuse what is no RGB picture.
+
+    Raises
+    ------
+    DetectorError
+    """
+    kind: object = getattr(picture, "dtype", type(picture).__name__)
+    shape: tuple[int, ...] = getattr(picture, "shape", ())
+    if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
+        raise DetectorError(f"a picture is uint8 of shape (height, width, 3), RGB; this is {kind} of shape {shape}")
+    if min(shape[:2]) < LEAST_PX:
+        raise DetectorError(f"a picture of {shape[1]}x{shape[0]} is too small: {LEAST_PX} px a side at least")

@@ -1,0 +1,124 @@
+"""Parts of a picture as nets see them, and the way back to the picture's own pixels.
+
+A patch is a rectangle of whole pixels, which may reach beyond the picture, shrunk to a net's size by area. Shares of a
+patch run from 0 at its first corner to 1 at its last, so that both ends and everything between map exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simgrab.geometry import Array
+
+Picture = NDArray[np.uint8]
+
+FIND_WIDTH, FIND_HEIGHT = 512, 288
+REFINE_SIZE = 160
+GREY = 114  # of what lies beyond the picture; the colour YOLO letterboxes with
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle of whole pixels, half open; it may reach beyond the picture."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def corner(self) -> Array:
+        """Its first corner, px."""
+        return np.array([self.x0, self.y0], float)
+
+    @property
+    def size(self) -> Array:
+        """Width and height, px."""
+        return np.array([self.x1 - self.x0, self.y1 - self.y0], float)
+
+    def to_picture(self, shares: ArrayLike) -> Array:
+        """Picture's pixels of points (..., 2) in shares of the patch."""
+        return np.asarray(self.corner + np.asarray(shares, float) * self.size)
+
+    def to_shares(self, points: ArrayLike) -> Array:
+        """Points (..., 2) of the picture in shares of the patch."""
+        return np.asarray((np.asarray(points, float) - self.corner) / self.size)
+
+
+def whole(width: int, height: int, aspect: float = FIND_WIDTH / FIND_HEIGHT, *, centred: bool = True) -> Patch:
+    """Smallest patch of an aspect (width over height) that holds a whole picture, in its middle or at its top left."""
+    wide = max(width, round(height * aspect))
+    high = max(height, round(wide / aspect))
+    x0, y0 = ((width - wide) // 2, (height - high) // 2) if centred else (0, 0)
+    return Patch(x0, y0, x0 + wide, y0 + high)
+
+
+def around(box: ArrayLike, factor: float) -> Patch:
+    """Square patch around a box x0, y0, x1, y1, its side ``factor`` times the box's longer one (and 16 px at least)."""
+    x0, y0, x1, y1 = np.asarray(box, float)
+    side = max(math.ceil(factor * max(x1 - x0, y1 - y0)), 16)
+    left, top = round((x0 + x1 - side) / 2), round((y0 + y1 - side) / 2)
+    return Patch(left, top, left + side, top + side)
+
+
+def cut(picture: Picture, patch: Patch, width: int, height: int) -> Picture:
+    """Cut a patch out of a picture and resize it, by area.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8, shape (h, w, channels)
+    patch : Patch
+    width, height : int
+        Of the result.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, channels)
+        Grey beyond the picture.
+    """
+    return cv2.resize(_content(picture, patch), (width, height), interpolation=cv2.INTER_AREA)
+
+
+def cut_with_mask(picture: Picture, patch: Patch, size: int) -> Picture:
+    """Cut a square patch; its fourth channel says how much of a pixel lies in the picture, 0 to 255."""
+    h, w = picture.shape[:2]
+    inside = mask(w, h, patch.corner, patch.size, size)
+    return np.concatenate([cut(picture, patch, size, size), inside[..., None]], axis=-1)
+
+
+def mask(width: int, height: int, corner: Array, extent: Array, size: int) -> Picture:
+    """How much of each pixel of a part of a picture lies in it, 0 to 255.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the picture.
+    corner, extent : ndarray, shape (2,)
+        First corner, and width and height of the part, px of the picture.
+    size : int
+        Of the result, (size, size).
+    """
+    edges = np.linspace(0, 1, size + 1)
+    columns, rows = (
+        np.diff(np.clip(corner[axis] + edges * extent[axis], 0, limit)) * size / extent[axis]
+        for axis, limit in ((0, width), (1, height))
+    )
+    return np.round(255 * np.outer(rows, columns)).astype(np.uint8)
+
+
+def _content(picture: Picture, patch: Patch) -> Picture:
+    h, w = picture.shape[:2]
+    x0, x1 = (min(max(x, 0), w) for x in (patch.x0, patch.x1))
+    y0, y1 = (min(max(y, 0), h) for y in (patch.y0, patch.y1))
+    inside = picture[y0:y1, x0:x1]
+    wide, high = patch.x1 - patch.x0, patch.y1 - patch.y0
+    if inside.shape[:2] == (high, wide):
+        return inside
+    result = np.full((high, wide, picture.shape[2]), GREY, np.uint8)
+    result[y0 - patch.y0 : y1 - patch.y0, x0 - patch.x0 : x1 - patch.x0] = inside
+    return result

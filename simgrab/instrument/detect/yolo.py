@@ -1,0 +1,165 @@
+"""A user's own YOLO, as its exporter wrote it.
+
+Layouts, told from each other by their shapes; of several classes the best counts:
+
+- YOLOv5 (three anchors a cell): 1 x n x (5 + classes), a row being centre, size, objectness, class scores;
+- YOLOX, of Megvii or libreyolo (one a cell): the same, decoded to pixels or raw, in which case a row's place and the
+  logarithm of its size count in strides of its cell;
+- YOLOv8 and those after it: 1 x (4 + classes) x n, without objectness.
+
+Pictures go in as the trainers feed them: letterboxed with grey in the middle, RGB from 0 to 1; for YOLOX at the top
+left, BGR from 0 to 255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import DetectorError
+from simgrab.geometry import Array
+from simgrab.instrument.detect import contract
+from simgrab.instrument.detect.patches import Picture, cut, whole
+from simgrab.instrument.detect.session import Net, open_net
+from simgrab.records import Detection
+
+LEAST_SCORE = 0.25
+_STRIDES = (8, 16, 32)
+_SIZE = 640  # px of a picture, where the file leaves it free
+_ANCHORS = 3  # a cell, in YOLOv5
+EXPECTED = (
+    "a detector takes floats 1 x 3 x height x width and gives 1 x n x (5 + classes), as YOLOv5 and YOLOX do, or "
+    "1 x (4 + classes) x n, as YOLOv8 does, n being the cells of strides 8, 16 and 32 (three times as many in YOLOv5)"
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How an output is to be read: whose it is, and whether places must be decoded still."""
+
+    family: Literal["yolov5", "yolox", "yolov8"]
+    raw: bool = False
+
+
+class Yolo:
+    """A user's YOLO (`simgrab.instrument.detect.contract.Detector`).
+
+    Parameters
+    ----------
+    net : Net or path
+    least_score : float
+        From which on a box is a grab.
+
+    Raises
+    ------
+    DetectorError
+        If the file is no detector of a known layout; says what was expected and what is there.
+    """
+
+    def __init__(self, net: Net | str | Path, least_score: float = LEAST_SCORE) -> None:
+        self._net = net if isinstance(net, Net) else open_net(net)
+        self.least_score = least_score
+        self.height, self.width = _input(self._net)
+        try:  # on a blank picture: tells shapes that the file leaves free, and whether places are decoded
+            blank = self._net(np.full((1, 3, self.height, self.width), 0.5, np.float32))[0]
+        except Exception as problem:  # onnxruntime's errors have no common base
+            raise DetectorError(f"{self._net.path} does not run: {str(problem).splitlines()[0][:160]}") from None
+        found = layout(blank, self.height, self.width)
+        if found is None:
+            raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")
+        self.layout = found
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+        return self._net.path.name
+
+    def __call__(self, picture: Picture) -> Detection:
+        """Look at a picture."""
+        contract.check(picture)
+        yolox = self.layout.family == "yolox"
+        patch = whole(picture.shape[1], picture.shape[0], self.width / self.height, centred=not yolox)
+        small = cut(picture, patch, self.width, self.height)
+        pixels = small[..., ::-1].astype(np.float32) if yolox else small.astype(np.float32) / 255
+        out = self._net(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))[0]
+        boxes, scores = decode(out, self.layout, self.height, self.width)
+        best = int(scores.argmax())
+        score = float(scores[best])
+        if score < self.least_score:
+            return Detection("none", f"no box scores {self.least_score} or more", score)
+        corners = patch.to_picture(boxes[best].reshape(2, 2) / (self.width, self.height))
+        return Detection("found", "", score, box=np.clip(corners, 0, [picture.shape[1], picture.shape[0]]).ravel())
+
+
+def layout(out: NDArray[np.generic], height: int, width: int) -> Layout | None:
+    """Tell an output's layout from what a blank picture gave; None if it is none that is known."""
+    if out.ndim != 3 or out.shape[0] != 1 or out.dtype.kind != "f":
+        return None
+    cells = sum((height // s) * (width // s) for s in _STRIDES)
+    rows, columns = out.shape[1:]
+    if columns == cells and 5 <= rows < columns:
+        return Layout("yolov8")
+    if columns < 6:
+        return None
+    if rows == _ANCHORS * cells:
+        return Layout("yolov5")
+    if rows == cells:  # decoded, centres lie all over the picture
+        return Layout("yolox", raw=bool(np.median(np.abs(out[0, :, :2])) < _STRIDES[0]))
+    return None
+
+
+def decode(out: NDArray[np.generic], how: Layout, height: int, width: int) -> tuple[Array, Array]:
+    """Read an output.
+
+    Parameters
+    ----------
+    out : ndarray, shape (1, n, 5 + classes) or (1, 4 + classes, n)
+    how : Layout
+    height, width : int
+        Of the net's picture.
+
+    Returns
+    -------
+    boxes : ndarray, shape (n, 4)
+        x0, y0, x1, y1, px of the net's picture.
+    scores : ndarray, shape (n,)
+    """
+    rows = np.asarray(out[0].T if how.family == "yolov8" else out[0], float)
+    centre, size = rows[:, :2], rows[:, 2:4]
+    if how.raw:
+        grid, stride = _grid(height, width)
+        centre, size = (centre + grid) * stride, np.exp(size) * stride
+    scores = rows[:, 4:].max(axis=1) if how.family == "yolov8" else rows[:, 4] * rows[:, 5:].max(axis=1)
+    return np.concatenate([centre - size / 2, centre + size / 2], axis=1), scores
+
+
+def _grid(height: int, width: int) -> tuple[Array, Array]:
+    """Column and row of each cell, (n, 2), and its stride, (n, 1), stride by stride and row by row."""
+    grids, strides = [], []
+    for stride in _STRIDES:
+        rows, columns = np.mgrid[: height // stride, : width // stride]
+        grids.append(np.stack([columns.ravel(), rows.ravel()], -1))
+        strides.append(np.full((rows.size, 1), stride))
+    return np.concatenate(grids).astype(float), np.concatenate(strides).astype(float)
+
+
+def _input(net: Net) -> tuple[int, int]:
+    """Height and width of the picture that a net takes.
+
+    Raises
+    ------
+    DetectorError
+        If it takes none.
+    """
+    shape = next(iter(net.inputs.values()), ())
+    fits = len(net.inputs) == 1 and net.types[0] == "tensor(float)" and len(shape) == 4
+    if not fits or shape[0] not in (1, None) or shape[1] not in (3, None):
+        raise DetectorError(f"{net.path} is no detector: {EXPECTED}; this has {net}")
+    height, width = (_SIZE if size is None else size for size in shape[2:])
+    if height % _STRIDES[-1] or width % _STRIDES[-1]:
+        raise DetectorError(f"{net.path} takes pictures of {width}x{height}; sides must be multiples of {_STRIDES[-1]}")
+    return height, width

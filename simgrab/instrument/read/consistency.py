@@ -1,0 +1,152 @@
+"""Which readings of a record the hoist can have made: no rope gets from one length to another faster than it is wound.
+
+Two readings r₁, r₂ at t₁ < t₂ agree where
+
+    |r₂ − r₁| ≤ v (t₂ − t₁ + h) + s,
+
+v being the hoist's greatest speed, h how long the display may hold a value, and s its step. The lengths that a display
+shows of a rope wound no faster than v, late by a constant lag and held for at most h, agree in every pair: neither lost
+frames nor the lag can part them.
+
+Readings each of which agrees with the next form a chain. A reading is believed when every longest chain goes through
+it. So a wrong first reading accuses itself and not what follows, and where as much speaks for one reading as for
+another, neither is believed. A wrong stretch that agrees with itself, d off the truth, is found out while it is shorter
+than the hoist would take there and back, 2 ((d − s) / v − h), or half of that at either end of a record: 3 m off, 4 s.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.records import Reading
+
+ROUNDING = 1e-9  # of numbers as they are held
+
+
+@dataclass(frozen=True)
+class Hoist:
+    """What the hoist and its display can do.
+
+    Attributes
+    ----------
+    speed_m_s : float
+        Greatest speed; cranes of this kind hoist 50 to 70 m/min.
+    hold_s : float
+        How long the display may hold a value: its refresh period, twice for one that was missed. That is also the slack
+        for time stamps that tremble and a hoist that overshoots its speed while it accelerates.
+    step_m : float
+        Of the display, which rounds: one unit of its last decimal.
+    """
+
+    speed_m_s: float = 70 / 60
+    hold_s: float = 0.4
+    step_m: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (self.speed_m_s > 0 and self.hold_s >= 0 and self.step_m >= 0):
+            raise ValueError(f"speed must be above 0, hold and step 0 or more, got {self}")
+
+    def reach(self, seconds: Array) -> Array:
+        """Greatest difference, m, of readings so many seconds apart."""
+        return self.speed_m_s * (seconds + self.hold_s) + self.step_m
+
+
+def consistent(times: Array, lengths: Array, hoist: Hoist | None = None) -> NDArray[np.bool_]:
+    """Say which readings of a record are believed.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Seconds, increasing.
+    lengths : ndarray, shape (n,)
+        Lengths of the hoist rope, m; NaN where there is no reading, which is not believed.
+    hoist : Hoist, optional
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or a time is missing or does not increase.
+
+    Examples
+    --------
+    >>> consistent(np.arange(6) / 9, np.array([20.0, 20.1, 23.1, 20.2, 20.3, 20.4])).tolist()
+    [True, True, False, True, True, True]
+    """
+    times, lengths = np.asarray(times, float), np.asarray(lengths, float)
+    if times.ndim != 1 or times.shape != lengths.shape:
+        raise ValueError(f"times and lengths must be of one shape (n,), got {times.shape} and {lengths.shape}")
+    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        raise ValueError("times must be finite and increase")
+    hoist = hoist or Hoist()
+    read = np.flatnonzero(np.isfinite(lengths))
+    believed = np.zeros(len(times), bool)
+    if not len(read):
+        return believed
+    t, r = times[read], lengths[read]
+    upto = _longest(t, r, hoist)
+    through = upto + _longest(-t[::-1], r[::-1], hoist)[::-1] - 1
+    longest = through == through.max()
+    # On every longest chain: the only reading at its place in them.
+    places = np.bincount(upto[longest])
+    believed[read] = longest & (places[np.where(longest, upto, 0)] == 1)
+    return believed
+
+
+def _longest(t: Array, r: Array, hoist: Hoist) -> NDArray[np.int64]:
+    """Length of the longest chain that ends at each reading; O(n · readings within the time of any change at all)."""
+    longest = np.ones(len(t), np.int64)
+    # So long ago anything agrees, and the longest chain up to then will do.
+    horizon = max((float(np.ptp(r)) - hoist.step_m) / hoist.speed_m_s - hoist.hold_s, 0.0)
+    start = np.searchsorted(t, t - horizon - ROUNDING)
+    best_until = done = 0
+    for i in range(1, len(t)):
+        if start[i] > done:
+            best_until = max(best_until, int(longest[done : start[i]].max()))
+            done = int(start[i])
+        agree = np.abs(r[i] - r[done:i]) <= hoist.reach(t[i] - t[done:i]) + ROUNDING
+        longest[i] = 1 + max(best_until, int(np.where(agree, longest[done:i], 0).max(initial=0)))
+    return longest
+
+
+def checked(times: Array, readings: Sequence[Reading], hoist: Hoist | None = None) -> tuple[Reading, ...]:
+    """Mark as jumps the readings of a record that are not `consistent`; refusals stay what they are.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Seconds, increasing.
+    readings : sequence of n Reading
+    hoist : Hoist, optional
+
+    Returns
+    -------
+    tuple of n Reading
+        A jump has the status ``"jump"`` and no rope length.
+    """
+    hoist = hoist or Hoist()
+    times = np.asarray(times, float)
+    lengths = np.array([np.nan if r.hoist_m is None or not r.ok else r.hoist_m for r in readings], float)
+    believed = consistent(times, lengths, hoist)
+    trusted = np.flatnonzero(believed)
+    result = list(readings)
+    for i in np.flatnonzero(np.isfinite(lengths) & ~believed).tolist():
+        reason = "as much speaks for another reading"
+        if len(trusted):
+            near = trusted[np.abs(times[trusted] - times[i]).argmin()]
+            apart = abs(times[near] - times[i])
+            reason = (
+                f"{abs(lengths[i] - lengths[near]):.2f} m from the {lengths[near]:.2f} m read {apart:.2f} s "
+                f"{'before' if near < i else 'after'}; the hoist makes {float(hoist.reach(np.asarray(apart))):.2f} m"
+            )
+        result[i] = dataclasses.replace(readings[i], status="jump", reason=reason, rope_length_m=None)
+    return tuple(result)

@@ -1,0 +1,128 @@
+"""The reader: LeNet-5 over the digits' cells, which refuses what it is not sure of."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import onnxruntime as ort
+
+from simgrab.errors import ReaderError
+from simgrab.instrument.read.crops import INPUT_PX, Crops, Picture, crops, fitted
+from simgrab.layouts import Layout
+from simgrab.records import Reading
+from simgrab.resources import ASSETS
+
+BUNDLED = ASSETS / "weights" / "reader.onnx"
+METADATA = "simgrab.reader"  # key of the ONNX metadata that holds the threshold
+CLASSES = 11
+NO_DIGIT = 10
+DIGITS = np.array(list("0123456789?"))
+HIGHEST_THRESHOLD = 0.999
+
+
+class Reader:
+    """Reads the display's rope lengths with a net in an ONNX file.
+
+    The net is LeNet-5 (LeCun, Bottou, Bengio & Haffner, 1998, section II.B) with rectifiers, maxima for S2 and S4,
+    every map of S2 feeding every one of C3, and a softmax over ten digits and "no digit". One net reads all cells and
+    is not told which, so that it cannot learn what lengths are likely.
+
+    Parameters
+    ----------
+    model : path
+        As `simgrab train reader` writes it.
+    threads : int
+        Of the runtime; eight digits are too little work for more than one.
+
+    Attributes
+    ----------
+    threshold : float
+        A digit of less confidence is refused; from the file.
+
+    Raises
+    ------
+    ReaderError
+        If the file is no reader.
+
+    Examples
+    --------
+    >>> from simgrab import layouts
+    >>> blank = np.zeros((1080, 1920, 3), np.uint8)
+    >>> Reader().read(blank, layouts.load("two-by-four")).status
+    'refused'
+    """
+
+    def __init__(self, model: str | Path = BUNDLED, *, threads: int = 1) -> None:
+        options = ort.SessionOptions()
+        options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = threads, 1, 4
+        try:
+            data = Path(model).read_bytes()
+            self._session = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except OSError as problem:
+            raise ReaderError(f"cannot read {model}: {problem.strerror or problem}") from None
+        except Exception as problem:  # the runtime's own kinds share no base but this
+            raise ReaderError(f"{model} is no ONNX model ({type(problem).__name__})") from None
+        known = self._session.get_modelmeta().custom_metadata_map.get(METADATA)
+        inputs = [i.shape[1:] for i in self._session.get_inputs()]
+        outputs = [o.shape[1:] for o in self._session.get_outputs()]
+        if known is None or inputs != [[1, INPUT_PX, INPUT_PX]] or outputs != [[CLASSES]]:
+            raise ReaderError(
+                f"{model} is no reader of digits: it takes {inputs} and gives {outputs}; "
+                "simgrab train reader writes one"
+            )
+        self.threshold = float(json.loads(known)["threshold"])
+        self._input = self._session.get_inputs()[0].name
+
+    def read(self, picture: Picture, layout: Layout, *, display_constant_m: float = 0.0) -> Reading:
+        """Read the display in a picture.
+
+        Parameters
+        ----------
+        picture : ndarray of uint8, shape (height, width, 3) or (height, width)
+            RGB or grey.
+        layout : Layout
+            Where the digits are, e.g. a calibration's ``digit_layout``; fitted to the picture where that is another
+            size of the same shape.
+        display_constant_m : float
+            |OA| minus the hoist rope's length on the display; the calibration's.
+
+        Raises
+        ------
+        ReaderError, LayoutError
+            If the picture is none, or the layout's digits lie elsewhere.
+        """
+        layout = fitted(picture, layout)
+        return reading(self.probabilities(crops(picture, layout)), layout, self.threshold, display_constant_m)
+
+    def probabilities(self, entered: Crops) -> Crops:
+        """Probability of each digit and of "no digit", shape (n, 11), for crops of shape (n, 1, 32, 32)."""
+        (result,) = self._session.run(None, {self._input: entered})
+        return np.asarray(result, np.float32)
+
+
+def reading(probabilities: Crops, layout: Layout, threshold: float, display_constant_m: float = 0.0) -> Reading:
+    """Compose a reading of the probabilities, shape (8, 11), of a layout's cells."""
+    best, confidence = probabilities.argmax(axis=1), probabilities.max(axis=1).astype(float)
+    doubtful = (best == NO_DIGIT) | (confidence < threshold)
+    hoist, closing = layout.written("".join(DIGITS[np.where(doubtful, NO_DIGIT, best)])).split()
+    if doubtful.any():
+        reason = _why(best, confidence, doubtful, threshold)
+        return Reading("refused", reason, hoist, closing, confidence, None, None, None)
+    hoist_m, closing_m = layout.lengths(hoist + closing)
+    return Reading("read", "", hoist, closing, confidence, hoist_m, closing_m, hoist_m + display_constant_m)
+
+
+def _why(best: np.ndarray, confidence: np.ndarray, doubtful: np.ndarray, threshold: float) -> str:
+    if (best == NO_DIGIT).all():
+        return "no digits where the layout has the display"
+    cells = [f"{'hoist' if i < 4 else 'closing'}.{i % 4}" for i in range(len(best))]
+    i = int(np.flatnonzero(doubtful)[0])
+    what = (
+        "shows no digit"
+        if best[i] == NO_DIGIT
+        else f"may be a {best[i]}, at {confidence[i]:.2f} below the threshold of {threshold:.2f}"
+    )
+    more = int(doubtful.sum()) - 1
+    return f"{cells[i]} {what}" + (f", and {more} more" if more else "")

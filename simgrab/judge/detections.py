@@ -1,0 +1,144 @@
+"""Let a detector look at pictures, and keep what it says as a table."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from simgrab import datasets
+from simgrab.errors import DatasetError
+from simgrab.instrument.detect import Detector
+from simgrab.records import Detection
+
+Progress = Callable[[int, int], None]
+KINDS = (".jpg", ".jpeg", ".png")
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a detector said of pictures.
+
+    Attributes
+    ----------
+    detector : str
+    files : tuple of Path
+    detections : tuple of Detection
+    seconds : tuple of float
+        From decoded picture to detection.
+    """
+
+    detector: str
+    files: tuple[Path, ...]
+    detections: tuple[Detection, ...]
+    seconds: tuple[float, ...]
+
+
+def watch(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Watched:
+    """Let a detector look at picture files.
+
+    Raises
+    ------
+    DatasetError
+        If one cannot be read.
+    """
+    detections, seconds = [], []
+    for path in files:
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+        if picture is None:
+            raise DatasetError(f"{path} cannot be read as a picture")
+        start = time.perf_counter()
+        detections.append(detector(np.asarray(picture, np.uint8)))
+        seconds.append(time.perf_counter() - start)
+        if progress:
+            progress(len(detections), len(files))
+    return Watched(detector.name, tuple(files), tuple(detections), tuple(seconds))
+
+
+def pictures(source: str | Path) -> tuple[Path, ...]:
+    """Pictures of a dataset by frame, of a folder by name, or one.
+
+    Raises
+    ------
+    DatasetError
+        If there is none.
+    """
+    source = Path(source)
+    if (source / "labels.parquet").is_file() or (source / ".partial").is_dir():
+        found = datasets.read(source)
+        return tuple(found.image(row) for row in found.rows)
+    if source.is_file():
+        return (source,)
+    files = tuple(sorted(p for p in source.glob("*") if p.suffix.lower() in KINDS))
+    if not files:
+        raise DatasetError(f"{source} is neither a dataset nor a picture, and holds no {', '.join(KINDS)}")
+    return files
+
+
+def rows(watched: Watched) -> list[dict[str, Any]]:
+    """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box's where the detector tells no other."""
+    return [
+        {"file": str(path)} | _row(found) | {"seconds": seconds}
+        for path, found, seconds in zip(watched.files, watched.detections, watched.seconds, strict=True)
+    ]
+
+
+def centre(found: Detection) -> Any:
+    """Grab centre of a detection, the box's where it tells no other, (2,), px; NaN where nothing was found."""
+    if found.centre is not None:
+        return found.centre
+    return np.full(2, np.nan) if found.box is None else (found.box[:2] + found.box[2:]) / 2
+
+
+def _row(found: Detection) -> dict[str, Any]:
+    def spread(names: Sequence[str], values: Any) -> dict[str, float | None]:
+        return {
+            name: None if values is None else float(v) for name, v in zip(names, _filled(values, names), strict=True)
+        }
+
+    edges = ("x0", "y0", "x1", "y1")
+    where = centre(found) if found.found else None
+    return {
+        "status": found.status, "reason": found.reason, "score": found.score,
+        **spread([f"box_{e}_px" for e in edges], found.box),
+        **spread(("u_px", "v_px"), where),
+        **spread([f"box_{e}_sd_px" for e in edges], found.box_sd_px),
+        **spread(("u_sd_px", "v_sd_px"), found.centre_sd_px),
+        "yaw_deg": None if found.yaw is None else float(np.rad2deg(found.yaw)),
+        "yaw_sd_deg": None if found.yaw_sd is None else float(np.rad2deg(found.yaw_sd)),
+    }  # fmt: skip
+
+
+def _filled(values: Any, names: Sequence[str]) -> Any:
+    return np.zeros(len(names)) if values is None else values
+
+
+def save(watched: Watched, path: str | Path) -> None:
+    """Write the rows to ``.parquet``, or else CSV, which `simgrab estimate` reads as it is.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written.
+    """
+    path = Path(path)
+    table = rows(watched)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".parquet":
+            pq.write_table(pa.Table.from_pylist(table), path)
+        else:
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, table[0].keys())
+                writer.writeheader()
+                writer.writerows(table)
+    except OSError as problem:
+        raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None

@@ -1,0 +1,37 @@
+"""What a row of labels says of the grab in the picture, as arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgrab import geometry
+from simgrab.geometry import Array, Distortion, Intrinsics
+from simgrab.records import Truth
+
+_STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
+
+
+def box(row: Truth) -> Array | None:
+    """Visible box x0, y0, x1, y1, px; None where nothing is seen of the grab."""
+    corners = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    return None if corners[0] is None else np.array(corners, float)
+
+
+def centre(row: Truth) -> Array:
+    """Grab centre A as the picture has it, px; NaN where the lens shows none."""
+    return np.array([np.nan if x is None else x for x in (row.grab_u_px, row.grab_v_px)])
+
+
+def yaw(row: Truth) -> float:
+    """Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π)."""
+    grab = np.reshape(row.jib_from_grab, (3, 4))
+    camera = np.reshape(row.jib_from_camera, (3, 4))
+    points = grab[:, 3] + np.array([[-_STEP_M], [_STEP_M]]) * grab[:, 0]
+    ends = _intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    across, down = ends[1] - ends[0]
+    return float(np.arctan2(down, across) % np.pi)
+
+
+def _intrinsics(row: Truth) -> Intrinsics:
+    lens = Distortion(row.k1, row.k2, row.p1, row.p2, row.k3)
+    return Intrinsics(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px, lens)

@@ -1,0 +1,121 @@
+"""Model cards: what a net is, what it was made from and how, and how good it is. JSON, and Markdown to read."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from simgrab import __version__
+from simgrab.datasets import Data
+
+LICENCE = "Apache-2.0"
+PACKAGES = ("torch", "onnx", "onnxruntime", "numpy", "opencv-python-headless")
+
+
+@dataclass(frozen=True)
+class Card:
+    """A model card.
+
+    Attributes
+    ----------
+    name : str
+        Stem of the file, e.g. ``"refine"``.
+    task : str
+        What goes in and what comes out, in a sentence or two.
+    data : tuple of Data
+    examples : int
+        What was trained on, counted as the task counts.
+    recipe : mapping
+        Every setting of the training.
+    epochs : int
+        Epochs run; the best one's weights are kept.
+    seconds : float
+        Wall time of the training.
+    metrics : mapping
+        On validation data: overall, and ``by_weather``.
+    """
+
+    name: str
+    task: str
+    data: tuple[Data, ...]
+    examples: int
+    recipe: Mapping[str, Any]
+    epochs: int
+    seconds: float
+    metrics: Mapping[str, Any]
+
+    def to_dict(self, model: bytes) -> dict[str, Any]:
+        """Plain data, with the digest of the model's bytes, the versions and the machine."""
+        return asdict(self) | {
+            "model_sha256": hashlib.sha256(model).hexdigest(),
+            "model_bytes": len(model),
+            "machine": machine(),
+            "versions": versions(),
+            "licence": LICENCE,
+        }
+
+    def save(self, model: Path) -> Path:
+        """Write the card beside a model: ``find.onnx`` gets ``find.json`` and ``find.md``. Returns the JSON's path."""
+        content = self.to_dict(model.read_bytes())
+        path = model.with_suffix(".json")
+        path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        model.with_suffix(".md").write_text(markdown(content), encoding="utf-8")
+        return path
+
+
+def versions() -> dict[str, str]:
+    """Versions of what made a model."""
+    found = {"simgrab": __version__, "python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Say what machine this is."""
+    return {"system": platform.platform(terse=True), "processor": platform.machine(), "cores": os.cpu_count() or 1}
+
+
+def markdown(content: Mapping[str, Any]) -> str:
+    """Set a card's content in Markdown."""
+    lines = [f"# {content['name']}", "", content["task"], ""]
+    lines += [
+        f"Trained on {content['examples']} examples from "
+        + "; ".join(f"{d['frames']} frames of `{d['scenario']}`, seed {d['seed']}" for d in content["data"])
+        + f" in {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
+        + f" on {content['machine']['cores']} cores.",
+        "",
+        "| validation | |",
+        "|---|---|",
+    ]
+    lines += [f"| {key.replace('_', ' ')} | {_text(value)} |" for key, value in content["metrics"].items()
+              if not isinstance(value, Mapping)]  # fmt: skip
+    for title, table in content["metrics"].items():
+        if isinstance(table, Mapping) and table:
+            lines += ["", *_table(title, table)]
+    lines += ["", f"Licence: {content['licence']}. SHA-256 of the model: `{content['model_sha256']}`.", ""]
+    return "\n".join(lines)
+
+
+def _table(title: str, table: Mapping[str, Any]) -> list[str]:
+    rows = {key: value if isinstance(value, Mapping) else {"value": value} for key, value in table.items()}
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    head = [title.replace("_", " "), *(column.replace("_", " ") for column in columns)]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for key, row in rows.items():
+        lines.append(f"| {' | '.join([key, *(_text(row.get(column)) for column in columns)])} |")
+    return lines
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,97 @@
+"""Chance for the eyes: geometry that moves the labels along, and light, colour, blur and dirt that do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from simgrab.geometry import Array
+from simgrab.instrument.detect.patches import Picture
+
+_NOISE = 1 << 20  # bytes of noise made once; each picture takes a stretch of it
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One of the eight ways to lay a picture: mirrored left to right or not, then turned clockwise by quarters."""
+
+    mirror: bool
+    quarters: int
+
+    def picture(self, picture: Picture) -> Picture:
+        """Lay a picture (h, w, channels)."""
+        laid = picture[:, ::-1] if self.mirror else picture
+        return np.rot90(laid, -self.quarters)
+
+    def points(self, shares: Array) -> Array:
+        """Lay points (..., 2) in shares of the picture."""
+        x, y = shares[..., 0], shares[..., 1]
+        x = 1 - x if self.mirror else x
+        for _ in range(self.quarters):
+            x, y = 1 - y, x
+        return np.stack([x, y], -1)
+
+    def box(self, shares: Array) -> Array:
+        """Lay a box x0, y0, x1, y1 in shares of the picture."""
+        corners = self.points(shares.reshape(2, 2))
+        return np.concatenate([corners.min(0), corners.max(0)])
+
+    def angle(self, angle: float) -> float:
+        """Lay a direction, clockwise from the picture's x axis, rad."""
+        return (np.pi - angle if self.mirror else angle) + self.quarters * np.pi / 2
+
+
+def turn(rng: np.random.Generator, *, quarters: bool) -> Turn:
+    """Draw a turn; without quarters, upright and upside down only."""
+    steps = int(rng.integers(4)) if quarters else 2 * int(rng.integers(2))
+    return Turn(bool(rng.integers(2)), steps)
+
+
+class Dirt:
+    """Draws how a picture is spoiled. Geometry stays."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self._noise = np.random.default_rng(seed).normal(0, 1, _NOISE).astype(np.float32)
+
+    def __call__(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Spoil the colours of a picture (h, w, 3): light, gamma, tint, grey, blur, noise, and a patch cut out."""
+        result = np.ascontiguousarray(picture)
+        if rng.random() < 0.15:
+            result = cv2.cvtColor(cv2.cvtColor(result, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+        elif rng.random() < 0.15:
+            result = np.ascontiguousarray(result[..., rng.permutation(3)])
+        result = cv2.LUT(result, _curves(rng))
+        if rng.random() < 0.2:
+            result = cv2.GaussianBlur(result, (0, 0), float(rng.uniform(0.4, 1.3)))
+        if rng.random() < 0.3:
+            result = self._noisy(result, float(rng.uniform(1, 10)), rng)
+        if rng.random() < 0.25:
+            result = _cut_out(result, rng)
+        return np.asarray(result, np.uint8)
+
+    def _noisy(self, picture: Picture, sd: float, rng: np.random.Generator) -> Picture:
+        size = picture.shape[0] * picture.shape[1] * picture.shape[2]
+        start = int(rng.integers(_NOISE - size))
+        noise = (self._noise[start : start + size] * sd).astype(np.int16).reshape(picture.shape)
+        return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def _curves(rng: np.random.Generator) -> Picture:
+    """Draw a tone curve for each colour, (1, 256, 3)."""
+    x = np.arange(256, dtype=np.float64)[:, None] / 255
+    gamma = np.exp(rng.normal(0, 0.25))
+    gain = np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, 0.06, 3))
+    lift = rng.normal(0, 0.04)
+    return np.clip(255 * (gain * x**gamma + lift), 0, 255).astype(np.uint8)[None]
+
+
+def _cut_out(picture: Picture, rng: np.random.Generator) -> Picture:
+    """Lay a rectangle of one colour over the picture."""
+    h, w = picture.shape[:2]
+    high, wide = (int(rng.uniform(0.05, 0.25) * s) for s in (min(h, w), min(h, w)))
+    y, x = int(rng.integers(h - high)), int(rng.integers(w - wide))
+    result = picture.copy()
+    result[y : y + high, x : x + wide] = rng.integers(0, 256, 3)
+    return result

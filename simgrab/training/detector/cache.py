@@ -1,0 +1,135 @@
+"""Pictures as the nets see them, decoded once into files that are mapped into memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.datasets import Dataset
+from simgrab.errors import DatasetError, TrainingError
+from simgrab.instrument.detect.patches import Patch, Picture
+from simgrab.records import Truth
+
+Progress = Callable[[int, int], None]
+_WORKERS = 2  # decoding lets go of Python's lock
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame to learn from: row, picture's file, whether detection labels hold a box for it, and its weather.
+
+    A frame of which labels hold no box although a little of the grab shows is neither a grab nor none: `frames` leaves
+    it out.
+    """
+
+    row: Truth
+    file: Path
+    labelled: bool
+    weather: str
+
+    def picture(self) -> Picture:
+        """Decode the picture, RGB.
+
+        Raises
+        ------
+        DatasetError
+        """
+        picture = cv2.imread(str(self.file), cv2.IMREAD_COLOR_RGB)
+        if picture is None:
+            raise DatasetError(f"{self.file} cannot be read as a picture")
+        if picture.shape[:2] != (self.row.height_px, self.row.width_px):
+            raise DatasetError(
+                f"{self.file} is {picture.shape[1]}x{picture.shape[0]}, its labels are of "
+                f"{self.row.width_px}x{self.row.height_px}"
+            )
+        return np.asarray(picture, np.uint8)
+
+
+def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
+    """Frames of a split, but for those in which so little of the grab shows that labels hold no box."""
+    return tuple(
+        Frame(row, dataset.image(row), dataset.is_labelled(row), dataset.weather(row))
+        for dataset in datasets
+        for row in dataset.rows
+        if row.split == split and (dataset.is_labelled(row) or row.box_x0_px is None)
+    )
+
+
+def build(
+    folder: Path,
+    chosen: Sequence[Frame],
+    shape: tuple[int, ...],
+    make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
+    progress: Progress | None = None,
+) -> tuple[NDArray[np.uint8], list[list[Patch]]]:
+    """Make what is to be learned from each picture, or find it made.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the files; it exists once they are whole.
+    chosen : sequence of Frame
+    shape : tuple of int
+        Of what ``make`` gives for a frame.
+    make : callable
+        From a frame's number and its picture to bytes of that shape, and the patches that they show.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+
+    Returns
+    -------
+    bytes : ndarray of uint8, shape (frames, *shape), mapped
+    patches : list of list of Patch
+        Of each frame.
+    """
+    if not (folder / "patches.json").exists():
+        _make(folder, chosen, shape, make, progress)
+    patches = [[Patch(*p) for p in row] for row in json.loads((folder / "patches.json").read_text())]
+    return np.load(folder / "bytes.npy", mmap_mode="r"), patches
+
+
+def _make(
+    folder: Path,
+    chosen: Sequence[Frame],
+    shape: tuple[int, ...],
+    make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
+    progress: Progress | None,
+) -> None:
+    draft = folder.with_name(f"{folder.name}.draft-{os.getpid()}")
+    try:
+        draft.mkdir(parents=True)
+        needed, free = len(chosen) * int(np.prod(shape)), shutil.disk_usage(draft).free
+        if needed > free:  # a mapped file would end the process where the disk does
+            raise TrainingError(f"{folder} needs {needed / 1e9:.1f} GB, and only {free / 1e9:.1f} GB are free")
+        target = np.lib.format.open_memmap(draft / "bytes.npy", "w+", np.uint8, (len(chosen), *shape))
+
+        def one(i: int) -> list[tuple[int, int, int, int]]:
+            target[i], patches = make(i, chosen[i].picture())
+            return [(p.x0, p.y0, p.x1, p.y1) for p in patches]
+
+        rows = []
+        pool = ThreadPoolExecutor(_WORKERS)
+        try:
+            for row in pool.map(one, range(len(chosen))):
+                rows.append(row)
+                if progress:
+                    progress(len(rows), len(chosen))
+        finally:
+            pool.shutdown(cancel_futures=True)  # at an error, leave what waits
+        target.flush()
+        (draft / "patches.json").write_text(json.dumps(rows))
+        shutil.rmtree(folder, ignore_errors=True)
+        draft.rename(folder)
+    except OSError as problem:
+        raise TrainingError(f"cannot write {folder}: {problem.strerror or problem}") from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)

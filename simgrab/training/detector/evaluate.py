@@ -1,0 +1,119 @@
+"""How a detector does on validation frames: figures for the model card, and how far its stated deviations hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from simgrab import labels
+from simgrab.geometry import Array
+from simgrab.instrument.detect.boxes import iou
+from simgrab.instrument.detect.bundled import Trust
+from simgrab.records import Detection
+from simgrab.training.detector import cache
+
+LEVEL = 0.95
+_NORMAL = 1.96  # deviations either way that hold LEVEL of a normal law
+_FEWEST = 20  # detections from which on a factor is measured
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A frame and what was detected in it."""
+
+    frame: cache.Frame
+    detection: Detection
+
+    @property
+    def overlap(self) -> float:
+        """IoU with the labelled box; 0 where there is none of either."""
+        box = labels.box(self.frame.row)
+        if not self.frame.labelled or box is None or self.detection.box is None:
+            return 0.0
+        return float(iou(self.detection.box, box))
+
+    @property
+    def hit(self) -> bool:
+        """Whether the grab was found where it is."""
+        return self.overlap >= 0.5
+
+
+def watch(
+    detector: Callable[[Any], Detection], frames: Sequence[cache.Frame], progress: cache.Progress | None = None
+) -> list[Seen]:
+    """Let a detector look at frames."""
+    seen = []
+    for frame in frames:
+        seen.append(Seen(frame, detector(frame.picture())))
+        if progress:
+            progress(len(seen), len(frames))
+    return seen
+
+
+def trust(seen: Sequence[Seen]) -> Trust:
+    """Factors on stated deviations, by which ±1.96 of them hold 95 % of the errors seen."""
+    return Trust(**{name: _factor(ratios) for name, ratios in errors_over_sd(seen).items()})
+
+
+def errors_over_sd(seen: Sequence[Seen]) -> dict[str, Array]:
+    """Errors of found grabs over their stated deviations: of box edges, centre coordinates and yaw."""
+    ratios: dict[str, list[Array]] = {"box": [], "centre": [], "yaw": []}
+    for one in seen:
+        found, row = one.detection, one.frame.row
+        if not one.hit or found.box_sd_px is None or found.centre_sd_px is None or found.centre is None:
+            continue
+        ratios["box"].append((found.box - labels.box(row)) / found.box_sd_px)  # type: ignore[operator]
+        ratios["centre"].append((found.centre - labels.centre(row)) / found.centre_sd_px)
+        if found.yaw is not None and found.yaw_sd is not None:
+            ratios["yaw"].append(np.array([half_turn(found.yaw - labels.yaw(row)) / found.yaw_sd]))
+    return {name: np.abs(np.concatenate(some)) if some else np.zeros(0) for name, some in ratios.items()}
+
+
+def half_turn(angle: float) -> float:
+    """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
+    return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+def _factor(ratios: Array) -> float:
+    finite = ratios[np.isfinite(ratios)]
+    if len(finite) < _FEWEST:
+        return 1.0
+    return float(np.quantile(finite, LEVEL) / _NORMAL)
+
+
+def metrics(seen: Sequence[Seen]) -> dict[str, Any]:
+    """Figures of a model card: overall, and by weather."""
+    weathers = sorted({one.frame.weather for one in seen})
+    return _figures(seen) | {
+        "by_weather": {name: _figures([s for s in seen if s.frame.weather == name]) for name in weathers}
+    }
+
+
+def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
+    there = [one for one in seen if one.frame.labelled]
+    empty = [one for one in seen if not one.frame.labelled]
+    hits = [one for one in there if one.hit]
+    miss = [
+        float(np.linalg.norm(one.detection.centre - labels.centre(one.frame.row)))
+        for one in hits
+        if one.detection.centre is not None
+    ]
+    finite = np.array(miss)[np.isfinite(miss)]
+    return {
+        "frames": len(seen),
+        "recall": len(hits) / len(there) if there else None,
+        "mean_iou": float(np.mean([one.overlap for one in there])) if there else None,
+        "centre_median_px": float(np.median(finite)) if len(finite) else None,
+        "centre_95_px": float(np.quantile(finite, 0.95)) if len(finite) else None,
+        "empty_frames": len(empty),
+        "false_boxes": sum(one.detection.found for one in empty),
+    }
+
+
+def as_dict(factors: Trust) -> dict[str, float]:
+    """Plain factors, rounded as metadata."""
+    return {name: round(value, 4) for name, value in asdict(factors).items()}

@@ -1,0 +1,77 @@
+"""From torch to ONNX: weights kept in half precision, what simgrab must know in the metadata."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnx import helper, numpy_helper
+from torch import nn
+
+from simgrab.instrument.detect.session import KEY
+from simgrab.training.checkpoint import write_whole
+
+OPSET = 18
+_LEAST = 256  # numbers in a tensor from which on halves are worth it
+
+
+def export(net: nn.Module, example: torch.Tensor, outputs: list[str], path: Path, facts: Mapping[str, Any]) -> None:
+    """Write a net to ONNX, free in its number of pictures.
+
+    Parameters
+    ----------
+    net : torch.nn.Module
+        In evaluation mode, on the CPU.
+    example : Tensor
+        What goes in.
+    outputs : list of str
+        Names of what comes out.
+    path : Path
+    facts : mapping
+        Plain data for the metadata.
+    """
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        draft = Path(folder) / path.name
+        # TorchScript's exporter folds norms into convolutions, and writes the plainest graphs.
+        warnings.simplefilter("ignore")
+        axes = {name: {0: "n"} for name in ("pictures", *outputs)}
+        torch.onnx.export(
+            net, (example,), str(draft), input_names=["pictures"], output_names=outputs, dynamic_axes=axes,
+            opset_version=OPSET, dynamo=False,
+        )  # fmt: skip
+        model = halved(onnx.load(draft))
+    model.doc_string = ""
+    helper.set_model_props(model, {KEY: json.dumps(facts)})
+    onnx.checker.check_model(model)
+    write_whole(path, model.SerializeToString())
+
+
+def set_facts(path: Path, facts: Mapping[str, Any]) -> None:
+    """Put other facts into a file's metadata."""
+    model = onnx.load(path)
+    helper.set_model_props(model, {KEY: json.dumps(facts)})
+    write_whole(path, model.SerializeToString())
+
+
+def halved(model: onnx.ModelProto) -> onnx.ModelProto:
+    """Keep a model's large weights in half precision; it multiplies in single as before."""
+    result = onnx.ModelProto()
+    result.CopyFrom(model)
+    casts = []
+    for tensor in result.graph.initializer:
+        if tensor.data_type != onnx.TensorProto.FLOAT or np.prod(tensor.dims) < _LEAST:
+            continue
+        name = tensor.name
+        tensor.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(tensor).astype(np.float16), f"{name}_half"))
+        casts.append(helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT))
+    nodes = list(result.graph.node)
+    del result.graph.node[:]
+    result.graph.node.extend([*casts, *nodes])
+    return result

@@ -1,0 +1,232 @@
+"""What refine learns: edges, grab centre and yaw in a crop, how sure it is of each, and whether the grab is there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits, normalize
+
+from simgrab import labels
+from simgrab.geometry import Array
+from simgrab.instrument.detect.boxes import iou
+from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
+from simgrab.rng import stream
+from simgrab.training.detector import cache
+from simgrab.training.detector.augment import Dirt, turn
+from simgrab.training.detector.nets import (
+    BEYOND,
+    CELL,
+    CENTRE,
+    CENTRE_SCALES,
+    EDGE_SCALES,
+    EDGES,
+    PRESENCE,
+    YAW,
+    YAW_SCALE,
+)  # fmt: skip
+from simgrab.training.loop import SCORE, Batch
+
+CROP = 320  # px of a cached crop
+_ROOM = 2.2  # its side over the box's longer one
+_ZOOM = (1.1, 1.9)  # a learned crop's side over the box's longer one
+_SHIFT = 0.25  # of the longer side, at most
+_OTHERS = 0.3  # share of examples that show something else than the grab
+_FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be told
+
+
+@dataclass(frozen=True, eq=False)
+class Crops:
+    """Two crops of each frame, (n, 2, 320, 320, 3): of the grab, where there is one, and of something else.
+
+    Attributes
+    ----------
+    crops : ndarray of uint8
+    patches : list of list of Patch
+        What they show of the picture.
+    frames : sequence of Frame
+    """
+
+    crops: NDArray[np.uint8]
+    patches: list[list[Patch]]
+    frames: Sequence[cache.Frame]
+
+
+def crops(
+    folder: Path,
+    chosen: Sequence[cache.Frame],
+    suspects: Sequence[Sequence[Array]],
+    *,
+    seed: int,
+    progress: cache.Progress | None = None,
+) -> Crops:
+    """Cut crops, or find them cut in ``folder``.
+
+    Parameters
+    ----------
+    folder : Path
+    chosen : sequence of Frame
+    suspects : sequence of sequences of ndarray, shape (4,)
+        Boxes of each frame, px, that find took for the grab; what is none of it becomes a hard example.
+    seed : int
+        Of the places that are cut where nothing was suspected.
+    """
+    boxes = [labels.box(frame.row) for frame in chosen]
+    sizes = np.array(
+        [b[2:] - b[:2] for frame, b in zip(chosen, boxes, strict=True) if frame.labelled and b is not None]
+    )
+    longest = sizes.max(axis=1) if len(sizes) else np.array([300.0])
+
+    def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
+        rng, truth = stream(seed, i, "negatives"), boxes[i] if chosen[i].labelled else None
+        others = [around(b, _ROOM) for b in suspects[i] if truth is None or _apart(around(b, 1.0), truth)]
+        while len(others) < 2:
+            others.append(_anywhere(picture, longest, truth, rng))
+        patches = [others[1] if truth is None else around(truth, _ROOM), others[0]]
+        return np.stack([cut(picture, patch, CROP, CROP) for patch in patches]), patches
+
+    cut_out, patches = cache.build(folder, chosen, (2, CROP, CROP, 3), make, progress)
+    return Crops(cut_out, patches, chosen)
+
+
+def _apart(patch: Patch, truth: Array) -> bool:
+    return float(iou([patch.x0, patch.y0, patch.x1, patch.y1], truth)) < 0.1
+
+
+def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.random.Generator) -> Patch:
+    """Draw a patch, of the size that a grab's would have, that does not show the grab."""
+    h, w = picture.shape[:2]
+    for _ in range(50):
+        half = float(rng.choice(longest)) / 2
+        u, v = rng.uniform(0, w), rng.uniform(0, h)
+        box = np.array([u - half, v - half, u + half, v + half])
+        if truth is None or float(iou(box, truth)) < 0.02:
+            break
+    return around(box, _ROOM)
+
+
+class Refining:
+    """Refine's task (`simgrab.training.loop.Task`)."""
+
+    def __init__(self, train: Crops, validation: Crops) -> None:
+        self.train, self._dirt = train, Dirt()
+        rng = stream(0, 0, "validation")
+        self._validation = _stack(
+            [
+                _example(validation, i, other, rng, None)
+                for i in range(len(validation.frames))
+                for other in (False, True)
+            ]
+        )
+
+    @property
+    def examples(self) -> int:
+        """Number of training frames."""
+        return len(self.train.frames)
+
+    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Cut crops anew, augmented, some of something else than the grab."""
+        return _stack([_example(self.train, int(i), rng.random() < _OTHERS, rng, self._dirt) for i in chosen])
+
+    def loss(self, net: nn.Module, batch: Batch) -> Tensor:
+        """Compose the loss of positions, yaw, their scales and the presence."""
+        return loss(net(batch["crops"]), batch)
+
+    def validate(self, net: nn.Module) -> Mapping[str, float]:
+        """Overlap and centre error where there is a grab, and how well its presence is told."""
+        batch = self._validation
+        device = next(net.parameters()).device
+        out = torch.cat([net(some.to(device)) for some in torch.split(batch["crops"], 64)]).cpu().numpy()
+        there = batch["present"].numpy() == 1
+        told = (out[:, PRESENCE] > 0) == there
+        edges = batch["places"].numpy()[there, :4]
+        overlap = iou(out[there, EDGES], edges)
+        miss = np.linalg.norm(out[there, CENTRE] - batch["places"].numpy()[there, 4:], axis=-1)
+        width = (edges[:, 2:] - edges[:, :2]).max(axis=-1)
+        error = float(np.nanmedian(miss / width)) if there.any() else 1.0
+        mean = float(overlap.mean()) if there.any() else 0.0
+        score = mean + float(told.mean()) - min(error, 1.0)
+        return {"mean_iou": mean, "centre_error": error, "told_apart": float(told.mean()), SCORE: score}
+
+
+def loss(out: Tensor, batch: Batch) -> Tensor:
+    """Loss of an output of `simgrab.training.detector.nets.Refine` (n, 16).
+
+    Positions are learned by their distance alone; how far off they are is then learned as the scale of a Laplace law.
+    """
+    known = batch["known"]
+    count = known.sum().clamp(min=1.0)
+    miss = (out[:, :6] - batch["places"]).abs() * known
+    scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
+    unsure = (miss.detach() * torch.exp(-scales) + scales) * known
+    turned, yaw = batch["turned"], batch["present"]
+    unit = normalize(out[:, YAW], dim=1, eps=1e-3)
+    off = (1 - (unit * turned).sum(1)) * yaw
+    # 1 − cos δ gives |δ| where it is small, and stays finite where it is not.
+    delta = torch.sqrt((2 * off).clamp(min=0.0)).detach()
+    lean = (delta * torch.exp(-out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * yaw
+    people = yaw.sum().clamp(min=1.0)
+    presence = binary_cross_entropy_with_logits(out[:, PRESENCE], batch["present"])
+    return (
+        40 * miss.sum() / count
+        + 0.2 * unsure.sum() / count
+        + off.sum() / people
+        + 0.05 * lean.sum() / people
+        + presence
+    )
+
+
+def _example(
+    crops: Crops, i: int, other: bool, rng: np.random.Generator, dirt: Dirt | None
+) -> dict[str, NDArray[np.generic]]:
+    """Cut one example out of a cached crop; without dirt as it is seen at work, and not turned."""
+    frame = crops.frames[i]
+    there = frame.labelled and not other
+    slot = 1 if other else 0
+    patch, row = crops.patches[i][slot], frame.row
+    window = _window(patch, labels.box(row) if there else None, rng)
+    picture = cut(np.asarray(crops.crops[i, slot]), window, REFINE_SIZE, REFINE_SIZE)
+    corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
+    inside = mask(row.width_px, row.height_px, corner, extent, REFINE_SIZE)
+    places, yaw = np.full(6, np.nan), 0.0
+    if there:
+        box = labels.box(row)
+        assert box is not None
+        places = ((np.concatenate([box, labels.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
+        yaw = labels.yaw(row)
+    if dirt:
+        laid = turn(rng, quarters=True)
+        picture = dirt(laid.picture(picture), rng)
+        inside = laid.picture(inside)
+        places = np.concatenate([laid.box(places[:4]), laid.points(places[4:])])
+        yaw = laid.angle(yaw)
+    known = np.isfinite(places) & (np.abs(places - 0.5) < _FARTHEST - 0.5)
+    return {
+        "crops": np.concatenate([picture, inside[..., None]], axis=-1),
+        "places": np.where(known, places, 0).astype(np.float32),
+        "known": known.astype(np.float32),
+        "turned": np.array([np.cos(2 * yaw), np.sin(2 * yaw)], np.float32),
+        "present": np.float32(there),
+    }
+
+
+def _window(patch: Patch, box: Array | None, rng: np.random.Generator) -> Patch:
+    """Draw what is cut out of a cached crop, in its own pixels: the grab zoomed and shifted, or any such part."""
+    longest, middle = CROP / _ROOM, np.full(2, CROP / 2)
+    if box is not None:
+        corners = patch.to_shares(box.reshape(2, 2)) * CROP
+        longest, middle = float((corners[1] - corners[0]).max()), corners.mean(axis=0)
+    side = longest * np.exp(rng.uniform(*np.log(_ZOOM)))
+    shift = np.clip(rng.normal(0, 0.4 * _SHIFT, 2), -_SHIFT, _SHIFT) * longest
+    side = min(round(side), CROP)
+    x, y = (int(np.clip(round(m - side / 2), 0, CROP - side)) for m in middle + shift)
+    return Patch(x, y, x + side, y + side)
+
+
+def _stack(examples: list[dict[str, NDArray[np.generic]]]) -> Batch:
+    return {name: torch.from_numpy(np.stack([e[name] for e in examples])) for name in examples[0]}

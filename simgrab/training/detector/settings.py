@@ -1,0 +1,63 @@
+"""Recipes of the bundled detector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from simgrab.training.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class Recipes:
+    """How the two nets are trained.
+
+    Attributes
+    ----------
+    find, refine : Recipe
+    """
+
+    find: Recipe
+    refine: Recipe
+
+
+# Examples shown in all, whatever the number of frames: what about 20 minutes on two cores are good for, and about 5.
+SHOWN = {"find": 110_000, "refine": 180_000}
+SHOWN_QUICK = {"find": 26_000, "refine": 45_000}
+
+
+def recipes(
+    frames: int, *, quick: bool = False, epochs: int | None = None, half: bool | None = None, **changes: object
+) -> Recipes:
+    """Set both nets' recipes.
+
+    Parameters
+    ----------
+    frames : int
+        To learn from.
+    quick : bool
+        A quarter of the time.
+    epochs : int, optional
+        Of each; by default as many as show the usual number of examples.
+    half : bool, optional
+        Multiply in bfloat16; by default where this machine has units for it.
+    **changes
+        Other settings of both.
+    """
+    shown = SHOWN_QUICK if quick else SHOWN
+    whether = has_half_units(str(changes.get("device", "cpu"))) if half is None else half
+    common = replace(Recipe(half=whether), **changes)  # type: ignore[arg-type]
+
+    def one(name: str, rate: float, batch: int) -> Recipe:
+        wanted = epochs or max(round(shown[name] / max(frames, 1)), 1)
+        return replace(common, epochs=wanted, rate=rate, batch=min(batch, max(frames, 1)))
+
+    return Recipes(one("find", 2e-3, 16), one("refine", 2e-3, 32))
+
+
+def has_half_units(device: str) -> bool:
+    """Whether a device has units for bfloat16: CPUs with AMX or AVX-512 BF16, and newer GPUs."""
+    import torch
+
+    if device.startswith("cuda"):
+        return torch.cuda.is_available() and torch.cuda.is_bf16_supported()
+    return bool(torch.cpu._is_amx_tile_supported() or torch.cpu._is_avx512_bf16_supported())

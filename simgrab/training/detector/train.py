@@ -1,0 +1,155 @@
+"""Train the bundled detector, from datasets to ONNX files with their cards."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from simgrab import datasets
+from simgrab.errors import TrainingError
+from simgrab.geometry import Array
+from simgrab.instrument.detect.bundled import FIND, REFINE, Bundled, Settings, peaks
+from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
+from simgrab.training import loop
+from simgrab.training.card import Card
+from simgrab.training.detector import cache, evaluate, export, find, refine
+from simgrab.training.detector.nets import Find, Refine
+from simgrab.training.detector.settings import Recipes
+
+_SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
+_LOOK = 32  # pictures find looks at at once
+
+Watch = Callable[[str], Callable[[int, int], None]]
+TASKS = {
+    "find": "Picture of 512 x 288 in, heat at the centre of the grab's visible box and the distances to its edges out.",
+    "refine": "Crop around a found box in; its edges, the grab's centre, its yaw, how sure each is, and whether it is "
+    "there out.",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """A trained detector: its folder, and its figures on validation frames."""
+
+    folder: Path
+    metrics: dict[str, Any]
+
+
+def claim(out: Path, *, resume: bool) -> None:
+    """Make the folder of a training, or refuse one that is in use.
+
+    Raises
+    ------
+    TrainingError
+    """
+    try:
+        if out.exists() and not out.is_dir():
+            raise TrainingError(f"{out} is not a folder; choose another --out")
+        if out.is_dir() and any(out.iterdir()) and not resume:
+            raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+
+
+def train(
+    paths: Sequence[str | Path],
+    out: str | Path,
+    recipes: Callable[[int], Recipes],
+    *,
+    resume: bool = False,
+    watch: Watch | None = None,
+    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+) -> Result:
+    """Train find, then refine on what find takes for the grab, then measure both together.
+
+    Parameters
+    ----------
+    paths : sequence of paths
+        Datasets; frames of the split ``train`` are learned from, those of ``val`` judged by.
+    out : path
+        Gets ``find.onnx`` and ``refine.onnx``, their cards, checkpoints, and a cache of pictures that may be deleted.
+    recipes : callable
+        From the number of frames to learn from to the recipes.
+    resume : bool
+        Go on with an interrupted training of the same recipes and datasets.
+    watch, report : callable, optional
+        Given the name of a step, return what is told of its progress.
+
+    Raises
+    ------
+    DatasetError, TrainingError
+    """
+    out = Path(out)
+    sets = datasets.read_all(paths, "train", "val")
+    claim(out, resume=resume)
+    train_frames, val_frames = (cache.frames(sets, split) for split in ("train", "val"))
+    if not any(frame.labelled for frame in train_frames):
+        raise TrainingError("no training frame shows the grab")
+    chosen, digest = recipes(len(train_frames)), datasets.digest(sets)
+    step = watch or (lambda _: lambda _done, _total: None)
+    follow = report or (lambda _: lambda _report: None)
+    folder = out / "cache" / digest[:16]
+
+    small = [
+        find.pictures(folder / f"small-{name}", frames, step(f"shrinking {name} pictures"))
+        for name, frames in (("train", train_frames), ("val", val_frames))
+    ]
+    found = _learn(Find, find.Finding(*small), chosen.find, out / "find", digest, resume, follow("find"))
+    example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
+    export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
+
+    key = hashlib.sha256((out / "find.onnx").read_bytes()).hexdigest()[:16]
+    crops = [
+        refine.crops(
+            folder / f"crops-{name}-{key}", frames, suspects(found.net, pictures, frames),
+            seed=chosen.refine.seed, progress=step(f"cutting {name} crops"),
+        )
+        for name, pictures, frames in (("train", small[0], train_frames), ("val", small[1], val_frames))
+    ]  # fmt: skip
+    refined = _learn(Refine, refine.Refining(*crops), chosen.refine, out / "refine", digest, resume, follow("refine"))
+    facts = {"task": REFINE, "settings": dataclasses.asdict(Settings())}
+    example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
+    export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
+
+    seen = evaluate.watch(Bundled(out), val_frames, step("looking at val pictures"))
+    factors = evaluate.trust(seen)
+    export.set_facts(out / "refine.onnx", facts | {"trust": evaluate.as_dict(factors)})
+    metrics = evaluate.metrics(seen)
+    for name, trained, recipe in (("find", found, chosen.find), ("refine", refined, chosen.refine)):
+        Card(
+            name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=len(train_frames),
+            recipe=dataclasses.asdict(recipe), epochs=trained.epochs, seconds=trained.seconds,
+            metrics={"alone": trained.figures} | metrics,
+        ).save(out / f"{name}.onnx")  # fmt: skip
+    return Result(out, metrics)
+
+
+def _learn(
+    build: Callable[[], torch.nn.Module], task: loop.Task, recipe: Any, out: Path, digest: str, resume: bool,
+    report: Callable[[loop.Report], None],
+) -> loop.Trained:  # fmt: skip
+    out.mkdir(exist_ok=True)
+    return loop.train(build, task, recipe, out, data=digest, resume=resume, report=report)
+
+
+def suspects(net: torch.nn.Module, pictures: find.Pictures, frames: Sequence[cache.Frame]) -> list[list[Array]]:
+    """Boxes that find takes for the grab in each frame, px of the picture, the hottest first."""
+    result = []
+    with torch.inference_mode():
+        for start in range(0, len(frames), _LOOK):
+            some = torch.from_numpy(np.array(pictures.pictures[start : start + _LOOK]))
+            heat, reach = (x.numpy() for x in net(some))
+            for i, frame in enumerate(frames[start : start + _LOOK]):
+                patch = whole(frame.row.width_px, frame.row.height_px)
+                found = [box for box, score in peaks(heat[i], reach[i]) if score >= _SUSPECT]
+                shares = [box.reshape(2, 2) / (FIND_WIDTH, FIND_HEIGHT) for box in found]
+                result.append([patch.to_picture(corners).ravel() for corners in shares])
+    return result

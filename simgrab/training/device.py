@@ -1,0 +1,55 @@
+"""Where a net is trained: the device, what is moved there, and what it cannot hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+from torch import Tensor
+
+from simgrab.errors import TrainingError
+from simgrab.training.recipe import Recipe
+
+
+def named(name: str) -> torch.device:
+    """Open a device.
+
+    Raises
+    ------
+    TrainingError
+        If this machine has none of the name.
+    """
+    try:
+        device = torch.device(name)
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as problem:
+        raise TrainingError(f"device {name!r} cannot be used: {str(problem).splitlines()[0]}") from None
+    return device
+
+
+def to_device(batch: dict[str, Tensor], device: torch.device) -> dict[str, Tensor]:
+    """Move a batch; pictures of floats, (n, channels, height, width), become channels-last."""
+    return {
+        name: value.to(
+            device,
+            memory_format=torch.channels_last
+            if value.ndim == 4 and value.is_floating_point()
+            else torch.preserve_format,
+        )
+        for name, value in batch.items()
+    }
+
+
+@contextmanager
+def out_of_memory(recipe: Recipe) -> Iterator[None]:
+    """Turn a lack of memory into one line."""
+    line = f"out of memory with batches of {recipe.batch} on {recipe.device}: choose a smaller --batch"
+    try:
+        yield
+    except (MemoryError, torch.OutOfMemoryError):
+        raise TrainingError(line) from None
+    except RuntimeError as problem:  # what the CPU's allocator raises
+        if "not enough memory" not in str(problem) and "alloc" not in str(problem).lower():
+            raise
+        raise TrainingError(line) from None

@@ -1,0 +1,254 @@
+"""The training loop: seeded, averaged, validated, and resumed as if it had never stopped.
+
+Nothing is drawn from a running generator: the order of an epoch and the augmentation of a batch have streams of their
+own (`simgrab.rng`), and the learning rate is a function of the step. A checkpoint therefore needs no generator's state.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from simgrab.errors import TrainingError
+from simgrab.rng import stream
+from simgrab.training import checkpoint
+from simgrab.training.device import named, out_of_memory, to_device
+from simgrab.training.recipe import Recipe
+
+CHECKPOINT = "checkpoint.pt"
+SCORE = "score"
+
+Batch = dict[str, Tensor]
+_AHEAD = 2  # batches made while one is learned from
+
+
+class Task(Protocol):
+    """What is learned: where batches come from, what is lost on one, and how good a net is."""
+
+    @property
+    def examples(self) -> int:
+        """Number of training examples."""
+
+    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Make the batch of the chosen examples; all chance from ``rng``. Runs beside the learning, in a thread."""
+
+    def loss(self, net: nn.Module, batch: Batch) -> Tensor:
+        """Mean loss over a batch, a scalar."""
+
+    def validate(self, net: nn.Module) -> Mapping[str, float]:
+        """Figures on validation data; ``"score"`` among them says how good the net is, more being better."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """How far a training is: sent after each step, with figures after each epoch."""
+
+    epoch: int
+    epochs: int
+    step: int
+    steps: int
+    loss: float
+    examples_per_s: float
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained net.
+
+    Attributes
+    ----------
+    net : torch.nn.Module
+        Averaged weights of the best epoch, on the CPU, in evaluation mode.
+    figures : dict of str to float
+        Validation figures of that epoch.
+    epoch, epochs : int
+        That epoch, and how many were run.
+    history : tuple of dict
+        Loss and figures of each epoch.
+    seconds : float
+        Wall time, interruptions left out.
+    """
+
+    net: nn.Module
+    figures: dict[str, float]
+    epoch: int
+    epochs: int
+    history: tuple[dict[str, float], ...]
+    seconds: float
+
+
+def train(
+    build: Callable[[], nn.Module],
+    task: Task,
+    recipe: Recipe,
+    out: Path,
+    *,
+    data: str = "",
+    resume: bool = False,
+    report: Callable[[Report], None] | None = None,
+) -> Trained:
+    """Train a net.
+
+    On one machine the same recipe and examples give the same weights, however often the training was killed.
+
+    Parameters
+    ----------
+    build : callable
+        Makes the net; torch is seeded before.
+    task : Task
+    recipe : Recipe
+    out : Path
+        Folder of the checkpoint.
+    data : str
+        Digest of the examples; a checkpoint is not taken up with others.
+    resume : bool
+        Go on from the checkpoint, where there is one.
+    report : callable, optional
+
+    Raises
+    ------
+    TrainingError
+        If memory runs out, a loss is no number, the device is missing, or the checkpoint is another training's.
+    """
+    if task.examples < 1:
+        raise TrainingError("no training examples")
+    with out_of_memory(recipe):
+        run = _Run(build, task, recipe, out / CHECKPOINT, data)
+        if resume and run.path.exists():
+            run.restore()
+        while not run.finished:
+            run.epoch(report)
+        return run.result()
+
+
+class _Run:
+    """A training under way."""
+
+    def __init__(self, build: Callable[[], nn.Module], task: Task, recipe: Recipe, path: Path, data: str) -> None:
+        torch.set_num_threads(recipe.threads)
+        torch.manual_seed(recipe.seed)
+        self.task, self.recipe, self.path = task, recipe, path
+        self.identity = dataclasses.asdict(recipe) | {"data": data}
+        self.device = named(recipe.device)
+        self.net = build().to(self.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = copy.deepcopy(self.net).eval().requires_grad_(False)
+        self.optimiser = torch.optim.AdamW(_groups(self.net, recipe.weight_decay), lr=recipe.rate)
+        self.steps = max(task.examples // recipe.batch, 1)  # an epoch; what is left over waits for another order
+        self.history: list[dict[str, float]] = []
+        self.best: dict[str, Tensor] = {}
+        self.best_epoch, self.seconds = 0, 0.0
+
+    @property
+    def finished(self) -> bool:
+        done, patience = len(self.history), self.recipe.patience
+        return done >= self.recipe.epochs or bool(patience and done - self.best_epoch >= patience)
+
+    def epoch(self, report: Callable[[Report], None] | None) -> None:
+        start, number, losses = time.monotonic(), len(self.history), []
+        torch.manual_seed(int(stream(self.recipe.seed, number, "torch").integers(2**62)))
+        self.net.train()
+        for i, batch in enumerate(self._batches(number)):
+            losses.append(self._step(number * self.steps + i, batch))
+            if report:
+                speed = (i + 1) * self.recipe.batch / (time.monotonic() - start)
+                report(Report(number + 1, self.recipe.epochs, i + 1, self.steps, losses[-1], speed))
+        with torch.inference_mode():
+            figures = {name: float(value) for name, value in self.task.validate(self.average).items()}
+        speed = self.steps * self.recipe.batch / (time.monotonic() - start)
+        self.history.append({"loss": float(np.mean(losses))} | figures)
+        if not self.best or figures[SCORE] > self.history[self.best_epoch - 1][SCORE]:
+            self.best, self.best_epoch = copy.deepcopy(self.average.state_dict()), number + 1
+        self.seconds += time.monotonic() - start
+        self.save()
+        if report:
+            mean = self.history[-1]["loss"]
+            report(Report(number + 1, self.recipe.epochs, self.steps, self.steps, mean, speed, figures))
+
+    def _batches(self, epoch: int) -> Iterator[Batch]:
+        recipe, size = self.recipe, min(self.recipe.batch, self.task.examples)
+        order = stream(recipe.seed, epoch, "order").permutation(self.task.examples)
+
+        def make(i: int) -> Batch:
+            rng = stream(recipe.seed, epoch * self.steps + i, "augmentation")
+            return self.task.batch(order[i * size : (i + 1) * size], rng)
+
+        with ThreadPoolExecutor(1) as pool:
+            waiting: list[Future[Batch]] = []
+            for i in range(self.steps + _AHEAD):
+                if i < self.steps:
+                    waiting.append(pool.submit(make, i))
+                if i >= _AHEAD:
+                    yield to_device(waiting.pop(0).result(), self.device)
+
+    def _step(self, number: int, batch: Batch) -> float:
+        recipe = self.recipe
+        for group in self.optimiser.param_groups:
+            group["lr"] = recipe.rate_at(number / (self.steps * recipe.epochs))
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=recipe.half):
+            loss = self.task.loss(self.net, batch)
+        value = float(loss.detach())
+        if not np.isfinite(value):
+            raise TrainingError(f"the loss of step {number} is {value}: lower the learning rate ({recipe.rate})")
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.net.parameters(), recipe.clip)
+        self.optimiser.step()
+        # Early averages forget faster, so that the first weights do not linger.
+        blend(self.average, self.net, 1 - min(recipe.average, (1 + number) / (10 + number)))
+        return value
+
+    def save(self) -> None:
+        checkpoint.save(
+            self.path,
+            {
+                "identity": self.identity, "history": self.history, "seconds": self.seconds,
+                "net": self.net.state_dict(), "average": self.average.state_dict(),
+                "optimiser": self.optimiser.state_dict(), "best": self.best, "best_epoch": self.best_epoch,
+            },
+        )  # fmt: skip
+
+    def restore(self) -> None:
+        state: dict[str, Any] = checkpoint.load(self.path, self.identity)
+        try:
+            self.net.load_state_dict(state["net"])
+            self.average.load_state_dict(state["average"])
+        except RuntimeError:
+            raise TrainingError(f"{self.path} holds another net, of another version: choose another --out") from None
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.history, self.seconds = state["history"], state["seconds"]
+        self.best, self.best_epoch = state["best"], state["best_epoch"]
+
+    def result(self) -> Trained:
+        self.average.load_state_dict(self.best)
+        best = {name: value for name, value in self.history[self.best_epoch - 1].items() if name != "loss"}
+        net = self.average.cpu().eval()
+        return Trained(net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds)
+
+
+def blend(average: nn.Module, net: nn.Module, share: float) -> None:
+    """Move an average towards a net by a share; whole numbers (counts of batches) are copied."""
+    with torch.no_grad():
+        for mean, value in zip(average.state_dict().values(), net.state_dict().values(), strict=True):
+            if mean.is_floating_point():
+                mean.lerp_(value, share)
+            else:
+                mean.copy_(value)
+
+
+def _groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
+    """Spare biases and norms the weight decay."""
+    weights = [p for p in net.parameters() if p.ndim >= 2]
+    rest = [p for p in net.parameters() if p.ndim < 2]
+    return [{"params": weights, "weight_decay": decay}, {"params": rest, "weight_decay": 0.0}]

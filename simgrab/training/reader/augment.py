@@ -1,0 +1,85 @@
+"""What may happen to a digit between the display and the reader."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from simgrab.instrument.read.crops import Crops, Picture, entered
+from simgrab.training.reader.cells import SPARE_PX
+
+JPEG_BLOCK_PX = 8
+TORN = 0.3, 0.7  # of a box's height: torn there it is neither digit
+
+
+def altered(box: Picture, rng: np.random.Generator) -> Crops:
+    """Shift, scale, light, blur, disturb and compress a box out of a picture, and shape it for the net.
+
+    Parameters
+    ----------
+    box : ndarray of uint8, shape (h, w)
+        Grey, with `SPARE_PX` around what the reader would see.
+
+    Returns
+    -------
+    ndarray of float32, shape (32, 32)
+    """
+    seen = _moved(box, rng)
+    if rng.random() < 0.2:
+        seen = _coarser(seen, rng)
+    if rng.random() < 0.3:
+        seen = np.asarray(cv2.GaussianBlur(seen, None, rng.uniform(0.3, 0.02 * len(seen) + 0.3)))
+    seen = _lit(seen, rng)
+    if rng.random() < 0.7:
+        seen = _compressed(seen, int(rng.integers(8, 96)), rng)
+    return entered(seen)
+
+
+def plain(box: Picture) -> Crops:
+    """Shape a box as the reader sees it."""
+    return entered(np.ascontiguousarray(box[SPARE_PX:-SPARE_PX, SPARE_PX:-SPARE_PX]))
+
+
+def torn(above: Picture, below: Picture, rng: np.random.Generator) -> Picture:
+    """One box above a row and another, of the same size, from there on."""
+    row = round(rng.uniform(*TORN) * len(above))
+    return np.concatenate([above[:row], below[row:]])
+
+
+def _moved(box: Picture, rng: np.random.Generator) -> Picture:
+    """Shift by a pixel or so and scale by a few per cent."""
+    height, width = box.shape[0] - 2 * SPARE_PX, box.shape[1] - 2 * SPARE_PX
+    scale = rng.uniform(0.96, 1.04, 2)
+    shift = rng.normal(0, 0.6, 2).clip(-1.6, 1.6)
+    middle = np.array([box.shape[1] - 1, box.shape[0] - 1]) / 2
+    target = np.array([width - 1, height - 1]) / 2
+    m = np.array([[scale[0], 0, middle[0] + shift[0] - scale[0] * target[0]],
+                  [0, scale[1], middle[1] + shift[1] - scale[1] * target[1]]])  # fmt: skip
+    if rng.random() < 0.3:  # as it lies on its pixels
+        m = np.array([[1.0, 0, SPARE_PX + round(shift[0])], [0, 1.0, SPARE_PX + round(shift[1])]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(box, m, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _coarser(box: Picture, rng: np.random.Generator) -> Picture:
+    """As a stream of less resolution, enlarged again."""
+    share = rng.uniform(max(0.5, 10 / min(box.shape)), 1.0) if min(box.shape) > 10 else 1.0
+    small = cv2.resize(box, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(small, box.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+def _lit(box: Picture, rng: np.random.Generator) -> Picture:
+    """Change brightness, contrast and gamma, and add noise."""
+    level = (box / np.float32(255)) ** rng.uniform(0.7, 1.4)
+    level = level * rng.uniform(0.55, 1.15) + rng.uniform(-0.12, 0.15)
+    level += rng.normal(0, rng.uniform(0, 0.05), box.shape)
+    return np.asarray((255 * level.clip(0, 1)).round(), np.uint8)
+
+
+def _compressed(box: Picture, quality: int, rng: np.random.Generator) -> Picture:
+    """Code as JPEG, on blocks that lie anyhow over the box."""
+    x, y = rng.integers(0, JPEG_BLOCK_PX, 2)
+    padded = cv2.copyMakeBorder(box, int(y), JPEG_BLOCK_PX, int(x), JPEG_BLOCK_PX, cv2.BORDER_REPLICATE)
+    _, data = cv2.imencode(".jpg", padded, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    coded = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    return np.asarray(coded)[y : y + box.shape[0], x : x + box.shape[1]]

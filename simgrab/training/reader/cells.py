@@ -1,0 +1,149 @@
+"""Cells of rendered displays: digits with their labels, and what is no digit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab import layouts
+from simgrab.datasets import Dataset
+from simgrab.errors import DatasetError, LayoutError
+from simgrab.instrument.read.crops import Picture, around, cut
+from simgrab.instrument.read.reader import NO_DIGIT
+from simgrab.layouts import Layout, Rectangle
+from simgrab.records import Truth
+from simgrab.rng import stream
+from simgrab.strict import convert
+
+KEY, JOINT = "display.layout", "+"
+SPARE_PX = 3  # around a cell's margin, for shifts
+ELSEWHERE = 3  # boxes of each picture that lie off the display
+HALVES = 2  # boxes of each picture that lie half off a digit
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Boxes out of pictures, what they show, and where they are from.
+
+    Attributes
+    ----------
+    boxes : tuple of ndarray of uint8, shape (h, w)
+        Grey cells with their margin and `SPARE_PX` more.
+    digits : ndarray of int, shape (n,)
+        0 … 9, or `NO_DIGIT`.
+    frames : ndarray of int, shape (n,)
+        Boxes of one number are of one picture, and as large.
+    weather : tuple of str
+        Of each picture.
+    """
+
+    boxes: tuple[Picture, ...]
+    digits: NDArray[np.int64]
+    frames: NDArray[np.int64]
+    weather: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.digits)
+
+
+def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
+    """Cut the cells of a split out of the pictures; torn pictures and those without a display are left out.
+
+    Parameters
+    ----------
+    datasets : sequence of Dataset
+    split : str
+    seed : int
+        Of the places off the display.
+
+    Raises
+    ------
+    DatasetError
+        If no picture of the split shows a display, or one cannot be read.
+    """
+    boxes: list[Picture] = []
+    digits: list[int] = []
+    frames: list[int] = []
+    weather: list[str] = []
+    for dataset in datasets:
+        scenario = _scenario(dataset)
+        for row in dataset.rows:
+            if row.split != split or row.rope_text is None or row.torn_row_px is not None:
+                continue
+            layout = layout_of(scenario, row)
+            rng = stream(seed, len(weather), "cells")
+            found, shown = _cells(_picture(dataset, row), layout, row.rope_text, rng)
+            boxes += found
+            digits += shown
+            frames += [len(weather)] * len(shown)
+            weather.append(dataset.weather(row))
+    if not weather:
+        given = ", ".join(str(dataset.path) for dataset in datasets)
+        raise DatasetError(f"{given}: no frame of the split {split!r} shows rope lengths; render with a display.layout")
+    return Cells(tuple(boxes), np.array(digits), np.array(frames), tuple(weather))
+
+
+def _cells(picture: Picture, layout: Layout, text: str, rng: np.random.Generator) -> tuple[list[Picture], list[int]]:
+    """Boxes of a picture and what they show."""
+    cells = layout.cells
+    places = [*cells, *_halves(cells, rng), *_elsewhere(layout, rng)]
+    shown = [int(c) for c in text if c.isdigit()]
+    return [cut(picture, around(p, SPARE_PX)) for p in places], shown + [NO_DIGIT] * (len(places) - len(shown))
+
+
+def _halves(cells: Sequence[Rectangle], rng: np.random.Generator) -> list[Rectangle]:
+    """Cells half a digit away, along one axis."""
+    found = []
+    for i in rng.integers(0, len(cells), HALVES):
+        x0, y0, x1, y1 = cells[i]
+        share = rng.uniform(0.4, 0.6) * rng.choice([-1, 1])
+        dx, dy = (round(share * (x1 - x0)), 0) if rng.random() < 0.5 else (0, round(share * (y1 - y0)))
+        found.append((x0 + dx, y0 + dy, x1 + dx, y1 + dy))
+    return found
+
+
+def _elsewhere(layout: Layout, rng: np.random.Generator) -> list[Rectangle]:
+    """Cells that meet neither digit nor clock."""
+    w, h = layout.digit_width_px, layout.digit_height_px
+    taken = np.array([*layout.cells, *layout.points, *layout.clock.cells])
+    found: list[Rectangle] = []
+    for _ in range(100):
+        x, y = int(rng.integers(0, layout.width_px - w + 1)), int(rng.integers(0, layout.height_px - h + 1))
+        x0, y0, x1, y1 = taken.T
+        if not ((x0 < x + w) & (x < x1) & (y0 < y + h) & (y < y1)).any():
+            found.append((x, y, x + w, y + h))
+        if len(found) == ELSEWHERE:
+            break
+    return found
+
+
+def layout_of(scenario: Mapping[str, Any], row: Truth) -> Layout:
+    """Layout of a row's display, fitted to its picture, by the manifest's scenario and what varied for the row."""
+    layout: Any = scenario["display"]["layout"]
+    drawn = json.loads(row.varied) if row.varied else {}
+    for key, factor in scenario.get("vary", {}).items():
+        if KEY in key.split(JOINT):
+            names = list(factor.get("names", ()))
+            value = factor["values"][names.index(drawn[key])] if names else drawn[key]
+            layout = value[KEY] if JOINT in key else value
+    whole = layouts.load(layout) if isinstance(layout, str) else convert(layout, Layout, LayoutError)
+    return whole.scaled(row.width_px, row.height_px)
+
+
+def _scenario(dataset: Dataset) -> dict[str, Any]:
+    return dict(msgspec.json.decode((dataset.path / "manifest.json").read_bytes())["scenario"])
+
+
+def _picture(dataset: Dataset, row: Truth) -> Picture:
+    path = dataset.image(row)
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise DatasetError(f"{path} is not a picture")
+    return np.asarray(picture, np.uint8)

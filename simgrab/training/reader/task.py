@@ -1,0 +1,130 @@
+"""What the reader learns: every digit as often, wherever it stands and whatever has happened to it."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from simgrab.errors import DatasetError
+from simgrab.instrument.read.crops import INPUT_PX, Crops
+from simgrab.instrument.read.reader import HIGHEST_THRESHOLD, NO_DIGIT
+from simgrab.rng import stream
+from simgrab.training.loop import SCORE, Batch
+from simgrab.training.reader.augment import altered, plain, torn
+from simgrab.training.reader.cells import Cells
+
+TORN_SHARE = 0.04  # of the digits learned from, made into torn ones
+ROUNDS = 8  # alterations of each validation cell
+REFUSED = 1e-4  # share of altered digits that the threshold may refuse
+LEAST_THRESHOLD = 0.5
+
+
+class Digits:
+    """Cells as a task of `simgrab.training.loop`.
+
+    Parameters
+    ----------
+    train, val : Cells
+    seed : int
+        Of the alterations of the validation cells, which are the same in every epoch.
+
+    Attributes
+    ----------
+    crops, digits, weather : ndarray, shapes (n, 1, 32, 32), (n,), (n,)
+        The validation cells.
+    """
+
+    def __init__(self, train: Cells, val: Cells, seed: int) -> None:
+        self._cells = train
+        self._order = _balanced(train.digits)
+        self._first, self._last = _spans(train.frames)
+        self.crops, self.digits = validation(val, seed)
+        self.weather = np.tile(np.array(val.weather)[val.frames], 1 + ROUNDS)
+
+    @property
+    def examples(self) -> int:
+        """Cells, the rarer digits counted again until all are as many."""
+        return len(self._order)
+
+    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Alter the chosen cells."""
+        entered = np.empty((len(chosen), 1, INPUT_PX, INPUT_PX), np.float32)
+        digits = np.empty(len(chosen), np.int64)
+        for k, i in enumerate(self._order[chosen]):
+            entered[k, 0], digits[k] = self._example(int(i), rng)
+        return {"crops": torch.from_numpy(entered), "digits": torch.from_numpy(digits)}
+
+    def _example(self, i: int, rng: np.random.Generator) -> tuple[Crops, int]:
+        box, digit = self._cells.boxes[i], int(self._cells.digits[i])
+        if digit != NO_DIGIT and rng.random() < TORN_SHARE:
+            other = int(rng.integers(self._first[i], self._last[i]))
+            if self._cells.digits[other] not in (digit, NO_DIGIT):
+                return altered(torn(box, self._cells.boxes[other], rng), rng), NO_DIGIT
+        return altered(box, rng), digit
+
+    def loss(self, net: nn.Module, batch: Batch) -> Tensor:
+        """Cross entropy."""
+        return functional.cross_entropy(net(batch["crops"]), batch["digits"])
+
+    def validate(self, net: nn.Module) -> dict[str, float]:
+        """Share of altered digits read right, and the score: less the mean cross entropy."""
+        device = next(net.parameters()).device
+        logits = torch.cat([net(torch.from_numpy(part).to(device)).cpu() for part in _parts(self.crops)])
+        digits = torch.from_numpy(self.digits)
+        right = (logits.argmax(1) == digits).numpy()
+        shown = self.digits != NO_DIGIT
+        return {
+            SCORE: -float(functional.cross_entropy(logits, digits)),
+            "digits_right": float(right[shown].mean()),
+            "no_digits_right": float(right[~shown].mean()),
+        }
+
+
+def threshold(probabilities: Crops, digits: NDArray[np.int64]) -> float:
+    """Confidence below which a digit is refused.
+
+    It refuses 1 in 10,000 of the altered validation digits that are read right, and is one half at least: such a digit
+    is the likelier reading.
+
+    Parameters
+    ----------
+    probabilities : ndarray, shape (n, 11)
+    digits : ndarray of int, shape (n,)
+    """
+    right = (probabilities.argmax(1) == digits) & (digits != NO_DIGIT)
+    if not right.any():
+        return LEAST_THRESHOLD
+    return float(np.clip(np.quantile(probabilities[right].max(1), REFUSED), LEAST_THRESHOLD, HIGHEST_THRESHOLD))
+
+
+def validation(cells: Cells, seed: int) -> tuple[Crops, NDArray[np.int64]]:
+    """Cells as they lie, and altered `ROUNDS` times: crops, shape (n, 1, 32, 32), and digits, shape (n,)."""
+    crops = [plain(box) for box in cells.boxes]
+    for k in range(ROUNDS):
+        rng = stream(seed, k, "validation")
+        crops += [altered(box, rng) for box in cells.boxes]
+    return np.stack(crops)[:, None], np.tile(cells.digits, 1 + ROUNDS)
+
+
+def _balanced(digits: NDArray[np.int64]) -> NDArray[np.int64]:
+    """List indices in which every digit is as frequent as the commonest, and "no digit" up to twice as frequent."""
+    most = np.bincount(digits[digits != NO_DIGIT]).max()
+    by_class = [np.flatnonzero(digits == digit) for digit in range(NO_DIGIT)]
+    missing = [str(digit) for digit, members in enumerate(by_class) if not len(members)]
+    if missing:
+        raise DatasetError(f"no training frame shows the digit {', '.join(missing)}; render more frames")
+    none = np.flatnonzero(digits == NO_DIGIT)
+    spread = np.linspace(0, len(none) - 1, min(len(none), 2 * most)).astype(np.int64)
+    return np.concatenate([*(np.resize(members, most) for members in by_class), none[spread]])
+
+
+def _spans(frames: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last-plus-one index of the cells of each cell's picture."""
+    return np.searchsorted(frames, frames, "left"), np.searchsorted(frames, frames, "right")
+
+
+def _parts(crops: Crops, size: int = 4096) -> list[Crops]:
+    return [crops[i : i + size] for i in range(0, len(crops), size)]

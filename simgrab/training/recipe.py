@@ -1,0 +1,69 @@
+"""How a net is trained: every setting that can change its weights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from simgrab.errors import TrainingError
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Settings of one training.
+
+    Attributes
+    ----------
+    seed : int
+        Of the first weights, the order of the examples and every augmentation.
+    epochs : int
+        Passes over the examples.
+    batch : int
+        Examples a step.
+    rate : float
+        Largest learning rate; see `rate_at`.
+    warm_up : float
+        Share of the steps in which the rate rises.
+    weight_decay : float
+        AdamW's, for weights of two dimensions and more.
+    clip : float
+        Largest norm of the gradient.
+    average : float
+        Decay a step of the moving average of the weights, which is what comes out.
+    patience : int
+        Stop after so many epochs without a better validation score; 0 never stops early.
+    threads : int
+        Of torch; another number may round otherwise.
+    device : str
+        ``"cpu"``, ``"cuda"``, …
+    half : bool
+        Multiply in bfloat16 (worth it where the machine has units for it).
+    """
+
+    seed: int = 0
+    epochs: int = 40
+    batch: int = 32
+    rate: float = 2e-3
+    warm_up: float = 0.1
+    weight_decay: float = 0.02
+    clip: float = 5.0
+    average: float = 0.998
+    patience: int = 0
+    threads: int = 2
+    device: str = "cpu"
+    half: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch", "threads"):
+            if getattr(self, name) < 1:
+                raise TrainingError(f"{name}: must be 1 or more, got {getattr(self, name)}")
+        for name in ("seed", "patience"):
+            if getattr(self, name) < 0:
+                raise TrainingError(f"{name}: must be 0 or more, got {getattr(self, name)}")
+
+    def rate_at(self, done: float) -> float:
+        """Learning rate when a share ``done`` of the steps is done: up on half a cosine, down on another."""
+        if done < self.warm_up:
+            return self.rate * (0.04 + 0.96 * (1 - math.cos(math.pi * done / self.warm_up)) / 2)
+        left = (1 - done) / (1 - self.warm_up)
+        return self.rate * (1e-3 + (1 - 1e-3) * (1 - math.cos(math.pi * left)) / 2)

@@ -1,0 +1,281 @@
+import json
+
+import numpy as np
+import pytest
+
+from simgrab.errors import DetectorError
+from simgrab.instrument.detect import Bundled, Yolo, detector
+from simgrab.instrument.detect.boxes import iou
+from simgrab.instrument.detect.bundled import FIND, REFINE, Settings, peaks, read
+from simgrab.instrument.detect.patches import GREY, Patch, around, cut, cut_with_mask, whole
+
+onnx = pytest.importorskip("onnx")
+from onnx import TensorProto, helper, numpy_helper  # noqa: E402
+
+SIDE = 64  # px of the hand-made YOLOs' pictures
+CELLS = 64 + 16 + 4
+
+
+def save(path, nodes, inputs, outputs, weights=(), facts=None):
+    graph = helper.make_graph(
+        nodes,
+        "g",
+        [helper.make_tensor_value_info(name, kind, shape) for name, kind, shape in inputs],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in outputs],
+        [numpy_helper.from_array(value, name) for name, value in weights],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+    if facts:
+        helper.set_model_props(model, {"simgrab": json.dumps(facts)})
+    onnx.save(model, path)
+    return path
+
+
+def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT):
+    """A net that says the same of every picture."""
+    out = np.asarray(out, np.float32)
+    nodes = [
+        helper.make_node("ReduceMean", ["images"], ["m"], keepdims=0),
+        helper.make_node("Mul", ["m", "zero"], ["z"]),
+        helper.make_node("Add", ["rows", "z"], ["output"]),
+    ]
+    weights = [("zero", np.float32(0)), ("rows", out)]
+    return save(path, nodes, [("images", kind, list(shape))], [("output", list(out.shape))], weights)
+
+
+def rows(count, columns):
+    result = np.zeros((1, count, columns), np.float32)
+    result[0, :, :2] = np.linspace(0, SIDE, count)[:, None]
+    result[0, :, 2:4] = 8
+    return result
+
+
+# Patches ---------------------------------------------------------------------------------------------------------
+
+
+def test_patches_map_both_ways_exactly():
+    patch = Patch(-7, 3, 113, 123)
+    points = np.array([[0.25, 17.5], [-7, 3], [113, 123]])
+    np.testing.assert_allclose(patch.to_picture(patch.to_shares(points)), points, atol=1e-12)
+    np.testing.assert_array_equal(patch.to_shares(points)[1:], [[0, 0], [1, 1]])
+
+
+@pytest.mark.parametrize("size", [(1920, 1080), (1280, 1024), (640, 480), (1080, 1920), (1919, 1081)])
+def test_the_whole_picture_lies_in_its_patch(size):
+    patch = whole(*size)
+    assert patch.x0 <= 0 <= size[0] <= patch.x1
+    assert patch.y0 <= 0 <= size[1] <= patch.y1
+    assert (patch.x1 - patch.x0) / (patch.y1 - patch.y0) == pytest.approx(16 / 9, abs=2e-3)
+    assert not whole(*size, centred=False).corner.any()
+
+
+@pytest.mark.parametrize("patch", [Patch(40, 30, 200, 190), Patch(-40, -30, 120, 130), Patch(100, 60, 500, 460)])
+def test_what_is_cut_lies_where_the_patch_says(patch):
+    picture = np.zeros((240, 320, 3), np.uint8)
+    picture[60:100, 60:90] = 255
+    crop = cut_with_mask(picture, patch, 80)
+    light = crop[..., 0].astype(float) * (crop[..., 3] == 255)
+    if patch.x0 < 90:
+        middles = (np.arange(80) + 0.5) / 80
+        shares = [(light.sum(axis) * middles).sum() / light.sum() for axis in (0, 1)]
+        np.testing.assert_allclose(patch.to_picture(shares), [75, 80], atol=0.05)
+    else:
+        assert not light.any()
+    outside = crop[..., 3] == 0
+    assert np.all(crop[outside][:, :3] == GREY)
+    edges = patch.to_shares([[0, 0], [320, 240]]).clip(0, 1)
+    assert crop[..., 3].mean() / 255 == pytest.approx(np.prod(edges[1] - edges[0]), abs=0.005)
+
+
+def test_a_patch_beyond_the_picture_is_grey():
+    assert np.all(cut(np.zeros((50, 50, 3), np.uint8), Patch(200, 200, 260, 260), 16, 16) == GREY)
+
+
+def test_around_is_square_and_centred():
+    patch = around([100, 50, 200, 90], 1.5)
+    assert patch.size.tolist() == [150, 150]
+    np.testing.assert_allclose(patch.to_picture([0.5, 0.5]), [150, 70], atol=0.5)
+
+
+def test_iou():
+    np.testing.assert_allclose(
+        iou([[0, 0, 2, 2], [0, 0, 2, 2], [0, 0, 1, 1]], [[0, 0, 2, 2], [1, 0, 3, 2], [2, 2, 3, 3]]), [1, 1 / 3, 0]
+    )
+
+
+# Bundled ---------------------------------------------------------------------------------------------------------
+
+
+def test_peaks_lie_apart_and_come_hottest_first():
+    logits = np.full((36, 64), -5.0, np.float32)
+    logits[10, 20], logits[10, 21], logits[30, 5] = 2.0, 1.0, 3.0
+    reach = np.broadcast_to(np.array([10, 20, 30, 40], np.float32)[:, None, None], (4, 36, 64))
+    found = peaks(logits, reach, most=2)
+    np.testing.assert_allclose([heat for _, heat in found], [1 / (1 + np.exp(-3)), 1 / (1 + np.exp(-2))])
+    np.testing.assert_allclose(found[1][0], [20.5 * 8 - 10, 10.5 * 8 - 20, 20.5 * 8 + 30, 10.5 * 8 + 40])
+
+
+def test_reading_refine_is_exact():
+    out = np.zeros((1, 16), np.float32)
+    out[0, :6] = [0.25, 0.25, 0.75, 0.5, 0.5, 0.4]
+    out[0, 6:12] = np.log(0.01)
+    out[0, 12:14] = np.cos(2.4), np.sin(2.4)
+    told = read(out, [Patch(100, 200, 300, 400)], 1920, 1080)
+    np.testing.assert_allclose(told.boxes, [[150, 250, 250, 300]], atol=1e-4)
+    np.testing.assert_allclose(told.centres, [[200, 280]], atol=1e-4)
+    np.testing.assert_allclose(told.box_sd, np.sqrt(2) * 2, rtol=1e-5)
+    np.testing.assert_allclose(told.yaw, 1.2, atol=1e-6)
+    assert told.presence[0] == 0.5
+    assert read(out, [Patch(-200, 200, 0, 400)], 1920, 1080).boxes[0, 0] == 0  # clipped to the picture
+
+
+def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE):
+    """Nets that see a grab in the brightest part of find's picture, and refine it to the middle of the crop."""
+    told = np.zeros((1, 16), np.float32)
+    told[0, :6], told[0, 6:12], told[0, 12:15], told[0, 15] = [0.2, 0.2, 0.8, 0.8, 0.5, 0.5], -4, [1, 0, -3], presence
+    find = [
+        helper.make_node("Cast", ["pictures"], ["f"], to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["f"], ["t"], perm=[0, 3, 1, 2]),
+        helper.make_node("AveragePool", ["t"], ["p"], kernel_shape=[8, 8], strides=[8, 8]),
+        helper.make_node("ReduceMean", ["p", "one"], ["g"], keepdims=0),
+        helper.make_node("Mul", ["g", "gain"], ["s"]),
+        helper.make_node("Sub", ["s", "shift"], ["heat"]),
+        helper.make_node("Expand", ["twenty", "wide"], ["reach"]),
+    ]
+    save(
+        folder / "find.onnx", find, [("pictures", TensorProto.UINT8, [1, 288, 512, 3])],
+        [("heat", [1, 36, 64]), ("reach", [1, 4, 36, 64])],
+        [("one", np.array([1], np.int64)), ("gain", np.float32((heat + 8) / 255)), ("shift", np.float32(8)),
+         ("twenty", np.float32(20).reshape(1, 1, 1, 1)), ("wide", np.array([1, 4, 36, 64], np.int64))],
+        {"task": FIND},
+    )  # fmt: skip
+    refine = [
+        helper.make_node("Cast", ["pictures"], ["f"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMean", ["f", "axes"], ["m"], keepdims=0),
+        helper.make_node("Unsqueeze", ["m", "last"], ["u"]),
+        helper.make_node("Mul", ["u", "zero"], ["z"]),
+        helper.make_node("Add", ["z", "rows"], ["told"]),
+    ]
+    save(
+        folder / "refine.onnx", refine, [("pictures", TensorProto.UINT8, ["n", 160, 160, 4])], [("told", ["n", 16])],
+        [("axes", np.array([1, 2, 3], np.int64)), ("last", np.array([1], np.int64)), ("zero", np.float32(0)),
+         ("rows", told)],
+        {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0}},
+    )  # fmt: skip
+    return folder
+
+
+def bright(size=(1080, 1920), at=(705, 405), half=24):  # fills the cell of find's map in whose middle it lies
+    picture = np.zeros((*size, 3), np.uint8)
+    picture[at[1] - half : at[1] + half, at[0] - half : at[0] + half] = 255
+    return picture
+
+
+def test_the_bundled_detector_puts_its_nets_together(tmp_path):
+    found = detector(hand_made(tmp_path))(bright())
+    assert found.found
+    np.testing.assert_allclose(found.centre, [705, 405], atol=1)  # whole pixels of the crops
+    np.testing.assert_allclose((found.box[:2] + found.box[2:]) / 2, found.centre, atol=0.01)
+    assert found.score == pytest.approx(1 / (1 + np.exp(-3)))
+    # The second crop is 1.35 times the 0.6 of the first, and 0.01832 of it is the scale.
+    side = (found.box[2] - found.box[0]) / 0.6
+    np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
+    assert Bundled(tmp_path).settings == Settings(least_heat=0.2)
+
+
+def test_no_grab_comes_with_its_reason(tmp_path):
+    dark = np.zeros((1080, 1920, 3), np.uint8)
+    none = detector(hand_made(tmp_path))(dark)
+    assert (none.status, none.reason, none.box, none.centre) == ("none", "nothing found", None, None)
+    (tmp_path / "b").mkdir()
+    none = detector(hand_made(tmp_path / "b", presence=-3.0))(bright())
+    assert none.status == "none"
+    assert "refine takes it for something else" in none.reason
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        np.zeros((1080, 1920), np.uint8), np.zeros((1080, 1920, 4), np.uint8), np.zeros((1080, 1920, 3)),
+        np.zeros((8, 8, 3), np.uint8), np.zeros((0, 0, 3), np.uint8), None,
+    ],
+    ids=["grey", "alpha", "float", "tiny", "empty", "none"],
+)  # fmt: skip
+def test_what_is_no_picture_is_refused(tmp_path, picture):
+    with pytest.raises(DetectorError, match=r"uint8 of shape \(height, width, 3\)|too small"):
+        detector(hand_made(tmp_path))(picture)
+
+
+@pytest.mark.parametrize("size", [(1080, 1920), (1920, 1080), (480, 640), (64, 64)])
+def test_any_size_of_picture_will_do(tmp_path, size):
+    h, w = size
+    found = detector(hand_made(tmp_path))(bright(size, (w // 2, h // 2), max(size) // 16))
+    assert found.found
+    assert 0 <= found.box[0] < found.box[2] <= w
+    assert 0 <= found.box[1] < found.box[3] <= h
+
+
+# Others' ---------------------------------------------------------------------------------------------------------
+
+
+def test_yolov5_layout(tmp_path):
+    out = rows(3 * CELLS, 7)
+    out[0, 100] = [32, 24, 20, 10, 0.9, 0.1, 0.8]
+    looks = detector(constant_yolo(tmp_path / "v5.onnx", out))
+    assert looks.layout.family == "yolov5"
+    found = looks(np.zeros((128, 128, 3), np.uint8))
+    np.testing.assert_allclose(found.box, [44, 38, 84, 58])
+    assert found.score == pytest.approx(0.72)
+    assert found.centre is None
+
+
+def test_yolov8_layout(tmp_path):
+    out = rows(CELLS, 6)
+    out[0, 9] = [32, 24, 20, 10, 0.3, 0.8]
+    looks = Yolo(constant_yolo(tmp_path / "v8.onnx", out.transpose(0, 2, 1)))
+    assert looks.layout.family == "yolov8"
+    # Letterboxed: a picture twice as wide as high has a quarter of the square above and below it.
+    np.testing.assert_allclose(looks(np.zeros((64, 128, 3), np.uint8)).box, [44, 6, 84, 26])
+
+
+def test_yolox_layouts(tmp_path):
+    decoded = rows(CELLS, 6)
+    decoded[0, 9] = [32, 24, 20, 10, 0.9, 0.9]
+    looks = Yolo(constant_yolo(tmp_path / "x.onnx", decoded))
+    assert (looks.layout.family, looks.layout.raw) == ("yolox", False)
+    np.testing.assert_allclose(looks(np.zeros((32, 64, 3), np.uint8)).box, [22, 19, 42, 29])  # from the top left
+    raw = np.zeros((1, CELLS, 6), np.float32)
+    raw[0, 64 + 6] = [0.5, 0.25, np.log(2), np.log(0.5), 0.9, 0.9]  # stride 16, row 1, column 2
+    looks = Yolo(constant_yolo(tmp_path / "raw.onnx", raw))
+    assert looks.layout.raw
+    np.testing.assert_allclose(looks(np.zeros((64, 64, 3), np.uint8)).box, [24, 16, 56, 24], rtol=1e-6)
+
+
+def test_a_yolo_that_sees_nothing(tmp_path):
+    none = detector(constant_yolo(tmp_path / "v5.onnx", rows(3 * CELLS, 6)))(np.zeros((64, 64, 3), np.uint8))
+    assert none.status == "none"
+    assert "0.25" in none.reason
+
+
+def test_what_is_no_detector_is_refused(tmp_path):
+    for name, path in {
+        "classifier": constant_yolo(tmp_path / "a.onnx", np.zeros((1, 1000))),
+        "rows of no grid": constant_yolo(tmp_path / "b.onnx", np.zeros((1, 77, 6))),
+        "maps": constant_yolo(tmp_path / "c.onnx", np.zeros((1, 2, 64, 64))),
+        "grey": constant_yolo(tmp_path / "d.onnx", rows(CELLS, 6), shape=(1, 1, SIDE, SIDE)),
+    }.items():
+        with pytest.raises(DetectorError, match="no detector: a detector takes floats 1 x 3 x height x width") as told:
+            detector(path)
+        assert "this has inputs images 1 x" in str(told.value), name
+    with pytest.raises(DetectorError, match="multiples of 32"):
+        detector(constant_yolo(tmp_path / "e.onnx", rows(CELLS, 6), shape=(1, 3, 60, 60)))
+    (tmp_path / "text.onnx").write_text("no model")
+    with pytest.raises(DetectorError, match="no ONNX model that can be run"):
+        detector(tmp_path / "text.onnx")
+    with pytest.raises(DetectorError, match="no such file"):
+        detector(tmp_path / "missing.onnx")
+    with pytest.raises(DetectorError, match=r"find\.onnx: no such file"):
+        detector(tmp_path)
+    (tmp_path / "f").mkdir()
+    with pytest.raises(DetectorError, match="not simgrab's refine-grab net"):
+        detector(hand_made(tmp_path / "f", task="something"))

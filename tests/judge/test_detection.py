@@ -1,0 +1,176 @@
+import dataclasses
+import shutil
+
+import msgspec
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from simgrab import datasets, labels
+from simgrab.cli import cli
+from simgrab.errors import DatasetError
+from simgrab.judge import detection, detections
+from simgrab.records import Detection
+
+NONE = Detection("none", "nothing found", 0.1)
+
+
+@pytest.fixture(scope="module")
+def known(dataset):
+    return datasets.read(dataset)
+
+
+def perfect(row):
+    if labels.box(row) is None:
+        return NONE
+    ones = np.ones(4)
+    return Detection("found", "", 0.9, labels.box(row), labels.centre(row), labels.yaw(row), ones, ones[:2], 0.01)
+
+
+def gone(row):
+    """The same frame without the grab."""
+    nothing = {f"box_{e}_px": None for e in ("x0", "y0", "x1", "y1")}
+    return msgspec.structs.replace(row, present=False, visible_fraction=0.0, **nothing)
+
+
+def moved(found, *, box=0.0, centre=(0.0, 0.0), yaw=0.0):
+    return dataclasses.replace(
+        found, box=found.box + box, centre=found.centre + np.array(centre), yaw=(found.yaw + yaw) % np.pi
+    )
+
+
+def cases(known, detect):
+    return detection.cases(known, [detect(row) for row in known.rows])
+
+
+def test_a_perfect_detector_scores_1(known):
+    scores = detection.score(cases(known, perfect))
+    f = scores["overall"]
+    assert f["map50_95"] == f["map50"] == pytest.approx(1.0)
+    assert f["recall"] == 1
+    assert f["longest_miss"] == 0
+    assert f["false_boxes"] == 0
+    assert f["centre"]["p95_px"] == 0
+    assert f["coverage"] == {"box": 1, "centre": 1, "yaw": 1}
+    assert scores["by_weather"]["quay-day"] == f
+    assert sum(c["frames"] for c in scores["by_rope"].values()) == f["labelled"]
+
+
+def test_a_detector_that_sees_nothing_scores_0(known):
+    f = detection.figures(cases(known, lambda _: NONE))
+    assert f["map50_95"] == f["recall"] == 0
+    assert f["longest_miss"] == f["labelled"] == 6
+    assert f["centre"]["frames"] == 0
+    assert f["coverage"]["centre"] is None
+
+
+def test_a_planted_shift_is_seen(known):
+    f = detection.figures(cases(known, lambda row: moved(perfect(row), centre=(2.0, 0.0))))
+    assert f["centre"]["median_px"] == pytest.approx(2)
+    assert f["centre"]["u_mean_px"] == pytest.approx(2)
+    assert f["centre"]["v_mean_px"] == pytest.approx(0)
+    assert f["coverage"]["centre"] == 0.5  # of u, but not of v
+    assert f["map50_95"] == 1
+
+
+def test_a_planted_pull_outwards_is_seen(known):
+    def pulled(row):
+        outward = labels.centre(row) - (row.cx_px, row.cy_px)
+        return moved(perfect(row), centre=3 * outward / np.linalg.norm(outward))
+
+    c = detection.figures(cases(known, pulled))["centre"]
+    assert c["radial_mean_px"] == pytest.approx(3)
+    assert c["radial_mean_share"] > 0
+    assert c["box_radial_mean_px"] != pytest.approx(3)
+
+
+def test_the_box_centre_stands_beside_the_grab_centre(known):
+    def of_box(row):
+        found = perfect(row)
+        return dataclasses.replace(found, centre=None, centre_sd_px=None)
+
+    c = detection.figures(cases(known, of_box))["centre"]  # a detector without a centre is scored by its box's
+    assert c["radial_mean_px"] == pytest.approx(c["box_radial_mean_px"])
+    assert c["median_px"] > 0
+
+
+def test_boxes_off_by_a_little_cost_precision(known):
+    f = detection.figures(cases(known, lambda row: moved(perfect(row), box=6.0, yaw=0.1)))
+    assert f["map50"] == pytest.approx(1)
+    assert 0.3 < f["map50_95"] < 0.95
+    assert f["coverage"] == {"box": 0, "centre": 1, "yaw": 0}
+
+
+def test_false_boxes_on_empty_frames_count_and_slivers_do_not(known):
+    rows = list(known.rows)
+    empty = dataclasses.replace(known, rows=tuple([gone(row) for row in rows[:3]] + rows[3:]))
+    said = [perfect(rows[0]), NONE, NONE, *map(perfect, rows[3:])]
+    f = detection.figures(detection.cases(empty, said))
+    assert (f["labelled"], f["empty"], f["false_boxes"]) == (3, 3, 1)
+    assert f["recall"] == 1
+    assert f["map50_95"] < 1  # a false box as sure as the true ones
+    sliver = msgspec.structs.replace(rows[0], visible_fraction=0.05)
+    f = detection.figures(cases(dataclasses.replace(known, rows=(sliver, *rows[1:])), perfect))
+    assert (f["labelled"], f["empty"], f["false_boxes"], f["map50_95"]) == (5, 0, 0, pytest.approx(1))
+
+
+def test_runs_of_misses(known):
+    rows = known.rows
+    said = [perfect(rows[0]), NONE, NONE, perfect(rows[3]), NONE, perfect(rows[5])]
+    f = detection.figures(detection.cases(known, said))
+    assert f["longest_miss"] == 2
+    assert f["recall"] == 0.5
+
+
+def test_intervals_are_exact():
+    assert detection.clopper_pearson(0, 500) == pytest.approx((0, 0.00735), abs=1e-5)
+    assert detection.clopper_pearson(998, 1000) == pytest.approx((0.99279, 0.99976), abs=1e-5)
+    assert detection.clopper_pearson(0, 0) is None
+
+
+def test_yaw_is_the_direction_of_the_grabs_x_axis(crooked_dataset):
+    for row in datasets.read(crooked_dataset).rows:
+        lips = np.reshape(row.keypoints, (-1, 3))[6:, :2]
+        along_y = lips[0] - lips[1]  # lip corners of one shell lie along the grab's y axis
+        angle = np.arctan2(along_y[1], along_y[0]) - labels.yaw(row)
+        assert abs(abs((angle + np.pi / 2) % np.pi - np.pi / 2) - np.pi / 2) < np.radians(12)  # perspective
+
+
+class Fixed:
+    """Says what is known, file by file."""
+
+    name = "fixed"
+
+    def __init__(self, known):
+        self.said = iter([perfect(row) for row in known.rows])
+
+    def __call__(self, picture):
+        assert picture.shape == (270, 480, 3)
+        return next(self.said)
+
+
+def test_detections_are_kept_as_a_table(known, tmp_path):
+    files = detections.pictures(known.path)
+    watched = detections.watch(files, Fixed(known))
+    detections.save(watched, tmp_path / "d.parquet")
+    table = pq.read_table(tmp_path / "d.parquet").to_pylist()
+    assert [row["file"] for row in table] == [str(known.image(row)) for row in known.rows]
+    np.testing.assert_allclose([row["u_px"] for row in table], [row.grab_u_px for row in known.rows])
+    detections.save(watched, tmp_path / "d.csv")
+    camera = str(known.path / "camera.toml")
+    for name in ("d.csv", "d.parquet"):
+        result = CliRunner().invoke(cli, ["estimate", str(tmp_path / name), "--camera", camera, "--no-figure"])
+        assert result.exit_code == 0, result.output
+
+
+def test_sources_of_pictures(known, tmp_path):
+    one = known.image(known.rows[0])
+    assert detections.pictures(one) == (one,)
+    with pytest.raises(DatasetError, match="neither a dataset nor a picture"):
+        detections.pictures(tmp_path)
+    shutil.copy(one, tmp_path / "b.jpg")
+    (tmp_path / "a.jpg").write_bytes(b"no picture")
+    assert [path.name for path in detections.pictures(tmp_path)] == ["a.jpg", "b.jpg"]
+    with pytest.raises(DatasetError, match=r"a\.jpg cannot be read"):
+        detections.watch(detections.pictures(tmp_path), Fixed(known))

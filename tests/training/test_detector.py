@@ -1,0 +1,109 @@
+import json
+import shutil
+
+import cv2
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+from simgrab import datasets  # noqa: E402
+from simgrab.cli import cli  # noqa: E402
+from simgrab.errors import DatasetError, TrainingError  # noqa: E402
+from simgrab.instrument.detect import detector  # noqa: E402
+from simgrab.training.detector import settings  # noqa: E402
+from simgrab.training.detector.train import claim, train  # noqa: E402
+from simgrab.training.loop import Report  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def halves(dataset, tmp_path_factory):
+    """The small dataset, four frames to learn from and two to judge by, one of which shows nothing."""
+    path = tmp_path_factory.mktemp("detector") / "data"
+    shutil.copytree(dataset, path)
+    table = pq.read_table(path / "labels.parquet")
+    rows = table.to_pylist()
+    for row in rows:
+        row["split"] = "train" if row["frame"] < 4 else "val"
+    rows[5] |= {f"box_{e}_px": None for e in ("x0", "y0", "x1", "y1")} | {"visible_fraction": 0.0, "present": False}
+    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path / "labels.parquet")
+    return path
+
+
+def tiny(frames):
+    return settings.recipes(frames, epochs=2, half=False, threads=1)
+
+
+@pytest.fixture(scope="module")
+def trained(halves, tmp_path_factory):
+    out = tmp_path_factory.mktemp("trained") / "out"
+    return train([halves], out, tiny)
+
+
+def test_training_ends_in_a_detector_with_cards(trained, halves):
+    looks = detector(trained.folder)
+    known = datasets.read(halves)
+    for row in known.rows[:2]:
+        picture = cv2.imread(str(known.image(row)), cv2.IMREAD_COLOR_RGB)
+        assert looks(picture).status in ("found", "none")
+    for name in ("find", "refine"):
+        card = json.loads((trained.folder / f"{name}.json").read_text())
+        assert card["recipe"]["epochs"] == 2
+        assert card["data"][0]["labels_sha256"] == known.data.labels_sha256
+        assert card["metrics"]["by_weather"]["quay-day"]["frames"] == 2
+    assert trained.metrics["empty_frames"] == 1
+
+
+class KilledError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("stage", ["find", "refine"])
+def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, stage):
+    def report(name):
+        def tell(now: Report):
+            if name == stage and now.epoch == 2:
+                raise KilledError
+
+        return tell
+
+    with pytest.raises(KilledError):
+        train([halves], tmp_path / "out", tiny, report=report)
+    assert not (tmp_path / "out" / "refine.onnx").exists()
+    train([halves], tmp_path / "out", tiny, resume=True)
+    for name in ("find.onnx", "refine.onnx"):
+        assert (tmp_path / "out" / name).read_bytes() == (trained.folder / name).read_bytes()
+
+
+def run(*arguments):
+    result = CliRunner().invoke(cli, ["train", "detector", *map(str, arguments)])
+    return result.exception, result.output
+
+
+def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeypatch):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").touch()
+    for problem, arguments in {
+        "not empty; go on with --resume": [halves, "--out", tmp_path / "full"],
+        "not a dataset": [tmp_path, "--out", tmp_path / "a"],
+        "no frames in the split 'val'": [_part(halves, tmp_path / "p", 4), "--out", tmp_path / "b"],
+        "epochs: must be 1 or more": [halves, "--out", tmp_path / "c", "--epochs", -1],
+    }.items():
+        error, _ = run(*arguments, "--quiet")
+        assert isinstance(error, DatasetError | TrainingError), problem
+        assert problem in str(error)
+    with pytest.raises(TrainingError, match="not a folder"):
+        claim(tmp_path / "full" / "file", resume=True)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "torch" else object())
+    error, _ = run(dataset, "--out", tmp_path / "d")
+    assert "pip install 'simgrab[train]'" in str(error)
+
+
+def _part(source, target, frames):
+    shutil.copytree(source, target)
+    table = pq.read_table(target / "labels.parquet")
+    pq.write_table(table.slice(0, frames), target / "labels.parquet")
+    return target

@@ -1,0 +1,294 @@
+import dataclasses
+from types import SimpleNamespace
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+from simgrab import datasets, labels  # noqa: E402
+from simgrab.errors import TrainingError  # noqa: E402
+from simgrab.instrument.detect.patches import Patch, cut  # noqa: E402
+from simgrab.records import Detection  # noqa: E402
+from simgrab.rng import stream  # noqa: E402
+from simgrab.training.detector import cache, evaluate, find, nets, refine, settings  # noqa: E402
+from simgrab.training.detector.augment import Dirt, Turn  # noqa: E402
+
+
+def middle(light):
+    """Centroid of a picture in shares of it: the middle of its first pixel lies half a pixel from its corner."""
+    x, y = ((np.arange(n) + 0.5) / n for n in light.shape[::-1])
+    return np.array([(light.sum(0) * x).sum(), (light.sum(1) * y).sum()]) / light.sum()
+
+
+def rectangle(box, width, height):
+    """A picture of a light rectangle on black, its edges anti-aliased exactly: (height, width, 3)."""
+    x = np.diff(np.clip(np.arange(width + 1), box[0], box[2]))
+    y = np.diff(np.clip(np.arange(height + 1), box[1], box[3]))
+    return np.repeat(np.round(255 * np.outer(y, x)).astype(np.uint8)[..., None], 3, axis=2)
+
+
+# Augmentation ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("quarters", range(4))
+def test_labels_turn_with_the_picture(mirror, quarters):
+    laid = Turn(mirror, quarters)
+    box = np.array([10, 20, 22, 52])
+    picture = rectangle(box, 64, 64)
+    shares = box / 64
+    turned = laid.picture(picture)[..., 0].astype(float)
+    np.testing.assert_allclose(middle(turned), laid.points((shares[:2] + shares[2:]) / 2), atol=1e-9)
+    ys, xs = np.nonzero(turned)
+    np.testing.assert_allclose(laid.box(shares) * 64, [xs.min(), ys.min(), xs.max() + 1, ys.max() + 1], atol=1e-9)
+    angle = 0.3
+    step = laid.points(np.array([0.5, 0.5]) + 0.1 * np.array([np.cos(angle), np.sin(angle)])) - laid.points(
+        np.array([0.5, 0.5])
+    )
+    np.testing.assert_allclose(step / 0.1, [np.cos(laid.angle(angle)), np.sin(laid.angle(angle))], atol=1e-9)
+
+
+def test_zooms_take_the_box_along():
+    box = np.array([200.0, 90.0, 260.0, 170.0])
+    small = rectangle(box, 512, 288)
+    checked = 0
+    for i in range(40):
+        picture, moved = find._shifted(small, box, stream(0, i, "shift"))
+        x0, y0, x1, y1 = np.concatenate([moved[:2] - 4, moved[2:] + 4]).astype(int)
+        around = picture[max(y0, 0) : y1, max(x0, 0) : x1, 0].astype(float)
+        if np.array_equal(moved, box) or around.shape != (y1 - y0, x1 - x0) or around[[0, -1]].any():
+            continue  # as it was, or at the edge of the picture
+        seen = middle(around) * around.shape[::-1] + (x0, y0)
+        np.testing.assert_allclose(seen, (moved[:2] + moved[2:]) / 2, atol=0.1)
+        checked += 1
+    assert checked > 5
+
+
+def test_dirt_keeps_the_shape_and_depends_on_its_stream_alone():
+    picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    dirt = Dirt()
+    for i in range(30):
+        a, b = (dirt(picture.copy(), stream(0, i, "dirt")) for _ in range(2))
+        assert a.shape == picture.shape
+        assert a.dtype == np.uint8
+        np.testing.assert_array_equal(a, b)
+
+
+# Targets ---------------------------------------------------------------------------------------------------------
+
+
+def test_finds_targets_lead_back_to_the_box():
+    box = np.array([100.3, 40.7, 180.9, 120.2])
+    heat, reach = find.target(box)
+    row, column = np.argwhere(heat == 1)[0]
+    at = (np.array([column, row, column, row]) + 0.5) * nets.STRIDE
+    np.testing.assert_allclose(at + reach[:, row, column] * [-1, -1, 1, 1], box, atol=1e-4)
+    assert np.abs(at[:2] - (box[:2] + box[2:]) / 2).max() <= nets.STRIDE / 2
+    assert (heat == 1).sum() == 1
+    assert not find.target(np.full(4, np.nan))[0].any()
+
+
+def test_finds_loss_is_least_at_its_target():
+    heat, reach = (torch.from_numpy(x)[None] for x in find.target(np.array([100.3, 40.7, 180.9, 120.2])))
+    sure = torch.where(heat == 1, 12.0, -12.0)
+    assert find.focal(sure, heat) < 1e-3 < find.focal(-sure, heat)
+    assert find.box_loss(reach, reach, heat).abs() < 1e-6
+    assert find.box_loss(reach * 1.1, reach, heat) > 0.05
+
+
+def frame_of(row, box, path, width=640, height=360):
+    """A frame that shows a light rectangle for a grab."""
+    cv2.imwrite(str(path), rectangle(box, width, height))
+    edges = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), map(int, box), strict=True))
+    centre = {"grab_u_px": float(box[0] + 20), "grab_v_px": float(box[1] + 10)}
+    row = msgspec.structs.replace(row, width_px=width, height_px=height, **edges, **centre)
+    return cache.Frame(row, path, True, "")
+
+
+def test_refines_examples_show_what_they_say(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+    boxes = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
+    frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(boxes)]
+    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    for i, box in enumerate(boxes):
+        for trial in range(12):
+            example = refine._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
+            inside = example["crops"][..., 3] == 255
+            light = np.where(inside, example["crops"][..., 0], 0) > 127
+            places = example["places"] * refine.REFINE_SIZE
+            ys, xs = np.nonzero(light)
+            seen = np.array([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1])
+            edges = np.clip(places[:4], 0, refine.REFINE_SIZE)
+            np.testing.assert_allclose(seen, edges, atol=1.1, err_msg=f"{box} {trial}")
+            if i == 0 and np.array_equal(edges, places[:4]):
+                at = middle(example["crops"][..., 0].astype(float) * inside) * refine.REFINE_SIZE
+                np.testing.assert_allclose(at, (places[:2] + places[2:4]) / 2, atol=0.1)
+            assert example["known"].all()
+        nothing = refine._example(crops, i, True, stream(0, 0, "example"), None)
+        assert not nothing["known"].any()
+        assert nothing["present"] == 0
+        assert not np.any(nothing["crops"][..., :3] == 255)
+
+
+def test_what_find_suspects_becomes_a_hard_example(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+    box = (200, 100, 300, 160)
+    frames = [frame_of(row, box, tmp_path / "a.png")]
+    suspect = np.array([400.0, 200.0, 500.0, 300.0])
+    crops = refine.crops(tmp_path / "crops", frames, [[np.array(box, float), suspect]], seed=0)
+    grab, other = crops.patches[0]
+    assert labels.box(frames[0].row) is not None
+    np.testing.assert_allclose(grab.to_picture([0.5, 0.5]), [250, 130], atol=1)
+    np.testing.assert_allclose(other.to_picture([0.5, 0.5]), [450, 250], atol=1)
+
+
+def test_refines_loss_is_least_at_its_target():
+    batch = {
+        "places": torch.tensor([[0.2, 0.3, 0.7, 0.8, 0.5, 0.4]]), "known": torch.ones(1, 6),
+        "turned": torch.tensor([[0.0, 1.0]]), "present": torch.ones(1),
+    }  # fmt: skip
+    out = torch.full((1, nets.COLUMNS), -8.0)
+    out[:, :6], out[:, nets.YAW], out[:, nets.PRESENCE] = batch["places"], batch["turned"], 12.0
+    best = refine.loss(out, batch)
+    for column, change in ((0, 0.1), (5, 0.1), (12, 5.0), (15, -14.0)):
+        worse = out.clone()
+        worse[:, column] += change
+        assert refine.loss(worse, batch) > best + 0.05, column
+    unknown = batch | {"known": torch.zeros(1, 6)}
+    moved = out.clone()
+    moved[:, 0] += 0.3
+    assert refine.loss(moved, unknown) == refine.loss(out, unknown)
+
+
+# The soft-argmax -------------------------------------------------------------------------------------------------
+
+
+def test_positions_lie_in_the_middle_of_cells():
+    told = nets._Positions(1, 1)
+    for weight in told.parameters():
+        torch.nn.init.zeros_(weight)
+    profile = torch.zeros(1, 2, 40)
+    flat = told(profile, torch.zeros(1, 1))
+    np.testing.assert_allclose(flat.detach(), 0.5, atol=1e-6)  # the middle of all cells is the middle of the crop
+    with torch.no_grad():
+        told.enter.weight[0, 0, 0] = 1.0
+        for layer in told.layers[::2]:
+            layer.weight[:, 0, 4] = 100.0
+    profile[0, 0, 7] = 1.0
+    np.testing.assert_allclose(told(profile, torch.zeros(1, 1)).detach(), 7.5 / 40, atol=1e-6)
+
+
+def test_edges_between_pixels_come_back_without_bias():
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    told, rng = nets._Positions(1, 1), np.random.default_rng(0)
+    optimiser = torch.optim.Adam(told.parameters(), 3e-3)
+
+    def draw(count):
+        ends = np.sort(rng.uniform(0.05, 0.95, (count, 2)), axis=1)
+        edges = np.linspace(0, 1, 161)
+        pixels = np.diff(np.clip(edges, ends[:, :1], ends[:, 1:])) * 160  # light in each of 160 pixels
+        cells = torch.from_numpy(pixels.reshape(count, 40, 4).mean(-1)).float()
+        return torch.stack([cells, cells], 1), torch.from_numpy(ends).float()
+
+    for step in range(300):
+        profile, ends = draw(32)
+        loss = (told(profile, torch.zeros(32, 1))[:, :2] - ends).abs().mean()
+        for group in optimiser.param_groups:
+            group["lr"] = 3e-3 * (1 - step / 300)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    profile, ends = draw(400)
+    error = 160 * (told(profile, torch.zeros(400, 1))[:, :2] - ends).detach().numpy()
+    assert np.median(np.abs(error)) < 0.5
+    assert np.abs(np.median(error, axis=0)).max() < 0.15  # px of the crop; half a pixel would be 0.5
+
+
+# The nets --------------------------------------------------------------------------------------------------------
+
+
+def test_nets_are_small():
+    sizes = [sum(p.numel() for p in net.parameters()) for net in (nets.Find(), nets.Refine())]
+    assert sum(sizes) * 2 < 6e6  # bytes, at half precision
+
+
+def test_nets_give_the_shapes_they_state():
+    heat, reach = nets.Find()(torch.zeros(2, 288, 512, 3, dtype=torch.uint8))
+    assert heat.shape == (2, 36, 64)
+    assert reach.shape == (2, 4, 36, 64)
+    assert nets.Refine()(torch.zeros(2, 160, 160, 4, dtype=torch.uint8)).shape == (2, nets.COLUMNS)
+
+
+# Caches, figures -------------------------------------------------------------------------------------------------
+
+
+def test_a_cache_is_made_once_and_whole_or_not_at_all(dataset, tmp_path):
+    frames = cache.frames([datasets.read(dataset)], "train")
+    made = []
+
+    def shrink(i, picture):
+        made.append(i)
+        if len(made) == stop:
+            raise KeyboardInterrupt
+        return cut(picture, Patch(0, 0, 480, 270), 16, 8), [Patch(i, 0, 1, 1)]
+
+    stop = 2
+    with pytest.raises(KeyboardInterrupt):
+        cache.build(tmp_path / "c", frames, (8, 16, 3), shrink)
+    assert not list(tmp_path.iterdir())
+    stop = 0
+    first, patches = cache.build(tmp_path / "c", frames, (8, 16, 3), shrink)
+    count = len(made)
+    again, same = cache.build(tmp_path / "c", frames, (8, 16, 3), shrink)
+    assert len(made) == count
+    np.testing.assert_array_equal(first, again)
+    assert patches == same == [[Patch(i, 0, 1, 1)] for i in range(len(frames))]
+
+
+def test_a_cache_that_does_not_fit_is_refused(dataset, tmp_path, monkeypatch):
+    frames = cache.frames([datasets.read(dataset)], "train")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
+    with pytest.raises(TrainingError, match=r"needs 0\.0 GB, and only 0\.0 GB are free"):
+        cache.build(tmp_path / "c", frames, (8, 16, 3), lambda *_: None)
+    assert not list(tmp_path.iterdir())
+
+
+def test_frames_leave_slivers_out(dataset):
+    known = datasets.read(dataset)
+    row = known.rows[0]
+    sliver = msgspec.structs.replace(row, visible_fraction=0.05)
+    empty = msgspec.structs.replace(row, box_x0_px=None, visible_fraction=0.0)
+    some = dataclasses.replace(known, rows=(row, sliver, empty))
+    assert [frame.labelled for frame in cache.frames([some], row.split)] == [True, False]
+
+
+def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+    frame = cache.Frame(row, tmp_path, True, "")
+    rng = np.random.default_rng(0)
+    seen = [
+        evaluate.Seen(
+            frame,
+            Detection(
+                "found", "", 1.0, labels.box(row) + rng.normal(0, 2.0, 4), labels.centre(row) + rng.normal(0, 0.5, 2),
+                (labels.yaw(row) + rng.normal(0, 0.03)) % np.pi, np.ones(4), np.ones(2), 0.01,
+            ),
+        )
+        for _ in range(2000)
+    ]  # fmt: skip
+    trust = evaluate.trust(seen)
+    assert (trust.box, trust.centre, trust.yaw) == pytest.approx((2.0, 0.5, 3.0), rel=0.08)
+    assert evaluate.trust(seen[:3]).centre == 1.0
+
+
+def test_the_recipe_shows_as_many_examples_whatever_the_frames():
+    few, many = (settings.recipes(frames, half=False) for frames in (500, 5000))
+    assert few.find.epochs * 500 == pytest.approx(many.find.epochs * 5000, rel=0.1)
+    quick = settings.recipes(3000, quick=True, half=False)
+    assert quick.find.epochs * 3.5 < settings.recipes(3000, half=False).find.epochs
+    assert settings.recipes(8, epochs=3, half=False).refine.epochs == 3

@@ -1,0 +1,171 @@
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from simgrab.errors import TrainingError  # noqa: E402
+from simgrab.training import checkpoint, loop  # noqa: E402
+from simgrab.training.recipe import Recipe  # noqa: E402
+
+RECIPE = Recipe(epochs=6, batch=16, rate=3e-2, average=0.9, threads=1)
+
+
+class Line:
+    """Learns y = 3x − 1 from noisy points; dropout, so that torch's own chance matters too."""
+
+    examples = 70
+
+    def __init__(self):
+        self.x = np.linspace(-1, 1, 70, dtype=np.float32)
+        self.seen = []
+
+    def batch(self, chosen, rng):
+        self.seen.append(chosen)
+        x = self.x[chosen] + rng.normal(0, 0.01, len(chosen)).astype(np.float32)
+        return {"x": torch.from_numpy(x)[:, None], "y": torch.from_numpy(3 * x - 1)[:, None]}
+
+    def loss(self, net, batch):
+        return (net(batch["x"]) - batch["y"]).square().mean()
+
+    def validate(self, net):
+        x = torch.from_numpy(self.x)[:, None]
+        return {"score": -float((net(x) - (3 * x - 1)).square().mean())}
+
+
+def build():
+    return torch.nn.Sequential(
+        torch.nn.Linear(1, 16), torch.nn.BatchNorm1d(16), torch.nn.ReLU(), torch.nn.Dropout(0.1), torch.nn.Linear(16, 1)
+    )
+
+
+def weights(trained):
+    return torch.cat([value.flatten().double() for value in trained.net.state_dict().values()])
+
+
+def test_it_learns(tmp_path):
+    trained = loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=40), tmp_path)
+    assert trained.history[0]["score"] < -0.5
+    assert trained.figures["score"] > -0.1
+    assert trained.figures["score"] == max(h["score"] for h in trained.history)
+    assert not trained.net.training
+    assert Line().validate(trained.net)["score"] == trained.figures["score"]  # the best epoch's weights came back
+
+
+def test_the_same_seed_gives_the_same_weights(tmp_path):
+    a, b, c = (
+        weights(loop.train(build, Line(), dataclasses.replace(RECIPE, seed=seed), tmp_path / name))
+        for seed, name in ((0, "a"), (0, "b"), (1, "c"))
+        if not (tmp_path / name).mkdir()
+    )
+    assert torch.equal(a, b)
+    assert not torch.equal(a, c)
+
+
+def test_an_epoch_sees_every_example_at_most_once(tmp_path):
+    task = Line()
+    loop.train(build, task, dataclasses.replace(RECIPE, epochs=2), tmp_path)
+    first, second = np.concatenate(task.seen[:4]), np.concatenate(task.seen[4:])
+    assert len(set(first)) == len(first) == 64
+    assert list(first) != list(second)
+
+
+class KilledError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("at", [(1, 3), (3, 4), (5, 1)])
+def test_a_killed_training_resumes_to_the_same_weights(tmp_path, at):
+    def kill(report):
+        if (report.epoch, report.step) == at and not report.figures:
+            raise KilledError
+
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "killed").mkdir()
+    whole = loop.train(build, Line(), RECIPE, tmp_path / "whole")
+    with pytest.raises(KilledError):
+        loop.train(build, Line(), RECIPE, tmp_path / "killed", report=kill)
+    again = loop.train(build, Line(), RECIPE, tmp_path / "killed", resume=True)
+    assert torch.equal(weights(whole), weights(again))
+    assert again.history == whole.history
+
+
+def test_it_stops_early_when_nothing_gets_better(tmp_path):
+    class Stuck(Line):
+        def validate(self, _net):
+            return {"score": 1.0}
+
+    trained = loop.train(build, Stuck(), dataclasses.replace(RECIPE, patience=2), tmp_path)
+    assert (trained.epoch, trained.epochs) == (1, 3)
+
+
+@pytest.mark.parametrize("where", ["write", "replace"])
+def test_a_checkpoint_is_never_half_written(tmp_path, monkeypatch, where):
+    path = tmp_path / "checkpoint.pt"
+    checkpoint.save(path, {"identity": {}, "value": 1})
+
+    def die(*_):
+        raise KilledError
+
+    if where == "write":
+        monkeypatch.setattr(os, "fsync", die)
+    else:
+        monkeypatch.setattr("pathlib.Path.replace", die)
+    with pytest.raises(KilledError):
+        checkpoint.save(path, {"identity": {}, "value": 2})
+    assert checkpoint.load(path, {})["value"] == 1
+
+
+def test_another_trainings_checkpoint_is_refused(tmp_path):
+    loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="one")
+    with pytest.raises(TrainingError, match="epochs 1 became 6"):
+        loop.train(build, Line(), RECIPE, tmp_path, data="one", resume=True)
+    with pytest.raises(TrainingError, match="data 'one' became 'two'"):
+        loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="two", resume=True)
+    one = dataclasses.replace(RECIPE, epochs=1)
+    with pytest.raises(TrainingError, match="holds another net"):
+        loop.train(lambda: torch.nn.Linear(1, 1), Line(), one, tmp_path, data="one", resume=True)
+    (tmp_path / "checkpoint.pt").write_bytes(b"torn")
+    with pytest.raises(TrainingError, match="no checkpoint"):
+        loop.train(build, Line(), RECIPE, tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    "problem", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 1 byte")]
+)
+def test_out_of_memory_is_one_line(tmp_path, problem):
+    class Greedy(Line):
+        def loss(self, _net, _batch):
+            raise problem
+
+    with pytest.raises(TrainingError, match="out of memory with batches of 16"):
+        loop.train(build, Greedy(), RECIPE, tmp_path)
+
+
+def test_what_cannot_be_trained_is_refused(tmp_path):
+    class Nothing(Line):
+        examples = 0
+
+    class Wild(Line):
+        def loss(self, net, batch):
+            return super().loss(net, batch) * float("nan")
+
+    with pytest.raises(TrainingError, match="no training examples"):
+        loop.train(build, Nothing(), RECIPE, tmp_path)
+    with pytest.raises(TrainingError, match="loss of step 0 is nan"):
+        loop.train(build, Wild(), RECIPE, tmp_path)
+    with pytest.raises(TrainingError, match="device 'abacus'"):
+        loop.train(build, Line(), dataclasses.replace(RECIPE, device="abacus"), tmp_path)
+    with pytest.raises(TrainingError, match="epochs"):
+        Recipe(epochs=0)
+
+
+def test_the_rate_rises_and_falls():
+    rates = [RECIPE.rate_at(x) for x in np.linspace(0, 1, 101)]
+    assert max(rates) == pytest.approx(RECIPE.rate)
+    assert np.argmax(rates) == 10
+    assert rates[0] < RECIPE.rate / 20
+    assert rates[-1] < RECIPE.rate / 500
+    assert np.all(np.diff(rates[10:]) < 0)
