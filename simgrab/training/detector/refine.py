@@ -138,7 +138,7 @@ class Refining:
         """Compose the loss of positions, yaw, their scales and the presence."""
         assert isinstance(net, Refine)
         out, weights = net.told(batch["crops"])
-        return loss(out, batch) + 0.3 * spread(weights, batch)
+        return loss(out, batch) + spread(weights, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Overlap and centre error where there is a grab, and how well its presence is told."""
