@@ -24,7 +24,7 @@ def command() -> None:
 @click.option("--epochs", type=int, help="Passes over the frames, of each net.  [default: as time allows]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
 @click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
-@click.option("--threads", default=2, show_default=True, help="Of torch; another number may round otherwise.")
+@click.option("--threads", default=2, show_default=True, help="Of torch; 1 where others use the cores too.")
 @click.option("--half/--no-half", default=None, help="Multiply in bfloat16.  [default: where there are units for it]")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted training.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")

@@ -33,7 +33,8 @@ class Recipe:
     patience : int
         Stop after so many epochs without a better validation score; 0 never stops early.
     threads : int
-        Of torch; another number may round otherwise.
+        Of torch; another number may round otherwise. On cores that others use as well, two threads spend most of the
+        time waiting for each other: one took a ninth of the time there.
     device : str
         ``"cpu"``, ``"cuda"``, …
     half : bool

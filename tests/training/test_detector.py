@@ -10,6 +10,7 @@ from click.testing import CliRunner
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
+from scripts import score_detector  # noqa: E402
 from simgrab import datasets  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
@@ -107,3 +108,16 @@ def _part(source, target, frames):
     table = pq.read_table(target / "labels.parquet")
     pq.write_table(table.slice(0, frames), target / "labels.parquet")
     return target
+
+
+def test_the_trained_detector_runs_and_is_scored(trained, halves, tmp_path):
+    result = CliRunner().invoke(
+        cli, ["detect", str(halves), "--detector", str(trained.folder), "--out", str(tmp_path / "found.csv")]
+    )
+    assert result.exit_code == 0, result.output
+    assert "of 6 pictures" in result.output
+    assert len((tmp_path / "found.csv").read_text().splitlines()) == 7
+    scores = score_detector.measure((halves,), str(trained.folder), "val")
+    score_detector.show(scores)
+    assert scores["overall"]["frames"] == 2
+    assert scores["time"]["median_ms"] > 0

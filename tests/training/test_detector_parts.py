@@ -164,6 +164,18 @@ def test_refines_loss_is_least_at_its_target():
     assert refine.loss(moved, unknown) == refine.loss(out, unknown)
 
 
+def test_weights_are_best_on_the_cells_beside_a_position():
+    places = torch.tensor([[0.5, 0.51, 0.1, 0.9, -0.1, 1.1]])
+    batch = {"places": places, "known": torch.ones(1, 6)}
+    cells = 40 + 2 * nets.BEYOND
+    middles = (torch.arange(-nets.BEYOND, 40 + nets.BEYOND) + 0.5) / 40
+    near = torch.relu(1 - 40 * (middles - places[0][:, None]).abs())[None]  # what the mean of which is the position
+    np.testing.assert_allclose((near * middles).sum(-1), places, atol=1e-5)
+    best = refine.spread((near + 1e-9).log(), batch)
+    for other in (near.roll(1, -1), near.roll(-1, -1), torch.full((1, 6, cells), 1 / cells)):
+        assert refine.spread((other + 1e-9).log(), batch) > best + 0.5
+
+
 # The soft-argmax -------------------------------------------------------------------------------------------------
 
 
@@ -172,14 +184,14 @@ def test_positions_lie_in_the_middle_of_cells():
     for weight in told.parameters():
         torch.nn.init.zeros_(weight)
     profile = torch.zeros(1, 2, 40)
-    flat = told(profile, torch.zeros(1, 1))
+    flat, _ = told(profile, torch.zeros(1, 1))
     np.testing.assert_allclose(flat.detach(), 0.5, atol=1e-6)  # the middle of all cells is the middle of the crop
     with torch.no_grad():
         told.enter.weight[0, 0, 0] = 1.0
         for layer in told.layers[::2]:
             layer.weight[:, 0, 4] = 100.0
     profile[0, 0, 7] = 1.0
-    np.testing.assert_allclose(told(profile, torch.zeros(1, 1)).detach(), 7.5 / 40, atol=1e-6)
+    np.testing.assert_allclose(told(profile, torch.zeros(1, 1))[0].detach(), 7.5 / 40, atol=1e-6)
 
 
 def test_edges_between_pixels_come_back_without_bias():
@@ -197,14 +209,14 @@ def test_edges_between_pixels_come_back_without_bias():
 
     for step in range(300):
         profile, ends = draw(32)
-        loss = (told(profile, torch.zeros(32, 1))[:, :2] - ends).abs().mean()
+        loss = (told(profile, torch.zeros(32, 1))[0][:, :2] - ends).abs().mean()
         for group in optimiser.param_groups:
             group["lr"] = 3e-3 * (1 - step / 300)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
     profile, ends = draw(400)
-    error = 160 * (told(profile, torch.zeros(400, 1))[:, :2] - ends).detach().numpy()
+    error = 160 * (told(profile, torch.zeros(400, 1))[0][:, :2] - ends).detach().numpy()
     assert np.median(np.abs(error)) < 0.5
     assert np.abs(np.median(error, axis=0)).max() < 0.15  # px of the crop; half a pixel would be 0.5
 

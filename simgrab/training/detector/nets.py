@@ -113,14 +113,23 @@ class Refine(nn.Module):
 
     def forward(self, crops: Tensor) -> Tensor:
         """See the class."""
+        return self.told(crops)[0]
+
+    def told(self, crops: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what goes out, and of which cells, by logarithmic weights (n, 6, cells), each position is the mean."""
         fine, coarse = self.trunk(_normalised(crops))
         summary = self.summary(torch.cat([coarse.mean((2, 3)), coarse.amax((2, 3))], 1))
-        x = self.along_x(torch.cat([fine.mean(2), fine.amax(2)], 1), summary)
-        y = self.along_y(torch.cat([fine.mean(3), fine.amax(3)], 1), summary)
+        x, across = self.along_x(torch.cat([fine.mean(2), fine.amax(2)], 1), summary)
+        y, down = self.along_y(torch.cat([fine.mean(3), fine.amax(3)], 1), summary)
         rest = self.rest(summary).float()
-        places = torch.stack([x[:, 0], y[:, 0], x[:, 1], y[:, 1], x[:, 2], y[:, 2]], 1)
         scales = rest[:, :6].clamp(-6.0, 4.0) - 4.0
-        return torch.cat([places, scales, rest[:, 6:8], rest[:, 8:9].clamp(-6.0, 4.0) - 2.0, rest[:, 9:]], 1)
+        out = [_alternate(x, y), scales, rest[:, 6:8], rest[:, 8:9].clamp(-6.0, 4.0) - 2.0, rest[:, 9:]]
+        return torch.cat(out, 1), _alternate(across, down)
+
+
+def _alternate(x: Tensor, y: Tensor) -> Tensor:
+    """Turn three of x and three of y into x, y, x, y, x, y."""
+    return torch.stack([x, y], 2).flatten(1, 2)
 
 
 class _Positions(nn.Module):
@@ -136,10 +145,10 @@ class _Positions(nn.Module):
             nn.Conv1d(64, 3, 9, padding=4),
         )  # fmt: skip
 
-    def forward(self, profile: Tensor, summary: Tensor) -> Tensor:
-        """Shares of the crop, (n, 3), of a profile (n, channels, cells)."""
+    def forward(self, profile: Tensor, summary: Tensor) -> tuple[Tensor, Tensor]:
+        """Shares of the crop, (n, 3), of a profile (n, channels, cells), and the cells' logarithmic weights."""
         cells = profile.shape[-1]
         x = pad(self.enter(profile), (BEYOND, BEYOND)) + self.context(summary)[:, :, None]
-        weight = self.layers(relu(x)).float().softmax(-1)
+        weight = self.layers(relu(x)).float().log_softmax(-1)
         middles = (torch.arange(-BEYOND, cells + BEYOND, device=x.device) + 0.5) / cells
-        return (weight * middles).sum(-1)
+        return (weight.exp() * middles).sum(-1), weight
