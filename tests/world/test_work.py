@@ -129,3 +129,8 @@ def test_slewing_goes_on_at_its_speed():
     course = Work(scenes.load("slew-alarm"), 0).sample(np.arange(0.0, 40.0, 0.1))
     assert course.slew_rate[-1] == pytest.approx(1.2 * 2 * math.pi / 60)
     assert (course.slew_rate[:50] == 0).all()
+
+
+@pytest.mark.parametrize("name", ["work-cycles", "qingdao-twin", "qingdao-night-snow", "qingdao-heavy-snow"])
+def test_no_frame_of_a_bundled_record_runs_the_grab_into_something(name):
+    check(scenes.load(name))
