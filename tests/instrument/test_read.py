@@ -190,6 +190,11 @@ def test_one_clear_message(reader, tmp_path):
         Reader(tmp_path / "text.onnx")
 
 
+def test_a_camera_without_a_display_is_refused(reader):
+    with pytest.raises(ReaderError, match="states no display"):
+        reader.read(np.zeros((1080, 1920, 3), np.uint8), None)
+
+
 def test_an_onnx_of_another_kind_is_refused(tmp_path):
     onnx = pytest.importorskip("onnx")
     model = onnx.load(BUNDLED)

@@ -75,7 +75,7 @@ class Reader:
         self.threshold = float(json.loads(known)["threshold"])
         self._input = self._session.get_inputs()[0].name
 
-    def read(self, picture: Picture, layout: Layout, *, display_constant_m: float = 0.0) -> Reading:
+    def read(self, picture: Picture, layout: Layout | None, *, display_constant_m: float = 0.0) -> Reading:
         """Read the display in a picture.
 
         Parameters
@@ -83,8 +83,8 @@ class Reader:
         picture : ndarray of uint8, shape (height, width, 3) or (height, width)
             RGB or grey.
         layout : Layout
-            Where the digits are, e.g. a calibration's ``digit_layout``; fitted to the picture where that is another
-            size of the same shape.
+            Where the digits are, e.g. a calibration's ``digit_layout``, which must state one; fitted to the picture
+            where that is another size of the same shape.
         display_constant_m : float
             |OA| minus the hoist rope's length on the display; the calibration's.
 
@@ -93,6 +93,8 @@ class Reader:
         ReaderError, LayoutError
             If the picture is none, or the layout's digits lie elsewhere.
         """
+        if layout is None:
+            raise ReaderError("no digit layout: the camera TOML states no display to read")
         layout = fitted(picture, layout)
         return reading(self.probabilities(crops(picture, layout)), layout, self.threshold, display_constant_m)
 
