@@ -6,6 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, pad, relu
 
+from simgrab.instrument.detect.patches import REFINE_SIZE
+
 STRIDE = 8  # of find's maps
 REACH = 32.0  # px of the small picture, find's unit of distance
 CELL = 4  # px of a crop, the step of refine's positions
@@ -13,6 +15,7 @@ BEYOND = 8  # cells beyond either side of a crop in which a position may lie
 EDGES, CENTRE, YAW, PRESENCE = slice(0, 4), slice(4, 6), slice(12, 14), 15  # columns of refine's output
 EDGE_SCALES, CENTRE_SCALES, YAW_SCALE = slice(6, 10), slice(10, 12), 14
 COLUMNS = 16
+_SHIFT = 0.1  # of a crop, the unit of what the summary adds to the grab centre
 
 
 def _conv(ins: int, outs: int, stride: int = 1, kernel: int = 3) -> nn.Sequential:
@@ -106,9 +109,13 @@ class Refine(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.trunk = _Trunk(4, (24, 48, 72, 96), (0, 1, 2, 2), up=2, stride=2)
-        self.summary = nn.Sequential(nn.Linear(2 * 96, 96), nn.ReLU(inplace=True))
-        self.along_x, self.along_y = _Positions(48, 96), _Positions(48, 96)
-        self.rest = nn.Linear(96, 10)
+        # Where the coarsest features lie tells from which side the grab is seen, and so where in it its centre is.
+        cells = (REFINE_SIZE // 16) ** 2
+        self.summary = nn.Sequential(
+            nn.Conv2d(96, 24, 1), nn.ReLU(inplace=True), nn.Flatten(), nn.Linear(24 * cells, 128), nn.ReLU(inplace=True)
+        )
+        self.along_x, self.along_y = _Positions(48, 128), _Positions(48, 128)
+        self.rest = nn.Linear(128, 12)
         nn.init.normal_(self.rest.weight, std=0.01)
 
     def forward(self, crops: Tensor) -> Tensor:
@@ -118,12 +125,13 @@ class Refine(nn.Module):
     def told(self, crops: Tensor) -> tuple[Tensor, Tensor]:
         """Return what goes out, and of which cells, by logarithmic weights (n, 6, cells), each position is the mean."""
         fine, coarse = self.trunk(_normalised(crops))
-        summary = self.summary(torch.cat([coarse.mean((2, 3)), coarse.amax((2, 3))], 1))
+        summary = self.summary(coarse)
         x, across = self.along_x(torch.cat([fine.mean(2), fine.amax(2)], 1), summary)
         y, down = self.along_y(torch.cat([fine.mean(3), fine.amax(3)], 1), summary)
         rest = self.rest(summary).float()
         scales = rest[:, :6].clamp(-6.0, 4.0) - 4.0
-        out = [_alternate(x, y), scales, rest[:, 6:8], rest[:, 8:9].clamp(-6.0, 4.0) - 2.0, rest[:, 9:]]
+        places = _alternate(x, y) + pad(_SHIFT * rest[:, 10:], (4, 0))
+        out = [places, scales, rest[:, 6:8], rest[:, 8:9].clamp(-6.0, 4.0) - 2.0, rest[:, 9:10]]
         return torch.cat(out, 1), _alternate(across, down)
 
 
