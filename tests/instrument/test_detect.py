@@ -171,6 +171,12 @@ def bright(size=(1080, 1920), at=(705, 405), half=24):  # fills the cell of find
     return picture
 
 
+def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("simgrab.instrument.detect.ASSETS", tmp_path)
+    with pytest.raises(DetectorError, match=r"build_weights --only detector"):
+        detector()
+
+
 def test_the_bundled_detector_puts_its_nets_together(tmp_path):
     found = detector(hand_made(tmp_path))(bright())
     assert found.found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from simgrab.errors import DetectorError
 from simgrab.instrument.detect.bundled import FIND, REFINE, Bundled
 from simgrab.instrument.detect.contract import Detector
 from simgrab.instrument.detect.session import open_net
@@ -34,6 +35,11 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     'none'
     """
     path = ASSETS / "weights" if name == BUNDLED else Path(name)
+    if name == BUNDLED and not (path / "find.onnx").exists():
+        raise DetectorError(
+            "no detector's weights are bundled: make them by `python -m scripts.build_weights --only detector`, "
+            "or name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
+        )
     if path.is_dir():
         return Bundled(path)
     net = open_net(path)
