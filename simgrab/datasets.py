@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
+import pyarrow as pa
 import pyarrow.parquet as pq
 
+from simgrab import labels
 from simgrab.errors import DatasetError
 from simgrab.records import Truth
 
@@ -66,7 +68,7 @@ class Dataset:
 
     def is_labelled(self, row: Truth) -> bool:
         """Whether detection labels hold a box for the row."""
-        return row.box_x0_px is not None and row.visible_fraction >= self.least_visible_fraction
+        return labels.is_labelled(row, self.least_visible_fraction)
 
 
 def read(path: str | Path) -> Dataset:
@@ -78,13 +80,13 @@ def read(path: str | Path) -> Dataset:
         If it is none, is unfinished or empty, or lacks a picture.
     """
     path = Path(path)
-    labels = path / "labels.parquet"
-    if not labels.is_file():
+    table = path / "labels.parquet"
+    if not table.is_file():
         state = "unfinished; go on with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         raise DatasetError(f"{path} is {state}: it has no labels.parquet")
     try:
-        content = labels.read_bytes()
-        rows = tuple(msgspec.convert(row, Truth) for row in pq.read_table(labels).to_pylist())
+        content = table.read_bytes()
+        rows = tuple(msgspec.convert(row, Truth) for row in pq.read_table(pa.BufferReader(content)).to_pylist())
         manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
         scenario = manifest["scenario"]
         data = Data(

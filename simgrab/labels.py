@@ -17,6 +17,11 @@ def box(row: Truth) -> Array | None:
     return None if corners[0] is None else np.array(corners, float)
 
 
+def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
+    """Whether detection labels hold a box for a row: the grab shows, and at least this fraction of it."""
+    return row.box_x0_px is not None and row.visible_fraction >= least_visible_fraction
+
+
 def centre(row: Truth) -> Array:
     """Grab centre A as the picture has it, px; NaN where the lens shows none."""
     return np.array([np.nan if x is None else x for x in (row.grab_u_px, row.grab_v_px)])

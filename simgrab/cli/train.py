@@ -6,7 +6,10 @@ import dataclasses
 import functools
 import json
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -14,6 +17,22 @@ import click
 @click.group(name="train")
 def command() -> None:
     """Train the instrument's nets from rendered datasets alone. Needs `pip install 'simgrab[train]'`."""
+
+
+@contextmanager
+def _interruptible(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
+        sys.exit(130)
+
+
+def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(metrics))
+    elif not quiet:
+        click.echo(card.read_text(encoding="utf-8"))
 
 
 @command.command()
@@ -47,16 +66,9 @@ def detector(
     chosen = functools.partial(
         recipes, quick=quick, epochs=epochs, half=half, seed=seed, patience=patience, device=device, threads=threads
     )
-    try:
-        with board(shown=not (quiet or as_json)) as shown:
-            result = train(datasets, out, chosen, resume=resume, watch=shown.step, report=shown.training)
-    except KeyboardInterrupt:
-        click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
-        sys.exit(130)
-    if as_json:
-        click.echo(json.dumps(result.metrics))
-    elif not quiet:
-        click.echo((out / "refine.md").read_text(encoding="utf-8"))
+    with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
+        result = train(datasets, out, chosen, resume=resume, watch=shown.step, report=shown.training)
+    _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
 
 
 @command.command()
@@ -89,13 +101,6 @@ def reader(
         RECIPE, seed=seed, epochs=(QUICK_EPOCHS if quick else RECIPE.epochs) if epochs is None else epochs,
         patience=patience, device=device, threads=threads,
     )  # fmt: skip
-    try:
-        with board(shown=not (quiet or as_json)) as shown:
-            card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))
-    except KeyboardInterrupt:
-        click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
-        sys.exit(130)
-    if as_json:
-        click.echo(json.dumps(card.metrics))
-    elif not quiet:
-        click.echo((out / "reader.md").read_text(encoding="utf-8"))
+    with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
+        card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))
+    _tell(card.metrics, out / "reader.md", as_json=as_json, quiet=quiet)

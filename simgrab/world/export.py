@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pycocotools import mask as coco_mask
 
+from simgrab import labels
 from simgrab.calibration import Calibration
 from simgrab.records import KEYPOINT_NAMES, Truth, columns
 from simgrab.scenario import Scenario
@@ -55,8 +56,8 @@ def parquet(rows: Sequence[Truth], metadata: dict[str, Any]) -> bytes:
 
 
 def is_labelled(row: Truth, scenario: Scenario) -> bool:
-    """Whether detection labels hold a box for the row: the grab shows, and at least the scenario's fraction of it."""
-    return row.box_x0_px is not None and row.visible_fraction >= scenario.labels.least_visible_fraction
+    """Whether detection labels hold a box for the row, by the scenario's least fraction."""
+    return labels.is_labelled(row, scenario.labels.least_visible_fraction)
 
 
 def _box(row: Truth) -> tuple[int, int, int, int]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,8 @@ from torch import nn
 
 from simgrab.instrument.detect.session import KEY
 from simgrab.training.checkpoint import write_whole
+from simgrab.training.graph import traced
 
-OPSET = 18
 _LEAST = 256  # numbers in a tensor from which on halves are worth it
 
 
@@ -37,16 +35,7 @@ def export(net: nn.Module, example: torch.Tensor, outputs: list[str], path: Path
     facts : mapping
         Plain data for the metadata.
     """
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        draft = Path(folder) / path.name
-        # TorchScript's exporter folds norms into convolutions, and writes the plainest graphs.
-        warnings.simplefilter("ignore")
-        axes = {name: {0: "n"} for name in ("pictures", *outputs)}
-        torch.onnx.export(
-            net, (example,), str(draft), input_names=["pictures"], output_names=outputs, dynamic_axes=axes,
-            opset_version=OPSET, dynamo=False,
-        )  # fmt: skip
-        model = halved(onnx.load(draft))
+    model = halved(traced(net, example, "pictures", outputs))
     model.doc_string = ""
     helper.set_model_props(model, {KEY: json.dumps(facts)})
     onnx.checker.check_model(model)

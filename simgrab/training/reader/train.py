@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,7 @@ from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.checkpoint import write_whole
 from simgrab.training.device import out_of_memory
+from simgrab.training.graph import traced
 from simgrab.training.reader.cells import gather
 from simgrab.training.reader.lenet import LeNet5
 from simgrab.training.reader.task import Digits, threshold
@@ -84,16 +83,7 @@ def train_reader(
 def exported(net: nn.Module, least: float) -> bytes:
     """ONNX of a net with a softmax on top and the threshold in its metadata; any number of crops at once."""
     whole = nn.Sequential(net, nn.Softmax(dim=1)).eval()
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        draft = Path(folder) / "draft.onnx"
-        # TorchScript's exporter is deprecated; it writes the plainest graphs.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            whole, (torch.zeros(8, 1, INPUT_PX, INPUT_PX),), str(draft), dynamo=False, opset_version=18,
-            input_names=["crops"], output_names=["probabilities"],
-            dynamic_axes={"crops": {0: "n"}, "probabilities": {0: "n"}},
-        )  # fmt: skip
-        model = onnx.load(draft)
+    model = traced(whole, torch.zeros(8, 1, INPUT_PX, INPUT_PX), "crops", ["probabilities"])
     onnx.helper.set_model_props(model, {METADATA: json.dumps({"threshold": least, "margin": MARGIN})})
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString())
