@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
-from simgrab.world.frames import Studio
+from simgrab.world.frames import Studio, refuse_unseen, vet
 from simgrab.world.plan import Plan
 
 PR_SET_PDEATHSIG = 1
@@ -33,6 +33,25 @@ def check(workers: int) -> None:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
 
 
+def vetted(scenario: Scenario, workers: int) -> Plan | None:
+    """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab.
+
+    Returns the plan of its world, or None where it has many: those are drawn up for nothing else, among the workers.
+    """
+    if not scenario.vary:
+        seen, plan = vet(scenario)
+        refuse_unseen(scenario, seen)
+        return plan
+    clips = range(scenario.clip.count(scenario.frames))
+    refuse_unseen(scenario, sum(share(scenario, None, clips, _vet, workers=workers, progress=lambda _: None)))
+    return None
+
+
+def _vet(studio: Studio, clip: int, tick: Tick) -> int:
+    tick()
+    return vet(studio.scenario, clip)[0]
+
+
 def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int], None]:
     """Turn frames done in this run into frames done in all, ``ahead`` of them earlier; tells of those at once."""
 
@@ -46,7 +65,7 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
 
 def share(
     scenario: Scenario,
-    plan: Plan,
+    plan: Plan | None,
     items: Iterable[int],
     work: Work[T],
     *,
@@ -58,8 +77,8 @@ def share(
     Parameters
     ----------
     scenario : Scenario
-    plan : Plan
-        Of the same scenario's first variant.
+    plan : Plan or None
+        Of the same scenario's first variant, where it was drawn up already.
     items : iterable of int
         Frames or clips.
     work : callable

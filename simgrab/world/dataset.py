@@ -105,7 +105,8 @@ def render(
         If there is no offscreen OpenGL.
     """
     crew.check(workers)
-    folder, plan = Folder(Path(out)), frames.check(scenario)
+    folder = Folder(Path(out))
+    plan = None if folder.begun else crew.vetted(scenario, workers)
     reels = Reels(scenario, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
     made = 0
@@ -150,7 +151,7 @@ def _film(
     reels: Reels,
     unfinished: Sequence[int],
     folder: Folder,
-    plan: Plan,
+    plan: Plan | None,
     missing: Sequence[int],
     workers: int,
     progress: Progress | None,

@@ -40,6 +40,11 @@ class Folder:
         """Working folder; it exists while the dataset is unfinished."""
         return self.path / ".partial"
 
+    @property
+    def begun(self) -> bool:
+        """Whether it holds a dataset, of whatever identity: whose scenario was found possible, then."""
+        return self._identity() is not None
+
     def _row(self, frame: int) -> Path:
         return self.partial / "rows" / f"{frame:08d}.json"
 

@@ -15,7 +15,7 @@ from pycocotools import mask as coco_mask
 
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.records import Truth
-from simgrab.scenario import Scenario, Variant, variant, variants
+from simgrab.scenario import Scenario, Variant, variant
 from simgrab.world import truth
 from simgrab.world.gl import Fingerprint
 from simgrab.world.model import World
@@ -196,23 +196,27 @@ def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
     return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}
 
 
-def check(scenario: Scenario) -> Plan:
-    """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab.
+def vet(scenario: Scenario, number: int = 0) -> tuple[int, Plan]:
+    """Refuse a variant with an impossible frame; returns how many of its frames see the grab, and its world's plan.
 
-    Returns the plan of the first variant's world.
+    Parameters
+    ----------
+    scenario : Scenario
+    number : int
+        Of the variant: of its clip.
     """
-    k = scenario.camera.intrinsics
-    first, seen = None, 0
-    for one, span in variants(scenario):
-        plan, story = draw_up(one.scenario, one.number), Story(one.scenario)
-        first = first or plan
-        aims = (truth.aim(one.scenario, plan, story.at(frame)) for frame in span)
-        seen += sum(aimed.meets(k.width_px, k.height_px) for aimed in aims)  # all of them: each may be impossible
+    span = scenario.clip.span(number, scenario.frames) if scenario.vary else range(scenario.frames)
+    one, k = variant(scenario, span.start), scenario.camera.intrinsics
+    plan, story = draw_up(one.scenario, one.number), Story(one.scenario)
+    aims = (truth.aim(one.scenario, plan, story.at(frame)) for frame in span)
+    return sum(aimed.meets(k.width_px, k.height_px) for aimed in aims), plan  # all of them: each may be impossible
+
+
+def refuse_unseen(scenario: Scenario, seen: int) -> None:
+    """Refuse a scenario of whose frames none sees the grab."""
     if not seen:
         raise ScenarioError(
             "camera",
             f"it never sees the grab in any of the {scenario.frames} frames; "
             "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
         )
-    assert first is not None
-    return first

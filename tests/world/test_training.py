@@ -15,10 +15,11 @@ from simgrab.judge.audit import audit
 from simgrab.records import columns
 from simgrab.rng import stream
 from simgrab.scenario import variant
+from simgrab.world import crew
 from simgrab.world.clearance import HeightMap
 from simgrab.world.dataset import render
 from simgrab.world.folder import Folder
-from simgrab.world.frames import Studio, check
+from simgrab.world.frames import Studio
 from simgrab.world.model import GRAB, PLACE, ROPE
 from simgrab.world.parked import parked_grabs
 from simgrab.world.places import build
@@ -159,7 +160,7 @@ def test_the_audit_passes_without_the_grab(half_empty):
 
 def test_a_scene_without_any_grab_is_refused():
     with pytest.raises(ScenarioError, match="never sees the grab"):
-        check(small_scene(swing__absent=1.0))
+        crew.vetted(small_scene(swing__absent=1.0), 1)
 
 
 @pytest.mark.parametrize("place", ["plain", "quay", "hold", "water"])
@@ -211,3 +212,21 @@ def test_the_training_scene_runs():
         row = studio.make(9).record.truth
     assert row.variant == 1
     assert len(json.loads(row.varied)) > 20
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_path, workers):
+    rope = {
+        "swing.rope_length_m": {"dist": "one-of", "values": [{"dist": "constant", "value": v} for v in (10.0, 27.0)]}
+    }
+    scenario = small_scene(frames=6, clip__clip_frames=1, vary=rope)
+    with pytest.raises(ScenarioError, match="lowers the grab into what is below it"):
+        render(scenario, tmp_path / "out", workers=workers)
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_that_were_found_possible_are_not_looked_at_again(tmp_path, monkeypatch):
+    scenario = small_scene(frames=2)
+    render(scenario, tmp_path / "out")
+    monkeypatch.setattr(crew, "vetted", None)
+    assert render(scenario, tmp_path / "out", resume=True).made == 0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.world.frames import check
+from simgrab.world.crew import vetted
 from simgrab.world.meshes.grab import closing_rope_m
 from simgrab.world.motion.axis import Axis, Move
 from simgrab.world.motion.timeline import Timeline
@@ -117,7 +117,7 @@ def test_the_impossible_is_refused_when_it_is_read(changes, key, why):
 def test_hoisting_through_the_ground_is_refused():
     scene = small_scene("work-cycles", frames=3, swing__work__dig_rope_m=31.0)
     with pytest.raises(ScenarioError, match=r"swing\.work.*lowers the grab into what is below it; at most 2\d\.\d\d m"):
-        check(scene)
+        vetted(scene, 1)
 
 
 def test_independent_frames_know_no_vibration():
@@ -133,4 +133,4 @@ def test_slewing_goes_on_at_its_speed():
 
 @pytest.mark.parametrize("name", ["work-cycles", "qingdao-twin", "qingdao-night-snow", "qingdao-heavy-snow"])
 def test_no_frame_of_a_bundled_record_runs_the_grab_into_something(name):
-    check(scenes.load(name))
+    vetted(scenes.load(name), 1)

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
-from simgrab.world import crew, frames
+from simgrab.world import crew
 from simgrab.world.crew import Progress, Tick
 from simgrab.world.folder import Folder
 from simgrab.world.frames import Studio
@@ -91,7 +91,7 @@ def render_video(
     reels = Reels(scenario, Path(path))
     clips = reels.unfinished(resume=resume)
     if clips or reels.partial.exists():
-        plan = frames.check(scenario)
+        plan = crew.vetted(scenario, workers)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = crew.report(progress, ahead, scenario.frames)
         with reels.claim():
