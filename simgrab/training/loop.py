@@ -24,7 +24,7 @@ from simgrab.errors import TrainingError
 from simgrab.rng import stream
 from simgrab.training import checkpoint
 from simgrab.training.device import named, out_of_memory, to_device
-from simgrab.training.recipe import Recipe
+from simgrab.training.recipe import MOMENTUM, Recipe
 
 CHECKPOINT = "checkpoint.pt"
 SCORE = "score"
@@ -144,7 +144,7 @@ class _Run:
         self.device = named(recipe.device)
         self.net = build().to(self.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.net).eval().requires_grad_(False)
-        self.optimiser = torch.optim.AdamW(_groups(self.net, recipe.weight_decay), lr=recipe.rate)
+        self.optimiser = _optimiser(self.net, recipe)
         self.steps = max(task.examples // recipe.batch, 1)  # an epoch; what is left over waits for another order
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = {}
@@ -245,6 +245,14 @@ def blend(average: nn.Module, net: nn.Module, share: float) -> None:
                 mean.lerp_(value, share)
             else:
                 mean.copy_(value)
+
+
+def _optimiser(net: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
+    groups = _groups(net, recipe.weight_decay)
+    if recipe.optimiser == "sgd":
+        return torch.optim.SGD(groups, lr=recipe.rate, momentum=MOMENTUM, nesterov=True)
+    kind = torch.optim.AdamW if recipe.optimiser == "adamw" else torch.optim.Adam
+    return kind(groups, lr=recipe.rate)
 
 
 def _groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:

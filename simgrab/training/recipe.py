@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 from simgrab.errors import TrainingError
 
+# Adam's decay is part of the gradient, AdamW's is not; SGD has Nesterov's momentum.
+OPTIMISERS = ("adamw", "adam", "sgd")
+MOMENTUM = 0.937  # YOLOv5's
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -24,8 +28,12 @@ class Recipe:
         Largest learning rate; see `rate_at`.
     warm_up : float
         Share of the steps in which the rate rises.
+    final : float
+        The last rate, as a share of the largest one.
+    optimiser : str
+        A name in `OPTIMISERS`.
     weight_decay : float
-        AdamW's, for weights of two dimensions and more.
+        For weights of two dimensions and more.
     clip : float
         Largest norm of the gradient.
     average : float
@@ -46,6 +54,8 @@ class Recipe:
     batch: int = 32
     rate: float = 2e-3
     warm_up: float = 0.1
+    final: float = 1e-3
+    optimiser: str = "adamw"
     weight_decay: float = 0.02
     clip: float = 5.0
     average: float = 0.998
@@ -58,6 +68,8 @@ class Recipe:
         for name in ("epochs", "batch", "threads"):
             if getattr(self, name) < 1:
                 raise TrainingError(f"{name}: must be 1 or more, got {getattr(self, name)}")
+        if self.optimiser not in OPTIMISERS:
+            raise TrainingError(f"optimiser: {self.optimiser!r} is none of {', '.join(OPTIMISERS)}")
         for name in ("seed", "patience"):
             if getattr(self, name) < 0:
                 raise TrainingError(f"{name}: must be 0 or more, got {getattr(self, name)}")
@@ -67,4 +79,4 @@ class Recipe:
         if done < self.warm_up:
             return self.rate * (0.04 + 0.96 * (1 - math.cos(math.pi * done / self.warm_up)) / 2)
         left = (1 - done) / (1 - self.warm_up)
-        return self.rate * (1e-3 + (1 - 1e-3) * (1 - math.cos(math.pi * left)) / 2)
+        return self.rate * (self.final + (1 - self.final) * (1 - math.cos(math.pi * left)) / 2)

@@ -91,9 +91,37 @@ def train(
     sets = datasets.read_all(paths, "train", "val")
     claim(out, resume=resume)
     train_frames, val_frames = (cache.frames(sets, split) for split in ("train", "val"))
+    chosen, digest = recipes(len(train_frames)), datasets.digest(sets)
+    fitted = fit(train_frames, val_frames, out, chosen, digest, resume=resume, watch=watch, report=report)
+    for name, trained, recipe in (("find", fitted.find, chosen.find), ("refine", fitted.refine, chosen.refine)):
+        Card(
+            name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=len(train_frames),
+            recipe=dataclasses.asdict(recipe), epochs=trained.epochs, seconds=trained.seconds,
+            metrics={"alone": trained.figures} | fitted.metrics,
+        ).save(out / f"{name}.onnx")  # fmt: skip
+    return Result(out, fitted.metrics)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Both nets, and their figures together on validation frames."""
+
+    find: loop.Trained
+    refine: loop.Trained
+    metrics: dict[str, Any]
+
+
+def fit(
+    train_frames: Sequence[cache.Frame], val_frames: Sequence[cache.Frame], out: Path, recipes: Recipes, digest: str,
+    *, resume: bool = False, watch: Watch | None = None,
+    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+) -> Fitted:  # fmt: skip
+    """Train on frames, judge by others, and write the nets into a folder; see `train`.
+
+    ``digest`` names the frames: a checkpoint of others is not taken up.
+    """
     if not any(frame.labelled for frame in train_frames):
         raise TrainingError("no training frame shows the grab")
-    chosen, digest = recipes(len(train_frames)), datasets.digest(sets)
     step = watch or (lambda _: lambda _done, _total: None)
     follow = report or (lambda _: lambda _report: None)
     folder = out / "cache" / digest[:16]
@@ -102,7 +130,7 @@ def train(
         find.pictures(folder / f"small-{name}", frames, step(f"shrinking {name} pictures"))
         for name, frames in (("train", train_frames), ("val", val_frames))
     ]
-    found = _learn(Find, find.Finding(*small), chosen.find, out / "find", digest, resume, follow("find"))
+    found = _learn(Find, find.Finding(*small), recipes.find, out / "find", digest, resume, follow("find"))
     example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
     export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
@@ -110,11 +138,11 @@ def train(
     crops = [
         refine.crops(
             folder / f"crops-{name}-{key}", frames, suspects(found.net, pictures, frames),
-            seed=chosen.refine.seed, progress=step(f"cutting {name} crops"),
+            seed=recipes.refine.seed, progress=step(f"cutting {name} crops"),
         )
         for name, pictures, frames in (("train", small[0], train_frames), ("val", small[1], val_frames))
     ]  # fmt: skip
-    refined = _learn(Refine, refine.Refining(*crops), chosen.refine, out / "refine", digest, resume, follow("refine"))
+    refined = _learn(Refine, refine.Refining(*crops), recipes.refine, out / "refine", digest, resume, follow("refine"))
     facts = {"task": REFINE, "settings": dataclasses.asdict(Settings())}
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
@@ -122,14 +150,7 @@ def train(
     seen = evaluate.watch(Bundled(out), val_frames, step("looking at val pictures"))
     factors = evaluate.trust(seen)
     export.set_facts(out / "refine.onnx", facts | {"trust": evaluate.as_dict(factors)})
-    metrics = evaluate.metrics(seen)
-    for name, trained, recipe in (("find", found, chosen.find), ("refine", refined, chosen.refine)):
-        Card(
-            name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=len(train_frames),
-            recipe=dataclasses.asdict(recipe), epochs=trained.epochs, seconds=trained.seconds,
-            metrics={"alone": trained.figures} | metrics,
-        ).save(out / f"{name}.onnx")  # fmt: skip
-    return Result(out, metrics)
+    return Fitted(found, refined, evaluate.metrics(seen))
 
 
 def _learn(

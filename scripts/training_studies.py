@@ -1,0 +1,252 @@
+"""Repeat the paper's trainings, and what it could not see: ``python -m scripts.training_studies [STUDY ...]``.
+
+Studies: ``table`` (learning rates and optimisers), ``digits``, ``leak`` (one video split at random, against other
+videos), ``frames`` (accuracy against how many were learned from). What is done is kept in ``--work`` and not done
+again; `scripts.training_page` writes ``docs/training-studies.md`` of it. Needs ``simgrab[train]``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from simgrab import datasets, scenes
+from simgrab.cli._progress import bar
+from simgrab.instrument.detect.bundled import Bundled
+from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, whole
+from simgrab.instrument.read.reader import NO_DIGIT
+from simgrab.judge import detection
+from simgrab.records import Detection
+from simgrab.rng import stream
+from simgrab.training import loop
+from simgrab.training.checkpoint import write_whole
+from simgrab.training.detector import cache, evaluate, find, train
+from simgrab.training.detector.nets import Find
+from simgrab.training.detector.settings import has_half_units, recipes
+from simgrab.training.progress import board
+from simgrab.training.reader.cells import Cells, gather
+from simgrab.training.reader.lenet import LeNet5
+from simgrab.training.reader.task import Digits
+from simgrab.training.recipe import Recipe
+from simgrab.world.dataset import render
+
+RATES, OPTIMISERS, FINALS = (0.0005, 0.001, 0.005, 0.01), ("sgd", "adam"), (0.001, 0.005, 0.01)
+COUNTS = (50, 100, 200, 400, 800, 1600, 3200, 10_000)
+EPOCHS = 30  # of the table's trainings
+LEARNED = 0.8  # share of the paper's splits
+CROPS = 320
+
+Indices = NDArray[np.int64]
+Piece = tuple[str, Callable[[], Any]]
+
+
+@dataclass(frozen=True)
+class Record:
+    """A video's frames: a scene, how many, seconds between them, and the seed."""
+
+    scene: str
+    frames: int
+    step_s: float
+    seed: int
+
+
+# The paper labelled 340 frames of one video.
+OWN = Record("qingdao-twin", 340, 1.0, 11)
+OTHERS = {
+    "another video of the same crane": Record("qingdao-twin", 80, 4.0, 12),
+    "the same crane, night and light snow": Record("qingdao-night-snow", 80, 1.5, 13),
+    "the same crane, heavy snow": Record("qingdao-heavy-snow", 80, 2.0, 14),
+    "another place and another camera": Record("windy-day", 80, 1.0, 15),
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where a study works, how it is drawn and trained, and what it may learn from besides."""
+
+    work: Path
+    workers: int
+    threads: int
+    seed: int
+    wide: tuple[Path, ...]
+
+    def recipe(self, **changes: Any) -> Recipe:
+        """Return a recipe for this machine."""
+        return Recipe(seed=self.seed, threads=self.threads, half=has_half_units("cpu"), **changes)
+
+
+def rendered(record: Record, s: Settings) -> datasets.Dataset:
+    """Render a record, or what is missing of it."""
+    changes: dict[str, Any] = {"frames": record.frames, "seed": record.seed}
+    scenario = scenes.load(record.scene, changes | {"clip.frame_rate_hz": 1 / record.step_s})
+    out = s.work / f"{record.scene}-{record.seed}"
+    with bar(f"drawing {out.name}", shown=True) as progress:
+        render(scenario, out, workers=s.workers, resume=True, progress=progress)
+    return datasets.read(out)
+
+
+def all_frames(dataset: datasets.Dataset) -> list[cache.Frame]:
+    """All frames of a dataset, whatever its own split, in order."""
+    frames = [frame for split in ("train", "val", "test") for frame in cache.frames([dataset], split)]
+    return sorted(frames, key=lambda frame: frame.row.frame)
+
+
+def at_random(n: int, seed: int) -> tuple[Indices, Indices]:
+    """Split indices into those to learn from and those to test on, as the paper did."""
+    order = stream(seed, 0, "split").permutation(n)
+    return np.sort(order[: round(LEARNED * n)]), np.sort(order[round(LEARNED * n) :])
+
+
+def precision(frames: Sequence[cache.Frame], found: Sequence[Detection]) -> float:
+    """COCO's mAP50-95."""
+    cases = [detection.Case(f.row, f.labelled, f.weather, d) for f, d in zip(frames, found, strict=True)]
+    return float(detection.average_precision(cases)["map50_95"] or 0.0)
+
+
+def by_find(net: torch.nn.Module, pictures: find.Pictures, frames: Sequence[cache.Frame]) -> list[Detection]:
+    """Let find alone look at pictures."""
+    with torch.inference_mode():
+        scores, boxes = find.look(net, pictures.pictures)
+    result = []
+    for frame, score, box in zip(frames, scores, boxes, strict=True):
+        patch, limits = whole(frame.row.width_px, frame.row.height_px), [frame.row.width_px, frame.row.height_px] * 2
+        corners = patch.to_picture(box.reshape(2, 2) / (FIND_WIDTH, FIND_HEIGHT)).ravel()
+        result.append(Detection("found", "", float(score), np.clip(corners, 0, limits)))
+    return result
+
+
+def learned(build: Callable[[], torch.nn.Module], task: loop.Task, recipe: Recipe, out: Path) -> torch.nn.Module:
+    """Train a net, or find it trained."""
+    out.mkdir(parents=True, exist_ok=True)
+    with board(shown=True) as shown:
+        return loop.train(build, task, recipe, out, resume=True, report=shown.training(out.name)).net
+
+
+def table(s: Settings) -> Iterator[Piece]:
+    """Measure find alone (mAP) on the paper's grid of rates and optimisers; the best epoch on the tested frames, as there."""
+    frames = all_frames(rendered(OWN, s))
+    whole_set = find.pictures(s.work / "small", frames)
+    train_part, test_part = (
+        find.Pictures(whole_set.pictures[which], whole_set.boxes[which]) for which in at_random(len(frames), s.seed)
+    )
+    tested = [frames[i] for i in at_random(len(frames), s.seed)[1]]
+
+    def one(optimiser: str, rate: float, final: float, out: Path) -> float:
+        changes = {"optimiser": optimiser, "rate": rate, "final": final, "weight_decay": 5e-4}
+        recipe = s.recipe(epochs=EPOCHS, batch=16, average=0.99, **changes)
+        net = learned(Find, find.Finding(train_part, test_part), recipe, out)
+        return precision(tested, by_find(net, test_part, tested))
+
+    for optimiser in OPTIMISERS:
+        for rate in RATES:
+            for final in FINALS:
+                name = f"{optimiser} {rate:g} {final:g}"
+                out = s.work / "table" / name.replace(" ", "-")
+                yield name, lambda o=optimiser, r=rate, f=final, out=out: one(o, r, f, out)  # type: ignore[misc]
+
+
+def digits(s: Settings) -> Iterator[Piece]:
+    """LeNet-5 on 320 crops of digits."""
+
+    def one() -> dict[str, int]:
+        dataset = rendered(OWN, s)
+        rows = tuple(msgspec.structs.replace(row, split="train") for row in dataset.rows)
+        cells = gather([replace(dataset, rows=rows)], "train", s.seed)
+        shown = stream(s.seed, 0, "crops").choice(np.flatnonzero(cells.digits != NO_DIGIT), CROPS, replace=False)
+        train_part, test_part = (_some(cells, shown[which]) for which in at_random(CROPS, s.seed))
+        task = Digits(train_part, test_part, s.seed)
+        recipe = s.recipe(epochs=60, batch=32, rate=3e-3, weight_decay=0.01, average=0.9)
+        net = learned(LeNet5, task, replace(recipe, half=False), s.work / "digits")
+        with torch.inference_mode():  # the first of the validation crops are as they lie
+            told = net(torch.from_numpy(task.crops[: len(test_part)])).argmax(1).numpy()
+        return {"tested": len(test_part), "right": int((told == test_part.digits).sum())}
+
+    yield "digits", one
+
+
+def _some(cells: Cells, which: Indices) -> Cells:
+    numbers = np.arange(len(which))
+    return Cells(tuple(cells.boxes[i] for i in which), cells.digits[which], numbers, ("",) * len(which))
+
+
+def leak(s: Settings) -> Iterator[Piece]:
+    """Find and refine, learned from one video: how they do on its other frames, and on other videos."""
+
+    def one() -> dict[str, Any]:
+        frames = all_frames(rendered(OWN, s))
+        train_frames, test_frames = ([frames[i] for i in which] for which in at_random(len(frames), s.seed))
+        looks = _both(s, s.work / "leak", train_frames, test_frames)
+        others = {name: all_frames(rendered(record, s)) for name, record in OTHERS.items()}
+        sets = {"frames of the same video": test_frames} | others
+        return {name: _scores(looks, some) for name, some in sets.items()}
+
+    yield "leak", one
+
+
+def frames(s: Settings) -> Iterator[Piece]:
+    """Find and refine, learned from so many frames of many worlds, always for as long."""
+    if not s.wide:
+        raise click.UsageError("frames: name datasets of scenes/training.toml with --wide")
+    sets = datasets.read_all(s.wide, "train", "val", "test")
+    learn, val, test = (cache.frames(sets, split) for split in ("train", "val", "test"))
+
+    def one(count: int) -> dict[str, Any]:
+        return _scores(_both(s, s.work / "frames" / str(count), learn[:count], val), test)
+
+    for count in COUNTS:
+        if count <= len(learn):
+            yield str(count), lambda count=count: one(count)  # type: ignore[misc]
+
+
+def _both(s: Settings, out: Path, learn: Sequence[cache.Frame], val: Sequence[cache.Frame]) -> Bundled:
+    out.mkdir(parents=True, exist_ok=True)
+    chosen = recipes(len(learn), quick=True, seed=s.seed, threads=s.threads)
+    with board(shown=True) as shown:
+        train.fit(learn, val, out, chosen, f"{len(learn)} frames", resume=True, report=shown.training)
+    return Bundled(out)
+
+
+def _scores(looks: Bundled, some: Sequence[cache.Frame]) -> dict[str, Any]:
+    seen = evaluate.watch(looks, some)
+    return {"map50_95": precision(some, [one.detection for one in seen])} | {
+        name: value for name, value in evaluate.metrics(seen).items() if name != "by_weather"
+    }
+
+
+STUDIES: dict[str, Callable[[Settings], Iterator[Piece]]] = {
+    "table": table, "digits": digits, "leak": leak, "frames": frames,
+}  # fmt: skip
+
+
+@click.command()
+@click.argument("studies", nargs=-1, type=click.Choice(list(STUDIES)))
+@click.option("--work", type=click.Path(path_type=Path), default=Path("runs/training-studies"), show_default=True)
+@click.option("--wide", multiple=True, type=click.Path(path_type=Path), help="Datasets of many worlds, for 'frames'.")
+@click.option("--workers", default=2, show_default=True, help="Processes that draw.")
+@click.option("--threads", default=2, show_default=True, help="Of torch.")
+@click.option("--seed", default=0, show_default=True)
+def main(studies: tuple[str, ...], work: Path, wide: tuple[Path, ...], workers: int, threads: int, seed: int) -> None:
+    """Repeat the paper's trainings, and what it could not see."""
+    work.mkdir(parents=True, exist_ok=True)
+    kept, settings = work / "results.json", Settings(work, workers, threads, seed, wide)
+    results: dict[str, dict[str, Any]] = json.loads(kept.read_text()) if kept.exists() else {}
+    for study in studies or STUDIES:
+        done = results.setdefault(study, {})
+        for name, piece in STUDIES[study](settings):
+            if name not in done:
+                done[name] = piece()
+                write_whole(kept, json.dumps(results, indent=1).encode())
+            click.echo(f"{study}, {name}: {done[name]}")
+
+
+if __name__ == "__main__":
+    main()
