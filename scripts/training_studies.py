@@ -132,7 +132,7 @@ def learned(build: Callable[[], torch.nn.Module], task: loop.Task, recipe: Recip
 
 
 def table(s: Settings) -> Iterator[Piece]:
-    """Measure find alone (mAP) on the paper's grid of rates and optimisers; the best epoch on the tested frames, as there."""
+    """Measure find alone (mAP) on the grid of rates and optimisers; the best epoch on the tested frames, as there."""
     frames = all_frames(rendered(OWN, s))
     whole_set = find.pictures(s.work / "small", frames)
     train_part, test_part = (
