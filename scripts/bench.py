@@ -4,6 +4,7 @@ scripts/bench.py render [--pairs 30] [--memory-frames 2000]
 scripts/bench.py estimate
 scripts/bench.py motion
 scripts/bench.py world
+scripts/bench.py detect [--yolo FILE.onnx]
 """
 
 from __future__ import annotations
@@ -159,6 +160,8 @@ def main() -> None:
     verbs.add_parser("estimate")
     verbs.add_parser("motion")
     verbs.add_parser("world")
+    verb = verbs.add_parser("detect")
+    verb.add_argument("--yolo", type=Path, help="another detector beside the bundled one")
     chosen = parser.parse_args()
     if chosen.verb == "render":
         render(chosen.pairs, chosen.memory_frames)
@@ -166,6 +169,11 @@ def main() -> None:
         motion()
     elif chosen.verb == "world":
         world()
+    elif chosen.verb == "detect":
+        sys.path.insert(0, str(Path(__file__).parents[1]))
+        from scripts.bench_detect import detect
+
+        detect(chosen.yolo)
     else:
         sys.path.insert(0, str(Path(__file__).parents[1]))
         from scripts.bench_estimate import estimate
