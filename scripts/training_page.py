@@ -61,8 +61,8 @@ def _digits(found: dict[str, Any]) -> str:
     of = found["digits"]
     return f"""## Digits
 
-LeNet-5 on 320 crops of that video, 256 learned from: {of["right"]} of {of["tested"]} test crops read right (the paper: 64
-of 64). So few tell little: with none wrong of 64, up to 4.6 % may be wrong (95 %). `scripts/score_reader.py` reads
+LeNet-5 on 320 crops of that video, 256 learned from: {of["right"]} of {of["tested"]} test crops read right (the paper:
+64 of 64). So few tell little: with none wrong of 64, up to 4.6 % may be wrong (95 %). `scripts/score_reader.py` reads
 100,000."""
 
 
@@ -73,7 +73,8 @@ def _leak(found: dict[str, Any]) -> str:
     return f"""## What a random split of one video hides
 
 Both nets, learned from 80 % of the video's frames. Its other frames lie between those learned from, in the same light
-and before the same ground: there mAP50-95 is {_percent(same)} %, in another video of the same crane {_percent(other)} %.
+and before the same ground: there mAP50-95 is {_percent(same)} %, in another video of the same crane
+{_percent(other)} %.
 
 {HEAD}
 """ + "\n".join(rows)
