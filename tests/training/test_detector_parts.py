@@ -298,6 +298,24 @@ def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
     assert evaluate.trust(seen[:3]).centre == 1.0
 
 
+def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+
+    def seen(score, there):
+        return evaluate.Seen(
+            cache.Frame(row, tmp_path, there, ""), Detection("found", "", score, np.array(labels.box(row), float))
+        )
+
+    grabs, empty = [seen(p, True) for p in (0.12, 0.7, 0.95, 0.99)], [seen(p, False) for p in (0.02, 0.2, 0.3, 0.97)]
+    assert 0.3 < evaluate.least_presence(grabs + empty) < 0.7
+    assert evaluate.least_presence(grabs) < 0.12
+    assert evaluate.least_presence(empty) == 0.9
+    assert evaluate.least_presence([]) == 0.5
+    kept = evaluate.by(0.5, grabs + empty)
+    assert [one.detection.found for one in kept] == [False, True, True, True, False, False, False, True]
+    assert kept[0].detection.score == 0.12
+
+
 def test_the_recipe_shows_as_many_examples_whatever_the_frames():
     few, many = (settings.recipes(frames, half=False) for frames in (500, 5000))
     assert few.find.epochs * 500 == pytest.approx(many.find.epochs * 5000, rel=0.1)

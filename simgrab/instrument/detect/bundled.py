@@ -52,7 +52,7 @@ class Settings:
         Side of the first and the second crop, over the box's longer side.
     """
 
-    least_heat: float = 0.1
+    least_heat: float = 0.05
     least_presence: float = 0.5
     rivals: float = 0.3
     first_room: float = 1.5

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import expit, logit
 
 from simgrab import labels
 from simgrab.geometry import Array
@@ -18,6 +19,8 @@ from simgrab.training.detector import cache
 
 LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that hold LEVEL of a normal law
+_SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
+_BOUNDS = (0.1, 0.9)  # of a least presence
 _FEWEST = 20  # detections from which on a factor is measured
 
 
@@ -52,6 +55,36 @@ def watch(
         if progress:
             progress(len(seen), len(frames))
     return seen
+
+
+def least_presence(seen: Sequence[Seen]) -> float:
+    """Presence from which on a grab is one: that which errs least often, amid the widest range of such.
+
+    Parameters
+    ----------
+    seen : sequence of Seen
+        By a detector that takes every presence for enough; hits and empty frames count.
+    """
+    told = [one for one in seen if one.detection.found and (one.hit or not one.frame.labelled)]
+    if not told:
+        return 0.5
+    logits = logit(np.clip([one.detection.score for one in told], *_SURE))
+    there = np.array([one.hit for one in told])
+    ends = np.sort(np.concatenate([logits, logit(_SURE)]))
+    middles = (ends[1:] + ends[:-1]) / 2
+    errors = np.array([(there & (logits < t)).sum() + (~there & (logits >= t)).sum() for t in middles])
+    widths = np.where(errors == errors.min(), np.diff(ends), -1.0)
+    return float(np.clip(expit(middles[widths.argmax()]), *_BOUNDS))
+
+
+def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
+    """Tell what would have been seen with a least presence."""
+    nothing = "refine takes it for something else"
+    return [
+        one if not one.detection.found or one.detection.score >= presence
+        else Seen(one.frame, Detection("none", nothing, one.detection.score))
+        for one in seen
+    ]  # fmt: skip
 
 
 def trust(seen: Sequence[Seen]) -> Trust:

@@ -143,13 +143,17 @@ def fit(
         for name, pictures, frames in (("train", small[0], train_frames), ("val", small[1], val_frames))
     ]  # fmt: skip
     refined = _learn(Refine, refine.Refining(*crops), recipes.refine, out / "refine", digest, resume, follow("refine"))
-    facts = {"task": REFINE, "settings": dataclasses.asdict(Settings())}
+    facts: dict[str, Any] = {"task": REFINE}
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
 
-    seen = evaluate.watch(Bundled(out), val_frames, step("looking at val pictures"))
-    factors = evaluate.trust(seen)
-    export.set_facts(out / "refine.onnx", facts | {"trust": evaluate.as_dict(factors)})
+    looks = Bundled(out, Settings(least_presence=0.0))
+    seen = evaluate.watch(looks, val_frames, step("looking at val pictures"))
+    presence = round(evaluate.least_presence(seen), 4)
+    seen = evaluate.by(presence, seen)
+    settings = dataclasses.asdict(Settings(least_presence=presence))
+    trust = evaluate.as_dict(evaluate.trust(seen))
+    export.set_facts(out / "refine.onnx", facts | {"settings": settings, "trust": trust})
     return Fitted(found, refined, evaluate.metrics(seen))
 
 
