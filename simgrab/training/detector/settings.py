@@ -21,8 +21,8 @@ class Recipes:
 
 
 # Examples shown in all, whatever the number of frames: what about 20 minutes on two cores are good for, and about 5.
-SHOWN = {"find": 110_000, "refine": 180_000}
-SHOWN_QUICK = {"find": 26_000, "refine": 45_000}
+SHOWN = {"find": 50_000, "refine": 180_000}
+SHOWN_QUICK = {"find": 20_000, "refine": 45_000}
 
 
 def recipes(
