@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from simgrab.instrument import angles
 from simgrab.instrument.ahead import ahead
 from simgrab.instrument.angles import Seen
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.detect import Detector, detector
+from simgrab.instrument.detect import BUNDLED, Detector
+from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import ESTIMATORS, Estimator, MeanRay, RopeAware
-from simgrab.instrument.estimate.follow import Known, known
+from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
 from simgrab.instrument.sight import Sighting, look, one
@@ -78,7 +80,7 @@ class Pipeline:
     @property
     def name(self) -> str:
         """What it is called in reports."""
-        return f"{self.detector.name}, {self.estimator.name if self.estimator else 'default estimator'}"
+        return f"simgrab with the detector {self.detector.name}"
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
@@ -187,4 +189,42 @@ def _whole(sightings: Sequence[Sighting], lengths: Sequence[float]) -> Seen:
 
 def bundled() -> Pipeline:
     """Make the bundled instrument: the bundled detector and reader, and the default estimator on the whole record."""
-    return Pipeline(detector(), Reader())
+    return assemble()
+
+
+def assemble(
+    *,
+    detector: str | Path = BUNDLED,
+    estimator: str | None = None,
+    calibrate_s: float | None = None,
+    tilt: str | Path | None = None,
+    live: bool = False,
+) -> Pipeline:
+    """Make a pipeline from what a command line says.
+
+    Parameters
+    ----------
+    detector : str or path
+        As `simgrab.instrument.detect.detector` takes it.
+    estimator : str, optional
+        A name in `ESTIMATORS`.
+    calibrate_s : float, optional
+    tilt : path, optional
+        A ``tilt.toml``.
+    live : bool
+        Whether it is for a live run.
+
+    Raises
+    ------
+    RunError, DetectorError, CalibrationError
+        If settings exclude each other, or a file is not what it should be.
+    """
+    if estimator is not None and estimator not in ESTIMATORS:
+        raise RunError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
+    if calibrate_s is not None and (tilt is not None or live):
+        other = "a live run, which goes on calibrating" if live else "a calibration that is given"
+        raise RunError(f"a first stretch to calibrate on excludes {other}")
+    return Pipeline(
+        opened(detector), Reader(), None if estimator is None else ESTIMATORS[estimator](), calibrate_s,
+        None if tilt is None else load(tilt),
+    )  # fmt: skip

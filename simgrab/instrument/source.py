@@ -118,6 +118,21 @@ def _dataset(path: Path) -> Files:
     return Files(str(path), tuple(path / row.file for row in rows), tuple(times), path)
 
 
+def camera_beside(source: str | Path) -> Path:
+    """Find the camera TOML in a folder, or beside a video as `simgrab render --video` puts it.
+
+    Raises
+    ------
+    SourceError
+        If there is none.
+    """
+    path = Path(source)
+    beside = path / "camera.toml" if path.is_dir() else path.with_suffix(".camera.toml")
+    if "://" in str(source) or not beside.is_file():
+        raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
+    return beside
+
+
 def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame]:
     """Turn pictures of another size than the camera's into lost frames.
 

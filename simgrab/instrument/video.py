@@ -20,6 +20,7 @@ from simgrab.instrument.contract import Frame
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
 _STEPS = 31  # time steps of which the median is what a step should be
+_NO_VIDEO = ("tty",)  # FFmpeg draws text files as a film of a terminal
 _UNTIMED_HZ = 9.0  # of a stream that says nothing of its rate
 
 
@@ -56,7 +57,7 @@ def _opened(name: str) -> InputContainer:
         container = av.open(name, timeout=PATIENCE_S)
     except (av.error.FFmpegError, OSError, ValueError) as problem:
         raise SourceError(f"{name}: not a video that can be opened ({_line(problem)})") from None
-    if not container.streams.video:
+    if not container.streams.video or container.format.name in _NO_VIDEO:
         container.close()
         raise SourceError(f"{name}: it has no pictures")
     return container

@@ -28,7 +28,7 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
     """Write a page; ``lead`` and ``parts`` are HTML."""
     return "\n".join([
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
-        "<meta name='viewport' content='width=device-width, initial-scale=1'><link rel='icon' href='data:,'>",
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>",
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body><h1>{escape(title)}</h1>",
         f"<p class='lead'>{lead}</p>", *parts, "</body></html>",
     ])  # fmt: skip

@@ -140,7 +140,8 @@ def follow(
     else:
         assert rope is not None
         lever = 1 / rope
-        across = swings(frames, lever, gravity(beta, azimuth), np.array([tilt.offset_m]))
+        with np.errstate(invalid="ignore"):  # no swing reaches a rope that is shorter than the offset
+            across = swings(frames, lever, gravity(beta, azimuth), np.array([tilt.offset_m]))
         c, s = np.cos(azimuth[0]), np.sin(azimuth[0])
         square = np.sum(across**2, axis=1)
         turned = np.concatenate(
