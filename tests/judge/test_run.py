@@ -237,7 +237,7 @@ class Zero:
 
     name = "zero"
 
-    def __call__(self, frames, calibration):
+    def __call__(self, frames, calibration):  # noqa: ARG002
         return [
             Measurement(status="ok", alpha=0.0)
             if f.picture is not None
@@ -253,7 +253,7 @@ def test_anybodys_instrument_runs(tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
     class Short(Zero):
-        def __call__(self, frames, calibration):
+        def __call__(self, frames, calibration):  # noqa: ARG002
             return super().__call__(frames, calibration)[1:]
 
     with pytest.raises(RunError, match="8 measurements of 9 frames"):
@@ -284,7 +284,7 @@ def alarmed():
     class Said:
         name = "said </script> & <b>"
 
-        def __call__(self, frames, calibration):
+        def __call__(self, frames, calibration):  # noqa: ARG002
             list(frames)
             return high
 
