@@ -64,3 +64,11 @@ class SourceError(SimgrabError):
 
 class RunError(SimgrabError):
     """A run or an evaluation that cannot be: settings that exclude each other, a folder in the way, files that lack."""
+
+
+class SuiteError(SimgrabError):
+    """A suite of checks, or its baseline, that cannot be read or makes no sense. Names file and key."""
+
+
+class InstrumentError(SimgrabError):
+    """A pipeline under test that cannot be imported, made or called, or that does not keep to the contract."""
