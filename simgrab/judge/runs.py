@@ -194,4 +194,20 @@ def making(out: Path) -> Iterator[Path]:
         shutil.rmtree(draft, ignore_errors=True)
 
 
+def write(path: Path, text: str) -> None:
+    """Write a text file under its name once it is whole.
+
+    Raises
+    ------
+    RunError
+    """
+    draft = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    except OSError as problem:
+        raise RunError(f"cannot write {path}: {problem.strerror or problem}") from None
+
+
 Progress = Callable[[int, int | None], None]

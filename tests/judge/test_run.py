@@ -253,7 +253,7 @@ def test_anybodys_instrument_runs(tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
     class Short(Zero):
-        def __call__(self, frames, calibration):  # noqa: ARG002
+        def __call__(self, frames, calibration):
             return super().__call__(frames, calibration)[1:]
 
     with pytest.raises(RunError, match="8 measurements of 9 frames"):
