@@ -68,8 +68,11 @@ class Held:
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record; numbers of NumPy's are taken for plain ones."""
+        passing = iter(frames)
         with told(self.name):
-            given = tuple(self.instrument(frames, calibration))
+            given = tuple(self.instrument(passing, calibration))
+        for _ in passing:  # so that those it did not ask for are counted too
+            pass
         return tuple(self._plain(i, one) for i, one in enumerate(given))
 
     def _plain(self, i: int, given: object) -> Measurement:

@@ -97,7 +97,7 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
-    scenes: Annotated[dict[str, Scene], Meta(min_length=1)]
+    scenes: dict[str, Scene]
     description: str = ""
     instrument: str = "bundled"
     seed: Seed = 0
@@ -106,6 +106,10 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     least_ssim: Annotated[float, Meta(ge=0, le=1)] = 0.8
     changes: dict[str, Any] = msgspec.field(default_factory=dict)
     limits: dict[str, Limit] = msgspec.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise ValueError("a suite needs scenes: [scenes.NAME] with scene, frames and limits")
 
     def limits_of(self, name: str) -> dict[str, Limit]:
         """Limits of a scene by metric."""
