@@ -5,6 +5,7 @@ import subprocess
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -41,9 +42,9 @@ def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("plugin") / "cache"
 
 
-def run(folder, tests, cache):
+def run(folder, tests, cache, *options):
     (folder / "test_mine.py").write_text(tests)
-    command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", *LOADED, f"--simgrab-cache={cache}"]
+    command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", *LOADED, f"--simgrab-cache={cache}", *options]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout
 
@@ -65,30 +66,50 @@ def test_frames_and_truth_of_a_scene_are_kept_between_runs(tmp_path, cache):
     assert made.stat().st_mtime_ns == before
 
 
-def marked(limit, body="    simgrab_judge(Still(), record)\n", fixtures="simgrab_judge, record"):
-    return OWN + f"@pytest.mark.simgrab_limit({limit})\ndef test_it({fixtures}):\n{body}"
+def marked(name, limit, body="    simgrab_judge(Still(), record)", fixtures="simgrab_judge, record"):
+    return f"\n\n@pytest.mark.simgrab_limit({limit})\ndef test_{name}({fixtures}):\n{body}\n"
+
+
+LIMITS = OWN + "".join(
+    [
+        marked("holds", '"angle.overall.rmse_deg", upper=30'),
+        marked("exceeded", '"angle.overall.rmse_deg", upper=0.01'),
+        marked("misspelt_metric", '"angle.overall.rsme_deg", upper=9'),
+        marked("misspelt_end", '"angle.overall.rmse_deg", uper=9'),
+        marked("never_judged", '"angle.overall.rmse_deg", upper=9', "    pass"),
+        marked("without_the_fixture", '"angle.overall.rmse_deg", upper=9', "    pass", "record"),
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory, cache):
+    """What became of each test of LIMITS: what pytest's JUnit XML says of those that failed."""
+    folder = tmp_path_factory.mktemp("limits")
+    run(folder, LIMITS, cache, "--junit-xml=junit.xml")
+    told = {}
+    for case in ElementTree.parse(folder / "junit.xml").iter("testcase"):
+        told.setdefault(case.get("name"), "")
+        told[case.get("name")] += "".join(problem.get("message") + (problem.text or "") for problem in case)
+    return told
 
 
 @pytest.mark.parametrize(
-    ("tests", "message"),
+    ("name", "message"),
     [
-        (marked('"angle.overall.rmse_deg", upper=0.01'), r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.01"),
-        (marked('"angle.overall.rsme_deg", upper=9'), "angle.overall.rmse_deg"),
-        (marked('"angle.overall.rmse_deg", uper=9'), "uper"),
-        (marked('"angle.overall.rmse_deg", upper=9', "    pass\n"), "nothing was judged"),
-        (marked('"angle.overall.rmse_deg", upper=9', "    pass\n", "record"), "needs the fixture simgrab_judge"),
+        ("exceeded", r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.01"),
+        ("misspelt_metric", "there are: angle.overall.rmse_deg"),
+        ("misspelt_end", "uper"),
+        ("never_judged", "nothing was judged"),
+        ("without_the_fixture", "needs the fixture simgrab_judge"),
     ],
-    ids=["exceeded", "misspelt metric", "misspelt end", "never judged", "without the fixture"],
 )
-def test_limits_that_do_not_hold_fail(tests, message, tmp_path, cache):
-    status, out = run(tmp_path, tests, cache)
-    assert status == 1
-    assert re.search(message, out), out
+def test_limits_that_do_not_hold_fail(name, message, outcomes):
+    assert re.search(message, outcomes[f"test_{name}"])
 
 
-def test_limits_that_hold_pass(tmp_path, cache):
-    status, out = run(tmp_path, marked('"angle.overall.rmse_deg", upper=30'), cache)
-    assert status == 0, out
+def test_limits_that_hold_pass(outcomes):
+    assert outcomes["test_holds"] == ""
 
 
 def test_the_example_in_the_readme_works(tmp_path, cache):

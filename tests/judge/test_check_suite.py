@@ -55,6 +55,7 @@ BAD = {
     "negative slack": ({"limits": {"a": {"upper": 2, "slack": -1}}}, "limits.a.slack"),
     "nan": ({"limits": {"a": {"upper": float("nan")}}}, "must be a finite number"),
     "golden frame beyond": (scene(golden=[4]), "scenes.calm.golden: no frame 4 among 4"),
+    "camera that varies": (scene(scene="training", frames=16), "scenes.calm: vary.camera"),
     "no frames": (scene(frames=0), "scenes.calm.frames"),
     "negative seed": ({"seed": -1}, "seed"),
 }

@@ -18,6 +18,7 @@ from simgrab.strict import convert
 Meta = msgspec.Meta
 Seed = Annotated[int, Meta(ge=0, le=2**53)]
 FOLDER = SCENES / "suites"
+CAMERA = ("camera.", "display.")  # what an instrument is told, and may therefore not vary within a scene
 OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place of their own
 
 
@@ -136,6 +137,9 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             scenario = scenes.load(scene.scene, changes)
         except ScenarioError as problem:
             raise SuiteError(f"scenes.{name}: {problem}") from None
+        varied = [key for key in scenario.vary if any(part.startswith(CAMERA) for part in key.split("+"))]
+        if varied:
+            raise SuiteError(f"scenes.{name}: vary.{varied[0]}: a suite's camera is one for all frames; set it")
         beyond = [frame for frame in scene.golden if frame >= scenario.frames]
         if beyond:
             raise SuiteError(f"scenes.{name}.golden: no frame {beyond[0]} among {scenario.frames}")
