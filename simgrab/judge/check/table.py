@@ -9,12 +9,15 @@ from rich.table import Table
 from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
 
+LEAST_WIDTH = 110  # of a log, which tells no width
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 
 def show(report: Report, *, quiet: bool = False) -> None:
     """Print a check: all verdicts, or with ``quiet`` those that failed, and why."""
     console = Console()
+    if not console.is_terminal:
+        console = Console(width=max(console.width, LEAST_WIDTH))
     if not quiet:
         console.print(_table(report))
     for verdict in report.verdicts:
@@ -37,7 +40,7 @@ def _count(report: Report, status: str) -> int:
 
 def _table(report: Report) -> Table:
     table = Table("scene", "what")
-    for name in ("value", "limit", "baseline", "may be worse by"):
+    for name in ("value", "limit", "baseline (may be worse by)"):
         table.add_column(name, justify="right")
     table.add_column("")
     for verdict in report.verdicts:
@@ -46,6 +49,6 @@ def _table(report: Report) -> Table:
 
 
 def _cells(verdict: Verdict) -> tuple[str, ...]:
-    numbers = (verdict.value, verdict.reference, verdict.allowed)
-    value, reference, allowed = ("" if number is None else f"{number:.4g}" for number in numbers)
-    return verdict.scene, verdict.what, value, verdict.limit, reference, allowed
+    value = "" if verdict.value is None else f"{verdict.value:.4g}"
+    past = "" if verdict.reference is None else f"{verdict.reference:.4g} ({verdict.allowed:.2g})"
+    return verdict.scene, verdict.what, value, verdict.limit, past
