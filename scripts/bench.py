@@ -4,6 +4,7 @@ scripts/bench.py render [--pairs 30] [--memory-frames 2000]
 scripts/bench.py estimate
 scripts/bench.py motion
 scripts/bench.py world
+scripts/bench.py run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
 """
 
 from __future__ import annotations
@@ -159,6 +160,11 @@ def main() -> None:
     verbs.add_parser("estimate")
     verbs.add_parser("motion")
     verbs.add_parser("world")
+    verb = verbs.add_parser("run")
+    verb.add_argument("video", type=Path)
+    verb.add_argument("--detector", default="bundled")
+    verb.add_argument("--frames", type=int, default=20_000)
+    verb.add_argument("--live-frames", type=int, default=1000)
     chosen = parser.parse_args()
     if chosen.verb == "render":
         render(chosen.pairs, chosen.memory_frames)
@@ -166,6 +172,11 @@ def main() -> None:
         motion()
     elif chosen.verb == "world":
         world()
+    elif chosen.verb == "run":
+        sys.path.insert(0, str(Path(__file__).parents[1]))
+        from scripts.bench_run import run
+
+        run(chosen.video, chosen.detector, chosen.frames, chosen.live_frames)
     else:
         sys.path.insert(0, str(Path(__file__).parents[1]))
         from scripts.bench_estimate import estimate

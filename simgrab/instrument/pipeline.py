@@ -17,7 +17,7 @@ from simgrab.instrument.angles import Seen
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
-from simgrab.instrument.estimate import ESTIMATORS, Estimator, MeanRay, RopeAware
+from simgrab.instrument.estimate import ESTIMATORS, Estimator, IntervalSettings, MeanRay, RopeAware
 from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
@@ -25,6 +25,8 @@ from simgrab.instrument.sight import Sighting, look, one
 from simgrab.records import Estimate
 
 WITH_DISPLAY, WITHOUT = RopeAware.name, MeanRay.name
+# A crane's cycle takes 60 to 90 s, and swings are driven anew in each: the least that counts as an independent block.
+INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 WINDOW_S = 10.0  # of readings that a live one is compared with
@@ -96,7 +98,7 @@ class Pipeline:
         """
         display = calibration.digit_layout is not None and self.reader is not None
         if self.estimator is None:
-            return ESTIMATORS[WITH_DISPLAY if display else WITHOUT]()
+            return ESTIMATORS[WITH_DISPLAY if display else WITHOUT](intervals=INTERVALS)
         if self.estimator.needs_rope and not display:
             raise RunError(
                 f"{self.estimator.name} needs the rope's length, and the camera file states no display to read it "
@@ -224,7 +226,5 @@ def assemble(
     if calibrate_s is not None and (tilt is not None or live):
         other = "a live run, which goes on calibrating" if live else "a calibration that is given"
         raise RunError(f"a first stretch to calibrate on excludes {other}")
-    return Pipeline(
-        opened(detector), Reader(), None if estimator is None else ESTIMATORS[estimator](), calibrate_s,
-        None if tilt is None else load(tilt),
-    )  # fmt: skip
+    chosen = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
+    return Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))

@@ -42,13 +42,24 @@ class Video:
 
     def __init__(self, name: str, *, live: bool = False) -> None:
         self.name, self.live = name, live
-        with _opened(name) as container:
-            stream = container.streams.video[0]
-            self.count = stream.frames or None
+        container = _opened(name)
+        self.count = container.streams.video[0].frames or None
+        self._stream = container if live else None  # a stream is opened once
+        if not live:
+            container.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Decode from the beginning. The time of a frame is its time stamp."""
-        with _opened(self.name) as container:
+        """Decode from the beginning, a stream from now on. The time of a frame is its time stamp.
+
+        Raises
+        ------
+        SourceError
+            If a stream is read a second time, or a file is gone.
+        """
+        if self.live and self._stream is None:
+            raise SourceError(f"{self.name}: a stream can be read once")
+        container, self._stream = self._stream or _opened(self.name), None
+        with container:
             yield from _with_gaps(_decoded(container))
 
 

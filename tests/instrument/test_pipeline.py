@@ -13,7 +13,7 @@ from simgrab.calibration import Calibration
 from simgrab.errors import CalibrationError, RecordError, RunError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument.contract import Frame
-from simgrab.instrument.estimate import ESTIMATORS, MeanRay, PendulumSmoother, RopeAware
+from simgrab.instrument.estimate import ESTIMATORS, IntervalSettings, MeanRay, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
@@ -74,8 +74,17 @@ def test_a_known_tilt_gives_the_angles_and_intervals_of_its_estimate(crane, name
     found = ESTIMATORS[name]().estimate(pixels, camera, rope_length=crane.rope, pixel_sd=sd)
     alpha, ends = follow(known(found), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
     np.testing.assert_allclose(alpha, found.alpha, atol=1e-8)
-    # Student's quantile for 900 frames is 0.1 % beyond the normal one.
+    # Student's quantile for 900 frames, by which the estimate scales the noise too, is 0.1 % beyond the normal one.
     np.testing.assert_allclose(ends, found.interval("iid").alpha, atol=2e-5)
+
+
+def test_frames_to_come_are_as_uncertain_as_a_few_blocks_were(crane):
+    estimator = MeanRay(intervals=IntervalSettings(block_s=30.0))
+    found = estimator.estimate(crane.pixels, crane.calibration, time=crane.time)
+    assert found.interval("blocks").blocks == 3
+    _, ends = follow(known(found), crane.pixels, crane.calibration)
+    np.testing.assert_allclose(ends, found.interval("blocks").alpha, atol=1e-9)
+    assert np.ptp(ends, axis=-1).mean() > 2 * np.ptp(found.interval("iid").alpha, axis=-1).mean()
 
 
 def test_the_detectors_noise_widens_its_frames_intervals_and_no_others(crane):

@@ -1,5 +1,6 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
+import socket
 import sys
 import threading
 import time
@@ -109,6 +110,25 @@ def test_what_is_no_source(tmp_path):
             open_source(tmp_path / name)
     with pytest.raises(SourceError, match="127"):
         open_source("tcp://127.0.0.1:9")
+
+
+def test_a_stream_is_read_once_and_gives_what_came_before_it_broke(tmp_path):
+    data = film(tmp_path / "a.mkv", even(40)).read_bytes()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(data[: len(data) * 3 // 4])
+
+        threading.Thread(target=serve, daemon=True).start()
+        source = open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        frames = list(source)
+    assert source.live
+    seen = [f for f in frames if f.picture is not None]
+    assert 20 <= len(seen) < 40
+    with pytest.raises(SourceError, match="once"):
+        list(source)
 
 
 def test_a_folder_of_pictures_has_the_rate_it_is_given(tmp_path):

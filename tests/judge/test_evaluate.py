@@ -26,6 +26,7 @@ from simgrab.judge.evaluate_table import tables
 from simgrab.judge.run import Options, run
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from browser import needs_chromium, shown
 from conftest import small_scene
 from told import Told
 
@@ -194,6 +195,13 @@ def test_the_command_line_prints_tables_and_json(clean, swinging, tmp_path):
     assert plain["angle"]["overall"] == pytest.approx(evaluate(clean, data)["angle"]["overall"])
     assert (tmp_path / "e.html").read_text().count("<svg") == 2
     assert len(list(tmp_path.iterdir())) == 1
+
+
+@needs_chromium
+def test_the_page_opens_in_a_browser(clean, swinging, tmp_path):
+    known = truths.of(clean, swinging / "data")
+    told = shown(page(clean, known, evaluate(clean, known)), tmp_path)
+    assert [figure["kind"] for figure in told["figures"]] == ["svg", "svg"]
 
 
 def test_an_instrument_that_tells_angles_alone_is_judged_by_them(clean, swinging):

@@ -38,7 +38,7 @@ class Known(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset_m : tuple of 3 floats, or None
         Camera centre minus rope exit; None where the estimator knows nothing of it, and takes the camera to be there.
     covariance : list of lists
-        As `simgrab.records.Intervals.tilt`, (2, 2) or (4, 4), rad² and m².
+        As `simgrab.records.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal quantiles do.
     """
 
     estimator: str
@@ -69,7 +69,11 @@ def known(estimate: Estimate) -> Known:
     assert estimate.tilt_azimuth is not None
     stated = [i for i in estimate.intervals if i.tilt is not None]
     best = next((i for i in stated if i.kind == "blocks"), stated[0] if stated else None)
-    covariance = _of_beta(estimate) if best is None or best.tilt is None else best.tilt
+    if best is None or best.tilt is None:
+        covariance = _of_beta(estimate)
+    else:  # the quantiles of frames to come are normal; those of a few blocks are not
+        degrees = estimate.frames - 1 if best.blocks is None else best.blocks - 1
+        covariance = best.tilt * (iv.student(best.level, degrees) / iv.student(best.level, np.inf)) ** 2
     return Known(
         estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
         None if estimate.offset is None else (float(estimate.offset[0]), float(estimate.offset[1]),
