@@ -118,18 +118,19 @@ def record(suite: Suite, options: Options | None = None, seeds: int | None = Non
     except InstrumentError as problem:
         return _unmade(suite, options, suite.seed, problem)
     several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
-    scenes, trials = {}, {}
-    for name in suite.scenes:
+    scenes: dict[str, Outcome] = {}
+    trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
+    for name, found in trials.items():
         begun = time.perf_counter()
-        found = [trial(_dataset(suite, name, seed, options), instrument) for seed in several]
-        first = next((one for one in found if one.problem), found[0])
-        verdicts = tuple(of_trial(name, first, suite.limits_of(name), None, 1))
-        scenes[name], trials[name] = Outcome(verdicts, first.metrics, time.perf_counter() - begun), found
-    if any(one.problem for found in trials.values() for one in found):
-        notes = ("nothing was recorded",)
-    else:
-        _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
-        notes = (f"recorded over {len(several)} seeds in {folder}",)
+        for seed in several:
+            found.append(trial(_dataset(suite, name, seed, options), instrument))
+            if found[-1].problem:
+                failure = tuple(of_trial(name, found[-1], {}, None, 1))
+                return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
+        verdicts = tuple(of_trial(name, found[0], suite.limits_of(name), None, 1))
+        scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun)
+    _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
+    notes = (f"recorded over {len(several)} seeds in {folder}",)
     return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
 
 
