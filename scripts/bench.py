@@ -5,6 +5,7 @@ scripts/bench.py estimate
 scripts/bench.py motion
 scripts/bench.py world
 scripts/bench.py detect [--yolo FILE.onnx]
+scripts/bench.py run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
 """
 
 from __future__ import annotations
@@ -162,6 +163,11 @@ def main() -> None:
     verbs.add_parser("world")
     verb = verbs.add_parser("detect")
     verb.add_argument("--yolo", type=Path, help="another detector beside the bundled one")
+    verb = verbs.add_parser("run")
+    verb.add_argument("video", type=Path)
+    verb.add_argument("--detector", default="bundled")
+    verb.add_argument("--frames", type=int, default=20_000)
+    verb.add_argument("--live-frames", type=int, default=1000)
     chosen = parser.parse_args()
     if chosen.verb == "render":
         render(chosen.pairs, chosen.memory_frames)
@@ -174,6 +180,11 @@ def main() -> None:
         from scripts.bench_detect import detect
 
         detect(chosen.yolo)
+    elif chosen.verb == "run":
+        sys.path.insert(0, str(Path(__file__).parents[1]))
+        from scripts.bench_run import run
+
+        run(chosen.video, chosen.detector, chosen.frames, chosen.live_frames)
     else:
         sys.path.insert(0, str(Path(__file__).parents[1]))
         from scripts.bench_estimate import estimate

@@ -56,3 +56,19 @@ class DetectorError(SimgrabError):
 
 class ReaderError(SimgrabError):
     """A file that is no reader of digits, or a picture that none can read."""
+
+
+class SourceError(SimgrabError):
+    """A video, stream, folder or dataset that gives no pictures, or none that the camera file describes."""
+
+
+class RunError(SimgrabError):
+    """A run or an evaluation that cannot be: settings that exclude each other, a folder in the way, files that lack."""
+
+
+class SuiteError(SimgrabError):
+    """A suite of checks, or its baseline, that cannot be read or makes no sense. Names file and key."""
+
+
+class InstrumentError(SimgrabError):
+    """A pipeline under test that cannot be imported, made or called, or that does not keep to the contract."""

@@ -164,6 +164,9 @@ class Intervals:
         How many blocks.
     note : str
         Why there is none, or what it takes for granted; empty otherwise.
+    tilt : ndarray, shape (..., 2, 2) or (..., 4, 4), or None
+        Covariance, rad², of gravity along and across the tilt and, where the offset is estimated, of minus its
+        horizontal part in the same two directions, m²; what frames to come need.
     """
 
     kind: str
@@ -173,6 +176,7 @@ class Intervals:
     alpha: Array | None
     blocks: int | None = None
     note: str = ""
+    tilt: Array | None = None
 
 
 def _of_kind(intervals: tuple[Intervals, ...], kind: str) -> Intervals:
@@ -272,14 +276,14 @@ class Estimates:
         ok = bool(self.ok[i])
 
         def one(interval: Intervals) -> Intervals:
-            beta, sigma, alpha = (
+            beta, sigma, alpha, tilt = (
                 None if a is None or bool(np.isnan(a[i]).all()) else a[i]
-                for a in (interval.beta, interval.sigma, interval.alpha)
+                for a in (interval.beta, interval.sigma, interval.alpha, interval.tilt)
             )
             note = interval.note
             if sigma is None and not note:
                 note = "no scatter to judge by: the frames are identical"
-            return Intervals(interval.kind, interval.level, beta, sigma, alpha, interval.blocks, note)
+            return Intervals(interval.kind, interval.level, beta, sigma, alpha, interval.blocks, note, tilt)
 
         return Estimate(
             estimator=self.estimator,

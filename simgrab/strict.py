@@ -68,8 +68,9 @@ def _refuse_bad_entries(table: Mapping[str, Any], kind: Any, path: str) -> None:
     """Convert the entries of a table with free keys one by one: msgspec does not say which of them it refuses."""
     for key, value in table.items():
         dotted = f"{path}.{key}"
-        if isinstance(value, Mapping):
-            _refuse_unknown(value, _choose(_structs_of(kind), value, dotted), f"{dotted}.")
+        structs = _structs_of(kind)
+        if structs and isinstance(value, Mapping):
+            _refuse_unknown(value, _choose(structs, value, dotted), f"{dotted}.")
         try:
             msgspec.convert(value, kind)
         except msgspec.ValidationError as problem:

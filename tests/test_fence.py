@@ -64,7 +64,7 @@ def violations(room: str, source: str) -> set[str]:
 def test_imports_run_downwards(path):
     relative = path.relative_to(PACKAGE)
     room = relative.parts[0] if len(relative.parts) > 1 else "ground"
-    if room == "ground" and relative.name in ("__init__.py", "__main__.py"):  # the front doors
+    if room == "ground" and relative.name in ("__init__.py", "__main__.py", "pytest_plugin.py"):  # the front doors
         return
     assert not violations(room, path.read_text(encoding="utf-8"))
 
@@ -89,4 +89,11 @@ def test_a_planted_violation_is_seen(room, line):
 
 def test_import_touches_no_opengl():
     code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'torch', 'simgrab.world'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_pytest_plugin_is_light():
+    # Every run of pytest loads it, where simgrab is installed.
+    heavy = {"mujoco", "OpenGL", "torch", "numpy", "cv2", "simgrab.world", "simgrab.judge", "simgrab.instrument"}
+    code = f"import sys, simgrab.pytest_plugin; assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

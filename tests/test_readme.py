@@ -11,6 +11,8 @@ from click.testing import CliRunner
 
 from scripts.make_tables import filled
 from simgrab.cli import cli
+from simgrab.errors import SuiteError
+from simgrab.judge.check.suite import Suite
 from simgrab.scenario import Scenario, merged
 from simgrab.scenes import load
 from simgrab.strict import convert
@@ -48,9 +50,12 @@ def test_options_named_in_the_table_exist():
             assert option in help_text, (verb, option)
 
 
-def test_scene_files_read():
+def test_scene_files_and_suites_read():
     for block in blocks("toml"):
         data = tomllib.loads(block)
+        if "scenes" in data:
+            assert set(convert(data, Suite, SuiteError).scenes) == {"calm", "snow"}
+            continue
         base = load(data.pop("base"))
         assert convert(merged(base.to_dict(), data), Scenario).name == data["name"]
 

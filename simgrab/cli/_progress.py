@@ -10,8 +10,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 @contextmanager
-def bar(what: str, *, shown: bool) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on stderr; gives what takes frames done and frames in all."""
+def bar(what: str, *, shown: bool) -> Iterator[Callable[[int, int | None], None]]:
+    """Show a progress bar on stderr; gives what takes frames done and, where known, in all."""
     columns = (
         TextColumn(what),
         BarColumn(),
@@ -22,7 +22,7 @@ def bar(what: str, *, shown: bool) -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=Console(stderr=True, quiet=not shown)) as shows:
         task = shows.add_task("", total=None, rate="")
 
-        def progress(done: int, total: int) -> None:
+        def progress(done: int, total: int | None) -> None:
             speed = shows.tasks[0].speed
             shows.update(task, completed=done, total=total, rate=f"{speed:.1f} frames/s" if speed else "")
 

@@ -88,13 +88,19 @@ def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) ->
 
 
 def as_json(measured: Measured) -> dict[str, Any]:
-    """Plain data in degrees, with null for what is not there."""
+    """Plain data in degrees, with null for what is not there; every frame's α as well."""
     estimate = measured.estimate
+    plain = estimate_json(estimate) | {"warnings": list(measured.warnings), "alpha_deg": _degrees(estimate.alpha)}
+    plain["intervals"] = [_interval(i) | {"alpha_deg": _degrees(i.alpha)} for i in estimate.intervals]
+    return plain
+
+
+def estimate_json(estimate: Estimate) -> dict[str, Any]:
+    """Plain data in degrees of what an estimate says of the record as a whole."""
     return {
         "estimator": estimate.estimator,
         "status": estimate.status,
         "reason": estimate.reason,
-        "warnings": list(measured.warnings),
         "frames": estimate.frames,
         "beta_deg": _degrees(estimate.beta),
         "tilt_azimuth_deg": _degrees(estimate.tilt_azimuth),
@@ -102,7 +108,6 @@ def as_json(measured: Measured) -> dict[str, Any]:
         "offset_m": _plain(estimate.offset),
         "intervals": [_interval(interval) for interval in estimate.intervals],
         "diagnostics": _diagnostics(estimate.diagnostics),
-        "alpha_deg": _degrees(estimate.alpha),
     }
 
 
@@ -114,7 +119,6 @@ def _interval(interval: Intervals) -> dict[str, Any]:
         "sigma_deg": _degrees(interval.sigma),
         "blocks": interval.blocks,
         "note": interval.note,
-        "alpha_deg": _degrees(interval.alpha),
     }
 
 

@@ -89,6 +89,7 @@ class Estimator(ABC):
         *,
         rope_length: ArrayLike | None = None,
         time: ArrayLike | None = None,
+        pixel_sd: ArrayLike | None = None,
     ) -> Estimate:
         r"""Estimate tilt and swing from one record.
 
@@ -101,6 +102,9 @@ class Estimator(ABC):
             \|OA\|, m: the display's length plus the calibration's display constant.
         time : array_like, shape (n,), optional
             Seconds. Without it there are no intervals by blocks.
+        pixel_sd : array_like, shape (n,), optional
+            Standard deviation of each pixel coordinate, px, as the detector states it; it widens the intervals of α,
+            on top of the settings' `pixel_sd_px`. The smoother finds the noise by itself.
 
         Returns
         -------
@@ -115,7 +119,7 @@ class Estimator(ABC):
         uv = np.asarray(pixels, float)
         if uv.ndim != 2 or uv.shape[-1] != 2:
             raise RecordError(f"pixels must have shape (n, 2), got {uv.shape}")
-        return self.batch(uv[None], calibration, rope_length=rope_length, time=time)[0]
+        return self.batch(uv[None], calibration, rope_length=rope_length, time=time, pixel_sd=pixel_sd)[0]
 
     def batch(
         self,
@@ -124,14 +128,15 @@ class Estimator(ABC):
         *,
         rope_length: ArrayLike | None = None,
         time: ArrayLike | None = None,
+        pixel_sd: ArrayLike | None = None,
     ) -> Estimates:
-        """Estimate M records at once: pixels (M, n, 2), rope_length (n,) or (M, n), time (n,). See `estimate`."""
+        """Estimate M records at once: pixels (M, n, 2), time (n,), the others (n,) or (M, n). See `estimate`."""
         if self.needs_rope and rope_length is None:
             raise RecordError(f"{self.name} needs the rope length of every frame")
         if self.needs_time and time is None:
             raise RecordError(f"{self.name} needs the time of every frame")
-        uv, rope, t = check_record(pixels, rope_length, time, ordered=self.needs_time)
-        parts = [self._part(frames, calibration) for frames in groups(uv, rope, t, calibration)]
+        uv, rope, t, sd = check_record(pixels, rope_length, time, self.needs_time, pixel_sd)
+        parts = [self._part(frames, calibration) for frames in groups(uv, rope, t, calibration, sd)]
         return (
             _join(parts)
             if parts
@@ -162,6 +167,9 @@ class Estimator(ABC):
 
 def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSettings, pixel_sd: float) -> Estimates:
     """Angles of every frame, σ, and the intervals of all three, from a solution; the noise of a ray is in radians."""
+    noise = np.full(frames.rays.shape[::2], pixel_sd**2)
+    if frames.noise is not None:
+        noise += frames.noise
     ok = np.array([not r for r in found.reason], bool)
     beta = np.where(ok, found.beta, np.nan)
     azimuth = np.where(ok, found.azimuth, np.nan)
@@ -190,10 +198,12 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
             )
             of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
         of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
-        of_alpha = _of_alpha(frames, found, alpha, unit, cov, q, pixel_sd**2)
+        of_alpha = alpha_ends(alpha, unit, cov, q, found.lever, noise, found.radial)
+        if frames.present is not None:
+            of_alpha = np.where(frames.present[..., None], of_alpha, np.nan)
         for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
             ends[bare] = np.nan
-        return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note)
+        return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note, cov)
 
     covariance, skewness = iv.iid_covariance(influence, frames.count), iv.skewness(influence[:, -1])
     kinds = [made("iid", covariance, skewness, frames.count - 1, None, "")]
@@ -218,29 +228,45 @@ def _of_sigma2(frames: Frames, found: Solution, alpha: Array, unit: Array, sigma
     return own[:, None] + np.concatenate(slope, axis=-1)[:, None] @ found.influence
 
 
-def _of_alpha(
-    frames: Frames, found: Solution, alpha: Array, unit: Array, cov: Array, quantile: Array, noise: float
+def alpha_ends(
+    alpha: Array, unit: Array, cov: Array, quantile: Array, lever: Array | None, noise: Array, known: Array | None
 ) -> Array:
-    """Interval of each α, shape (M, n, 2)."""
+    """Interval of each α, shape (M, n, 2), from what is uncertain about gravity, the offset and the ray.
+
+    Parameters
+    ----------
+    alpha : ndarray, shape (M, n)
+    unit : ndarray, shape (M, 2, n)
+        Direction of the swing along and across the tilt.
+    cov : ndarray, shape (M, p, p)
+        Of gravity along and across the tilt and, for p = 4, of minus the horizontal offset.
+    quantile : ndarray, shape (M,)
+    lever : ndarray, shape (M, n), or None
+        1/l, for p = 4.
+    noise : ndarray, shape (M, n)
+        Variance of the ray per axis, rad².
+    known : ndarray, shape (M, n), or None
+        Variance along the swing that comes from elsewhere.
+    """
     q, c = quantile[:, None], cov[..., None]
     ends = np.empty((*alpha.shape, 2))
     for some in stretches(alpha, 1 << 14):  # few enough to stay in cache over so many passes
         x, y = unit[:, 0, some], unit[:, 1, some]
-        if found.lever is None:
+        if lever is None:
             along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
         else:
-            lever = found.lever[:, some]
-            along = c[:, 0, 0] + lever * (2 * c[:, 0, 2] + lever * c[:, 2, 2])
-            across = c[:, 1, 1] + lever * (2 * c[:, 1, 3] + lever * c[:, 3, 3])
-            mixed = c[:, 0, 1] + lever * (c[:, 0, 3] + c[:, 1, 2] + lever * c[:, 2, 3])
+            k = lever[:, some]
+            along = c[:, 0, 0] + k * (2 * c[:, 0, 2] + k * c[:, 2, 2])
+            across = c[:, 1, 1] + k * (2 * c[:, 1, 3] + k * c[:, 3, 3])
+            mixed = c[:, 0, 1] + k * (c[:, 0, 3] + c[:, 1, 2] + k * c[:, 2, 3])
         both = along + across
         radial = np.maximum(across + ((along - across) * x + 2 * mixed * y) * x, 0)
-        across = np.maximum(both - radial, 0) + noise
-        radial = radial + noise
-        if found.radial is not None:
-            radial += found.radial[:, some]
+        across = np.maximum(both - radial, 0) + noise[:, some]
+        radial = radial + noise[:, some]
+        if known is not None:
+            radial += known[:, some]
         ends[:, some] = iv.radial(alpha[:, some], radial, across, q)
-    return ends if frames.present is None else np.where(frames.present[..., None], ends, np.nan)
+    return ends
 
 
 def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, made: Any) -> Intervals:
@@ -266,9 +292,9 @@ def _spread(found: Estimates, where: NDArray[np.bool_], base: Estimates) -> Esti
         return result
 
     def spread(i: Intervals) -> Intervals:
-        ends = (None if a is None else place(a) for a in (i.beta, i.sigma, i.alpha))
-        beta, sigma, alpha = ends
-        return Intervals(i.kind, i.level, beta, sigma, alpha, i.blocks, i.note)
+        ends = (None if a is None else place(a) for a in (i.beta, i.sigma, i.alpha, i.tilt))
+        beta, sigma, alpha, tilt = ends
+        return Intervals(i.kind, i.level, beta, sigma, alpha, i.blocks, i.note, tilt)
 
     return Estimates(
         found.estimator,
@@ -300,11 +326,11 @@ def _join(parts: list[Estimates]) -> Estimates:
     def of_kind(k: int) -> Intervals:
         model = first.intervals[k]
         chosen = [part.intervals[k] if part.intervals else None for part in parts]
-        beta, sigma, alpha = (
+        beta, sigma, alpha, tilt = (
             None if getattr(model, end) is None else join([None if c is None else getattr(c, end) for c in chosen])
-            for end in ("beta", "sigma", "alpha")
+            for end in ("beta", "sigma", "alpha", "tilt")
         )
-        return Intervals(model.kind, model.level, beta, sigma, alpha, model.blocks, model.note)
+        return Intervals(model.kind, model.level, beta, sigma, alpha, model.blocks, model.note, tilt)
 
     return Estimates(
         first.estimator,

@@ -8,7 +8,7 @@ an azimuth turns it into the jib frame, so gravity, seen in it, is ``(−sinβ c
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,8 @@ class Frames:
         \|OA\|, m.
     time : ndarray, shape (n,), or None
         Seconds.
+    noise : ndarray, shape (M, n), or None
+        Variance of each ray across itself, per axis, rad²; finite at missing frames too.
     """
 
     rays: Array
@@ -45,6 +47,7 @@ class Frames:
     count: Array
     rope_length: Array | None
     time: Array | None
+    noise: Array | None = None
 
     def mean(self, values: Array) -> Array:
         """Mean over the frames present, shape (..., n) → (...); ``values`` must be finite at missing frames too."""
@@ -73,6 +76,7 @@ class Frames:
             self.count[keep],
             None if self.rope_length is None else self.rope_length[keep],
             self.time,
+            None if self.noise is None else self.noise[keep],
         )
 
 
@@ -82,8 +86,12 @@ def mount_from_camera(calibration: Calibration) -> Array:
 
 
 def check_record(
-    pixels: ArrayLike, rope_length: ArrayLike | None, time: ArrayLike | None, ordered: bool
-) -> tuple[Array, Array | None, Array | None]:
+    pixels: ArrayLike,
+    rope_length: ArrayLike | None,
+    time: ArrayLike | None,
+    ordered: bool,
+    pixel_sd: ArrayLike | None = None,
+) -> tuple[Array, Array | None, Array | None, Array | None]:
     """Shapes and values of a batch; raises `RecordError` with the row.
 
     Parameters
@@ -93,12 +101,13 @@ def check_record(
     time : array_like, shape (n,), optional
     ordered : bool
         Whether the times must increase.
+    pixel_sd : array_like, shape (n,) or (M, n), optional
     """
     uv = np.asarray(pixels, float)
     if uv.ndim != 3 or uv.shape[-1] != 2:
         raise RecordError(f"pixels must have shape (M, n, 2), got {uv.shape}")
     m, n = uv.shape[:2]
-    rope = t = None
+    rope = t = sd = None
     if rope_length is not None:
         rope = np.asarray(rope_length, float)
         if rope.shape not in {(n,), (m, n)}:
@@ -117,16 +126,34 @@ def check_record(
         if ordered and back.size:
             row = back[0] + 1
             raise RecordError(f"time, row {row}: must increase, got {t[row]:g} s after {t[row - 1]:g} s")
-    return uv, rope, t
+    if pixel_sd is not None:
+        sd = np.asarray(pixel_sd, float)
+        if sd.shape not in {(n,), (m, n)}:
+            raise RecordError(f"pixel_sd must have shape ({n},) or ({m}, {n}), got {sd.shape}")
+        sd = np.broadcast_to(sd, (m, n))
+        bad = np.argwhere(np.isfinite(uv).all(axis=-1) & ~(np.isfinite(sd) & (sd >= 0)))
+        if bad.size:
+            raise RecordError(f"pixel_sd, row {bad[0][-1]}: must be 0 px or more, got {sd[tuple(bad[0])]:g}")
+    return uv, rope, t, sd
 
 
-def groups(pixels: Array, rope: Array | None, time: Array | None, calibration: Calibration) -> Iterator[Frames]:
+def groups(
+    pixels: Array,
+    rope: Array | None,
+    time: Array | None,
+    calibration: Calibration,
+    pixel_sd: Array | None = None,
+) -> Iterator[Frames]:
     """Rays of checked pixels (M, n, 2), as the picture has them, a few records at a time."""
     m, n = pixels.shape[:2]
     step = max(1, FRAMES_AT_ONCE // max(n, 1))
     for first in range(0, m, step):
         some = slice(first, min(first + step, m))
-        yield _frames(pixels[some], None if rope is None else rope[some], time, calibration)
+        frames = _frames(pixels[some], None if rope is None else rope[some], time, calibration)
+        if pixel_sd is not None:
+            noise = np.nan_to_num(pixel_sd[some] / calibration.focal_length_px) ** 2
+            frames = replace(frames, noise=noise)
+        yield frames
 
 
 def stretches(values: Array, frames: int = FRAMES_AT_ONCE) -> Iterator[slice]:

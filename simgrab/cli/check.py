@@ -1,0 +1,63 @@
+"""`simgrab check`: a gate for CI."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+
+@click.command(name="check")
+@click.argument("suite")
+@click.option("--instrument", help="Another than the suite's, as package.module:factory.")
+@click.option(
+    "--baseline", type=click.Path(path_type=Path), help="Folder of what was recorded.  [default: the suite's]"
+)
+@click.option("--update-baseline", "update", is_flag=True, help="Record what is seen now.")
+@click.option("--seeds", type=click.IntRange(min=1), help="Over so many seeds.  [default: the suite's]")
+@click.option("--seed", type=click.IntRange(min=0), help="Another than the suite's.")
+@click.option("--cache", type=click.Path(path_type=Path), help="Of rendered datasets.  [default: ~/.cache/simgrab]")
+@click.option("--workers", default=1, show_default=True, help="Processes that draw.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the results.  [default: runs/check-SUITE]")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but what failed.")
+def command(
+    suite: str, instrument: str | None, baseline: Path | None, update: bool, seeds: int | None, seed: int | None,
+    cache: Path | None, workers: int, out: Path | None, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Show SUITE, a bundled suite or a TOML file, to an instrument, and judge what it measures.
+
+    OUT gets check.json, junit.xml and pictures of golden frames that differ. Exit status: 0 passed, 1 failed, 2 the
+    suite is broken.
+    """
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    from simgrab.judge.check import gate, report
+    from simgrab.judge.check import suite as suites
+    from simgrab.judge.check.cache import default
+    from simgrab.judge.check.table import show
+
+    if seeds is not None and not update:
+        raise click.UsageError("--seeds is for --update-baseline")
+    if seed is not None and update:
+        raise click.UsageError("--update-baseline goes from the suite's own seed on; --seed is not for it")
+    found = suites.load(suite)
+    sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
+    with Progress(console=Console(stderr=True, quiet=quiet or as_json)) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def progress(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=total)
+            bar.update(tasks[what], completed=done)
+
+        options = gate.Options(instrument, baseline, seed, cache or default(), workers, progress)
+        told = gate.record(found, options, seeds) if update else gate.check(found, options)
+    report.save(told, out or Path("runs") / f"check-{found.name}")
+    if as_json:
+        click.echo(report.as_json(told))
+    else:
+        show(told, quiet=quiet)
+    sys.exit(0 if told.passed else 1)

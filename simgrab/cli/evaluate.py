@@ -1,0 +1,51 @@
+"""`simgrab evaluate`: a run against the truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command(name="evaluate")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("dataset", type=click.Path(path_type=Path))
+@click.option("--page", "html", type=click.Path(path_type=Path), help="An HTML page with figures.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
+def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
+    """Compare a RUN's folder with what is known of its frames, and say what each stage adds to the error.
+
+    DATASET is the rendered dataset that the run was on, or the rendered video, with its truth table beside it.
+    """
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from simgrab.judge import runs, truths
+    from simgrab.judge.evaluate import evaluate
+    from simgrab.judge.evaluate_table import tables
+
+    made = runs.load(run)
+    known = truths.of(made, dataset)
+    found = evaluate(made, known)
+    if as_json:
+        click.echo(json.dumps(found))
+    else:
+        console = Console()
+        for each in tables(found):
+            table = Table(
+                *map(escape, each.head), title=escape(each.title), title_justify="left", show_header=any(each.head)
+            )
+            for i in range(1, len(each.head)):
+                table.columns[i].justify = "right"
+            for row in each.rows:
+                table.add_row(*map(escape, row))
+            console.print(table)
+            if each.note:
+                console.print(each.note, highlight=False)
+    if html is not None:
+        from simgrab.judge.evaluate_page import page
+
+        runs.write(html, page(made, known, found))
+        click.echo(f"page: {html}", err=as_json)

@@ -1,0 +1,79 @@
+"""`simgrab run`: from a video to angles and alarms."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from simgrab.instrument.estimate import ESTIMATORS
+
+
+def _stretch(_context: click.Context, _option: click.Parameter, text: str | None) -> float | None:
+    """Read a stretch of time, s: ``300s``, ``300`` or ``5min``."""
+    if text is None:
+        return None
+    told = re.fullmatch(r"(\d+(?:\.\d+)?)(s|min|)", text.strip())
+    if told is None or float(told[1]) == 0:
+        raise click.BadParameter(f"{text!r} is no stretch of time, such as 300s or 5min")
+    return float(told[1]) * (60 if told[2] == "min" else 1)
+
+
+@click.command(name="run")
+@click.argument("source")
+@click.option("--camera", type=click.Path(path_type=Path), help="Camera TOML.  [default: that beside or in SOURCE]")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for what is found.")
+@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
+@click.option(
+    "--estimator", type=click.Choice(list(ESTIMATORS)), help="[default: rope-aware; without a display mean-ray]"
+)
+@click.option(
+    "--calibrate",
+    callback=_stretch,
+    help="Take the tilt from the first stretch, e.g. 300s.  [default: the whole record]",
+)
+@click.option("--calibration", type=click.Path(path_type=Path), help="Take the tilt of another run: its tilt.toml.")
+@click.option("--live", is_flag=True, help="Estimate anew as frames come; streams are always read so.")
+@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Frames/s of a folder.  [default: 9]")
+@click.option("--no-video", is_flag=True, help="Write no annotated video.")
+@click.option("--json", "as_json", is_flag=True, help="Print the facts as JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def command(
+    source: str, camera: Path | None, out: Path, detector: str, estimator: str | None, calibrate: float | None,
+    calibration: Path | None, live: bool, rate: float | None, no_video: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Measure swing in SOURCE: a video, a stream's URL, a folder of pictures, or a dataset.
+
+    OUT gets angles.parquet and .csv, alarms.json, tilt.toml, run.json, annotated.mp4 and report.html.
+    """
+    import json
+
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from simgrab.cli._progress import bar
+    from simgrab.instrument.pipeline import assemble
+    from simgrab.instrument.source import camera_beside
+    from simgrab.judge.run import Options, run
+    from simgrab.judge.run_table import HEAD, beside_paper, held
+    from simgrab.judge.runs import alarms
+
+    chosen = assemble(detector=detector, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live)
+    options = Options(live=live, video=not no_video, rate_hz=rate)
+    with bar("measuring", shown=not (quiet or as_json)) as progress:
+        found = run(source, camera or camera_beside(source), out, chosen, options, progress)
+    if as_json:
+        click.echo(json.dumps(found.about | {"alarms": alarms(found.events)}))
+    elif not quiet:
+        console = Console()
+        facts = Table(show_header=False)
+        for row in held(found):
+            facts.add_row(*map(escape, row))
+        table = Table(*HEAD)
+        for line in beside_paper(found):
+            table.add_row(*map(escape, line))
+        console.print(facts)
+        console.print(table)
+        console.print(f"report: {out / 'report.html'}", soft_wrap=True)

@@ -1,0 +1,137 @@
+"""The port's protocol: a swing beyond 10° is danger, on a scale that ends at 20°."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from scipy import special
+
+from simgrab.geometry import Array
+from simgrab.instrument.contract import Measurement
+
+DANGER = math.radians(10)
+SCALE = math.radians(20)
+_NORMAL = 1.959964  # two-sided, 95 %
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When an alarm is raised, and when it is over.
+
+    Attributes
+    ----------
+    raised_at : float
+        Least probability that α exceeds 10°. At a half the alarm comes with α̂ itself: on the way up a swing of 10 m
+        rope gains 0.7° from a frame to the next (9 frames/s), so that more confidence costs little delay, and it keeps
+        back swings that pass for dangerous only because their frame is blurred.
+    frames : int
+        So many frames in a row that show an α must be as sure.
+    released_at : float
+        Hysteresis: rad, below which α must stay for the alarm to end.
+    quiet_s : float
+        So long, s: half a period of the longest rope, since a swing passes through 0 between its turning points.
+    """
+
+    raised_at: float = 0.7
+    frames: int = 1
+    released_at: float = math.radians(9)
+    quiet_s: float = 6.0
+
+
+class Event(msgspec.Struct, frozen=True, kw_only=True):
+    """One alarm. Indices are of the record's frames, angles radians.
+
+    Attributes
+    ----------
+    first, last, peak : int
+        Frame in which it was raised, the last above the release, and that of the largest α.
+    onset_s, end_s, peak_s : float
+        Their times.
+    alpha, alpha_low, alpha_high : float
+        At the peak, with the ends of its interval where there is one.
+    danger : float
+        Greatest probability.
+    ongoing : bool
+        Whether the record ended before the alarm did.
+    """
+
+    first: int
+    last: int
+    peak: int
+    onset_s: float
+    end_s: float
+    peak_s: float
+    alpha: float
+    alpha_low: float | None
+    alpha_high: float | None
+    danger: float
+    ongoing: bool
+
+    @property
+    def duration_s(self) -> float:
+        """From onset to end."""
+        return self.end_s - self.onset_s
+
+
+def probability(alpha: Array, low: Array, high: Array) -> Array:
+    """Probability that a swing exceeds 10°, shape (n,): Gaussian about α with the deviation of its 95 % interval.
+
+    NaN where α is; without an interval α is taken at its word.
+    """
+    sd = (high - low) / (2 * _NORMAL)
+    above = np.where(alpha > DANGER, 1.0, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        told = np.where(sd > 0, special.ndtr((alpha - DANGER) / sd), above)
+    return np.where(np.isnan(alpha), np.nan, told)
+
+
+def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None = None) -> tuple[Event, ...]:
+    """Alarms of a record.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Seconds, increasing.
+    measurements : sequence of n Measurement
+        Frames without an α raise nothing and end nothing.
+    rule : Rule, optional
+    """
+    rule = rule or Rule()
+    found: list[Event] = []
+    sure = 0
+    since: int | None = None  # frame in which the present alarm was raised
+    last = 0
+    for i, m in enumerate(measurements):
+        if m.alpha is None:
+            continue
+        danger = m.danger if m.danger is not None else float(m.alpha > DANGER)
+        sure = sure + 1 if danger >= rule.raised_at else 0
+        if since is not None and times[i] - times[last] > rule.quiet_s:
+            found.append(_event(times, measurements, since, last, ongoing=False))
+            since = None
+        if since is None and sure >= rule.frames:
+            since = last = i
+        elif since is not None and m.alpha >= rule.released_at:
+            last = i
+    if since is not None:
+        quiet = times[-1] - times[last] > rule.quiet_s
+        found.append(_event(times, measurements, since, last, ongoing=not quiet))
+    return tuple(found)
+
+
+def _event(times: Array, measurements: Sequence[Measurement], first: int, last: int, *, ongoing: bool) -> Event:
+    within = range(first, last + 1)
+    peak = max(within, key=lambda i: measurements[i].alpha or 0.0)
+    top = measurements[peak]
+    assert top.alpha is not None
+    danger = (measurements[i].danger for i in within)
+    return Event(
+        first=first, last=last, peak=peak,
+        onset_s=float(times[first]), end_s=float(times[last]), peak_s=float(times[peak]),
+        alpha=top.alpha, alpha_low=top.alpha_low, alpha_high=top.alpha_high,
+        danger=max((d for d in danger if d is not None), default=1.0), ongoing=ongoing,
+    )  # fmt: skip

@@ -1,0 +1,144 @@
+"""From what was seen to angles: the tilt from some of the frames, the swing in all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.geometry import Array
+from simgrab.instrument import alarm
+from simgrab.instrument.contract import Measurement, Status
+from simgrab.instrument.estimate import Estimator
+from simgrab.instrument.estimate.follow import Known, follow
+from simgrab.instrument.rope import Rope
+from simgrab.instrument.sight import Sighting
+from simgrab.records import Estimate
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A record of n frames as arrays.
+
+    Attributes
+    ----------
+    sightings : sequence of n Sighting
+    time : ndarray, shape (n,), or None
+        None for independent frames.
+    pixels : ndarray, shape (n, 2)
+        Grab centre; NaN where it was not found.
+    pixel_sd : ndarray, shape (n,)
+        Standard deviation per coordinate, px; 0 where the detector states none.
+    rope : Rope
+    """
+
+    sightings: Sequence[Sighting]
+    time: Array | None
+    pixels: Array
+    pixel_sd: Array
+    rope: Rope
+
+    def usable(self, *, rope: bool) -> NDArray[np.bool_]:
+        """Which frames have a pixel and, where it is needed, a rope length: shape (n,)."""
+        found = np.isfinite(self.pixels).all(axis=-1)
+        return np.asarray(found & np.isfinite(self.rope.length) if rope else found)
+
+
+def seen(sightings: Sequence[Sighting], rope: Rope) -> Seen:
+    """Put sightings into arrays."""
+    nothing = (np.nan, np.nan)
+    timed = all(s.time_s is not None for s in sightings)
+    sd = np.array([s.centre_sd or (0.0, 0.0) for s in sightings], float).reshape(-1, 2)
+    return Seen(
+        sightings,
+        np.array([s.time_s for s in sightings], float) if timed else None,
+        np.array([s.centre or nothing for s in sightings], float).reshape(-1, 2),
+        np.sqrt(np.mean(sd**2, axis=-1)),
+        rope,
+    )
+
+
+def calibrate(record: Seen, calibration: Calibration, estimator: Estimator, until_s: float | None = None) -> Estimate:
+    """Estimate the tilt from a record, or from its first stretch of seconds."""
+    some = record.usable(rope=estimator.needs_rope)
+    if until_s is not None and record.time is not None and len(some):
+        some = some & (record.time < record.time[0] + until_s)
+    return estimator.estimate(
+        record.pixels[some], calibration,
+        rope_length=record.rope.length[some] if estimator.needs_rope else None,
+        time=None if record.time is None else record.time[some],
+        pixel_sd=record.pixel_sd[some],
+    )  # fmt: skip
+
+
+def by_estimate(record: Seen, estimator: Estimator, estimate: Estimate) -> tuple[Array, Array]:
+    """Swing (n,) and its intervals (n, 2) as the estimator itself gives them for the frames that it was given."""
+    assert estimate.alpha is not None
+    some = record.usable(rope=estimator.needs_rope)
+    alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
+    alpha[some] = estimate.alpha
+    kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
+    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
+    if stated is not None:
+        ends[some] = stated
+    return alpha, ends
+
+
+def by_tilt(record: Seen, tilt: Known, calibration: Calibration) -> tuple[Array, Array]:
+    """Swing (n,) and its intervals (n, 2) under a known tilt."""
+    some = record.usable(rope=tilt.offset_m is not None)
+    alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
+    if some.any():
+        alpha[some], ends[some] = follow(
+            tilt, record.pixels[some], calibration,
+            rope_length=None if tilt.offset_m is None else record.rope.length[some], pixel_sd=record.pixel_sd[some],
+        )  # fmt: skip
+    return alpha, ends
+
+
+def measurements(record: Seen, alpha: Array, ends: Array, refused: str = "") -> tuple[Measurement, ...]:
+    """State of every frame whether there is a swing, and why not.
+
+    Parameters
+    ----------
+    record : Seen
+    alpha : ndarray, shape (n,)
+        NaN where there is none.
+    ends : ndarray, shape (n, 2)
+    refused : str
+        Why there is none where nothing was lacking.
+    """
+    danger = alarm.probability(alpha, *ends.T)
+    rows = zip(record.sightings, alpha, ends, danger, record.rope.length, record.rope.jump, strict=True)
+    return tuple(_measurement(s, a, e, p, rope, jump, refused) for s, a, e, p, rope, jump in rows)
+
+
+def _measurement(
+    s: Sighting, alpha: float, ends: Array, danger: float, rope: float, jump: bool, refused: str
+) -> Measurement:
+    status, reason = _status(s, bool(np.isfinite(alpha)), bool(np.isfinite(rope)), bool(jump), refused)
+    ok = status == "ok"
+    stated = ok and bool(np.isfinite(ends).all())
+    return Measurement(
+        status=status, reason=reason, alpha=float(alpha) if ok else None,
+        alpha_low=float(ends[0]) if stated else None, alpha_high=float(ends[1]) if stated else None,
+        danger=float(danger) if ok else None, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
+        rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status,
+        rope_length_m=float(rope) if np.isfinite(rope) else None,
+    )  # fmt: skip
+
+
+def _status(s: Sighting, alpha: bool, rope: bool, jump: bool, refused: str) -> tuple[Status, str]:
+    if s.lost:
+        return "lost", s.lost
+    if s.missed:
+        return "missed", s.missed
+    if alpha:
+        return "ok", ""
+    if not rope:
+        told = "the hoist cannot have got to what was read" if jump else s.rope_reason
+        return "unread", told or "the camera file states no display to read the rope's length from"
+    return "refused", refused or "no swing reaches the pixel: the rope is shorter than the offset"

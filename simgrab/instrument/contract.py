@@ -1,0 +1,119 @@
+"""What an instrument is: frames and a camera go in, one measurement a frame comes out. Anybody's may be tested."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal, Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+
+Picture = NDArray[np.uint8]
+Status = Literal["ok", "lost", "missed", "unread", "refused"]
+Meta = msgspec.Meta
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame of a source.
+
+    Attributes
+    ----------
+    picture : ndarray of uint8, shape (height, width, 3), or None
+        RGB; None for a lost frame.
+    time_s : float or None
+        Increasing; None where frames do not follow each other in time.
+    reason : str
+        Why there is no picture; empty where there is one.
+    name : str
+        Of the picture's file; empty in a video.
+    """
+
+    picture: Picture | None
+    time_s: float | None
+    reason: str = ""
+    name: str = ""
+
+
+class Measurement(msgspec.Struct, frozen=True, kw_only=True):
+    """What an instrument says of one frame. All but the status may be left out. Radians, metres, pixels.
+
+    Attributes
+    ----------
+    status : str
+        ``"ok"``: there is an α. ``"lost"``: there was no picture. ``"missed"``: no grab was found in it. ``"unread"``:
+        α takes the rope's length, and none is known. ``"refused"``: what else stood in the way.
+    reason : str
+        Empty where ok, and nowhere else.
+    alpha : float or None
+        Swing angle: between the rope and gravity; None unless ok.
+    alpha_low, alpha_high : float or None
+        Ends of its 95 % interval.
+    danger : float or None
+        Probability that the swing exceeds 10°.
+    box : tuple of 4 floats, or None
+        x0, y0, x1, y1 of the visible grab; (0, 0) is the outer corner of the top-left pixel.
+    score : float
+        Of the detection, 0 to 1.
+    centre : tuple of 2 floats, or None
+        Where the picture has the grab centre A.
+    centre_sd : tuple of 2 floats, or None
+        Its standard deviations.
+    rope_text : str or None
+        What was read on the display, as the label column ``rope_text``, with ``?`` for a digit that was refused.
+    rope_status : str
+        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.records.Reading`; empty where nothing was to be read.
+    rope_length_m : float or None
+        |OA| that α was computed with.
+    """
+
+    status: Status
+    reason: str = ""
+    alpha: Annotated[float, Meta(ge=0)] | None = None
+    alpha_low: float | None = None
+    alpha_high: float | None = None
+    danger: float | None = None
+    box: tuple[float, float, float, float] | None = None
+    score: float = 0.0
+    centre: tuple[float, float] | None = None
+    centre_sd: tuple[float, float] | None = None
+    rope_text: str | None = None
+    rope_status: str = ""
+    rope_length_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.status == "ok") != (self.alpha is not None):
+            raise ValueError(f"alpha belongs to the status 'ok' and to no other; got {self.status!r}, {self.alpha}")
+        if (self.status == "ok") == bool(self.reason):
+            raise ValueError(f"a reason belongs to every status but 'ok'; got {self.status!r}, {self.reason!r}")
+
+
+class Instrument(Protocol):
+    """Measures the swing in a record of frames.
+
+    A factory that takes no argument and gives one of these is all that it takes to put a pipeline under test.
+    """
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+
+    def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
+        """Measure a record.
+
+        Parameters
+        ----------
+        frames : iterable of Frame
+            In order, made one after another as they are asked for: do not keep the pictures.
+        calibration : Calibration
+            What is known of the camera: never its tilt.
+
+        Returns
+        -------
+        sequence of Measurement
+            One a frame, in order.
+        """

@@ -1,0 +1,162 @@
+"""The second phase of the paper: once the tilt is known, α frame by frame."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+import tomli_w
+from numpy.typing import ArrayLike
+
+from simgrab.calibration import Calibration
+from simgrab.errors import CalibrationError
+from simgrab.geometry import Array
+from simgrab.instrument.estimate import intervals as iv
+from simgrab.instrument.estimate.contract import alpha_ends
+from simgrab.instrument.estimate.frames import check_record, gravity, groups, tangent_basis
+from simgrab.instrument.estimate.rope_aware import swings
+from simgrab.records import Estimate
+from simgrab.strict import convert
+
+Meta = msgspec.Meta
+LEVEL = 0.95
+
+
+class Known(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a calibration leaves for the frames to come; ``tilt.toml`` of a run.
+
+    Attributes
+    ----------
+    estimator : str
+        Which found it.
+    frames : int
+        In how many frames.
+    beta_deg, tilt_azimuth_deg : float
+    offset_m : tuple of 3 floats, or None
+        Camera centre minus rope exit; None where the estimator knows nothing of it, and takes the camera to be there.
+    covariance : list of lists
+        As `simgrab.records.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal quantiles do.
+    """
+
+    estimator: str
+    frames: Annotated[int, Meta(ge=1)]
+    beta_deg: Annotated[float, Meta(ge=0, lt=90)]
+    tilt_azimuth_deg: float
+    offset_m: tuple[float, float, float] | None
+    covariance: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.covariance)
+        wanted = (2, 2) if self.offset_m is None else (4, 4)
+        if shape != wanted:
+            raise ValueError(f"covariance must have the shape {wanted}, got {shape}")
+
+    def to_toml(self) -> str:
+        """Return the file's text."""
+        data = msgspec.to_builtins(self)
+        return tomli_w.dumps({key: value for key, value in data.items() if value is not None})
+
+
+def known(estimate: Estimate) -> Known:
+    """Keep of an estimate what frames to come need: its tilt, its offset, and how sure it is of them.
+
+    Blocks count where there are enough of them, and frames otherwise.
+    """
+    assert estimate.beta is not None
+    assert estimate.tilt_azimuth is not None
+    stated = [i for i in estimate.intervals if i.tilt is not None]
+    best = next((i for i in stated if i.kind == "blocks"), stated[0] if stated else None)
+    if best is None or best.tilt is None:
+        covariance = _of_beta(estimate)
+    else:  # the quantiles of frames to come are normal; those of a few blocks are not
+        degrees = estimate.frames - 1 if best.blocks is None else best.blocks - 1
+        covariance = best.tilt * (iv.student(best.level, degrees) / iv.student(best.level, np.inf)) ** 2
+    return Known(
+        estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
+        None if estimate.offset is None else (float(estimate.offset[0]), float(estimate.offset[1]),
+                                              float(estimate.offset[2])),
+        tuple(tuple(float(x) for x in row) for row in covariance),
+    )  # fmt: skip
+
+
+def _of_beta(estimate: Estimate) -> Array:
+    """Covariance of gravity from the interval of β alone, as wide across the tilt; the offset is taken as it is."""
+    ends = next((i.beta for i in estimate.intervals if i.beta is not None), None)
+    sd = 0.0 if ends is None else float(ends[1] - ends[0]) / (2 * float(iv.student(LEVEL, np.inf)))
+    return np.diag([sd**2, sd**2, *([] if estimate.offset is None else [0.0, 0.0])])
+
+
+def load(path: str | Path) -> Known:
+    """Read a ``tilt.toml``; raises `CalibrationError` with one line that names file and key."""
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return convert({"offset_m": None} | data, Known, CalibrationError)
+    except CalibrationError as problem:
+        raise CalibrationError(f"{path}: {problem}") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise CalibrationError(f"cannot read calibration {path}: {problem}") from None
+
+
+def follow(
+    tilt: Known,
+    pixels: ArrayLike,
+    calibration: Calibration,
+    *,
+    rope_length: ArrayLike | None = None,
+    pixel_sd: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    r"""Swing of each frame under a known tilt.
+
+    Parameters
+    ----------
+    tilt : Known
+    pixels : array_like, shape (n, 2)
+        Grab centre as the picture has it; NaN where it was not found.
+    calibration : Calibration
+    rope_length : array_like, shape (n,), optional
+        \|OA\|, m; needed where the tilt comes with an offset.
+    pixel_sd : array_like, shape (n,), optional
+        Standard deviation of each pixel coordinate, px.
+
+    Returns
+    -------
+    alpha : ndarray, shape (n,)
+        NaN where there is no pixel.
+    ends : ndarray, shape (n, 2)
+        Of its 95 % intervals.
+
+    Raises
+    ------
+    RecordError
+        For wrong shapes and rope lengths that cannot be.
+    """
+    uv, rope, _, sd = check_record(np.asarray(pixels, float)[None], rope_length, None, False, pixel_sd)
+    covariance = np.array(tilt.covariance)[None]
+    beta, azimuth = np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)])
+    basis = tangent_basis(beta, azimuth)
+    (frames,) = groups(uv, rope, None, calibration, sd)
+    lever = radial = None
+    if tilt.offset_m is None:
+        turned = basis @ frames.rays
+    else:
+        assert rope is not None
+        lever = 1 / rope
+        with np.errstate(invalid="ignore"):  # no swing reaches a rope that is shorter than the offset
+            across = swings(frames, lever, gravity(beta, azimuth), np.array([tilt.offset_m]))
+        c, s = np.cos(azimuth[0]), np.sin(azimuth[0])
+        square = np.sum(across**2, axis=1)
+        turned = np.concatenate(
+            [np.array([[-c, -s], [s, -c]]) @ across, np.sqrt(np.maximum(1 - square, 0))[:, None]], axis=1
+        )
+        radial = square * (calibration.offset_sd_m * lever) ** 2
+    sine = np.hypot(turned[:, 0], turned[:, 1])
+    alpha = np.arctan2(sine, turned[:, 2])
+    unit = turned[:, :2] / np.maximum(sine, 1e-300)[:, None]
+    noise = np.zeros_like(alpha) if frames.noise is None else frames.noise
+    quantile = iv.student(LEVEL, np.array([np.inf]))
+    ends = alpha_ends(alpha, unit, covariance, quantile, lever, noise, radial)[0]
+    seen = np.isfinite(uv[0]).all(axis=-1)
+    return np.where(seen, alpha[0], np.nan), np.where(seen[:, None], ends, np.nan)

@@ -1,0 +1,99 @@
+"""What is seen in each frame, before anything is made of it: the grab's place and the display's text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import msgspec
+import numpy as np
+
+from simgrab.calibration import Calibration
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.detect import Detector
+from simgrab.instrument.read import Reader
+from simgrab.records import Detection, Reading
+
+
+class Sighting(msgspec.Struct, frozen=True, gc=False):
+    """One frame's sight. A few hundred bytes, for records of hours. Pixels and metres.
+
+    Attributes
+    ----------
+    time_s : float or None
+    name : str
+        Of the picture's file.
+    lost : str
+        Why there was no picture; empty where there was one.
+    missed : str
+        Why no grab was found in it; empty where one was.
+    score : float
+    box, centre, centre_sd : tuple of floats, or None
+        As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector tells no other.
+    rope_text : str or None
+    rope_status, rope_reason : str
+        As in `simgrab.records.Reading`; empty where no display was to be read.
+    hoist_m : float or None
+        Hoist rope on the display.
+    """
+
+    time_s: float | None
+    name: str = ""
+    lost: str = ""
+    missed: str = ""
+    score: float = 0.0
+    box: tuple[float, float, float, float] | None = None
+    centre: tuple[float, float] | None = None
+    centre_sd: tuple[float, float] | None = None
+    rope_text: str | None = None
+    rope_status: str = ""
+    rope_reason: str = ""
+    hoist_m: float | None = None
+
+
+def look(
+    frames: Iterable[Frame], detector: Detector, reader: Reader | None, calibration: Calibration
+) -> Iterator[Sighting]:
+    """Look at frames one by one. Without a reader, or a display in the camera file, nothing is read.
+
+    Raises
+    ------
+    DetectorError, ReaderError, LayoutError
+        If a picture is none that they can look at.
+    """
+    for frame in frames:
+        yield one(frame, detector, reader, calibration)
+
+
+def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Calibration) -> Sighting:
+    """Look at a frame."""
+    if frame.picture is None:
+        return Sighting(frame.time_s, frame.name, lost=frame.reason)
+    found = detector(frame.picture)
+    reading = None
+    if reader is not None and calibration.digit_layout is not None:
+        reading = reader.read(
+            frame.picture, calibration.digit_layout, display_constant_m=calibration.display_constant_m
+        )
+    return _sighting(frame, found, reading)
+
+
+def _sighting(frame: Frame, found: Detection, reading: Reading | None) -> Sighting:
+    box = centre = sd = None
+    if found.found and found.box is not None:
+        x0, y0, x1, y1 = (float(edge) for edge in found.box)
+        box, centre = (x0, y0, x1, y1), ((x0 + x1) / 2, (y0 + y1) / 2)
+    if found.found and found.centre is not None:
+        centre = _pair(found.centre)
+        sd = None if found.centre_sd_px is None else _pair(found.centre_sd_px)
+    return Sighting(
+        frame.time_s, frame.name, missed="" if found.found else found.reason or "no grab found", score=found.score,
+        box=box, centre=centre, centre_sd=sd,
+        rope_text=None if reading is None else reading.text,
+        rope_status="" if reading is None else reading.status,
+        rope_reason="" if reading is None else reading.reason,
+        hoist_m=None if reading is None else reading.hoist_m,
+    )  # fmt: skip
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

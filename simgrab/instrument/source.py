@@ -1,0 +1,155 @@
+"""Where frames come from: a video file, a stream, a folder of pictures, or a rendered dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from simgrab import datasets
+from simgrab.calibration import Calibration
+from simgrab.errors import SourceError
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.video import Video
+
+PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+RATE_HZ = 9.0  # of the port's camera, for pictures that say nothing of time
+CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
+
+
+class Source(Protocol):
+    """Frames, each time it is iterated over anew."""
+
+    @property
+    def name(self) -> str:
+        """What the user calls it."""
+
+    @property
+    def count(self) -> int | None:
+        """How many frames there are, as far as is known beforehand."""
+
+    @property
+    def live(self) -> bool:
+        """Whether it can be read only once, as its frames come."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read from the beginning."""
+
+
+@dataclass(frozen=True)
+class Files:
+    """Picture files, read when their turn comes."""
+
+    name: str
+    files: tuple[Path, ...]
+    times: tuple[float | None, ...]
+    root: Path
+    live: bool = False
+
+    @property
+    def count(self) -> int:
+        """How many files."""
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read each file; one that is no picture is a lost frame."""
+        for path, time in zip(self.files, self.times, strict=True):
+            # OpenCV makes 8 bits of 16, and three channels of one.
+            picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+            name = str(path.relative_to(self.root))
+            if picture is None:
+                yield Frame(None, time, f"{name} cannot be read as a picture", name)
+            else:
+                yield Frame(np.asarray(picture, np.uint8), time, name=name)
+
+
+def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
+    """Open a source of frames.
+
+    Parameters
+    ----------
+    source : str or path
+        A video file, a URL that FFmpeg opens (``rtsp://…``), a folder of pictures, or a rendered dataset.
+    rate_hz : float, optional
+        Of pictures in a folder, 9 by default; it is an error where the source has times of its own.
+
+    Raises
+    ------
+    SourceError
+        If it is none of these or cannot be opened.
+    DatasetError
+        If it is a dataset that cannot be read.
+    """
+    if "://" in str(source):
+        return _timed(Video(str(source), live=True), rate_hz)
+    path = Path(source)
+    if (path / "labels.parquet").is_file() or (path / ".partial").is_dir():
+        return _timed(_dataset(path), rate_hz)
+    if path.is_dir():
+        files = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES))
+        if not files:
+            raise SourceError(f"{path}: no pictures in it ({', '.join(PICTURES)})")
+        rate = RATE_HZ if rate_hz is None else rate_hz
+        return Files(str(source), files, tuple(i / rate for i in range(len(files))), path)
+    if not path.exists():
+        raise SourceError(f"{path}: there is no such file or folder")
+    return _timed(Video(str(path)), rate_hz)
+
+
+def _timed(source: Source, rate_hz: float | None) -> Source:
+    if rate_hz is not None:
+        raise SourceError(f"{source.name} has times of its own; a rate is for folders of pictures")
+    return source
+
+
+def _dataset(path: Path) -> Files:
+    """Pictures of a dataset; its independent frames have no time."""
+    rows = datasets.read(path).rows
+    times: list[float | None] = []
+    begin, clip = 0.0, rows[0].clip
+    for row in rows:
+        if row.clip != clip:
+            begin, clip = max(t for t in times if t is not None) + CLIP_GAP_S, row.clip
+        times.append(None if row.time_s is None else begin + row.time_s)
+    return Files(str(path), tuple(path / row.file for row in rows), tuple(times), path)
+
+
+def camera_beside(source: str | Path) -> Path:
+    """Find the camera TOML in a folder, or beside a video as `simgrab render --video` puts it.
+
+    Raises
+    ------
+    SourceError
+        If there is none.
+    """
+    path = Path(source)
+    beside = path / "camera.toml" if path.is_dir() else path.with_suffix(".camera.toml")
+    if "://" in str(source) or not beside.is_file():
+        raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
+    return beside
+
+
+def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame]:
+    """Turn pictures of another size than the camera's into lost frames.
+
+    Raises
+    ------
+    SourceError
+        If the first picture is of another size: then source and camera file do not belong together.
+    """
+    size = (calibration.width_px, calibration.height_px)
+    seen = False
+    for frame in frames:
+        if frame.picture is not None:
+            given = (frame.picture.shape[1], frame.picture.shape[0])
+            if given != size:
+                told = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
+                if not seen:
+                    raise SourceError(f"{told}: not of this camera")
+                frame = Frame(None, frame.time_s, told, frame.name)
+            seen = True
+        yield frame

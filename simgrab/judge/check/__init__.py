@@ -1,0 +1,1 @@
+"""A gate for CI: render, measure, evaluate, and compare with what is accepted and with what was recorded."""

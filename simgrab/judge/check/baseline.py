@@ -1,0 +1,174 @@
+"""A baseline: what an instrument measured when it was last looked at, over several seeds, and how far from that is far.
+
+What another seed would give is not computed but seen: the suite is run over R of them. A value under yet another seed
+lies within t s √(1 + 1/R) of their mean, s being their standard deviation and t Student's quantile with R − 1 degrees
+of freedom (a prediction interval, exact for normal metrics). The chance of falling out on the bad side is shared out
+evenly among all limits of a suite (Bonferroni), so that a sound check fails with `FALSE_FAILURES` at most. On the
+very frames that were recorded chance has no part: there a metric may be worse than it was by its slack and by no
+more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from scipy import stats
+
+from simgrab import __version__
+from simgrab.errors import SuiteError
+from simgrab.judge.check.suite import Limit, Suite
+from simgrab.judge.check.trial import Trial
+
+FILE = "baseline.json"
+FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was
+
+
+class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What was recorded of one scene over R seeds.
+
+    Attributes
+    ----------
+    digest : str
+        Of the scenario, under the suite's own seed.
+    labels : tuple of R str
+        Digests of the datasets' labels, and through them of their pictures.
+    metrics : dict of str to tuple of R floats or None
+    """
+
+    digest: str
+    labels: tuple[str, ...]
+    metrics: dict[str, tuple[float | None, ...]]
+
+
+class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What was recorded of a suite.
+
+    Attributes
+    ----------
+    suite, instrument : str
+        Their names.
+    simgrab : str
+        Version that drew and evaluated, without its last part: that changes no pixel of a bundled scene.
+    seeds : tuple of R int
+    scenes : dict of str to Recorded
+    """
+
+    suite: str
+    instrument: str
+    simgrab: str
+    seeds: Annotated[tuple[int, ...], msgspec.Meta(min_length=1)]
+    scenes: dict[str, Recorded]
+
+
+def version() -> str:
+    """Give the part of simgrab's version that pixels and metrics may change with."""
+    return ".".join(__version__.split(".")[:2])
+
+
+def compose(suite: Suite, instrument: str, seeds: tuple[int, ...], trials: Mapping[str, list[Trial]]) -> Baseline:
+    """Compose a baseline of what was measured of each scene under each seed."""
+    scenes = {}
+    for name, of_scene in trials.items():
+        metrics = {key: tuple(one.metrics.get(key) for one in of_scene) for key in suite.limits_of(name)}
+        labels = tuple(one.dataset.data.labels_sha256 for one in of_scene)
+        scenes[name] = Recorded(suite.digest(name), labels, metrics)
+    return Baseline(suite.name, instrument, version(), seeds, scenes)
+
+
+def load(folder: Path) -> Baseline | None:
+    """Read a baseline; None where nothing is recorded yet.
+
+    Raises
+    ------
+    SuiteError
+        If what lies there is none.
+    """
+    path = folder / FILE
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Baseline)
+    except FileNotFoundError:
+        return None
+    except (OSError, msgspec.DecodeError) as problem:
+        raise SuiteError(f"{path}: not a baseline ({problem}); record it anew by --update-baseline") from None
+
+
+def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:
+    """Say why a baseline cannot be compared with: one reason for each thing that it was recorded for and is not."""
+    reasons = []
+    for what, then, now in (
+        ("suite", baseline.suite, suite.name),
+        ("instrument", baseline.instrument, instrument),
+        ("simgrab", baseline.simgrab, version()),
+    ):
+        if then != now:
+            reasons.append(f"recorded for the {what} {then!r}, and this is {now!r}")
+    for name in suite.scenes:
+        recorded = baseline.scenes.get(name)
+        if recorded is None:
+            reasons.append(f"scenes.{name} was not recorded")
+        elif recorded.digest != suite.digest(name):
+            reasons.append(f"scenes.{name} was recorded as {recorded.digest[:12]}, and is {suite.digest(name)[:12]}")
+        elif missing := [key for key in suite.limits_of(name) if key not in recorded.metrics]:
+            reasons.append(f"scenes.{name}: {', '.join(missing)} was not recorded")
+    return reasons
+
+
+class Reference(msgspec.Struct, frozen=True):
+    """What a metric is compared with.
+
+    Attributes
+    ----------
+    value : float
+        Of the same frames, or else the mean over all seeds.
+    allowed : float
+        By how much a metric may be worse.
+    same_frames : bool
+    """
+
+    value: float
+    allowed: float
+    same_frames: bool
+
+    def holds(self, value: float, limit: Limit) -> bool:
+        """Whether a value is no worse than allowed; ``limit`` says which way is worse."""
+        too_high = limit.upper is not None and value > self.value + self.allowed
+        too_low = limit.lower is not None and value < self.value - self.allowed
+        return not (too_high or too_low)
+
+
+def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, comparisons: int) -> Reference | None:
+    """Find what a metric is compared with; None where nothing was recorded that tells.
+
+    Parameters
+    ----------
+    recorded : Recorded
+    metric : str
+    limit : Limit
+    labels : str
+        Digest of the labels of the dataset that was measured now.
+    comparisons : int
+        How many ends of limits share the chance of a false failure.
+    """
+    values = recorded.metrics[metric]
+    # More than rounding of the very same work by another build of a library.
+    least = limit.slack + 1e-9
+    if labels in recorded.labels:
+        same = values[recorded.labels.index(labels)]
+        return None if same is None else Reference(same, least, True)
+    known = np.array([v for v in values if v is not None])
+    if len(known) < 2:
+        return None
+    quantile = float(stats.t.isf(FALSE_FAILURES / comparisons, len(known) - 1))
+    spread = quantile * float(known.std(ddof=1)) * math.sqrt(1 + 1 / len(known))
+    return Reference(float(known.mean()), least + spread, False)
+
+
+def ends(suite: Suite) -> int:
+    """Count the ends of all limits of a suite: as many chances of a false failure."""
+    limits = [limit for name in suite.scenes for limit in suite.limits_of(name).values()]
+    return sum((limit.lower is not None) + (limit.upper is not None) for limit in limits)

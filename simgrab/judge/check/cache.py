@@ -1,0 +1,100 @@
+"""Rendered datasets, kept between checks."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from simgrab import datasets
+from simgrab.datasets import Dataset
+from simgrab.errors import DatasetError, RendererError
+from simgrab.resources import ASSETS
+from simgrab.scenario import Scenario
+from simgrab.world import manifest
+from simgrab.world.dataset import render
+from simgrab.world.doctor import examine
+from simgrab.world.folder import MANIFEST, writing
+
+PACKAGE = Path(__file__).parents[2]
+# Rooms and assets that change no pixel and no label.
+ELSEWHERE = ("instrument", "judge", "training", "cli")
+
+Progress = Callable[[int, int], None]
+
+
+def default() -> Path:
+    """User's cache folder, after the XDG base directory specification."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "simgrab"
+
+
+def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Progress | None = None) -> Dataset:
+    """Find a scenario's dataset in the cache, or render it there.
+
+    A dataset counts as the same while scenario, renderer, packages and the code that draws are the same. One whose
+    pictures are not those of its labels any more is drawn anew.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    where : Path
+        The cache.
+    workers : int
+        Processes that draw.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+
+    Raises
+    ------
+    ScenarioError, DatasetError, RendererError
+        As `simgrab.world.dataset.render`.
+    """
+    folder = where / f"{scenario.name}-{_key(scenario)}"
+    with writing(where):
+        where.mkdir(parents=True, exist_ok=True)
+        lock = (where / f".{folder.name}.lock").open("w")
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another check may be rendering the same
+        if (folder / MANIFEST).exists() and not _sound(folder):
+            shutil.rmtree(folder)
+        render(scenario, folder, workers=workers, resume=True, progress=progress)
+        return datasets.read(folder)
+
+
+def _sound(folder: Path) -> bool:
+    """Whether a finished dataset holds the pictures that it was finished with."""
+    try:
+        found = datasets.read(folder)
+    except DatasetError:
+        return False
+    digests = ((row.image_sha256, hashlib.sha256(found.image(row).read_bytes()).hexdigest()) for row in found.rows)
+    return all(written == read for written, read in digests)
+
+
+def _key(scenario: Scenario) -> str:
+    whole = [manifest.identity(scenario), _renderer(), _drawing_code()]
+    return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
+
+
+@cache
+def _renderer() -> str:
+    found = examine()
+    if found.renderer is None:
+        raise RendererError(found.problem)
+    return found.renderer.digest
+
+
+@cache
+def _drawing_code() -> str:
+    """Digest of the modules and assets that pictures and labels depend on."""
+    modules = [p for p in PACKAGE.rglob("*.py") if p.relative_to(PACKAGE).parts[0] not in ELSEWHERE]
+    assets = [p for p in ASSETS.rglob("*") if p.is_file() and p.relative_to(ASSETS).parts[0] != "weights"]
+    total = hashlib.sha256()
+    for path in sorted(modules) + sorted(assets):
+        total.update(path.name.encode() + path.read_bytes())
+    return total.hexdigest()

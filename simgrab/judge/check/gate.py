@@ -1,0 +1,201 @@
+"""Check a suite, and record what it is compared with: what `simgrab check` does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from simgrab.datasets import Dataset
+from simgrab.errors import InstrumentError, SuiteError
+from simgrab.instrument.contract import Instrument
+from simgrab.judge.check import baseline as base
+from simgrab.judge.check import cache, golden
+from simgrab.judge.check.baseline import Baseline
+from simgrab.judge.check.report import Outcome, Report, write
+from simgrab.judge.check.subject import held, open_instrument
+from simgrab.judge.check.suite import Suite
+from simgrab.judge.check.trial import Trial, trial
+from simgrab.judge.check.verdicts import Verdict, of_trial
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a suite is checked.
+
+    Attributes
+    ----------
+    instrument : Instrument, str or None
+        Another than the suite's, or the name of its factory. It is then compared with no baseline but one that is
+        named too.
+    baseline : Path or None
+        Another folder than the suite's.
+    seed : int or None
+        Another than the suite's. Golden frames are not looked at then.
+    cache : Path
+        Where rendered datasets are kept.
+    workers : int
+        Processes that draw.
+    progress : callable or None
+        Called with (what is drawn, frames done, frames in all).
+    """
+
+    instrument: Instrument | str | None = None
+    baseline: Path | None = None
+    seed: int | None = None
+    cache: Path = field(default_factory=cache.default)
+    workers: int = 1
+    progress: Progress | None = None
+
+
+def check(suite: Suite, options: Options | None = None) -> Report:
+    """Show a suite's scenes to an instrument, and judge what it measures.
+
+    An instrument that cannot be made, that raises or that breaks the contract fails the check, and is told in a line.
+
+    Parameters
+    ----------
+    suite : Suite
+        See `simgrab.judge.check.suite.load`.
+    options : Options, optional
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    SuiteError
+        If the suite or what was recorded of it is broken.
+    ScenarioError, DatasetError, RendererError
+        If its frames cannot be made.
+    """
+    options = options or Options()
+    seed = suite.seed if options.seed is None else options.seed
+    try:
+        instrument = _instrument(suite, options)
+    except InstrumentError as problem:
+        return _unmade(suite, options, seed, problem)
+    folder = options.baseline or Path(suite.baseline)
+    recorded, general, notes = _compared(suite, instrument.name, folder, options)
+    scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
+    return Report(suite.name, instrument.name, seed, general, notes, scenes)
+
+
+def record(suite: Suite, options: Options | None = None, seeds: int | None = None) -> Report:
+    """Measure a suite over several seeds and write the baseline: metrics, and golden frames of the first seed.
+
+    Parameters
+    ----------
+    suite : Suite
+    options : Options, optional
+        ``seed`` is not for this.
+    seeds : int, optional
+        How many, from the suite's own on; by default the suite's ``seeds``.
+
+    Returns
+    -------
+    Report
+        Of the suite's own seed, judged by limits alone. Where the instrument failed under any seed nothing is recorded.
+
+    Raises
+    ------
+    SuiteError, ScenarioError, DatasetError, RendererError
+        As `check`, and where the baseline would be that of another instrument.
+    """
+    options = options or Options()
+    folder = options.baseline or Path(suite.baseline)
+    if _foreign(suite, options):
+        raise SuiteError(f"{folder} is the baseline of {suite.instrument}; name another by --baseline")
+    try:
+        instrument = _instrument(suite, options)
+    except InstrumentError as problem:
+        return _unmade(suite, options, suite.seed, problem)
+    several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
+    scenes: dict[str, Outcome] = {}
+    trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
+    for name, found in trials.items():
+        begun = time.perf_counter()
+        for seed in several:
+            found.append(trial(_dataset(suite, name, seed, options), instrument))
+            if found[-1].problem:
+                failure = tuple(of_trial(name, found[-1], {}, None, 1))
+                return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
+        verdicts = tuple(of_trial(name, found[0], suite.limits_of(name), None, 1))
+        scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun)
+    _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
+    notes = (f"recorded over {len(several)} seeds in {folder}",)
+    return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
+
+
+def _instrument(suite: Suite, options: Options) -> Instrument:
+    chosen = suite.instrument if options.instrument is None else options.instrument
+    return open_instrument(chosen) if isinstance(chosen, str) else held(chosen)
+
+
+def _foreign(suite: Suite, options: Options) -> bool:
+    """Whether the baseline that is at hand is not that of the instrument."""
+    return options.instrument not in (None, suite.instrument) and options.baseline is None
+
+
+def _unmade(suite: Suite, options: Options, seed: int, problem: InstrumentError) -> Report:
+    failure = Verdict(scene="", what="instrument", status="failed", message=str(problem))
+    return Report(suite.name, str(options.instrument or suite.instrument), seed, (failure,))
+
+
+def _compared(
+    suite: Suite, instrument: str, folder: Path, options: Options
+) -> tuple[Baseline | None, tuple[Verdict, ...], tuple[str, ...]]:
+    """Find the baseline to compare with; what there is to say of it, and a note where there is none."""
+    if _foreign(suite, options):
+        why = f"that in {folder} is of {suite.instrument}"
+        return None, (), (f"no baseline to compare with ({why}): limits only",)
+    recorded = base.load(folder)
+    if recorded is None:
+        return None, (), (f"no baseline to compare with (none is recorded in {folder}): limits only",)
+    reasons = base.stale(recorded, suite, instrument)
+    if not reasons:
+        return recorded, (Verdict(scene="", what="baseline", status="passed"),), ()
+    message = f"stale: {'; '.join(reasons)}. Look why, and record it anew by --update-baseline"
+    return None, (Verdict(scene="", what="baseline", status="failed", message=message),), ()
+
+
+def _scene(
+    suite: Suite, name: str, seed: int, instrument: Instrument, recorded: Baseline | None, folder: Path,
+    options: Options,
+) -> Outcome:  # fmt: skip
+    begun = time.perf_counter()
+    dataset = _dataset(suite, name, seed, options)
+    found = trial(dataset, instrument)
+    verdicts = of_trial(name, found, suite.limits_of(name), recorded, base.ends(suite))
+    frames = suite.scenes[name].golden if seed == suite.seed else ()
+    looks = [golden.look(name, frame, dataset, folder, suite.least_ssim) for frame in frames]
+    verdicts += [
+        Verdict(scene=name, what=f"golden frame {one.frame}", status=one.status, value=one.ssim, message=one.message)
+        for one in looks
+    ]
+    pictures = {f"{name}-{one.frame:06d}.png": one.difference for one in looks if one.difference is not None}
+    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures)
+
+
+def _dataset(suite: Suite, name: str, seed: int, options: Options) -> Dataset:
+    told = partial(options.progress, f"{name}, seed {seed}") if options.progress else None
+    return cache.rendered(suite.scenario(name, seed), options.cache, workers=options.workers, progress=told)
+
+
+def _write(folder: Path, recorded: Baseline, suite: Suite, trials: dict[str, list[Trial]]) -> None:
+    datasets = {name: found[0].dataset for name, found in trials.items()}
+    kept, files = golden.keep(datasets, {name: scene.golden for name, scene in suite.scenes.items()})
+    files[golden.FILE] = msgspec.json.format(msgspec.json.encode(kept), indent=1) + b"\n"
+    files[base.FILE] = msgspec.json.format(msgspec.json.encode(recorded), indent=1) + b"\n"
+    try:
+        for file, data in files.items():  # the lists last: they name the pictures
+            write(folder / file, data)
+    except OSError as problem:
+        raise SuiteError(f"cannot write the baseline {folder}: {problem.strerror or problem}") from None

@@ -1,0 +1,167 @@
+"""Golden frames: pictures that must stay as they were recorded.
+
+Where the same renderer and packages draw, their files must be the same to the byte. Elsewhere edges and texture
+filters differ a little everywhere, so their likeness is judged tile by tile: the least mean SSIM (Wang, Bovik, Sheikh
+& Simoncelli 2004) of 8 by 8 tiles. Over the whole picture a grab that is gone would hardly be missed. A frame of
+`calm-day` keeps 0.89 with a coarser shadow map and 0.94 without multisampling; with the grab 9 px aside it keeps
+0.12, and with the grab's red and blue swapped 0.60.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+from simgrab.datasets import Dataset
+from simgrab.errors import SuiteError
+from simgrab.records import Truth
+
+FILE = "golden.json"
+TILES = 8
+Picture = NDArray[np.uint8]
+Status = Literal["passed", "failed", "skipped"]
+
+
+class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A picture as it was recorded.
+
+    Attributes
+    ----------
+    file : str
+        Beside the list of them.
+    sha256 : str
+        Of the file.
+    digest : str
+        Of the scenario.
+    drawn_by : str
+        Digest of renderer and packages.
+    """
+
+    file: str
+    sha256: str
+    digest: str
+    drawn_by: str
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """How a frame compares with its golden picture.
+
+    Attributes
+    ----------
+    frame : int
+    status : str
+        ``"passed"``, ``"failed"``, or ``"skipped"`` where none was recorded.
+    message : str
+    ssim : float or None
+        Of the least like tile; None where the files are the same, or cannot be compared.
+    difference : ndarray of uint8, shape (height, 3 width, 3), or None
+        Golden picture, frame, and four times their difference, side by side, RGB; where it failed.
+    """
+
+    frame: int
+    status: Status
+    message: str
+    ssim: float | None = None
+    difference: Picture | None = None
+
+
+def keep(datasets: dict[str, Dataset], frames: dict[str, tuple[int, ...]]) -> tuple[dict[str, Kept], dict[str, bytes]]:
+    """Take golden frames from datasets: by ``SCENE/FRAME``, and the files to write beside them."""
+    kept, files = {}, {}
+    for name, dataset in datasets.items():
+        for frame in frames[name]:
+            path = dataset.image(_row(dataset, frame))
+            file = f"{name}-{frame:06d}{path.suffix}"
+            files[file] = path.read_bytes()
+            sha256 = hashlib.sha256(files[file]).hexdigest()
+            kept[f"{name}/{frame}"] = Kept(file, sha256, dataset.data.scenario_digest, drawn_by(dataset))
+    return kept, files
+
+
+def load(folder: Path) -> dict[str, Kept]:
+    """Read the list of golden frames; empty where none was recorded yet.
+
+    Raises
+    ------
+    SuiteError
+        If what lies there is none.
+    """
+    path = folder / FILE
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=dict[str, Kept])
+    except FileNotFoundError:
+        return {}
+    except (OSError, msgspec.DecodeError) as problem:
+        raise SuiteError(f"{path}: no golden frames ({problem}); record them anew by --update-baseline") from None
+
+
+def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: float) -> Look:
+    """Compare a frame of a scene with its golden picture.
+
+    Raises
+    ------
+    SuiteError
+        If the golden picture cannot be read.
+    """
+    kept = load(folder).get(f"{name}/{frame}")
+    row = _row(dataset, frame)
+    if kept is None:
+        return Look(frame, "skipped", "not recorded yet")
+    if kept.digest != dataset.data.scenario_digest:
+        now = dataset.data.scenario_digest[:12]
+        return Look(frame, "failed", f"stale: recorded for the scenario {kept.digest[:12]}, and this is {now}")
+    if kept.sha256 == row.image_sha256:
+        return Look(frame, "passed", "the same to the byte")
+    golden, picture = _read(folder / kept.file), _read(dataset.image(row))
+    if golden.shape != picture.shape:
+        return Look(frame, "failed", f"of another size than recorded: {picture.shape} for {golden.shape}")
+    least = likeness(golden, picture)
+    told = Look(frame, "passed", f"least SSIM of a tile {least:.3f}, at least {least_ssim:g} is due", least)
+    if kept.drawn_by == drawn_by(dataset):
+        told = replace(told, status="failed", message=f"changed, though drawn by the same renderer (SSIM {least:.3f})")
+    elif least < least_ssim:
+        told = replace(told, status="failed")
+    return told if told.status == "passed" else replace(told, difference=_beside(golden, picture))
+
+
+def likeness(a: Picture, b: Picture) -> float:
+    """Least mean SSIM of 8 by 8 tiles of two pictures, each (height, width, 3)."""
+    _, field = structural_similarity(  # type: ignore[no-untyped-call]
+        a, b, channel_axis=2, data_range=255, full=True
+    )
+    small = np.asarray(field).mean(axis=2)
+    rows = np.array_split(small, TILES, axis=0)
+    return float(min(tile.mean() for row in rows for tile in np.array_split(row, TILES, axis=1)))
+
+
+def drawn_by(dataset: Dataset) -> str:
+    """Digest of the renderer and the packages that made a dataset."""
+    made = json.loads((dataset.path / "manifest.json").read_text(encoding="utf-8"))
+    who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"]}
+    return hashlib.sha256(json.dumps(who, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _row(dataset: Dataset, frame: int) -> Truth:
+    return next(row for row in dataset.rows if row.frame == frame)
+
+
+def _read(path: Path) -> Picture:
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise SuiteError(f"{path} is missing or no picture; record it anew by --update-baseline")
+    return np.asarray(picture, np.uint8)
+
+
+def _beside(golden: Picture, picture: Picture) -> Picture:
+    apart = np.clip(4 * np.abs(golden.astype(np.int16) - picture), 0, 255).astype(np.uint8)
+    return np.concatenate([golden, picture, apart], axis=1)

@@ -1,0 +1,149 @@
+"""What a check came to, and how it is told: JSON, JUnit XML, pictures."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import SuiteError
+from simgrab.judge.check.trial import Metrics
+from simgrab.judge.check.verdicts import Verdict
+
+RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of one scene.
+
+    Attributes
+    ----------
+    verdicts : tuple of Verdict
+    metrics : mapping of str to float or None
+        All of them, judged or not.
+    seconds : float
+        Until its frames were there, measured and evaluated.
+    pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
+        Of golden frames that differ, by file name; RGB.
+    """
+
+    verdicts: tuple[Verdict, ...]
+    metrics: Metrics
+    seconds: float
+    pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What a check came to.
+
+    Attributes
+    ----------
+    suite, instrument : str
+    seed : int
+    general : tuple of Verdict
+        Of the suite as a whole.
+    notes : tuple of str
+        What there was nothing to compare with, or what was recorded.
+    scenes : mapping of str to Outcome
+    """
+
+    suite: str
+    instrument: str
+    seed: int
+    general: tuple[Verdict, ...] = ()
+    notes: tuple[str, ...] = ()
+    scenes: Mapping[str, Outcome] = field(default_factory=dict)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Of the suite as a whole, then of each scene."""
+        return self.general + tuple(v for scene in self.scenes.values() for v in scene.verdicts)
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing failed."""
+        return all(verdict.status != "failed" for verdict in self.verdicts)
+
+    @property
+    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+        """Of all scenes, by file name."""
+        return {name: picture for scene in self.scenes.values() for name, picture in scene.pictures.items()}
+
+
+def as_json(report: Report) -> bytes:
+    """Everything but the pictures, as JSON."""
+    plain = {
+        "suite": report.suite, "instrument": report.instrument, "seed": report.seed,
+        "status": "passed" if report.passed else "failed",
+        "verdicts": msgspec.to_builtins(report.verdicts), "notes": report.notes,
+        "metrics": {name: scene.metrics for name, scene in report.scenes.items()},
+        "seconds": {name: round(scene.seconds, 3) for name, scene in report.scenes.items()},
+        "pictures": [f"{PICTURES}/{name}" for name in report.pictures],
+    }  # fmt: skip
+    return msgspec.json.format(msgspec.json.encode(plain), indent=1) + b"\n"
+
+
+def as_junit(report: Report) -> bytes:
+    """One test case a verdict, as CI servers read them (the dialect of Ant's and pytest's JUnit XML)."""
+    statuses = [verdict.status for verdict in report.verdicts]
+    totals = {
+        "tests": str(len(statuses)), "failures": str(statuses.count("failed")), "errors": "0",
+        "skipped": str(statuses.count("skipped")), "time": f"{sum(s.seconds for s in report.scenes.values()):.3f}",
+    }  # fmt: skip
+    root = ElementTree.Element("testsuites")
+    suite = ElementTree.SubElement(root, "testsuite", {"name": f"simgrab.{report.suite}"} | totals)
+    for verdict in report.verdicts:
+        place = ".".join(filter(None, ("simgrab", report.suite, verdict.scene)))
+        case = ElementTree.SubElement(suite, "testcase", {"classname": place, "name": verdict.what, "time": "0"})
+        if verdict.status != "passed":
+            tag = "failure" if verdict.status == "failed" else "skipped"
+            ElementTree.SubElement(case, tag, {"message": _printable(verdict.message)})
+    return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _printable(text: str) -> str:
+    """Leave out what XML 1.0 has no place for: an instrument may raise any text."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def save(report: Report, out: Path) -> None:
+    """Write ``check.json``, ``junit.xml`` and ``golden/``, each file whole or not at all.
+
+    Raises
+    ------
+    SuiteError
+        If nothing can be written there.
+    """
+    try:
+        shutil.rmtree(out / PICTURES, ignore_errors=True)  # of an earlier check
+        for name, picture in report.pictures.items():
+            write(out / PICTURES / name, cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes())
+        write(out / JUNIT, as_junit(report))
+        write(out / RESULT, as_json(report))
+    except OSError as problem:
+        raise SuiteError(f"cannot write {out}: {problem.strerror or problem}") from None
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(draft).chmod(0o644)  # a draft is for its owner alone
+        Path(draft).replace(path)
+    except BaseException:
+        Path(draft).unlink(missing_ok=True)
+        raise

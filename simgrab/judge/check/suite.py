@@ -1,0 +1,198 @@
+"""A suite: what a pipeline is shown, and what is accepted of it, as strict TOML."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from simgrab import scenes
+from simgrab.errors import ScenarioError, SuiteError
+from simgrab.resources import SCENES
+from simgrab.scenario import Scenario
+from simgrab.strict import convert
+
+Meta = msgspec.Meta
+Seed = Annotated[int, Meta(ge=0, le=2**53)]
+FOLDER = SCENES / "suites"
+CAMERA = ("camera.", "display.")  # what an instrument is told, and may therefore not vary within a scene
+OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place of their own
+
+
+class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is accepted of one metric. Which ends there are says which way is better; with both, neither is.
+
+    Attributes
+    ----------
+    lower, upper : float or None
+        In the metric's own unit.
+    slack : float
+        By so much a metric may always be worse than the baseline.
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    slack: Annotated[float, Meta(ge=0)] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.lower is None and self.upper is None:
+            raise ValueError("a limit needs lower, upper or both")
+        if self.lower is not None and self.upper is not None and self.lower > self.upper:
+            raise ValueError(f"lower ({self.lower:g}) must not be above upper ({self.upper:g})")
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies within the limits."""
+        return (self.lower is None or value >= self.lower) and (self.upper is None or value <= self.upper)
+
+    def __str__(self) -> str:
+        ends = [f"{sign} {end:g}" for sign, end in (("≥", self.lower), ("≤", self.upper)) if end is not None]
+        return ", ".join(ends)
+
+
+class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One record of a suite.
+
+    Attributes
+    ----------
+    scene : str
+        A bundled scene, or a scene file beside the suite.
+    frames : int or None
+        None for as many as the scene has.
+    changes : dict
+        Dotted keys of the scenario, over those of the suite.
+    limits : dict of str to Limit
+        By metric, over those of the suite.
+    golden : tuple of int
+        Frames whose pictures must stay as they were recorded.
+    """
+
+    scene: str
+    frames: Annotated[int, Meta(ge=1)] | None = None
+    changes: dict[str, Any] = msgspec.field(default_factory=dict)
+    limits: dict[str, Limit] = msgspec.field(default_factory=dict)
+    golden: tuple[Annotated[int, Meta(ge=0)], ...] = ()
+
+
+class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a pipeline is shown, and what is accepted of it.
+
+    Attributes
+    ----------
+    name, description : str
+    instrument : str
+        ``bundled``, or a factory as ``package.module:factory``.
+    seed : int
+        Of every scene.
+    seeds : int
+        Over how many seeds, from `seed` on, a baseline is recorded.
+    baseline : str
+        Folder of what was recorded, beside the suite and by default ``baselines/NAME``; `load` makes it a whole path.
+    least_ssim : float
+        What golden frames must reach in every tile where another renderer drew them (`simgrab.judge.check.golden`).
+    changes, limits : dict
+        Of every scene, as in `Scene`.
+    scenes : dict of str to Scene
+    """
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
+    scenes: dict[str, Scene]
+    description: str = ""
+    instrument: str = "bundled"
+    seed: Seed = 0
+    seeds: Annotated[int, Meta(ge=1, le=1000)] = 10
+    baseline: str = ""
+    least_ssim: Annotated[float, Meta(ge=0, le=1)] = 0.8
+    changes: dict[str, Any] = msgspec.field(default_factory=dict)
+    limits: dict[str, Limit] = msgspec.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise ValueError("a suite needs scenes: [scenes.NAME] with scene, frames and limits")
+
+    def limits_of(self, name: str) -> dict[str, Limit]:
+        """Limits of a scene by metric."""
+        return self.limits | self.scenes[name].limits
+
+    def scenario(self, name: str, seed: int | None = None) -> Scenario:
+        """Scenario of a scene, with the suite's seed or another.
+
+        Raises
+        ------
+        SuiteError
+            If there is no such scene, or a change is none.
+        """
+        scene = self.scenes[name]
+        changes = self.changes | scene.changes
+        for key in OWN_KEYS:
+            if key in changes:
+                place = "at the top of the suite" if key == "seed" else f"scenes.{name}.{key}"
+                raise SuiteError(f"scenes.{name}.changes.{key}: set it {place}")
+        changes["seed"] = self.seed if seed is None else seed
+        if scene.frames is not None:
+            changes["frames"] = scene.frames
+        try:
+            scenario = scenes.load(scene.scene, changes)
+        except ScenarioError as problem:
+            raise SuiteError(f"scenes.{name}: {problem}") from None
+        varied = [key for key in scenario.vary if any(part.startswith(CAMERA) for part in key.split("+"))]
+        if varied:
+            raise SuiteError(f"scenes.{name}: vary.{varied[0]}: a suite's camera is one for all frames; set it")
+        beyond = [frame for frame in scene.golden if frame >= scenario.frames]
+        if beyond:
+            raise SuiteError(f"scenes.{name}.golden: no frame {beyond[0]} among {scenario.frames}")
+        return scenario
+
+    def digest(self, name: str) -> str:
+        """Digest of a scene's scenario under the suite's own seed."""
+        return self.scenario(name).digest()
+
+
+def names() -> list[str]:
+    """Names of the bundled suites."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def load(suite: str | Path) -> Suite:
+    """Read a suite, and whether every scene of it can be.
+
+    Parameters
+    ----------
+    suite : str or path
+        A bundled suite's name, or a TOML file.
+
+    Raises
+    ------
+    SuiteError
+        With one line that names file and key.
+    """
+    path = Path(suite)
+    if isinstance(suite, str) and suite in names():
+        path = FOLDER / f"{suite}.toml"
+    elif not path.is_file():
+        close = difflib.get_close_matches(str(suite), names(), n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise SuiteError(f"no suite or file {str(suite)!r}{hint}; bundled suites: {', '.join(names())}")
+    try:
+        found = _placed(convert(tomllib.loads(path.read_text(encoding="utf-8")), Suite, SuiteError), path.parent)
+        for name in found.scenes:
+            found.scenario(name)
+    except SuiteError as problem:
+        raise SuiteError(f"{path}: {problem}") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise SuiteError(f"cannot read suite {path}: {problem}") from None
+    return found
+
+
+def _placed(suite: Suite, folder: Path) -> Suite:
+    """Find what a suite names beside itself."""
+    placed = {
+        name: msgspec.structs.replace(scene, scene=str(folder / scene.scene))
+        if (folder / scene.scene).is_file()
+        else scene
+        for name, scene in suite.scenes.items()
+    }
+    baseline = folder / (suite.baseline or f"baselines/{suite.name}")
+    return msgspec.structs.replace(suite, scenes=placed, baseline=str(baseline))

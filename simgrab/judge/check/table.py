@@ -1,0 +1,54 @@
+"""A check as a table to read."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from simgrab.judge.check.report import Report
+from simgrab.judge.check.verdicts import Verdict
+
+LEAST_WIDTH = 110  # of a log, which tells no width
+COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
+
+
+def show(report: Report, *, quiet: bool = False) -> None:
+    """Print a check: all verdicts, or with ``quiet`` those that failed, and why."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=max(console.width, LEAST_WIDTH))
+    if not quiet:
+        console.print(_table(report))
+    for verdict in report.verdicts:
+        if verdict.status == "failed" or (verdict.message and not quiet):
+            name = " ".join(filter(None, (verdict.scene, verdict.what)))
+            console.print(f"{name}: [{COLOURS[verdict.status]}]{escape(verdict.message)}[/]", soft_wrap=True)
+    if not quiet:
+        for note in report.notes:
+            console.print(escape(note), soft_wrap=True)
+    if not (quiet and report.passed):
+        counts = [f"{_count(report, status)} {status}" for status in COLOURS]
+        state = "passed" if report.passed else "failed"
+        console.print(f"{report.suite}, seed {report.seed}: {escape(report.instrument)} [{COLOURS[state]}]{state}[/] "
+                      f"({', '.join(counts)})", soft_wrap=True)  # fmt: skip
+
+
+def _count(report: Report, status: str) -> int:
+    return sum(verdict.status == status for verdict in report.verdicts)
+
+
+def _table(report: Report) -> Table:
+    table = Table("scene", "what")
+    for name in ("value", "limit", "baseline (may be worse by)"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for verdict in report.verdicts:
+        table.add_row(*map(escape, _cells(verdict)), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
+    return table
+
+
+def _cells(verdict: Verdict) -> tuple[str, ...]:
+    value = "" if verdict.value is None else f"{verdict.value:.4g}"
+    past = "" if verdict.reference is None else f"{verdict.reference:.4g} ({verdict.allowed:.2g})"
+    return verdict.scene, verdict.what, value, verdict.limit, past

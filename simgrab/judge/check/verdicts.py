@@ -1,0 +1,99 @@
+"""What each metric of a trial comes to: within its limits or not, and no worse than the baseline or worse."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Literal
+
+import msgspec
+
+from simgrab.judge.check import baseline as base
+from simgrab.judge.check.baseline import Baseline, Reference
+from simgrab.judge.check.suite import Limit
+from simgrab.judge.check.trial import Metrics, Trial
+
+
+class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that was checked.
+
+    Attributes
+    ----------
+    scene : str
+        Empty where it is of the suite as a whole.
+    what : str
+        A metric, a golden frame, the instrument, or the baseline.
+    status : str
+        ``"passed"``, ``"failed"``, or ``"skipped"`` where there was nothing to compare with.
+    value : float or None
+        Of the metric.
+    limit : str
+        What is accepted.
+    reference, allowed : float or None
+        Of the baseline, and by how much the metric may be worse.
+    message : str
+        What failed or was skipped, and why.
+    """
+
+    scene: str
+    what: str
+    status: Literal["passed", "failed", "skipped"]
+    value: float | None = None
+    limit: str = ""
+    reference: float | None = None
+    allowed: float | None = None
+    message: str = ""
+
+
+def of_trial(
+    scene: str, found: Trial, limits: Mapping[str, Limit], recorded: Baseline | None, comparisons: int
+) -> list[Verdict]:
+    """Judge a trial by limits, and by a baseline where there is one.
+
+    Parameters
+    ----------
+    scene : str
+        Its name in the suite.
+    found : Trial
+    limits : mapping of str to Limit
+    recorded : Baseline or None
+    comparisons : int
+        See `simgrab.judge.check.baseline.reference`.
+    """
+    if found.problem:
+        return [Verdict(scene=scene, what="instrument", status="failed", message=found.problem)]
+    labels = found.dataset.data.labels_sha256
+    result = []
+    for metric, limit in limits.items():
+        past = base.reference(recorded.scenes[scene], metric, limit, labels, comparisons) if recorded else None
+        result.append(_of_metric(scene, metric, found.metrics, limit, past))
+    return result
+
+
+def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Reference | None) -> Verdict:
+    value = metrics.get(metric)
+    problems = []
+    if value is None:
+        problems.append(_nothing(metric, metrics))
+    else:
+        if not limit.holds(value):
+            problems.append(f"{value:.4g} is outside of {limit}")
+        if past and not past.holds(value, limit):
+            of = "on the same frames" if past.same_frames else "over other seeds"
+            problems.append(
+                f"{value:.4g} is worse than the baseline's {past.value:.4g} {of} by more than {past.allowed:.2g}"
+            )
+    return Verdict(
+        scene=scene, what=metric, status="failed" if problems else "passed", value=value, limit=str(limit),
+        reference=past.value if past else None, allowed=past.allowed if past else None, message="; ".join(problems),
+    )  # fmt: skip
+
+
+def _nothing(metric: str, metrics: Metrics) -> str:
+    """Say why there is no value."""
+    parts = metric.split(".")
+    parents = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
+    if any(parent in metrics for parent in parents):
+        return "there was nothing to measure it by"
+    close = difflib.get_close_matches(metric, list(metrics), n=3, cutoff=0.5)
+    return f"nothing of that name was measured; there are: {', '.join(close or metrics)}"

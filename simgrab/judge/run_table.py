@@ -1,0 +1,67 @@
+"""A run in figures: what it holds, and the paper's table of its own video beside it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from simgrab.judge.runs import Run
+
+Row = tuple[str, str, str, str]
+HEAD = ("", "the paper's video", "the paper's method", "this run")
+# Section 4.5 and its appendix: 3,699 frames by day.
+_PUBLISHED = {"beta_deg": "2.530", "sigma_deg": "2.664", "below": "over 95 %", "largest": "10.010", "iterations": "8"}
+
+
+def beside_paper(run: Run) -> list[Row]:
+    """Put the paper's table beside what its method, and the run's own, make of the same frames."""
+    paper, own = run.about["paper"], run.about["estimate"] or {}
+    alpha = np.rad2deg(run.alpha[np.isfinite(run.alpha)])
+    tilt = run.about["tilt"] or {}
+    refused = paper["status"] != "ok"
+    sigma = float(np.sqrt(np.mean(alpha**2))) if len(alpha) else None
+    below, largest = (float(np.mean(alpha <= 5)), float(alpha.max())) if len(alpha) else (None, None)
+    return [
+        ("frames", "3699", str(paper["frames"]), str(len(alpha))),
+        ("tilt β̂ (deg)", _PUBLISHED["beta_deg"], _number(paper["beta_deg"]), _number(tilt.get("beta_deg"))),
+        ("swing σ̂ (deg)", _PUBLISHED["sigma_deg"], _number(paper["sigma_deg"]), _number(sigma)),
+        ("α̂ at most 5°", _PUBLISHED["below"], _percent(paper["share_below_5"]), _percent(below)),
+        ("largest α̂ (deg)", _PUBLISHED["largest"], _number(paper["largest_alpha_deg"]), _number(largest)),
+        (
+            "iterations",
+            _PUBLISHED["iterations"],
+            "refused: " + paper["reason"] if refused else str(paper["diagnostics"]["iterations"]),
+            str(own.get("diagnostics", {}).get("iterations", "")),
+        ),
+    ]
+
+
+def held(run: Run) -> list[tuple[str, str]]:
+    """Tell what a run holds: frames by status, readings, alarms, speed."""
+    n, speed = len(run.measurements), run.about["speed"]
+    read = sum(m.rope_status == "read" for m in run.measurements)
+    asked = sum(bool(m.rope_status) for m in run.measurements)
+    rows = [("source", run.source), ("instrument", run.instrument), ("frames", str(n))]
+    rows += [
+        (f"  {name}", f"{count} ({100 * count / n:.2f} %)") for name, count in run.about["counts"].items() if count
+    ]
+    if asked:
+        rows.append(("rope lengths read", f"{read} of {asked} ({100 * read / asked:.3f} %)"))
+    estimate = run.about["estimate"]
+    if estimate is not None:
+        told = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
+        rows.append(("estimator", estimate["estimator"] + told))
+    rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
+    rows.append(("speed", f"{speed['frames_per_s']:.1f} frames/s"))
+    if "latency_p99_s" in speed:
+        rows.append(("latency, 99 %", f"{1e3 * speed['latency_p99_s']:.0f} ms"))
+    return rows
+
+
+def _number(value: Any) -> str:
+    return "" if value is None else f"{value:.3f}"
+
+
+def _percent(value: Any) -> str:
+    return "" if value is None else f"{100 * value:.1f} %"

@@ -1,0 +1,151 @@
+"""For somebody else's tests: frames and truth of named scenes, and limits for a pipeline, by pytest.
+
+It is loaded into every run of pytest where simgrab is installed, so it imports next to nothing until a fixture is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import pytest
+
+if TYPE_CHECKING:
+    from simgrab.calibration import Calibration
+    from simgrab.datasets import Dataset
+    from simgrab.instrument.contract import Frame, Instrument
+    from simgrab.judge.check.suite import Limit
+    from simgrab.records import Truth
+
+MARKER = "simgrab_limit"
+
+
+@dataclass(frozen=True)
+class Record:
+    """Frames of a scene, and what is known of them.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        As rendered; its ``path`` is the folder.
+    """
+
+    dataset: Dataset
+
+    @property
+    def frames(self) -> Iterable[Frame]:
+        """Frames in order, read from disk as they are asked for, each time anew."""
+        from simgrab.instrument.source import open_source
+
+        return open_source(self.dataset.path)
+
+    @property
+    def truth(self) -> tuple[Truth, ...]:
+        """A row of labels a frame."""
+        return self.dataset.rows
+
+    @property
+    def calibration(self) -> Calibration:
+        """What an instrument may know of the camera: never its tilt."""
+        from simgrab import calibration
+
+        return calibration.load(self.dataset.path / "camera.toml")
+
+
+class Recorder(Protocol):
+    """What `simgrab_record` is."""
+
+    def __call__(self, scene: str | Path, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Record:
+        """Draw a scene, or take it from the cache.
+
+        Parameters
+        ----------
+        scene : str or path
+            A bundled scene or a scene file.
+        changes : mapping, optional
+            Dotted keys of the scenario to values.
+        **keys
+            The same for keys without a dot: ``frames=20, seed=3``.
+        """
+
+
+class Judge(Protocol):
+    """What `simgrab_judge` is."""
+
+    def __call__(self, instrument: Instrument, record: Record) -> Mapping[str, float | None]:
+        """Let an instrument measure a record; fail where it exceeds the test's limits; give all metrics by name."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the cache's place."""
+    parser.getgroup("simgrab").addoption(
+        "--simgrab-cache", metavar="DIR", help="Where rendered scenes are kept.  [default: ~/.cache/simgrab]"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line("markers", f"{MARKER}(metric, lower=, upper=): what simgrab_judge accepts of a pipeline")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Refuse limits that nothing would be held against."""
+    if item.get_closest_marker(MARKER) and "simgrab_judge" not in getattr(item, "fixturenames", ()):
+        pytest.fail(f"{MARKER} needs the fixture simgrab_judge", pytrace=False)
+
+
+@pytest.fixture(scope="session")
+def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
+    """Frames and truth of a scene, drawn once and kept between runs: ``simgrab_record("calm-day", frames=20)``."""
+    from simgrab import scenes
+    from simgrab.judge.check import cache
+
+    where = pytestconfig.getoption("--simgrab-cache")
+
+    def record(scene: str | Path, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Record:
+        scenario = scenes.load(scene, {**(changes or {}), **keys})
+        return Record(cache.rendered(scenario, Path(where) if where else cache.default()))
+
+    return record
+
+
+@pytest.fixture
+def simgrab_judge(request: pytest.FixtureRequest) -> Iterator[Judge]:
+    """Measure a record, evaluate, and hold the test's ``simgrab_limit`` marks against it."""
+    from simgrab.judge.check.trial import Trial, measured
+    from simgrab.judge.check.verdicts import of_trial
+
+    limits = _limits(request.node.iter_markers(MARKER))
+    judged = []
+
+    def judge(instrument: Instrument, record: Record) -> Mapping[str, float | None]:
+        metrics = measured(record.dataset, instrument)
+        judged.append(metrics)
+        verdicts = of_trial("", Trial(record.dataset, metrics), limits, None, 1)
+        failed = [f"{verdict.what}: {verdict.message}" for verdict in verdicts if verdict.status == "failed"]
+        if failed:
+            pytest.fail("\n".join(failed), pytrace=False)
+        return metrics
+
+    yield judge
+    if limits and not judged:
+        pytest.fail(f"{MARKER}: nothing was judged", pytrace=False)
+
+
+def _limits(marks: Iterable[pytest.Mark]) -> dict[str, Limit]:
+    """Limits of a test's marks by metric; the mark nearest to the test counts."""
+    import msgspec
+
+    from simgrab.judge.check.suite import Limit
+
+    found: dict[str, Limit] = {}
+    for mark in marks:
+        if len(mark.args) != 1 or not isinstance(mark.args[0], str):
+            pytest.fail(f"{MARKER} takes a metric's name, and lower= or upper=; got {mark.args}", pytrace=False)
+        try:
+            found.setdefault(mark.args[0], msgspec.convert(mark.kwargs, Limit))
+        except msgspec.ValidationError as problem:
+            pytest.fail(f"{MARKER}({mark.args[0]!r}): {problem}", pytrace=False)
+    return found

@@ -1,0 +1,48 @@
+"""Open a page in a real headless Chromium, and ask what it shows."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+
+# What a reader sees: each figure with its size, and whether the page fits the window.
+_PROBE = """<script>addEventListener("load", () => {
+  %s
+  const figures = [...document.querySelectorAll("figure svg, figure img")].map((e) => {
+    const box = e.getBoundingClientRect();
+    return { kind: e.tagName.toLowerCase(), whole: e.tagName !== "IMG" || e.naturalWidth > 0,
+      size: [box.width, box.height], texts: e.querySelectorAll("text, g[id*=text]").length };
+  });
+  document.title = JSON.stringify({ figures, wide: document.documentElement.scrollWidth > innerWidth,
+    extra: typeof extra === "undefined" ? null : extra });
+});</script>"""
+
+
+def shown(text, folder, script=""):
+    """Figures of a page, whether it is wider than the window, and what ``script`` leaves in ``extra``.
+
+    An error on the console fails.
+    """
+    path = folder / "page.html"
+    path.write_text(text.replace("</body>", _PROBE % script + "</body>"), encoding="utf-8")
+    said = subprocess.run(
+        [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--window-size=1100,900",
+         f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000", "--dump-dom", path.as_uri()],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "CONSOLE" not in said.stderr, said.stderr
+    title = re.search(r"<title>(\{.*?\})</title>", said.stdout, re.DOTALL)
+    assert title, "the page's own scripts did not run to their end"
+    told = json.loads(title[1])
+    for figure in told["figures"]:
+        assert figure["whole"]
+        assert figure["size"][0] > 300
+        assert figure["size"][1] > 80
+        assert figure["kind"] == "img" or figure["texts"] > 4
+    assert not told["wide"]
+    return told

@@ -1,0 +1,62 @@
+"""The pipeline of `answers`, sound and with faults that a regression gate must see."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import msgspec
+from answers import Answers, KnowingDetector, KnowingReader
+
+from simgrab.instrument.estimate import RopeAware
+from simgrab.instrument.pipeline import Pipeline
+
+
+@dataclasses.dataclass(frozen=True)
+class Mirrored(RopeAware):
+    """Takes γ for minus γ: the tilt leans to the other side of the jib."""
+
+    def estimate(self, pixels, calibration, **known):
+        found = super().estimate(pixels, calibration, **known)
+        return dataclasses.replace(found, tilt_azimuth=-found.tilt_azimuth % (2 * math.pi))
+
+
+@dataclasses.dataclass(frozen=True)
+class LongLens(RopeAware):
+    """Believes in a focal length that is 5 % off."""
+
+    def estimate(self, pixels, calibration, **known):
+        longer = msgspec.structs.replace(calibration, focal_length_px=1.05 * calibration.focal_length_px)
+        return super().estimate(pixels, longer, **known)
+
+
+def sound(folder):
+    answers = Answers(folder)
+    return Pipeline(KnowingDetector(answers), KnowingReader(answers))
+
+
+def shifted(folder):
+    answers = Answers(folder)
+    return Pipeline(KnowingDetector(answers, shift_px=2.0), KnowingReader(answers))
+
+
+def swapping(folder):
+    answers = Answers(folder)
+    return Pipeline(KnowingDetector(answers), KnowingReader(answers, takes="38"))
+
+
+def long_lens(folder):
+    return dataclasses.replace(sound(folder), estimator=LongLens())
+
+
+def mirrored(folder):
+    # A first stretch to calibrate on, so that the swing comes from the tilt and not from the estimate itself.
+    return dataclasses.replace(sound(folder), estimator=Mirrored(), calibrate_s=1e9)
+
+
+FAULTS = {
+    "detector 2 px to the right": shifted,
+    "3 read as 8": swapping,
+    "h 5 % off": long_lens,
+    "sign of gamma": mirrored,
+}

@@ -1,0 +1,103 @@
+"""The alarm: when it is raised, when it is over, and what it says of itself."""
+
+import math
+
+import numpy as np
+import pytest
+
+from simgrab.instrument.alarm import Rule, events, probability
+from simgrab.instrument.contract import Measurement
+
+RATE = 9.0
+
+
+def record(degrees, *, sd=0.0):
+    """Times and measurements of swings in degrees; NaN is a frame without one."""
+    alpha = np.radians(np.asarray(degrees, float))
+    half = math.radians(1.959964 * sd)
+    danger = probability(alpha, alpha - half, alpha + half)
+    measured = [
+        Measurement(status="missed", reason="nothing found")
+        if np.isnan(a)
+        else Measurement(status="ok", alpha=a, alpha_low=max(a - half, 0), alpha_high=a + half, danger=p)
+        for a, p in zip(alpha, danger, strict=True)
+    ]
+    return np.arange(len(alpha)) / RATE, measured
+
+
+def swing(peak, seconds=40.0, period=9.0):
+    """|α| of a swing that dies away from its first turn, degrees."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    return np.abs(peak * np.cos(2 * np.pi * t / period)) * np.exp(-t / 60)
+
+
+def test_a_swing_that_passes_10_degrees_on_both_sides_is_one_event():
+    degrees = np.concatenate([np.full(45, 2.0), swing(12.0), np.full(90, 2.0)])
+    times, measured = record(degrees)
+    (event,) = events(times, measured)
+    assert event.first == 45
+    assert math.degrees(event.alpha) == pytest.approx(degrees.max())
+    assert event.peak == int(degrees.argmax())
+    high = np.flatnonzero(degrees >= 9)
+    assert event.last == high.max()
+    assert event.duration_s == pytest.approx((high.max() - 45) / RATE)
+    assert not event.ongoing
+
+
+def test_two_swings_apart_are_two_events():
+    degrees = np.concatenate([[10.5], np.full(90, 2.0), [11.0], np.full(90, 2.0)])
+    assert [event.first for event in events(*record(degrees))] == [0, 91]
+
+
+def test_hysteresis_keeps_a_swing_about_10_degrees_from_fluttering():
+    degrees = 10 + 0.5 * np.where(np.arange(180) % 20 < 10, 1, -1)
+    degrees = np.repeat(degrees, 10)  # above and below for 11 s each
+    assert len(events(*record(degrees))) == 1
+    assert len(events(*record(degrees), Rule(released_at=math.radians(10)))) == 9
+
+
+def test_an_alarm_takes_confidence():
+    degrees = np.full(30, 10.2)
+    assert not events(*record(degrees, sd=1.0))  # P = 0.58
+    assert events(*record(degrees, sd=0.2))  # P = 0.84
+    assert events(*record(np.full(30, 11.0), sd=1.0))
+
+
+def test_frames_without_an_angle_neither_raise_nor_end_an_alarm():
+    degrees = np.concatenate([[2.0] * 9, [11.0], [np.nan] * 180, [11.0], [2.0] * 90])
+    found = events(*record(degrees))
+    assert [e.first for e in found] == [9, 190]  # 20 s later it is another one
+    degrees[10:190] = 2.0
+    degrees[12:14] = np.nan
+    assert events(*record(degrees))[0].last == 9
+    assert events(*record([np.nan] * 30)) == ()
+
+
+def test_an_alarm_may_outlast_the_record():
+    (event,) = events(*record([2.0] * 9 + [11.0] * 9))
+    assert event.ongoing
+    (event,) = events(*record([11.0] * 9 + [2.0] * 90))
+    assert not event.ongoing
+
+
+def test_frames_in_a_row():
+    degrees = np.tile([11.0, 2.0], 20)
+    assert events(*record(degrees))
+    assert not events(*record(degrees), Rule(frames=2))
+
+
+def test_the_probability_is_a_half_at_10_degrees_and_grows():
+    alpha = np.radians([9.0, 10.0, 11.0, np.nan])
+    sd = math.radians(1.0)
+    p = probability(alpha, alpha - 1.959964 * sd, alpha + 1.959964 * sd)
+    assert p[:3] == pytest.approx([0.158655, 0.5, 0.841345], abs=1e-5)
+    assert np.isnan(p[3])
+    bare = np.full(4, np.nan)
+    assert probability(alpha, bare, bare)[:3].tolist() == [0, 0, 1]
+
+
+def test_a_measurement_is_in_one_piece():
+    with pytest.raises(ValueError, match="alpha"):
+        Measurement(status="missed", reason="nothing", alpha=0.1)
+    with pytest.raises(ValueError, match="reason"):
+        Measurement(status="lost")

@@ -1,0 +1,271 @@
+"""The pipeline: two phases, what is carried when something is lost, and the same angles live."""
+
+import dataclasses
+import math
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from simgrab.calibration import Calibration
+from simgrab.errors import CalibrationError, RecordError, RunError
+from simgrab.instrument import pipeline as rooms
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.estimate import ESTIMATORS, IntervalSettings, MeanRay, PendulumSmoother, RopeAware
+from simgrab.instrument.estimate.follow import Known, follow, known, load
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.read import Reader
+from simgrab.instrument.rope import Bridge, rope
+from simgrab.records import Detection, Reading
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import swinging
+
+FRAMES = 900
+
+
+def nobody(_picture):
+    raise AssertionError("no picture is to be looked at")
+
+
+@pytest.fixture(scope="module")
+def crane():
+    return swinging.record(frames=FRAMES)
+
+
+def degrees(measurements):
+    return np.degrees([np.nan if m.alpha is None else m.alpha for m in measurements])
+
+
+def made(**settings):
+    return Pipeline(**({"detector": nobody, "reader": Reader()} | settings))
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(error**2)))
+
+
+def test_the_default_estimator_takes_the_offset_into_account(crane):
+    truth = np.degrees(crane.alpha)
+    sightings = crane.sightings(1.5)
+    chosen = made().conclude(sightings, crane.calibration)
+    assert chosen.estimate.estimator == "rope-aware"
+    assert rms(degrees(chosen.measurements) - truth) < 0.15
+    blind = made(estimator=MeanRay()).conclude(sightings, crane.calibration)
+    assert rms(degrees(blind.measurements) - truth) > 0.4
+
+
+def test_without_a_display_the_default_does_without_the_rope(crane):
+    camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
+    assert made().conclude(crane.sightings(), camera).estimate.estimator == "mean-ray"
+    assert made(reader=None).conclude(crane.sightings(), crane.calibration).estimate.estimator == "mean-ray"
+    with pytest.raises(RunError, match="rope-aware needs the rope's length"):
+        made(estimator=RopeAware()).conclude(crane.sightings(), camera)
+
+
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name != "pendulum-smoother"])
+def test_a_known_tilt_gives_the_angles_and_intervals_of_its_estimate(crane, name):
+    n, rng = len(crane.rope), np.random.default_rng(0)
+    pixels, sd = crane.pixels.copy(), rng.uniform(0.5, 4, n)
+    pixels[7] = np.nan
+    camera = msgspec.structs.replace(crane.calibration, k1=-0.1, roll_deg=20.0)
+    found = ESTIMATORS[name]().estimate(pixels, camera, rope_length=crane.rope, pixel_sd=sd)
+    alpha, ends = follow(known(found), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
+    np.testing.assert_allclose(alpha, found.alpha, atol=1e-8)
+    # Student's quantile for 900 frames, by which the estimate scales the noise too, is 0.1 % beyond the normal one.
+    np.testing.assert_allclose(ends, found.interval("iid").alpha, atol=2e-5)
+
+
+def test_frames_to_come_are_as_uncertain_as_a_few_blocks_were(crane):
+    estimator = MeanRay(intervals=IntervalSettings(block_s=30.0))
+    found = estimator.estimate(crane.pixels, crane.calibration, time=crane.time)
+    assert found.interval("blocks").blocks == 3
+    _, ends = follow(known(found), crane.pixels, crane.calibration)
+    np.testing.assert_allclose(ends, found.interval("blocks").alpha, atol=1e-9)
+    assert np.ptp(ends, axis=-1).mean() > 2 * np.ptp(found.interval("iid").alpha, axis=-1).mean()
+
+
+def test_the_detectors_noise_widens_its_frames_intervals_and_no_others(crane):
+    sd = np.zeros(len(crane.rope))
+    largest = int(crane.alpha.argmax())
+    sd[largest] = 10.0
+    without = RopeAware().estimate(crane.pixels, crane.calibration, rope_length=crane.rope)
+    given = RopeAware().estimate(crane.pixels, crane.calibration, rope_length=crane.rope, pixel_sd=sd)
+    width, before = (np.ptp(e.interval("iid").alpha, axis=-1) for e in (given, without))
+    others = np.arange(len(sd)) != largest
+    np.testing.assert_array_equal(width[others], before[others])
+    noise = 2 * 1.96 * 10 / crane.calibration.focal_length_px
+    assert width[largest] == pytest.approx(np.hypot(before[largest], noise), rel=0.05)
+    with pytest.raises(RecordError, match=r"pixel_sd, row 3"):
+        RopeAware().estimate(crane.pixels, crane.calibration, rope_length=crane.rope, pixel_sd=np.where(sd == 0, [
+            -1.0 if i == 3 else 1.0 for i in range(len(sd))], 1.0))  # fmt: skip
+
+
+def test_a_first_stretch_calibrates_what_comes_after(crane):
+    truth, sightings = np.degrees(crane.alpha), crane.sightings(1.5)
+    first = made(calibrate_s=60.0).conclude(sightings, crane.calibration)
+    assert first.estimate.frames == 540
+    assert rms(degrees(first.measurements) - truth) < 0.3
+    again = made(tilt=first.tilt).conclude(sightings[540:], crane.calibration)
+    np.testing.assert_allclose(degrees(again.measurements), degrees(first.measurements)[540:], atol=1e-9)
+    assert again.estimate is None
+
+
+def test_what_is_lost_is_carried_with_its_reason(crane):
+    sightings = crane.sightings(1.0)
+    nothing = {"box": None, "centre": None, "centre_sd": None}
+    for i, changes in {
+        10: {"lost": "lost: 0.22 s without a picture", "rope_status": "", "hoist_m": None} | nothing,
+        20: {"missed": "nothing found"} | nothing,
+        30: {"hoist_m": None, "rope_status": "refused", "rope_reason": "hoist.2 shows no digit"},
+        40: {"hoist_m": sightings[40].hoist_m + 3.0},
+    }.items():
+        sightings[i] = msgspec.structs.replace(sightings[i], **changes)
+    for i in range(100, 160):  # longer than can be bridged
+        sightings[i] = msgspec.structs.replace(sightings[i], hoist_m=None, rope_status="refused", rope_reason="glare")
+    found = made().conclude(sightings, crane.calibration).measurements
+    assert [found[i].status for i in (10, 20, 30, 40, 130)] == ["lost", "missed", "ok", "ok", "unread"]
+    assert found[10].reason == "lost: 0.22 s without a picture"
+    assert found[20].reason == "nothing found"
+    assert found[130].reason == "glare"
+    assert found[40].rope_status == "jump"
+    for i in (30, 40):  # the length lies between its neighbours
+        assert found[i].rope_length_m == pytest.approx(crane.rope[i], abs=0.1)
+    assert sum(m.status == "unread" for m in found) == 60
+    assert rms(degrees(found) - np.degrees(crane.alpha)) < 0.2
+
+
+def test_ropes_are_bridged_no_further_than_stated(crane):
+    sightings = crane.sightings()
+    for i in [*range(5), *range(100, 117), *range(200, 220)]:
+        sightings[i] = msgspec.structs.replace(sightings[i], hoist_m=None, rope_status="refused")
+    length = rope(sightings, crane.calibration, Bridge()).length
+    assert np.isfinite(length[:117]).all()  # 17 frames leave 18 steps, 2 s
+    assert np.abs(length[:117] - crane.rope[:117]).max() < 0.7
+    assert np.isnan(length[200:220]).all()
+
+
+def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
+    sightings = [msgspec.structs.replace(s, centre=None, box=None, missed="nothing found") for s in crane.sightings()]
+    found = made().conclude(sightings, crane.calibration)
+    assert not found.estimate.ok
+    assert {m.status for m in found.measurements} == {"missed"}
+    few = sightings[:-2] + crane.sightings()[-2:]
+    found = made().conclude(few, crane.calibration)
+    assert found.measurements[-1].status == "refused"
+    assert "fewer than" in found.measurements[-1].reason
+    assert made().conclude([], crane.calibration).measurements == ()
+
+
+class Scripted:
+    """Detector and reader that say what sightings say, picture by picture."""
+
+    name = "scripted"
+
+    def __init__(self, sightings):
+        self.sightings, self.at = [s for s in sightings if not s.lost], -1
+
+    def __call__(self, _picture):
+        self.at += 1
+        s = self.sightings[self.at]
+        if s.centre is None:
+            return Detection("none", s.missed, 0.0)
+        return Detection("found", "", s.score, np.array(s.box), np.array(s.centre), 0.0, np.ones(4),
+                         np.array(s.centre_sd), 0.0)  # fmt: skip
+
+    def read(self, _picture, _layout, *, display_constant_m):
+        s = self.sightings[self.at]
+        hoist, closing = s.rope_text.split()
+        ok = s.hoist_m is not None
+        return Reading("read" if ok else "refused", "" if ok else s.rope_reason, hoist, closing, np.ones(8), s.hoist_m,
+                       20.0 if ok else None, s.hoist_m + display_constant_m if ok else None)  # fmt: skip
+
+
+def frames_of(sightings):
+    blank = np.zeros((2, 2, 3), np.uint8)
+    return [Frame(None if s.lost else blank, s.time_s, s.lost) for s in sightings]
+
+
+def test_frames_through_detector_and_reader_give_what_their_sightings_give(crane):
+    sightings = crane.sightings(1.0)
+    sightings[5] = msgspec.structs.replace(sightings[5], centre=None, box=None, missed="nothing found")
+    said = Scripted(sightings)
+    by_frames = Pipeline(said, said)(frames_of(sightings), crane.calibration)
+    by_sightings = made().conclude(sightings, crane.calibration).measurements
+    np.testing.assert_allclose(degrees(by_frames), degrees(by_sightings))
+    assert [m.status for m in by_frames] == [m.status for m in by_sightings]
+
+
+def test_a_live_record_ends_where_the_whole_one_does(crane):
+    sightings = crane.sightings(1.0)
+    said = Scripted(sightings)
+    live = list(Pipeline(said, said).live(frames_of(sightings), crane.calibration))
+    waiting = [one for one in live if one.tilt is None]
+    assert len(waiting) == math.ceil(rooms.WARM_UP_S * 9)
+    assert all("no tilt yet" in one.measurement.reason for one in waiting)
+    found = degrees([one.measurement for one in live])
+    whole = degrees(made().conclude(sightings, crane.calibration).measurements)
+    assert np.abs(found - whole)[-90:].max() < 0.1
+    assert rms(found - np.degrees(crane.alpha)) < 0.5
+
+
+def test_a_live_record_carries_what_is_lost(crane):
+    sightings = crane.sightings(1.0)[:400]
+    sightings[300] = msgspec.structs.replace(sightings[300], lost="lost", centre=None, box=None, hoist_m=None)
+    sightings[310] = msgspec.structs.replace(sightings[310], hoist_m=sightings[310].hoist_m + 5)
+    said = Scripted(sightings)
+    live = [one.measurement for one in Pipeline(said, said).live(frames_of(sightings), crane.calibration)]
+    assert live[300].status == "lost"
+    assert live[310].rope_status == "jump"
+    assert live[310].rope_length_m == pytest.approx(crane.rope[310], abs=0.2)
+    with pytest.raises(RunError, match="follow each other"):
+        list(Pipeline(said, said).live([Frame(None, None, "-")], crane.calibration))
+    with pytest.raises(RunError, match="whole record"):
+        list(made(estimator=PendulumSmoother()).live([], crane.calibration))
+
+
+def test_a_tilt_file_comes_back_and_a_bad_one_is_told(tmp_path, crane):
+    tilt = made().conclude(crane.sightings(1.0), crane.calibration).tilt
+    path = tmp_path / "tilt.toml"
+    path.write_text(tilt.to_toml())
+    assert load(path) == tilt
+    path.write_text(tilt.to_toml().replace("beta_deg", "bet_deg"))
+    with pytest.raises(CalibrationError, match=r"tilt\.toml: bet_deg"):
+        load(path)
+    with pytest.raises(CalibrationError, match="cannot read"):
+        load(tmp_path / "none.toml")
+    with pytest.raises(ValueError, match="shape"):
+        Known("mean-ray", 5, 1.0, 0.0, (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)))
+
+
+def test_settings_that_exclude_each_other_are_refused():
+    with pytest.raises(RunError, match="excludes a calibration that is given"):
+        rooms.assemble(calibrate_s=60.0, tilt="tilt.toml")
+    with pytest.raises(RunError, match="live"):
+        rooms.assemble(calibrate_s=60.0, live=True)
+    with pytest.raises(RunError, match="there are: paper-iteration"):
+        rooms.assemble(estimator="means")
+
+
+def test_independent_frames_are_measured_each_by_its_own_reading(crane):
+    sightings = [msgspec.structs.replace(s, time_s=None) for s in crane.sightings()]
+    sightings[3] = msgspec.structs.replace(sightings[3], hoist_m=None, rope_status="refused", rope_reason="torn")
+    found = made().conclude(sightings, crane.calibration)
+    assert found.measurements[3].status == "unread"
+    assert sum(m.status == "ok" for m in found.measurements) == FRAMES - 1
+    assert dataclasses.asdict(found.estimate)["frames"] == FRAMES - 1
+
+
+def test_the_smoother_runs_on_a_record(crane):
+    found = made(estimator=PendulumSmoother()).conclude(crane.sightings(1.5), crane.calibration)
+    assert rms(degrees(found.measurements) - np.degrees(crane.alpha)) < 0.15
+    assert found.tilt is not None
+
+
+def test_a_rope_shorter_than_the_offset_has_no_swing():
+    camera = Calibration(1920, 1080, 1600.0, 960.0, 540.0, offset_m=(0.0, 3.0, 0.0))
+    tilt = Known("rope-aware", 9, 1.0, 0.0, (0.0, 3.0, 0.0), tuple((0.0,) * 4 for _ in range(4)))
+    alpha, _ = follow(tilt, [[960.0, 540.0]], camera, rope_length=[2.0])  # shorter than the offset
+    assert np.isnan(alpha).all()

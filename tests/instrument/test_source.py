@@ -1,0 +1,208 @@
+"""Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
+
+import socket
+import sys
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from simgrab.calibration import Calibration
+from simgrab.errors import SourceError
+from simgrab.instrument.ahead import ahead
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.source import camera_beside, fitting, open_source
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from films import SIZE, film, picture
+
+RATE = 9.0
+
+
+def even(n, rate=RATE):
+    return np.arange(n) / rate
+
+
+def times_of(frames):
+    return [frame.time_s for frame in frames]
+
+
+def test_a_video_gives_its_pictures_at_their_times(tmp_path):
+    source = open_source(film(tmp_path / "a.mp4", even(20)))
+    frames = list(source)
+    assert source.count == 20
+    assert times_of(frames) == pytest.approx(even(20), abs=2e-4)
+    for i, frame in enumerate(frames):
+        assert frame.picture.shape == (SIZE[1], SIZE[0], 3)
+        assert np.abs(frame.picture.astype(int) - picture(i)).mean() < 6
+    assert times_of(source) == times_of(frames)  # again from the beginning
+
+
+def test_gaps_are_lost_frames(tmp_path):
+    kept = np.delete(even(30), [12, 20, 21, 22])
+    frames = list(open_source(film(tmp_path / "a.mp4", kept)))
+    assert [i for i, f in enumerate(frames) if f.picture is None] == [12, 20, 21, 22]
+    assert all(("lost" in f.reason) == (f.picture is None) for f in frames)
+    assert times_of(frames) == pytest.approx(even(30), abs=2e-4)
+
+
+def test_jitter_loses_nothing(tmp_path):
+    jitter = np.random.default_rng(0).uniform(-0.02, 0.02, 60)
+    frames = list(open_source(film(tmp_path / "a.mp4", np.maximum(even(60) + jitter, 0))))
+    assert len(frames) == 60
+    assert all(f.picture is not None for f in frames)
+
+
+def test_a_change_of_frame_rate_is_followed(tmp_path):
+    times = np.concatenate([even(60), 60 / RATE + even(60, 4.5)])
+    frames = list(open_source(film(tmp_path / "a.mp4", times)))
+    lost = [f for f in frames if f.picture is None]
+    assert len(frames) - len(lost) == 120
+    assert len(lost) <= 16  # until the slower rate is believed
+    assert np.diff(times_of(frames)).min() > 0
+
+
+def test_an_endless_gap_is_one_lost_frame(tmp_path):
+    frames = list(open_source(film(tmp_path / "a.mp4", [0, 1 / 9, 2 / 9, 100_000])))
+    assert [f.picture is None for f in frames] == [False, False, False, True, False]
+
+
+@pytest.mark.parametrize(("name", "options"), [("a.mkv", {}), ("a.mp4", {"movflags": "frag_keyframe+empty_moov"})])
+def test_a_truncated_video_gives_what_it_held(tmp_path, name, options):
+    path = film(tmp_path / name, even(60), options=options)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    frames = list(open_source(path))
+    seen = [f for f in frames if f.picture is not None]
+    assert 20 <= len(seen) < 60
+    assert times_of(seen) == pytest.approx(even(60)[: len(seen)], abs=2e-3)
+
+
+def test_a_truncated_mp4_whose_index_came_last_is_refused(tmp_path):
+    path = film(tmp_path / "a.mp4", even(60))
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(SourceError, match=r"a\.mp4: not a video that can be opened"):
+        open_source(path)
+
+
+def test_damaged_packets_do_not_end_a_video(tmp_path):
+    rng = np.random.default_rng(1)
+    path = film(tmp_path / "a.mkv", even(60), draw=lambda _, size: rng.integers(0, 255, (*size[::-1], 3), np.uint8))
+    data = bytearray(path.read_bytes())
+    for at in rng.integers(2000, len(data) - 2000, 12):
+        data[at : at + 20] = rng.bytes(20)
+    path.write_bytes(data)
+    frames = list(open_source(path))
+    assert len(frames) > 10
+    assert all(frame.reason or frame.picture is not None for frame in frames)
+    assert np.diff(times_of(frames)).min() > 0
+
+
+def test_what_is_no_source(tmp_path):
+    (tmp_path / "text.mp4").write_text("not a video")
+    (tmp_path / "text.txt").write_text("a film of a terminal, for FFmpeg\n" * 50)
+    (tmp_path / "empty.mp4").touch()
+    (tmp_path / "folder").mkdir()
+    for name in ("text.mp4", "text.txt", "empty.mp4", "folder", "missing"):
+        with pytest.raises(SourceError, match=name):
+            open_source(tmp_path / name)
+    with pytest.raises(SourceError, match="127"):
+        open_source("tcp://127.0.0.1:9")
+
+
+def test_a_stream_is_read_once_and_gives_what_came_before_it_broke(tmp_path):
+    data = film(tmp_path / "a.mkv", even(40)).read_bytes()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(data[: len(data) * 3 // 4])
+
+        threading.Thread(target=serve, daemon=True).start()
+        source = open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        frames = list(source)
+    assert source.live
+    seen = [f for f in frames if f.picture is not None]
+    assert 20 <= len(seen) < 40
+    with pytest.raises(SourceError, match="once"):
+        list(source)
+
+
+def test_a_folder_of_pictures_has_the_rate_it_is_given(tmp_path):
+    for i in range(5):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(i))
+    assert times_of(open_source(tmp_path)) == pytest.approx(even(5))
+    assert times_of(open_source(tmp_path, rate_hz=4.5)) == pytest.approx(even(5, 4.5))
+    (tmp_path / "2.png").write_bytes(b"no picture")
+    frames = list(open_source(tmp_path))
+    assert [f.picture is None for f in frames] == [False, False, True, False, False]
+    assert "2.png" in frames[2].reason
+    assert frames[1].name == "1.png"
+    with pytest.raises(SourceError, match="times of its own"):
+        open_source(film(tmp_path / "a.mp4", even(3)), rate_hz=9)
+
+
+def test_pictures_of_16_bits_and_of_one_channel_become_rgb(tmp_path):
+    grey = np.linspace(0, 65535, 36 * 64).reshape(36, 64).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "0.png"), grey)
+    cv2.imwrite(str(tmp_path / "1.png"), (grey // 257).astype(np.uint8))
+    one, other = (frame.picture for frame in open_source(tmp_path))
+    assert one.dtype == np.uint8
+    assert one.shape == (36, 64, 3)
+    assert np.abs(one.astype(int) - other).max() <= 1
+
+
+def test_a_dataset_without_time_has_none(dataset):
+    source = open_source(dataset)
+    assert source.count == 6
+    assert times_of(source) == [None] * 6
+
+
+def test_pictures_of_another_size(tmp_path):
+    camera = Calibration(*SIZE, 60.0, 32.0, 18.0)
+    with pytest.raises(SourceError, match="8x8 px where the camera file says 64x36"):
+        list(fitting(iter(open_source(film(tmp_path / "a.mp4", even(3), (8, 8)))), camera))
+    for i, size in enumerate([SIZE, (32, 18), SIZE]):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(i, size))
+    frames = list(fitting(iter(open_source(tmp_path)), camera))
+    assert [f.picture is None for f in frames] == [False, True, False]
+    assert "32x18" in frames[1].reason
+
+
+def test_the_camera_file_lies_in_or_beside_the_source(tmp_path, dataset):
+    assert camera_beside(dataset) == dataset / "camera.toml"
+    (tmp_path / "a.camera.toml").touch()
+    assert camera_beside(tmp_path / "a.mp4") == tmp_path / "a.camera.toml"
+    with pytest.raises(SourceError, match="--camera"):
+        camera_beside(tmp_path / "b.mp4")
+
+
+def test_work_ahead_keeps_order_and_raises_where_it_happened():
+    def items():
+        yield from range(5)
+        raise KeyError("here")
+
+    it = ahead(items())
+    assert [next(it) for _ in range(5)] == [0, 1, 2, 3, 4]
+    with pytest.raises(KeyError):
+        next(it)
+
+
+def test_work_ahead_is_done_meanwhile_and_bounded():
+    made = []
+
+    def items():
+        for i in range(20):
+            made.append((i, threading.current_thread().name))
+            yield Frame(None, float(i), "-")
+
+    it = ahead(items(), most=3)
+    assert next(it).time_s == 0
+    time.sleep(0.05)
+    assert len(made) == 4  # three wait, one is out
+    assert {name for _, name in made} != {threading.current_thread().name}
+    it.close()
+    assert len(made) == 4

@@ -1,0 +1,102 @@
+"""What chance does to a sound instrument stays within what a baseline allows; a fault of a few deviations does not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from simgrab.judge.check import baseline, verdicts
+from simgrab.judge.check.baseline import FALSE_FAILURES, Recorded, reference
+from simgrab.judge.check.suite import Limit, Scene, Suite
+from simgrab.judge.check.trial import Trial
+
+
+def recorded(values, labels=None):
+    return Recorded("digest", labels or tuple(f"labels {i}" for i in range(len(values))), {"rmse": tuple(values)})
+
+
+def failures(rng, seeds, metrics, worse=0.0, checks=1500):
+    """Count checks that fail of an instrument whose metrics are normal, each check with a baseline of its own."""
+    upper, count = Limit(upper=1e9), 0
+    for _ in range(checks):
+        past = rng.normal(1.0, 0.1, (metrics, seeds))
+        now = rng.normal(1.0 + worse, 0.1, metrics)
+        allowed = (reference(recorded(of_metric), "rmse", upper, "other", metrics) for of_metric in past)
+        count += not all(ref.holds(value, upper) for ref, value in zip(allowed, now, strict=True))
+    return count
+
+
+@pytest.mark.parametrize(("seeds", "metrics"), [(3, 4), (10, 12)])
+def test_a_sound_check_fails_no_more_often_than_stated(seeds, metrics):
+    checks = 1500
+    # At the stated rate so many failures are seen once in 10,000 runs of this test.
+    most = stats.binom.ppf(1 - 1e-4, checks, FALSE_FAILURES)
+    assert failures(np.random.default_rng(5), seeds, metrics, checks=checks) <= most
+
+
+def test_the_stated_rate_is_that_of_normal_metrics(monkeypatch):
+    rate, checks = 0.1, 4000
+    monkeypatch.setattr(baseline, "FALSE_FAILURES", rate)
+    count = failures(np.random.default_rng(6), 3, 1, checks=checks)
+    low, high = stats.binom.interval(1 - 1e-4, checks, rate)
+    assert low <= count <= high
+
+
+def test_a_fault_of_a_dozen_deviations_is_always_seen():
+    checks = 300
+    assert failures(np.random.default_rng(7), 10, 12, worse=1.2, checks=checks) == checks
+
+
+def test_on_the_same_frames_only_the_slack_is_allowed():
+    limit = Limit(upper=9.0, slack=0.02)
+    same = reference(recorded([0.2, 0.5, 0.9]), "rmse", limit, "labels 1", 10)
+    assert same.value == 0.5
+    assert same.holds(0.52, limit)
+    assert not same.holds(0.5201, limit)
+    other = reference(recorded([0.2, 0.5, 0.9]), "rmse", limit, "labels 7", 10)
+    assert other.holds(0.9, limit)
+
+
+@pytest.mark.parametrize(
+    ("limit", "worse", "better"),
+    [(Limit(upper=5), 1.5, 0.5), (Limit(lower=0), 0.5, 1.5)],
+)
+def test_which_way_is_worse_is_what_the_limit_says(limit, worse, better):
+    ref = reference(recorded([1.0]), "rmse", limit, "labels 0", 1)
+    assert ref.holds(better, limit)
+    assert not ref.holds(worse, limit)
+
+
+def test_with_both_ends_neither_way_is_better():
+    limit = Limit(lower=-5, upper=5)
+    ref = reference(recorded([1.0]), "rmse", limit, "labels 0", 1)
+    assert not ref.holds(0.5, limit)
+    assert not ref.holds(1.5, limit)
+
+
+@pytest.mark.parametrize("values", [[1.0], [None, None], [1.0, None]])
+def test_of_less_than_two_seeds_no_spread_is_known(values):
+    assert reference(recorded(values), "rmse", Limit(upper=5), "other", 1) is None
+
+
+def test_both_ends_of_all_limits_share_the_chance():
+    scenes = {"x": Scene("quay-day"), "y": Scene("quay-day", limits={"b": Limit(-1, 1)})}
+    some = Suite(name="s", limits={"a": Limit(upper=1)}, scenes=scenes)
+    assert baseline.ends(some) == 1 + 1 + 2
+
+
+def test_a_metric_fails_by_its_limit_and_by_the_baseline_alike():
+    @dataclasses.dataclass
+    class Data:
+        labels_sha256: str = "labels 0"
+
+    @dataclasses.dataclass
+    class Set:
+        data: Data = dataclasses.field(default_factory=Data)
+
+    past = baseline.Baseline("s", "i", "0", (0,), {"x": recorded([1.0])})
+    (verdict,) = verdicts.of_trial("x", Trial(Set(), {"rmse": 3.0}), {"rmse": Limit(upper=2.0)}, past, 1)
+    assert verdict.status == "failed"
+    assert "outside of ≤ 2" in verdict.message
+    assert "worse than the baseline's 1 on the same frames" in verdict.message

@@ -1,0 +1,334 @@
+"""The gate lets a sound pipeline through and stops each planted fault; what it writes is whole."""
+
+import json
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+import tomli_w
+from answers import Answers
+from click.testing import CliRunner
+from faults import FAULTS, sound
+
+from simgrab.cli import cli
+from simgrab.errors import SuiteError
+from simgrab.instrument.contract import Measurement
+from simgrab.judge.check import baseline, cache, gate, golden, report, suite
+from simgrab.judge.check.gate import Options
+
+# Limits so wide that only the baseline can tell.
+SUITE = {
+    "name": "small",
+    "seed": 0,
+    "seeds": 3,
+    "changes": {
+        "camera.width_px": 480,
+        "camera.height_px": 270,
+        "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
+        "camera.beta_deg": 5.0,
+        "camera.tilt_azimuth_deg": 40.0,
+        "image.samples": 0,
+        "image.shadow_map_px": 0,
+        "place": {"model": "plain"},
+        "display.layout": "two-by-four",
+        "swing.alpha.sigma_deg": 4.0,
+    },
+    "limits": {
+        "detection.centre.median_px": {"upper": 20.0, "slack": 0.2},
+        "reading.digits_right.value": {"lower": 0.1, "slack": 0.001},
+        "angle.overall.rmse_deg": {"upper": 20.0, "slack": 0.01},
+        "angle.overall.bias_deg": {"lower": -20.0, "upper": 20.0, "slack": 0.03},
+    },
+    "scenes": {"swing": {"scene": "quay-day", "frames": 16, "golden": [0]}},
+}
+SEEN_BY = {
+    "detector 2 px to the right": "detection.centre.median_px",
+    "3 read as 8": "reading.digits_right.value",
+    "h 5 % off": "angle.overall.rmse_deg",
+    "sign of gamma": "angle.overall.rmse_deg",
+}
+
+
+def write(folder, **changes):
+    path = folder / "small.toml"
+    path.write_text(tomli_w.dumps(SUITE | changes))
+    return path
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Folder with the suite, its baseline recorded with the sound pipeline, and a cache."""
+    folder = tmp_path_factory.mktemp("check")
+    small = suite.load(write(folder))
+    told = gate.record(small, options(folder, sound))
+    assert told.passed
+    return folder
+
+
+def options(folder, make, **changes):
+    made = make(folder / "cache") if make in (sound, *FAULTS.values()) else make
+    return Options(**{"instrument": made, "baseline": folder / "baselines", "cache": folder / "cache"} | changes)
+
+
+def check(folder, make=sound, small=None, **changes):
+    return gate.check(small or suite.load(folder / "small.toml"), options(folder, make, **changes))
+
+
+def failed(told):
+    return {verdict.what: verdict.message for verdict in told.verdicts if verdict.status == "failed"}
+
+
+def test_a_sound_pipeline_passes_with_the_very_figures_that_were_recorded(place):
+    told = check(place)
+    assert told.passed
+    assert {v.what for v in told.verdicts} == {"baseline", *SUITE["limits"], "golden frame 0"}
+    for verdict in told.verdicts:
+        assert verdict.what not in SUITE["limits"] or verdict.value == verdict.reference
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_stopped_by_the_baseline(place, fault):
+    problems = failed(check(place, FAULTS[fault]))
+    assert "worse than the baseline" in problems[SEEN_BY[fault]]
+
+
+def test_another_seed_is_compared_with_the_spread_over_seeds(place):
+    told = check(place, seed=3)
+    assert told.passed
+    assert not any(v.what.startswith("golden") for v in told.verdicts)
+    recorded = baseline.load(place / "baselines").scenes["swing"].metrics["angle.overall.rmse_deg"]
+    (rmse,) = (v for v in told.verdicts if v.what == "angle.overall.rmse_deg")
+    assert rmse.reference == pytest.approx(np.mean(recorded))
+    assert rmse.allowed > 0.01 + 3 * np.std(recorded, ddof=1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"name": "other"}, "suite 'small'"),
+        ({"seed": 1}, "scenes.swing was recorded as"),
+        ({"scenes": {"swing": SUITE["scenes"]["swing"], "more": {"scene": "quay-day", "frames": 2}}}, "scenes.more"),
+        ({"limits": SUITE["limits"] | {"detection.recall": {"lower": 0}}}, "detection.recall was not recorded"),
+    ],
+)
+def test_a_stale_baseline_is_named_and_fails(place, tmp_path, changes, reason):
+    recorded = baseline.load(place / "baselines")
+    (message,) = baseline.stale(recorded, suite.load(write(tmp_path, **changes)), recorded.instrument)
+    assert reason in message
+
+
+def test_a_baseline_of_another_instrument_or_version_is_stale(place, monkeypatch):
+    class Renamed:
+        name = "another"
+
+        def __call__(self, frames, calibration):
+            return sound(place / "cache")(frames, calibration)
+
+    assert "instrument" in failed(check(place, Renamed()))["baseline"]
+    monkeypatch.setattr(baseline, "__version__", "7.8.9")
+    assert "simgrab '0.1', and this is '7.8'" in failed(check(place))["baseline"]
+
+
+def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
+    told = check(place, baseline=tmp_path)
+    assert told.passed
+    assert "limits only" in told.notes[0]
+    tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.001}}))
+    assert "outside of ≤ 0.001" in failed(check(place, small=tight, baseline=tmp_path))["angle.overall.rmse_deg"]
+
+
+def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
+    limits = {"angle.overall.rmse_dge": {"upper": 1}, "alarm.missed": {"upper": 0}}
+    problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=tmp_path))
+    assert "angle.overall.rmse_deg" in problems["angle.overall.rmse_dge"]
+    assert "nothing to measure" in problems["alarm.missed"]  # independent frames know no time
+
+
+class Broken:
+    name = "broken"
+
+    def __init__(self, act):
+        self.act = act
+
+    def __call__(self, frames, calibration):
+        assert calibration.width_px == 480
+        return self.act(frames)
+
+
+def raises(_):
+    return 1 / 0
+
+
+def quits(_):
+    sys.exit("no licence")
+
+
+ACTS = {
+    "raises": (raises, "ZeroDivisionError: division by zero"),
+    "quits": (quits, "SystemExit: no licence"),
+    "gives nothing": (lambda _: None, "TypeError"),
+    "gives too few": (lambda _: [Measurement(status="ok", alpha=0.1)], "measurements of"),
+    "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
+    "gives a text": (lambda frames: [Measurement(status="ok", alpha="0.1") for _ in frames], "frame 0: alpha"),
+    "gives nan": (lambda frames: [Measurement(status="ok", alpha=float("nan")) for _ in frames], "frame 0: alpha"),
+    "gives a bad box": (
+        lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 2.0)) for _ in frames],
+        "frame 0: box",
+    ),
+}
+
+
+@pytest.mark.parametrize("act", ACTS)
+def test_an_instrument_that_breaks_is_a_failure_told_in_one_line(place, act):
+    act, cause = ACTS[act]
+    problem = failed(check(place, Broken(act), baseline=None))["instrument"]
+    assert cause in problem
+    assert "\n" not in problem
+
+
+def test_numbers_of_numpy_are_numbers(place):
+    def act(frames):
+        box, centre = np.array([1.0, 2.0, 3.0, 4.0]), (np.float32(2), np.float64(3))
+        return [Measurement(status="ok", alpha=np.float32(0.1), box=box, centre=centre) for _ in frames]
+
+    assert "instrument" not in failed(check(place, Broken(act), baseline=None))
+
+
+def test_nothing_is_recorded_of_an_instrument_that_fails(place, tmp_path):
+    small = suite.load(write(tmp_path))
+    told = gate.record(small, options(place, Broken(raises), baseline=tmp_path / "new"))
+    assert not told.passed
+    assert not (tmp_path / "new").exists()
+    with pytest.raises(SuiteError, match="name another by --baseline"):
+        gate.record(small, options(place, sound, baseline=None))
+
+
+def test_a_dataset_is_drawn_once_and_again_when_its_pictures_changed(place):
+    scenario = suite.load(place / "small.toml").scenario("swing")
+    found = cache.rendered(scenario, place / "cache")
+    manifest, picture = found.path / "manifest.json", found.image(found.rows[3])
+    before, bytes_before = manifest.stat().st_mtime_ns, picture.read_bytes()
+    assert cache.rendered(scenario, place / "cache").path == found.path
+    assert manifest.stat().st_mtime_ns == before
+    picture.write_bytes(found.image(found.rows[4]).read_bytes())
+    cache.rendered(scenario, place / "cache")
+    assert manifest.stat().st_mtime_ns != before
+    assert picture.read_bytes() == bytes_before
+
+
+def altered(place, folder, change, **keys):
+    """Copy the golden frame of the baseline with a change of its picture and of what is noted of it."""
+    kept = golden.load(place / "baselines")["swing/0"]
+    picture = change(cv2.imread(str(place / "baselines" / kept.file)))
+    assert cv2.imwrite(str(folder / kept.file), picture, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    noted = msgspec.structs.replace(kept, sha256="another", **keys)
+    (folder / golden.FILE).write_bytes(msgspec.json.encode({"swing/0": noted}))
+    dataset = cache.rendered(suite.load(place / "small.toml").scenario("swing"), place / "cache")
+    return golden.look("swing", 0, dataset, folder, 0.8)
+
+
+def without_grab(picture):
+    x0, y0, x1, y1 = 180, 70, 300, 200
+    picture[y0:y1, x0:x1] = picture[y0:y1, x0:x1].mean(axis=(0, 1))
+    return picture
+
+
+def test_golden_frames_are_compared_by_hash_or_by_likeness(place, tmp_path):
+    same_renderer = altered(place, tmp_path, lambda picture: picture)
+    assert same_renderer.status == "failed"
+    assert "drawn by the same renderer" in same_renderer.message
+    assert same_renderer.difference.shape == (270, 3 * 480, 3)
+    assert altered(place, tmp_path, lambda picture: picture, drawn_by="another").status == "passed"
+    assert altered(place, tmp_path, without_grab, drawn_by="another").status == "failed"
+    assert "stale" in altered(place, tmp_path, lambda picture: picture, digest="another").message
+    assert "size" in altered(place, tmp_path, lambda p: p[:200], drawn_by="another").message
+
+
+@pytest.fixture
+def shell(place, tmp_path, monkeypatch):
+    """Run the command line where ``pipelines.py`` offers the sound pipeline, the faults and broken factories."""
+    faults = Path(__file__).parents[1]
+    (tmp_path / "pipelines.py").write_text(
+        f"import sys\nsys.path.insert(0, {str(faults)!r})\nimport faults\nCACHE = {str(place / 'cache')!r}\n"
+        "def sound(): return faults.sound(CACHE)\ndef shifted(): return faults.shifted(CACHE)\n"
+        "def fails(): raise RuntimeError('no model file')\nclass NoName: pass\n"
+    )
+    (tmp_path / "no_import.py").write_text("import nothing_of_that_name\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "modules", {k: v for k, v in sys.modules.items() if k not in ("pipelines", "no_import")})
+
+    def run(*arguments, at=place / "small.toml"):
+        common = ("--cache", place / "cache", "--baseline", place / "baselines", "--out", tmp_path / "out")
+        result = CliRunner().invoke(cli, ["check", str(at), *map(str, (*common, *arguments))])
+        if result.exception and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return result.exit_code, result.stdout
+
+    return run
+
+
+def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
+    status, out = shell("--instrument", "pipelines:sound")
+    assert status == 0
+    assert "passed" in out
+    told = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert told["status"] == "passed"
+    assert told["metrics"]["swing"]["detection.recall"] == 1.0
+    cases = ElementTree.parse(tmp_path / "out" / "junit.xml").findall(".//testcase")
+    assert len(cases) == len(told["verdicts"])
+    assert {c.get("classname") for c in cases} == {"simgrab.small", "simgrab.small.swing"}
+
+
+def test_the_command_fails_with_status_1(shell, tmp_path):
+    status, out = shell("--instrument", "pipelines:shifted")
+    assert status == 1
+    assert "worse than the baseline" in out
+    root = ElementTree.parse(tmp_path / "out" / "junit.xml").getroot()
+    failures = root.findall(".//failure")
+    assert len(failures) == int(root.find("testsuite").get("failures")) > 0
+    assert "worse than the baseline" in failures[0].get("message")
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("pipelines:fails", "RuntimeError: no model file"),
+        ("pipelines:NoName", "has no name"),
+        ("pipelines:nothing", "AttributeError"),
+        ("no_import:any", "No module named 'nothing_of_that_name'"),
+        ("no_such_module:any", "No module named 'no_such_module'"),
+        ("pipelines", "package.module:factory"),
+        ("bundled", "weights"),
+    ],
+)
+def test_an_instrument_that_cannot_be_had_is_a_failure(shell, tmp_path, name, cause):
+    if name == "bundled" and (Path(__file__).parents[2] / "assets" / "weights" / "find.onnx").exists():
+        pytest.skip("the detector's weights are bundled")
+    status, out = shell("--instrument", name, "--quiet")
+    assert status == 1
+    assert cause in out
+    assert json.loads((tmp_path / "out" / "check.json").read_text())["status"] == "failed"
+
+
+def test_a_broken_suite_is_an_error_and_leaves_nothing(shell, tmp_path):
+    bad = write(tmp_path, limts={})
+    with pytest.raises(SuiteError, match=r"limts: unknown key \(did you mean 'limits'"):
+        shell("--instrument", "pipelines:sound", at=bad)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_report_with_odd_texts_is_still_xml(tmp_path):
+    odd = report.Report("s", "i", 0, (report.Verdict(scene="", what="a<b", status="failed", message="\x00 <&\n"),))
+    report.save(odd, tmp_path)
+    assert ElementTree.parse(tmp_path / report.JUNIT).find(".//failure").get("message") == "  <& "
+
+
+def test_the_answers_hang_on_the_picture_alone(place):
+    answers = Answers(place / "cache")
+    with pytest.raises(KeyError):
+        answers[np.zeros((270, 480, 3), np.uint8)]

@@ -1,0 +1,91 @@
+"""Suites are strict, and those that are bundled can be."""
+
+import re
+
+import pytest
+import tomli_w
+
+from simgrab.errors import SuiteError
+from simgrab.judge.check import suite
+
+GOOD = {"name": "mine", "scenes": {"calm": {"scene": "quay-day", "frames": 4}}}
+
+
+def put(folder, **changes):
+    path = folder / "mine.toml"
+    path.write_text(tomli_w.dumps(GOOD | changes))
+    return path
+
+
+def test_a_suite_is_read_and_finds_what_lies_beside_it(tmp_path):
+    (tmp_path / "own.toml").write_text('base = "quay-day"\nname = "own"\nframes = 5\n')
+    scenes = {"own": {"scene": "own.toml", "changes": {"camera.beta_deg": 7.0}}}
+    found = suite.load(put(tmp_path, seed=9, scenes=scenes, changes={"camera.beta_deg": 1.0, "camera.roll_deg": 2.0}))
+    scenario = found.scenario("own")
+    assert (scenario.name, scenario.frames, scenario.seed) == ("own", 5, 9)
+    assert (scenario.camera.beta_deg, scenario.camera.roll_deg) == (7.0, 2.0)
+    assert found.scenario("own", 11).seed == 11
+    assert found.baseline == str(tmp_path / "baselines" / "mine")
+
+
+def test_limits_of_a_scene_win(tmp_path):
+    scenes = {"calm": GOOD["scenes"]["calm"] | {"limits": {"a": {"upper": 2}}}}
+    found = suite.load(put(tmp_path, limits={"a": {"upper": 1}, "b": {"lower": 0}}, scenes=scenes))
+    assert {name: str(limit) for name, limit in found.limits_of("calm").items()} == {"a": "≤ 2", "b": "≥ 0"}
+
+
+def scene(**changes):
+    return {"scenes": {"calm": GOOD["scenes"]["calm"] | changes}}
+
+
+BAD = {
+    "unknown key": ({"sede": 1}, "sede: unknown key (did you mean 'seed'?)"),
+    "no scenes": ({"scenes": {}}, "a suite needs scenes"),
+    "unknown scene": (scene(scene="quay-dya"), "scenes.calm: no scene or file 'quay-dya' (did you mean 'quay-day'?)"),
+    "unknown change": (scene(changes={"camera.betta_deg": 1}), "scenes.calm: camera.betta_deg: unknown key"),
+    "table as a change": (scene(changes={"camera.mount": {"model": "loose"}}), "scenes.calm: camera.mount.model"),
+    "seed as a change": (scene(changes={"seed": 1}), "scenes.calm.changes.seed: set it at the top of the suite"),
+    "frames as a change": ({"changes": {"frames": 1}}, "frames: set it scenes.calm.frames"),
+    "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
+    "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
+    "unknown key of a limit": (
+        {"limits": {"a.b": {"uper": 2}}},
+        "limits.a.b.uper: unknown key (did you mean 'upper'?)",
+    ),
+    "negative slack": ({"limits": {"a": {"upper": 2, "slack": -1}}}, "limits.a.slack"),
+    "nan": ({"limits": {"a": {"upper": float("nan")}}}, "must be a finite number"),
+    "golden frame beyond": (scene(golden=[4]), "scenes.calm.golden: no frame 4 among 4"),
+    "camera that varies": (scene(scene="training", frames=16), "scenes.calm: vary.camera"),
+    "no frames": (scene(frames=0), "scenes.calm.frames"),
+    "negative seed": ({"seed": -1}, "seed"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_broken_suite_is_told_by_key(case, tmp_path):
+    changes, message = BAD[case]
+    with pytest.raises(SuiteError, match=re.escape(message)) as problem:
+        suite.load(put(tmp_path, **changes))
+    assert str(problem.value).startswith(str(tmp_path))
+    assert "\n" not in str(problem.value)
+
+
+def test_what_is_no_suite_is_told(tmp_path):
+    with pytest.raises(SuiteError, match="did you mean 'smoke'"):
+        suite.load("smok")
+    (tmp_path / "a.toml").write_text("a = = 1")
+    with pytest.raises(SuiteError, match="cannot read suite"):
+        suite.load(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("name", suite.names())
+def test_bundled_suites_can_be(name):
+    found = suite.load(name)
+    assert found.name == name
+    assert found.instrument == "bundled"
+    assert found.description
+    assert all(found.limits_of(scene) for scene in found.scenes)
+
+
+def test_there_are_the_suites_that_the_readme_names():
+    assert {"smoke", "weather", "paper", "offset", "alarm"} <= set(suite.names())

@@ -1,0 +1,233 @@
+"""`simgrab evaluate`: errors that were planted are found, each where it was planted."""
+
+import dataclasses
+import json
+import math
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from simgrab import datasets
+from simgrab.cli import cli
+from simgrab.errors import DatasetError, RunError
+from simgrab.instrument.alarm import Rule
+from simgrab.instrument.contract import Measurement
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.read import Reader
+from simgrab.judge import runs, swings, truths
+from simgrab.judge.budget import CHAIN
+from simgrab.judge.evaluate import evaluate
+from simgrab.judge.evaluate_page import page
+from simgrab.judge.evaluate_table import tables
+from simgrab.judge.run import Options, run
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from browser import needs_chromium, shown
+from conftest import small_scene
+from told import Told
+
+SIZE = {"camera__width_px": 640, "camera__height_px": 360,
+        "camera__focal": {"model": "pixels", "focal_length_px": 548.3}}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def swinging(tmp_path_factory):
+    """A dataset and a video of the same twelve seconds: working cycles, a fixed camera, the display."""
+    from simgrab.world.dataset import render
+
+    folder = tmp_path_factory.mktemp("swinging")
+    scene = small_scene(
+        "work-cycles", frames=60, clip__frame_rate_hz=5.0, display__layout="two-by-four",
+        camera__mount={"model": "fixed"}, clip__drop_share=0.04, clip__repeat_share=0.05, **SIZE,
+    )  # fmt: skip
+    render(scene, folder / "data", video=folder / "swing.mp4")
+    return folder
+
+
+def measured(folder, out, *, of="data", **errors):
+    rows = datasets.read(folder / "data").rows
+    camera = folder / "data" / "camera.toml"
+    if of == "swing.mp4":
+        import pyarrow.parquet as pq
+
+        table = pq.read_table(folder / "swing.parquet").to_pylist()
+        rows = tuple(rows[row["frame"]] for row in table)
+    return run(folder / of, camera, out, Pipeline(Told(list(rows), **errors), Reader()), Options(video=False))
+
+
+@pytest.fixture(scope="module")
+def clean(swinging):
+    return measured(swinging, swinging / "clean")
+
+
+def test_a_run_without_errors_has_none(clean, swinging):
+    found = evaluate(clean, swinging / "data")
+    assert found["frames"]["known"] == 60
+    assert found["detection"]["map50_95"] == pytest.approx(1)
+    assert found["detection"]["recall"] == 1
+    assert found["detection"]["centre"]["p95_px"] == pytest.approx(0, abs=1e-9)
+    assert found["detection"]["jitter_px"] == pytest.approx(0, abs=1e-9)
+    assert found["reading"]["digits_right"]["value"] == 1
+    chain = found["budget"]["chain"]
+    assert chain[0]["rmse_deg"] < 1e-4
+    assert chain[1]["rmse_deg"] < 1e-4  # a fixed camera's tilt does not change
+    assert found["budget"]["run"]["rmse_deg"] == pytest.approx(found["angle"]["overall"]["rmse_deg"])
+
+
+def test_planted_errors_are_found_where_they_are(clean, swinging, tmp_path):
+    bad = measured(swinging, tmp_path / "bad", noise_px=3.0, miss=10, shift_px=20.0)
+    found, before = evaluate(bad, swinging / "data"), evaluate(clean, swinging / "data")
+    labelled = found["detection"]["labelled"]
+    assert found["detection"]["recall"] == pytest.approx(1 - (labelled // 10) / labelled)
+    assert found["detection"]["longest_miss"] == 1
+    assert found["detection"]["centre"]["u_mean_px"] == pytest.approx(20, abs=1.5)
+    assert found["detection"]["centre"]["v_mean_px"] == pytest.approx(0, abs=1.5)
+    assert found["detection"]["jitter_px"] == pytest.approx(3, rel=0.25)
+    chain = {row["stage"]: row["rmse_deg"] for row in found["budget"]["chain"]}
+    was = {row["stage"]: row["rmse_deg"] for row in before["budget"]["chain"]}
+    for stage in [stage.name for stage in CHAIN[:-1]]:  # all but the centres
+        assert chain[stage] == pytest.approx(was[stage], abs=0.02)
+    assert chain["grab's centre as detected"] > was["grab's centre as detected"] + 0.1
+    assert found["frames"]["missed"] == labelled // 10
+
+
+def test_misread_digits_are_counted(clean, swinging):
+    swapped = [
+        msgspec.structs.replace(m, rope_text=(m.rope_text or "").translate(str.maketrans("38", "83")))
+        for m in clean.measurements
+    ]
+    found = evaluate(dataclasses.replace(clean, measurements=tuple(swapped)), swinging / "data")
+    of, right = found["reading"]["digits_right"]["of"], found["reading"]["digits_right"]["count"]
+    rows = datasets.read(swinging / "data").rows
+    shown = "".join(r.rope_text for r, m in zip(rows, clean.measurements, strict=True) if "?" not in m.rope_text)
+    assert right <= of - shown.count("3") - shown.count("8") < of
+
+
+def test_a_video_is_compared_through_its_table(clean, swinging, tmp_path):
+    film = measured(swinging, tmp_path / "film", of="swing.mp4")
+    lost = film.about["counts"]["lost"]
+    assert lost > 0
+    known = truths.of(film, swinging / "swing.mp4")
+    assert sum(row is None for row in known.rows) == lost
+    found = evaluate(film, known)
+    assert found["angle"]["overall"]["rmse_deg"] == pytest.approx(
+        evaluate(clean, swinging / "data")["angle"]["overall"]["rmse_deg"], abs=0.1
+    )
+    assert found["detection"]["centre"]["p95_px"] == pytest.approx(0, abs=1e-9)
+    assert evaluate(film, swinging / "swing.parquet")["angle"] == found["angle"]
+
+
+def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_path):
+    with pytest.raises(RunError, match="none of the frames"):
+        truths.of(dataclasses.replace(clean, names=("elsewhere.jpg",) * 60), swinging / "data")
+    with pytest.raises(DatasetError, match="not the truth table"):
+        truths.of(clean, tmp_path / "none.mp4")
+    with pytest.raises(RunError, match="480x270"):
+        truths.of(clean, dataset)
+    with pytest.raises(RunError, match="not a run"):
+        runs.load(tmp_path)
+
+
+def test_errors_are_those_of_arithmetic():
+    e = swings.errors(np.radians([1.0, 2.0, 3.0, np.nan]), np.radians([0.0, 2.0, 5.0, 1.0]))
+    assert e["frames"] == 3
+    assert e["bias_deg"] == pytest.approx(-1 / 3)
+    assert e["rmse_deg"] == pytest.approx(math.sqrt(5 / 3))
+    assert e["max_deg"] == pytest.approx(2)
+    assert swings.errors(np.array([np.nan]), np.array([0.0]))["rmse_deg"] is None
+
+
+def said(degrees):
+    alpha = np.radians(degrees)
+    return [Measurement(status="ok", alpha=a, danger=float(a > math.radians(10))) for a in alpha]
+
+
+def compare(estimated, true):
+    from simgrab.instrument.alarm import events
+
+    times, rule = np.arange(len(true)) / 9, Rule()
+    measurements = said(estimated)
+    return swings.alarms(times, measurements, events(times, measurements, rule), np.radians(true), rule)
+
+
+def test_alarms_are_judged_by_event():
+    true = np.full(400, 2.0)
+    true[50:60], true[200:210], true[300:310] = 11.0, 10.3, 9.7
+    late, early = true.copy(), true.copy()
+    late[50:53] = 9.0
+    assert compare(true, true) == {
+        "events": 2, "sure": 1, "missed": 0, "reported": 2, "false": 0, "delays": [0, 0], "median_delay": 0.0,
+        "precision": 1.0, "recall": 1.0,
+    }  # fmt: skip
+    assert compare(late, true)["delays"] == [3, 0]
+    early[195:200] = 10.1
+    assert compare(early, true)["delays"] == [0, -5]
+    blind = compare(np.full(400, 2.0), true)
+    assert (blind["missed"], blind["reported"], blind["recall"], blind["precision"]) == (1, 0, 0.0, None)
+    grey = true.copy()
+    grey[300:310] = 10.2  # the true swing reaches 9.7: neither right nor false
+    assert compare(grey, true)["false"] == 0
+    wrong = true.copy()
+    wrong[350:355] = 12.0
+    assert compare(wrong, true)["false"] == 1
+    assert compare(wrong, true)["precision"] == pytest.approx(20 / 25)
+
+
+def test_coverage_is_the_share_within():
+    within = [Measurement(status="ok", alpha=0.1, alpha_low=0.09, alpha_high=0.11)] * 3
+    found = swings.coverage([*within, Measurement(status="lost", reason="-")], np.array([0.1, 0.12, 0.11, 0.1]))
+    assert found["share"] == pytest.approx(2 / 3)
+    assert found["frames"] == 3
+    assert found["width_deg"] == pytest.approx(math.degrees(0.02))
+
+
+def test_the_command_line_prints_tables_and_json(clean, swinging, tmp_path):
+    folder, data = str(swinging / "clean"), str(swinging / "data")
+    told = CliRunner().invoke(cli, ["evaluate", folder, data, "--page", str(tmp_path / "e.html")])
+    assert told.exit_code == 0, told.output
+    for words in ("Error budget", "rope-aware", "COCO mAP@50:95", "What adds most"):
+        assert words in told.output
+    plain = json.loads(CliRunner().invoke(cli, ["evaluate", folder, data, "--json"]).output)
+    assert plain["angle"]["overall"] == pytest.approx(evaluate(clean, data)["angle"]["overall"])
+    assert (tmp_path / "e.html").read_text().count("<svg") == 2
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@needs_chromium
+def test_the_page_opens_in_a_browser(clean, swinging, tmp_path):
+    known = truths.of(clean, swinging / "data")
+    told = shown(page(clean, known, evaluate(clean, known)), tmp_path)
+    assert [figure["kind"] for figure in told["figures"]] == ["svg", "svg"]
+
+
+def test_an_instrument_that_tells_angles_alone_is_judged_by_them(clean, swinging):
+    bare = tuple(
+        Measurement(status="ok", alpha=m.alpha) if m.alpha is not None else Measurement(status="missed", reason="-")
+        for m in clean.measurements
+    )
+    known = truths.of(clean, swinging / "data")
+    alone = dataclasses.replace(clean, measurements=bare, about=clean.about | {"estimate": None, "tilt": None})
+    found = evaluate(alone, known)
+    assert (found["detection"], found["reading"], found["budget"]) == (None, None, None)
+    assert found["angle"] == evaluate(clean, known)["angle"]
+    assert found["interval"]["share"] is None
+    assert [t.title for t in tables(found)] == ["Swing angle", "Alarms"]
+    assert "Swing angle" in page(alone, known, found)
+
+
+def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory):
+    from simgrab.world.dataset import render
+
+    data = tmp_path_factory.mktemp("iid") / "data"
+    render(small_scene(frames=12, display__layout="two-by-four", **SIZE), data)
+    rows = list(datasets.read(data).rows)
+    made = run(data, data / "camera.toml", tmp_path / "out", Pipeline(Told(rows), Reader()), Options(video=False))
+    found = evaluate(made, data)
+    assert made.time is None
+    assert found["alarm"] is None
+    assert found["frames"]["known"] == 12
+    assert found["angle"]["overall"]["frames"] == sum(m.status == "ok" for m in made.measurements) > 5

@@ -1,0 +1,354 @@
+"""`simgrab run` from end to end: a rendered clip, a detector that is told the labels, the bundled reader."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import av
+import cv2
+import msgspec
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from simgrab import calibration as camera_file
+from simgrab.calibration import Calibration
+from simgrab.cli import cli
+from simgrab.errors import RunError, SimgrabError, SourceError
+from simgrab.instrument.alarm import Rule
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.estimate.follow import load as load_tilt
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.read import Reader
+from simgrab.judge import runs
+from simgrab.judge.run import Options, measure, run
+from simgrab.judge.run_page import page
+from simgrab.judge.run_table import beside_paper, held
+from simgrab.judge.run_video import Film
+from simgrab.layouts import load as layout
+from simgrab.records import Truth
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import swinging
+from browser import needs_chromium, shown
+from films import film, picture
+from told import Told
+
+SIZE = (640, 360)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """A video of five seconds with its truth table: a fixed camera, the display, two frames lost."""
+    from conftest import small_scene
+
+    from simgrab.world.video.render import render_video
+
+    path = tmp_path_factory.mktemp("clip") / "swing.mp4"
+    scene = small_scene(
+        "work-cycles", frames=45, camera__width_px=SIZE[0], camera__height_px=SIZE[1], display__layout="two-by-four",
+        camera__focal={"model": "pixels", "focal_length_px": 548.3}, camera__mount={"model": "fixed"},
+        clip__drop_share=0.04,
+    )  # fmt: skip
+    render_video(scene, path)
+    return path
+
+
+def truth_of(path):
+    rows = pq.read_table(path.with_suffix(".parquet")).to_pylist()
+    names = set(Truth.__struct_fields__)
+    plain = {"file": "", "image_sha256": ""}
+    return [msgspec.convert({k: v for k, v in row.items() if k in names} | plain, Truth) for row in rows]
+
+
+@pytest.fixture(scope="module")
+def found(clip, tmp_path_factory):
+    out = tmp_path_factory.mktemp("run") / "run"
+    instrument = Pipeline(Told(truth_of(clip), noise_px=0.5, miss=15), Reader())
+    return run(clip, clip.with_suffix(".camera.toml"), out, instrument), out
+
+
+def test_every_frame_has_its_angle_or_a_reason(found, clip):
+    result, _ = found
+    lost = [m for m in result.measurements if m.status == "lost"]
+    missed = [m for m in result.measurements if m.status == "missed"]
+    assert len(result.measurements) == 45
+    assert len(lost) == 45 - len(truth_of(clip)) > 0
+    assert len(missed) == len(truth_of(clip)) // 15
+    assert all(m.reason for m in lost + missed)
+    seen = [m for m in result.measurements if m.status != "lost"]
+    pairs = [(m, row) for m, row in zip(seen, truth_of(clip), strict=True) if m.rope_status == "read"]
+    assert len(pairs) > 0.85 * len(seen)  # digits of 9 x 14 px
+    assert all(m.rope_text == row.rope_text for m, row in pairs)
+
+
+def test_the_folder_holds_what_was_found(found):
+    result, out = found
+    assert sorted(p.name for p in out.iterdir()) == [
+        "alarms.json", "angles.csv", "angles.parquet", "annotated.mp4", "camera.toml", "report.html", "run.json",
+        "tilt.toml",
+    ]  # fmt: skip
+    again = runs.load(out)
+    np.testing.assert_allclose(again.alpha, result.alpha, rtol=1e-12)
+    assert [m.centre for m in again.measurements] == [m.centre for m in result.measurements]
+    assert [m.status for m in again.measurements] == [m.status for m in result.measurements]
+    assert again.events == result.events
+    np.testing.assert_allclose(again.time, result.time)
+    assert again.calibration == result.calibration
+    assert load_tilt(out / "tilt.toml").beta_deg == result.about["estimate"]["beta_deg"]
+    sheet = (out / "angles.csv").read_text().splitlines()
+    assert len(sheet) == 46
+    assert json.loads((out / "run.json").read_text())["counts"]["ok"] == sum(
+        m.status == "ok" for m in result.measurements
+    )
+
+
+def test_the_annotated_video_has_every_frame(found):
+    _, out = found
+    with av.open(str(out / "annotated.mp4")) as file:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+    assert len(pictures) == 45
+    assert pictures[0].shape == (SIZE[1], SIZE[0], 3)
+
+
+def test_published_stands_beside_measured(found):
+    result, _ = found
+    table = {row[0]: row[1:] for row in beside_paper(result)}
+    assert table["tilt β̂ (deg)"][0] == "2.530"
+    assert table["tilt β̂ (deg)"][1] == f"{result.about['paper']['beta_deg']:.3f}"
+    assert table["tilt β̂ (deg)"][2] == f"{result.about['tilt']['beta_deg']:.3f}"
+    assert table["iterations"][0] == "8"
+    facts = dict(held(result))
+    assert facts["frames"] == "45"
+    assert facts["rope lengths read"].split()[2] == str(45 - result.about["counts"]["lost"])
+
+
+def test_a_live_run_writes_the_same_files(clip, tmp_path):
+    instrument = Pipeline(Told(truth_of(clip)), Reader(), tilt=None)
+    live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "live", instrument, Options(live=True))
+    assert all(m.status in ("refused", "lost") for m in live.measurements)  # five seconds are no warm-up
+    assert live.about["tilt"] is None
+    assert live.about["speed"]["latency_p99_s"] < 1 / 9
+    whole = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "whole", Pipeline(Told(truth_of(clip)), Reader()))
+    tilt = load_tilt(tmp_path / "whole" / "tilt.toml")
+    given = Pipeline(Told(truth_of(clip)), Reader(), tilt=tilt)
+    live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "given", given, Options(live=True))
+    np.testing.assert_allclose(live.alpha, whole.alpha, atol=1e-6)
+    assert (tmp_path / "given" / "annotated.mp4").exists()
+
+
+def nothing(_picture):
+    from simgrab.records import Detection
+
+    return Detection("none", "nothing found", 0.0)
+
+
+nothing.name = "nobody"
+CAMERA = Calibration(64, 36, 60.0, 32.0, 18.0)
+
+
+def black(_i, size):
+    return np.zeros((*size[::-1], 3), np.uint8)
+
+
+def test_clips_that_show_nothing_give_a_run_with_reasons(tmp_path):
+    camera = Calibration(1920, 1080, 1600.0, 960.0, 540.0, digit_layout=layout("two-by-four"))
+    path = film(tmp_path / "black.mp4", np.arange(5) / 9, (1920, 1080), draw=black)
+    result = run(path, camera, tmp_path / "out", Pipeline(nothing, Reader()))
+    assert {(m.status, m.reason, m.rope_status) for m in result.measurements} == {
+        ("missed", "nothing found", "refused")
+    }
+    assert (tmp_path / "out" / "report.html").exists()
+    assert not (tmp_path / "out" / "tilt.toml").exists()
+    grey = film(tmp_path / "grey.mp4", np.arange(5) / 9, (1920, 1080))
+    result = run(grey, camera, tmp_path / "grey", Pipeline(Told(list(_rows_in_the_middle())), Reader()))
+    assert {m.status for m in result.measurements} == {"unread"}
+    assert "no digits where the layout has the display" in {m.reason for m in result.measurements}
+
+
+def _rows_in_the_middle():
+    from types import SimpleNamespace
+
+    for _ in range(5):
+        yield SimpleNamespace(
+            box_x0_px=900, box_y0_px=500, box_x1_px=1000, box_y1_px=600, grab_u_px=950.0, grab_v_px=550.0,
+            jib_from_grab=np.eye(4)[:3].ravel() + [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, -20],
+            jib_from_camera=np.array([[0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0]], float).ravel(),
+            width_px=1920, height_px=1080, fx_px=1600.0, cx_px=960.0, cy_px=540.0, k1=0, k2=0, p1=0, p2=0, k3=0,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_what_cannot_be_measured_is_one_clear_error_and_leaves_nothing(tmp_path, live):
+    (tmp_path / "text.mp4").write_text("not a video")
+    small = film(tmp_path / "small.mp4", np.arange(5) / 9, (8, 8))
+    cut = film(tmp_path / "cut.mp4", np.arange(60) / 9)
+    cut.write_bytes(cut.read_bytes()[:-300])
+    for source, told in (("text.mp4", "not a video"), (small.name, "8x8"), (cut.name, "not a video")):
+        out = tmp_path / "out"
+        with pytest.raises(SourceError, match=told):
+            run(tmp_path / source, CAMERA, out, Pipeline(nothing, None), Options(live=live))
+        assert not out.exists()
+        assert not list(tmp_path.glob(".out*"))
+
+
+def test_truncated_streams_and_changing_rates_give_what_they_held(tmp_path):
+    path = film(tmp_path / "cut.mkv", np.arange(60) / 9)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    result = run(path, CAMERA, tmp_path / "a", Pipeline(nothing, None))
+    assert 10 < len(result.measurements) < 60
+    faster = film(tmp_path / "rate.mp4", np.concatenate([np.arange(40) / 9, 40 / 9 + np.arange(40) / 25]))
+    assert len(run(faster, CAMERA, tmp_path / "b", Pipeline(nothing, None)).measurements) == 80
+
+
+def test_greys_of_16_bits_are_measured(tmp_path):
+    folder = tmp_path / "grey"
+    folder.mkdir()
+    for i in range(3):
+        cv2.imwrite(str(folder / f"{i}.png"), picture(i)[..., 0].astype(np.uint16) * 257)
+    result = run(folder, CAMERA, tmp_path / "out", Pipeline(nothing, None))
+    assert [m.status for m in result.measurements] == ["missed"] * 3
+
+
+def test_nothing_is_overwritten(tmp_path):
+    (tmp_path / "out").mkdir()
+    path = film(tmp_path / "a.mp4", np.arange(5) / 9)
+    with pytest.raises(RunError, match="exists"):
+        run(path, CAMERA, tmp_path / "out", Pipeline(nothing, None))
+
+
+def test_a_failure_midway_leaves_nothing(tmp_path):
+    def fails(_picture):
+        raise KeyError("the detector broke")
+
+    fails.name = "broken"
+    path = film(tmp_path / "a.mp4", np.arange(5) / 9)
+    with pytest.raises(KeyError):
+        run(path, CAMERA, tmp_path / "out", Pipeline(fails, None))
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+
+
+class Zero:
+    """Somebody's own instrument."""
+
+    name = "zero"
+
+    def __call__(self, frames, calibration):  # noqa: ARG002
+        return [
+            Measurement(status="ok", alpha=0.0)
+            if f.picture is not None
+            else Measurement(status="lost", reason=f.reason)
+            for f in frames
+        ]
+
+
+def test_anybodys_instrument_runs(tmp_path):
+    path = film(tmp_path / "a.mp4", np.delete(np.arange(9), 4) / 9)
+    result = run(path, CAMERA, tmp_path / "out", Zero())
+    assert [m.status for m in result.measurements] == ["ok"] * 4 + ["lost"] + ["ok"] * 4
+    assert (tmp_path / "out" / "report.html").exists()
+
+    class Short(Zero):
+        def __call__(self, frames, calibration):
+            return super().__call__(frames, calibration)[1:]
+
+    with pytest.raises(RunError, match="8 measurements of 9 frames"):
+        run(path, CAMERA, tmp_path / "other", Short())
+    with pytest.raises(RunError, match="frame by frame"):
+        run(path, CAMERA, tmp_path / "other", Zero(), Options(live=True))
+
+
+def test_stills_are_of_the_largest_swing_and_of_every_alarm():
+    film_ = Film(None, Rule())
+    alphas = np.radians([2.0, 12.0, 11.0, *[1.0] * 60, 10.5, 10.9, 3.0])
+    for i, alpha in enumerate(alphas):
+        film_.add(Frame(picture(i), i / 9), Measurement(status="ok", alpha=alpha))
+    assert sorted(film_.stills) == [1, 64]
+
+
+@pytest.fixture(scope="module")
+def alarmed():
+    """A run with alarms, without pictures."""
+    crane = swinging.record("slew-alarm", frames=400, seed=3)
+    sightings = crane.sightings(1.0)
+    measured = Pipeline(nothing, Reader()).conclude(sightings, crane.calibration)
+    high = [
+        msgspec.structs.replace(m, alpha=a, danger=float(a > 0.1745), alpha_low=a, alpha_high=a)
+        for m, a in zip(measured.measurements, crane.alpha, strict=True)
+    ]
+
+    class Said:
+        name = "said </script> & <b>"
+
+        def __call__(self, frames, calibration):  # noqa: ARG002
+            list(frames)
+            return high
+
+    frames = [Frame(None, s.time_s, "-") for s in sightings]
+    return measure(frames, crane.calibration, Said(), source="a <video>")
+
+
+@needs_chromium
+def test_the_report_opens_in_a_browser_and_takes_the_operators_word(alarmed, tmp_path):
+    assert alarmed.events
+    _, jpeg = cv2.imencode(".jpg", picture(0, (640, 360)))
+    text = page(alarmed, {alarmed.events[0].peak: jpeg.tobytes(), int(np.nanargmax(alarmed.alpha)): jpeg.tobytes()})
+    told = shown(text, tmp_path, """
+      document.querySelector("input[value=true]").click();
+      const extra = { told: document.getElementById("told").textContent, first: events[0].confirmed };
+    """)  # fmt: skip
+    assert sorted(figure["kind"] for figure in told["figures"]) == ["img"] * 2 + ["svg"] * 4
+    assert told["extra"]["first"] == "true"
+    n = len(alarmed.events)
+    assert told["extra"]["told"] == ("all confirmed" if n == 1 else f"{n - 1} of {n} not yet confirmed")
+
+
+@needs_chromium
+def test_an_error_in_a_page_does_not_pass(tmp_path):
+    with pytest.raises(AssertionError, match="CONSOLE"):
+        shown("<html><body><script>nobody();</script></body></html>", tmp_path)
+    with pytest.raises(AssertionError):
+        shown("<html><body><figure><img src='none.jpg'></figure></body></html>", tmp_path)
+
+
+def test_the_page_keeps_to_itself(alarmed):
+    text = page(alarmed, {})
+    assert not re.search(r"(?:src|href)=['\"](?!data:|#)", text)
+    assert "said &lt;/script&gt; &amp; &lt;b&gt;" in text
+    assert "a &lt;video&gt;" in text
+
+
+def test_the_command_line(clip, tmp_path, monkeypatch):
+    from simgrab.instrument import pipeline
+
+    monkeypatch.setattr(pipeline, "opened", lambda _: Told(truth_of(clip)))
+    out = tmp_path / "out"
+    said = CliRunner().invoke(cli, ["run", str(clip), "--out", str(out), "--no-video", "--calibrate", "3s"])
+    assert said.exit_code == 0, said.output
+    assert "the paper's video" in said.output
+    assert "2.530" in said.output
+    assert not (out / "annotated.mp4").exists()
+    tilt = str(out / "tilt.toml")
+    said = CliRunner().invoke(
+        cli, ["run", str(clip), "--out", str(tmp_path / "b"), "--live", "--calibration", tilt, "--json"]
+    )
+    assert said.exit_code == 0, said.output
+    assert json.loads(said.output)["counts"]["ok"] > 40
+    for arguments, told in (
+        (["--calibrate", "soon"], "no stretch of time"),
+        (["--estimator", "mean"], "mean"),
+        (["--calibrate", "3s", "--live"], "goes on calibrating"),
+        (["--camera", str(tmp_path / "none.toml")], "none.toml"),
+        (["--rate", "9"], "times of its own"),
+    ):
+        said = CliRunner().invoke(cli, ["run", str(clip), "--out", str(tmp_path / "c"), *arguments])
+        assert said.exit_code
+        assert told in said.output + str(said.exception)
+        assert said.exception is None or isinstance(said.exception, SystemExit | SimgrabError)
+        assert not (tmp_path / "c").exists()
+
+
+def test_the_clips_camera_is_beside_it(clip):
+    assert camera_file.load(clip.with_suffix(".camera.toml")).digit_layout is not None

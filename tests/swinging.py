@@ -1,0 +1,62 @@
+"""Records of the world's own motion without its pictures: what a perfect detector and reader would say, and noise."""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from simgrab import scenes
+from simgrab.calibration import Calibration
+from simgrab.geometry import to_camera
+from simgrab.instrument.sight import Sighting
+from simgrab.world.export import calibration_of
+from simgrab.world.story import Story
+
+
+@dataclass(frozen=True)
+class Swinging:
+    """A record of n frames: true times, pixels (n, 2), rope lengths, swings (rad), and the camera as it is known."""
+
+    time: np.ndarray
+    pixels: np.ndarray
+    rope: np.ndarray
+    alpha: np.ndarray
+    beta: np.ndarray
+    calibration: Calibration
+
+    def sightings(self, noise_px=0.0, seed=0):
+        pixels = self.pixels + np.random.default_rng(seed).normal(0, noise_px, self.pixels.shape)
+        sd = (max(noise_px, 0.1),) * 2
+        layout, constant = self.calibration.digit_layout, self.calibration.display_constant_m
+        texts = [layout.text(r - constant, 20.0) for r in self.rope]
+        return [
+            Sighting(time, centre=(u, v), centre_sd=sd, box=(u - 40, v - 40, u + 40, v + 40), score=0.9,
+                     rope_text=text, rope_status="read", hoist_m=layout.lengths(text)[0])
+            for time, (u, v), text in zip(self.time.tolist(), pixels.tolist(), texts, strict=True)
+        ]  # fmt: skip
+
+
+@cache
+def _made(scene, changes):
+    scenario = scenes.load(scene, {"display.layout": "two-by-four"} | json.loads(changes))
+    story, camera = Story(scenario), scenario.camera
+    moments = [story.at(frame) for frame in range(scenario.frames)]
+    centres = np.array([m.grab.jib_from_grab[:3, 3] for m in moments])
+    rotations = np.array([m.tilt.jib_from_camera for m in moments])
+    return Swinging(
+        np.array([m.time for m in moments]),
+        camera.intrinsics.project(to_camera(centres, rotations, np.asarray(camera.offset_m))),
+        np.array([m.grab.rope_length for m in moments]),
+        np.array([m.grab.alpha for m in moments]),
+        np.array([m.tilt.beta for m in moments]),
+        calibration_of(scenario),
+    )
+
+
+def record(scene="work-cycles", fixed=True, **changes):
+    """Let a crane work; ``camera__beta_deg=3.0`` changes a key. By default the camera keeps its attitude."""
+    changes = {key.replace("__", "."): value for key, value in changes.items()}
+    if fixed:
+        changes["camera.mount"] = {"model": "fixed"}
+    return _made(scene, json.dumps(changes, sort_keys=True))

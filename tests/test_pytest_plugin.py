@@ -1,0 +1,124 @@
+"""The plugin in somebody else's tests: the README's example, limits that hold and do not, a cache between runs."""
+
+import re
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+# Where simgrab was installed before it had the plugin, pytest does not find it by itself.
+LOADED = [] if entry_points(group="pytest11", name="simgrab") else ["-p", "simgrab.pytest_plugin"]
+SMALL = """{
+    "camera.width_px": 480, "camera.height_px": 270, "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
+    "image.samples": 0, "image.shadow_map_px": 0, "place": {"model": "plain"},
+}"""
+OWN = f"""
+import pytest
+from simgrab.instrument.contract import Measurement
+
+SMALL = {SMALL}
+
+
+class Still:
+    name = "still"
+
+    def __call__(self, frames, calibration):
+        return [Measurement(status="ok", alpha=0.0) for frame in frames]
+
+
+@pytest.fixture
+def record(simgrab_record):
+    return simgrab_record("quay-day", SMALL, frames=3, seed=5)
+"""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("plugin") / "cache"
+
+
+def run(folder, tests, cache, *options):
+    (folder / "test_mine.py").write_text(tests)
+    command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", *LOADED, f"--simgrab-cache={cache}", *options]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout
+
+
+def test_frames_and_truth_of_a_scene_are_kept_between_runs(tmp_path, cache):
+    tests = OWN + (
+        "def test_it(record):\n"
+        "    pictures = [frame.picture for frame in record.frames]\n"
+        "    assert [p.shape for p in pictures] == 3 * [(270, 480, 3)]\n"
+        "    assert (next(iter(record.frames)).picture == pictures[0]).all()\n"
+        "    assert len(record.truth) == 3 and record.truth[0].seed == 5\n"
+        "    assert record.calibration.width_px == 480\n"
+    )
+    status, out = run(tmp_path, tests, cache)
+    assert status == 0, out
+    (made,) = cache.glob("*/manifest.json")
+    before = made.stat().st_mtime_ns
+    assert run(tmp_path, tests, cache)[0] == 0
+    assert made.stat().st_mtime_ns == before
+
+
+def marked(name, limit, body="    simgrab_judge(Still(), record)", fixtures="simgrab_judge, record"):
+    return f"\n\n@pytest.mark.simgrab_limit({limit})\ndef test_{name}({fixtures}):\n{body}\n"
+
+
+LIMITS = OWN + "".join(
+    [
+        marked("holds", '"angle.overall.rmse_deg", upper=30'),
+        marked("exceeded", '"angle.overall.rmse_deg", upper=0.01'),
+        marked("misspelt_metric", '"angle.overall.rsme_deg", upper=9'),
+        marked("misspelt_end", '"angle.overall.rmse_deg", uper=9'),
+        marked("never_judged", '"angle.overall.rmse_deg", upper=9', "    pass"),
+        marked("without_the_fixture", '"angle.overall.rmse_deg", upper=9', "    pass", "record"),
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory, cache):
+    """What became of each test of LIMITS: what pytest's JUnit XML says of those that failed."""
+    folder = tmp_path_factory.mktemp("limits")
+    run(folder, LIMITS, cache, "--junit-xml=junit.xml")
+    told = {}
+    for case in ElementTree.parse(folder / "junit.xml").iter("testcase"):
+        told.setdefault(case.get("name"), "")
+        told[case.get("name")] += "".join(problem.get("message") + (problem.text or "") for problem in case)
+    return told
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("exceeded", r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.01"),
+        ("misspelt_metric", "there are: angle.overall.rmse_deg"),
+        ("misspelt_end", "uper"),
+        ("never_judged", "nothing was judged"),
+        ("without_the_fixture", "needs the fixture simgrab_judge"),
+    ],
+)
+def test_limits_that_do_not_hold_fail(name, message, outcomes):
+    assert re.search(message, outcomes[f"test_{name}"])
+
+
+def test_limits_that_hold_pass(outcomes):
+    assert outcomes["test_holds"] == ""
+
+
+def test_the_example_in_the_readme_works(tmp_path, cache):
+    codes = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (example,) = (code for code in codes if "simgrab_record" in code)
+    (mine,) = (code for code in codes if "class Mine" in code)
+    # Smaller pictures, for time's sake.
+    example = example.replace('"calm-day", ', '"calm-day", SMALL, ')
+    assert "SMALL" in example
+    (tmp_path / "mine.py").write_text(mine)
+    status, out = run(tmp_path, f"SMALL = {SMALL}\n{example}", cache)
+    assert status == 0, out
