@@ -56,3 +56,7 @@ class DetectorError(SimgrabError):
 
 class ReaderError(SimgrabError):
     """A file that is no reader of digits, or a picture that none can read."""
+
+
+class StressError(SimgrabError):
+    """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Mapping
 from html import escape
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from simgrab.judge.pages import STYLE, svg, table
 from simgrab.judge.paper import PaperStudy, Spread
 from simgrab.judge.paper_table import INCONSISTENT, rows
-
-_STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, sans-serif; color: #1c2126; max-width: 68rem;
-  margin: 2.5rem auto; padding: 0 1.25rem; }
-h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.2rem; margin: 2.4rem 0 .6rem; }
-p.lead { color: #4a535b; margin-top: 0; }
-table { border-collapse: collapse; width: 100%; font-size: .86rem; }
-th, td { text-align: left; padding: .32rem .6rem; border-bottom: 1px solid #dfe3e6; vertical-align: top; }
-th { border-bottom: 2px solid #aab2b8; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
-figure { margin: .8rem 0 0; } figure svg { width: 100%; height: auto; }
-figcaption { color: #4a535b; font-size: .86rem; }
-"""
 
 _CAPTIONS = {
     "errors": ("Errors over n", "The paper's two error box plots: its settings, its rule, the 0-degree line known."),
@@ -47,35 +33,17 @@ def page(study: PaperStudy, figures: Mapping[str, Figure]) -> str:
     )
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>The paper's simulation study</title>",
-        f"<style>{_STYLE}</style></head><body><h1>The paper's simulation study, run again</h1>",
+        f"<style>{STYLE}</style></head><body><h1>The paper's simulation study, run again</h1>",
         "<p class='lead'>Yu, Wang &amp; Wang, “A Geometric Model with Stochastic Error for Abnormal Motion Detection "
         f"of Portal Crane Bucket Grab”, section 4.4. {escape(lead)}</p>",
     ]
     for name, (title, caption) in _CAPTIONS.items():
-        svg = _svg(figures[name], name)
-        parts.append(f"<h2>{escape(title)}</h2><figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>")
+        drawing = svg(figures[name], name)
+        parts.append(f"<h2>{escape(title)}</h2><figure>{drawing}<figcaption>{escape(caption)}</figcaption></figure>")
     parts += ["<h2>Estimators on the same draws</h2>", _estimators(study)]
     parts += ["<h2>Published beside measured</h2>", _published(study)]
     parts += ["<h2>Where the text does not agree with itself</h2>", _inconsistent(), "</body></html>"]
     return "\n".join(parts)
-
-
-def _svg(figure: Figure, name: str) -> str:
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    # Ids are made unique: the figures share one page.
-    text = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', text)
-    return re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", text)
-
-
-def _table(head: list[str], body: list[list[str]], numbers: set[int]) -> str:
-    def line(cells: list[str], tag: str) -> str:
-        marked = (f"<{tag} class='n'>" if i in numbers else f"<{tag}>" for i in range(len(cells)))
-        return "<tr>" + "".join(f"{m}{escape(c)}</{tag}>" for m, c in zip(marked, cells, strict=True)) + "</tr>"
-
-    return f"<table><thead>{line(head, 'th')}</thead><tbody>{''.join(line(b, 'td') for b in body)}</tbody></table>"
 
 
 def _estimators(study: PaperStudy) -> str:
@@ -99,13 +67,13 @@ def _estimators(study: PaperStudy) -> str:
     )
     body = [cells(name, n, spread) for n in study.known for name, spreads in named for spread in (spreads[n],)]
     head = ["estimator", "n", "RMSE of β̂ (deg)", "RMSE of σ̂² (%)", "refused", "95 % of β (%)", "95 % of σ (%)"]
-    return _table(head, body, {1, 2, 3, 4, 5, 6})
+    return table(head, body, {1, 2, 3, 4, 5, 6})
 
 
 def _published(study: PaperStudy) -> str:
     body = [[r.section, r.quantity, r.published, r.measured, r.note] for r in rows(study)]
-    return _table(["section", "", "published", "measured", ""], body, set())
+    return table(["section", "", "published", "measured", ""], body, set())
 
 
 def _inconsistent() -> str:
-    return _table(["section", ""], [list(pair) for pair in INCONSISTENT], set())
+    return table(["section", ""], [list(pair) for pair in INCONSISTENT], set())
