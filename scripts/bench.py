@@ -3,6 +3,7 @@
 scripts/bench.py render [--pairs 30] [--memory-frames 2000]
 scripts/bench.py estimate
 scripts/bench.py motion
+scripts/bench.py stress
 scripts/bench.py world
 """
 
@@ -158,6 +159,7 @@ def main() -> None:
     verb.add_argument("--memory-frames", type=int, default=2000)
     verbs.add_parser("estimate")
     verbs.add_parser("motion")
+    verbs.add_parser("stress")
     verbs.add_parser("world")
     chosen = parser.parse_args()
     if chosen.verb == "render":
@@ -169,8 +171,9 @@ def main() -> None:
     else:
         sys.path.insert(0, str(Path(__file__).parents[1]))
         from scripts.bench_estimate import estimate
+        from scripts.bench_stress import stress
 
-        estimate()
+        (stress if chosen.verb == "stress" else estimate)()
 
 
 if __name__ == "__main__":

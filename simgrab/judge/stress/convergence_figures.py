@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from simgrab.geometry import Array
-from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.convergence import population, starts_at_zero
 from simgrab.judge.stress.figures import COLOURS
+from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.laws import KURTOSIS
 from simgrab.judge.stress.summary import Summary
 
@@ -44,7 +44,7 @@ def draw(summary: Summary) -> Figure:
         for axes, law in zip(maps, laws, strict=True):
             _map(axes, summary, law, ns[-1])
         maps[0].set_ylabel("β (deg)")
-        above.suptitle(f"converged from start 0 (%), n = {ns[-1]:g}; dashed: kurtosis of the rays 3")
+        above.suptitle(f"converged from start 0 (%), n = {ns[-1]:g}; *: foretold to leave its domain for n → ∞")
         rates, where, steps = below.subplots(1, 3)
         _rates(rates, summary)
         _fixed(where, summary)

@@ -47,8 +47,8 @@ def _page(findings: Sequence[Finding], sections: dict[str, str]) -> str:
         parts += [
             "<h2>Assumption × estimator</h2>",
             "<p>Error of α̂ at a true 10° in the worst direction (deg), mean over replications, at the worst value of "
-            f"the axis. Beyond {MARGIN_DEG:g}° a swing of 11° can be missed, or one of 9° set off the alarm. “refused”: "
-            "more than half of the records.</p>",
+            f"the axis. Beyond {MARGIN_DEG:g}° a swing of 11° can be missed, or one of 9° set off the alarm. "
+            "“refused”: more than half of the records.</p>",
             _heat(curves),
         ]
     parts += [sections[f.summary.study.name] for f in findings]

@@ -18,9 +18,9 @@ from simgrab.errors import StressError
 from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
 from simgrab.judge.stress import convergence, depths, estimators, score
-from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.geometric import Records
+from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import Study, situation
 from simgrab.records import Estimates
 

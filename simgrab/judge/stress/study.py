@@ -11,7 +11,8 @@ import msgspec
 
 from simgrab import scenes
 from simgrab.errors import SimgrabError, StressError
-from simgrab.judge.stress.axes import AXES, Axis, Value
+from simgrab.judge.stress.axes import AXES, Axis
+from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.situation import Situation
 from simgrab.scenario.base import Meta, Strict
 
@@ -157,8 +158,3 @@ def _shorter(sweep: Sweep) -> Sweep:
         return sweep
     few = tuple(v for v in sweep.values if isinstance(v, float | int) and v <= 2 * QUICK_FRAMES)
     return msgspec.structs.replace(sweep, values=few or sweep.values[:1])
-
-
-def planted(study: Study, degrees: float) -> Study:
-    """Hide a tilt from the truth: the judge must find it."""
-    return msgspec.structs.replace(study, given={**study.given, "planted": degrees})
