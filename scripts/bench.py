@@ -3,6 +3,7 @@
 scripts/bench.py render [--pairs 30] [--memory-frames 2000]
 scripts/bench.py estimate
 scripts/bench.py motion
+scripts/bench.py stress
 scripts/bench.py world
 scripts/bench.py detect [--yolo FILE.onnx]
 scripts/bench.py run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
@@ -160,6 +161,7 @@ def main() -> None:
     verb.add_argument("--memory-frames", type=int, default=2000)
     verbs.add_parser("estimate")
     verbs.add_parser("motion")
+    verbs.add_parser("stress")
     verbs.add_parser("world")
     verb = verbs.add_parser("detect")
     verb.add_argument("--yolo", type=Path, help="another detector beside the bundled one")
@@ -169,27 +171,19 @@ def main() -> None:
     verb.add_argument("--frames", type=int, default=20_000)
     verb.add_argument("--live-frames", type=int, default=1000)
     chosen = parser.parse_args()
-    if chosen.verb == "render":
-        render(chosen.pairs, chosen.memory_frames)
-    elif chosen.verb == "motion":
-        motion()
-    elif chosen.verb == "world":
-        world()
-    elif chosen.verb == "detect":
-        sys.path.insert(0, str(Path(__file__).parents[1]))
-        from scripts.bench_detect import detect
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    from scripts import bench_detect, bench_estimate, bench_run, bench_stress
 
-        detect(chosen.yolo)
-    elif chosen.verb == "run":
-        sys.path.insert(0, str(Path(__file__).parents[1]))
-        from scripts.bench_run import run
-
-        run(chosen.video, chosen.detector, chosen.frames, chosen.live_frames)
-    else:
-        sys.path.insert(0, str(Path(__file__).parents[1]))
-        from scripts.bench_estimate import estimate
-
-        estimate()
+    verbs_by_name = {
+        "render": lambda: render(chosen.pairs, chosen.memory_frames),
+        "estimate": bench_estimate.estimate,
+        "motion": motion,
+        "stress": bench_stress.stress,
+        "world": world,
+        "detect": lambda: bench_detect.detect(chosen.yolo),
+        "run": lambda: bench_run.run(chosen.video, chosen.detector, chosen.frames, chosen.live_frames),
+    }
+    verbs_by_name[chosen.verb]()
 
 
 if __name__ == "__main__":

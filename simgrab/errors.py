@@ -72,3 +72,7 @@ class SuiteError(SimgrabError):
 
 class InstrumentError(SimgrabError):
     """A pipeline under test that cannot be imported, made or called, or that does not keep to the contract."""
+
+
+class StressError(SimgrabError):
+    """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""

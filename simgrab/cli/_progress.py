@@ -10,8 +10,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 @contextmanager
-def bar(what: str, *, shown: bool) -> Iterator[Callable[[int, int | None], None]]:
-    """Show a progress bar on stderr; gives what takes frames done and, where known, in all."""
+def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Callable[[int, int | None], None]]:
+    """Show a progress bar on stderr; gives what takes frames (or another unit) done and, where known, in all."""
     columns = (
         TextColumn(what),
         BarColumn(),
@@ -24,6 +24,6 @@ def bar(what: str, *, shown: bool) -> Iterator[Callable[[int, int | None], None]
 
         def progress(done: int, total: int | None) -> None:
             speed = shows.tasks[0].speed
-            shows.update(task, completed=done, total=total, rate=f"{speed:.1f} frames/s" if speed else "")
+            shows.update(task, completed=done, total=total, rate=f"{speed:.1f} {unit}/s" if speed else "")
 
         yield progress

@@ -24,12 +24,12 @@ figcaption { color: #4a535b; font-size: .86rem; }
 """
 
 
-def page(title: str, lead: str, parts: Sequence[str]) -> str:
-    """Write a page; ``lead`` and ``parts`` are HTML."""
+def page(title: str, lead: str, parts: Sequence[str], style: str = "") -> str:
+    """Write a page; ``lead`` and ``parts`` are HTML, ``style`` is CSS of its own."""
     return "\n".join([
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width, initial-scale=1'>",
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body><h1>{escape(title)}</h1>",
+        f"<title>{escape(title)}</title><style>{_STYLE}{style}</style></head><body><h1>{escape(title)}</h1>",
         f"<p class='lead'>{lead}</p>", *parts, "</body></html>",
     ])  # fmt: skip
 
@@ -39,15 +39,19 @@ def section(title: str, content: str) -> str:
     return f"<h2>{escape(title)}</h2>{content}"
 
 
-def drawing(figure: Figure, name: str, caption: str) -> str:
-    """Inline a figure as SVG; its ids are made unique, as figures share a page."""
+def svg(figure: Figure, name: str) -> str:
+    """Write a figure as SVG; its ids begin with ``name``, as figures share a page."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', text)
-    text = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", text)
-    return f"<figure>{text}<figcaption>{escape(caption)}</figcaption></figure>"
+    return re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", text)
+
+
+def drawing(figure: Figure, name: str, caption: str) -> str:
+    """Inline a figure with its caption."""
+    return f"<figure>{svg(figure, name)}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def photograph(jpeg: bytes, caption: str) -> str:

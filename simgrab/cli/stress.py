@@ -1,0 +1,89 @@
+"""``simgrab stress``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+
+@click.command(name="stress")
+@click.argument("study", required=False)
+@click.option("--all", "everything", is_flag=True, help="Run every bundled study.")
+@click.option("--quick", is_flag=True, help="Few replications of short records: does it work?")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default="runs/stress", show_default=True)
+@click.option("--workers", type=int, help="Processes.  [default: one a core]")
+@click.option("--resume", is_flag=True, help="Go on with an unfinished run.")
+@click.option("--replications", type=click.IntRange(min=2), help="M, in place of the study's own.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of every draw, in place of the study's own.")
+@click.option("--replay", nargs=2, metavar="STUDY TRIAL", help="Make one replication again, with its picture.")
+@click.option("--at", "at", multiple=True, metavar="VALUE", help="Of each axis, for --replay.  [default: the last]")
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@click.option("--quiet", is_flag=True, help="No progress.")
+def command(
+    study: str | None, everything: bool, quick: bool, out: Path, workers: int | None, resume: bool,
+    replications: int | None, seed: int | None, replay: tuple[str, str] | None, at: tuple[str, ...],
+    as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Turn up an assumption and see what every estimator makes of it.
+
+    STUDY is a bundled study or a TOML file; without one the bundled studies are listed. Exit status: 0 all limits of
+    the studies are met, 1 one is not.
+    """
+    from simgrab.judge.stress import catalogue
+    from simgrab.judge.stress.study import Study, quickened
+
+    if [study is not None, everything, replay is not None].count(True) > 1:
+        raise click.UsageError("STUDY, --all and --replay exclude each other.")
+    changes = {k: v for k, v in {"replications": replications, "seed": seed}.items() if v is not None}
+
+    def load(name: str) -> Study:
+        chosen = catalogue.load(name)
+        return msgspec.structs.replace(quickened(chosen) if quick else chosen, **changes)
+
+    if replay is not None:
+        _replay(load(replay[0]), replay[1], at, out, as_json)
+    elif everything or study is not None:
+        chosen = [load(name) for name in (catalogue.names() if everything else [str(study)])]
+        _run(chosen, out, workers or os.cpu_count() or 1, resume, as_json, quiet)
+    else:
+        _list({name: catalogue.load(name).title for name in catalogue.names()}, as_json)
+
+
+def _list(titles: dict[str, str], as_json: bool) -> None:
+    width = max(map(len, titles))
+    lines = (f"{name:<{width}}  {title}" for name, title in titles.items())
+    click.echo(json.dumps(titles, ensure_ascii=False) if as_json else "\n".join(lines))
+
+
+def _run(chosen: list[Any], out: Path, workers: int, resume: bool, as_json: bool, quiet: bool) -> None:
+    from simgrab.cli._progress import bar
+    from simgrab.judge.stress.laboratory import REPORT, failures, run
+
+    with bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
+        findings = run(chosen, out, workers=workers, resume=resume, progress=progress)
+    verdicts = [verdict for finding in findings for verdict in finding.verdicts]
+    failed = failures(findings)
+    if as_json:
+        click.echo(json.dumps([dataclasses.asdict(v) for v in verdicts], ensure_ascii=False))
+    else:
+        for verdict in failed:
+            click.echo(f"{verdict.study}: {verdict.text}: found {verdict.found}")
+        click.echo(f"{len(verdicts) - len(failed)} of {len(verdicts)} limits are met; report: {out / REPORT}")
+    sys.exit(1 if failed else 0)
+
+
+def _replay(study: Any, trial: str, at: tuple[str, ...], out: Path, as_json: bool) -> None:
+    from simgrab.judge.stress import replay
+
+    again = replay.replay(study, replay.parse_trial(study, trial), replay.parse_point(study, at))
+    path = replay.picture(again, out)
+    click.echo(json.dumps(again.as_json(), ensure_ascii=False) if as_json else again.as_text())
+    if not as_json:
+        click.echo(f"picture: {path}")

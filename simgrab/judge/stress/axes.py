@@ -1,0 +1,135 @@
+"""Every assumption that can be turned up: its unit, the value at which it holds, and what a value does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from simgrab.judge.stress import knobs
+from simgrab.judge.stress.knobs import DEG, Knob, Value
+from simgrab.judge.stress.situation import Situation
+
+# A grab of 10.5 t with Cd·A = 10 m² in air of 1.2 kg/m³, and a jib of 25 m.
+_LEAN_PER_WIND2 = 0.5 * 1.2 * 10.0 / (10_500 * 9.81)  # rad per (m/s)²
+_LEAN_PER_RPM2 = (2 * math.pi / 60) ** 2 * 25.0 / 9.81
+_PITCH_PER_M = 2 * DEG  # of a camera bolted to the fly-jib that luffs
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One assumption.
+
+    Attributes
+    ----------
+    name, unit, says : str
+        ``unit`` is empty for names and pure numbers; ``says`` is one line for the report.
+    holds : float or str or None
+        Value at which the assumption holds; None where it always does.
+    apply : callable
+        Situation and value → situation.
+    key : str
+        Scenario key that does the same, through which every depth reaches the axis; empty where only the geometric
+        depth does. Then `apply` is not used.
+    """
+
+    name: str
+    unit: str
+    says: str
+    holds: Value | None
+    apply: Knob
+    key: str = ""
+
+
+def _field(
+    name: str, unit: str, says: str, part: str, field: str, *,
+    scale: float = 1.0, low: float = -math.inf, high: float = math.inf, holds: float = 0.0, **also: object,
+) -> Axis:  # fmt: skip
+    """Make an axis that sets one field of a situation, and ``also`` others of the same part."""
+
+    def apply(situation: Situation, value: Value) -> Situation:
+        number = knobs.number(name, value, low, high)
+        return situation.having(part, **{field: scale * number}, **(also if number != holds else {}))
+
+    return Axis(name, unit, says, holds, apply)
+
+
+def _keyed(name: str, unit: str, says: str, key: str, holds: float | None) -> Axis:
+    return Axis(name, unit, says, holds, lambda situation, _: situation, key)
+
+
+def _ar_of(name: str, says: str, towards: float, axial: bool = False) -> Axis:
+    return _field(name, "κ", says, "swing", "kappa", low=0, high=100, towards=towards, axial=axial)
+
+
+_ALL = (
+    # What the paper assumes of the swing
+    Axis("alpha-law", "", "law of α", "half-normal", knobs.law),
+    Axis("alpha-student", "", "tail of α: 1/degrees of freedom of Student's t", 0.0, knobs.student),
+    Axis("alpha-bursts", "", "share of idle frames, the others swinging five times as far", 0.0, knobs.bursts),
+    _ar_of("gamma-towards", "swing prefers the direction of the tilt (von Mises)", 0.0),
+    _ar_of("gamma-across", "swing prefers one side of the tilt (von Mises)", math.pi / 2),
+    _ar_of("gamma-axial", "swing prefers the line of the tilt, both ways (axial von Mises)", 0.0, axial=True),
+    _field("gamma-ellipse", "", "flatness of the ellipse of the swing, long along the tilt", "swing", "flatness",
+           low=0, high=1),
+    _field("gamma-alpha", "", "swing towards the tilt is larger: α grows with 1 + c·cosγ", "swing", "unevenness",
+           low=-1, high=1),
+    Axis("ar1", "", "correlation of successive frames, half-normal α", 0.0, knobs.correlated),
+    _field("memory", "s", "time in which a forced pendulum's swing dies down by e", "swing", "memory_s", low=0),
+    Axis("motion", "", "what moves the grab: the world's physics in place of independent frames", "independent",
+         knobs.motion),
+    Axis("lean-along", "deg", "mean lean of the rope along the tilt", 0.0,
+         knobs.leaning("lean-along", 0, lambda v: v * DEG)),
+    Axis("lean-across", "deg", "mean lean of the rope across the tilt", 0.0,
+         knobs.leaning("lean-across", 1, lambda v: v * DEG)),
+    Axis("wind", "m/s", "steady wind along the tilt: the grab leans by drag over weight", 0.0,
+         knobs.leaning("wind", 0, lambda v: _LEAN_PER_WIND2 * v * v)),
+    Axis("slewing", "rpm", "steady slewing at 25 m: the grab leans outboard along the tilt", 0.0,
+         knobs.leaning("slewing", 0, lambda v: _LEAN_PER_RPM2 * v * v)),
+    _keyed("sigma", "deg", "σ, the size of the swing", "swing.alpha.sigma_deg", 2.0),
+    # What it assumes of the camera
+    _keyed("beta", "deg", "β, the tilt of the camera", "camera.beta_deg", 5.0),
+    Axis("offset-along", "m", "camera beside the rope exit, along the tilt", 0.0, knobs.offset("offset-along", 0)),
+    Axis("offset-across", "m", "camera beside the rope exit, across the tilt", 0.0, knobs.offset("offset-across", 1)),
+    Axis("offset-below", "m", "camera below the rope exit", 0.0, knobs.offset("offset-below", 2, -1)),
+    Axis("offset-known", "m", "camera beside the rope exit along the tilt, as its file says", 0.0, knobs.nominal),
+    Axis("mount", "", "what the camera hangs on while the crane works in cycles", "fixed", knobs.mount),
+    _field("luffing", "m", "range of luffing, with which a rigid camera pitches 2° a metre", "attitude", "luffing",
+           scale=_PITCH_PER_M, low=0),
+    _field("levelling", "m/s²", "acceleration of the jib sideways, which a levelled camera takes for gravity",
+           "attitude", "levelling", scale=1 / 9.81, low=0),
+    _field("vibration", "deg", "tremble of the camera, each component", "attitude", "tremble", scale=DEG, low=0),
+    Axis("focal", "%", "focal length told too long", 0.0, knobs.focal),
+    Axis("principal-along", "px", "principal point off, along the tilt", 0.0, knobs.principal("principal-along", 0)),
+    Axis("principal-across", "px", "principal point off, across the tilt", 0.0, knobs.principal("principal-across", 1)),
+    Axis("distortion", "k1", "lens distortion ignored", 0.0, knobs.distortion),
+    Axis("roll", "deg", "camera rolled, unknown to the instrument", 0.0, knobs.roll),
+    # What it assumes of the record
+    _keyed("n", "frames", "n, the number of frames", "frames", None),
+    _field("noise", "px", "Gaussian noise of each pixel coordinate", "sight", "noise_px", low=0),
+    _field("noise-heavy", "px", "noise by Student's law with 3 degrees of freedom", "sight", "heavy_px", low=0),
+    _field("noise-slow", "px", "noise that wanders within 10 s", "sight", "slow_px", low=0),
+    _field("outliers", "", "share of frames in which something else is taken for the grab", "sight", "outliers",
+           low=0, high=1),
+    _field("box-centre", "", "from the grab's centre (0) to the centre of its box (1)", "sight", "box_centre",
+           low=0, high=1),
+    _field("missing", "", "share of frames without a detection", "sight", "missing", low=0, high=1),
+    _field("missing-far", "", "share missed at α = 10°, the hazard growing with α", "sight", "missing_far",
+           low=0, high=0.999),
+    Axis("edge", "", "1: what lies outside of the picture is missed", 0.0,
+         lambda s, v: s.having("sight", bounded=bool(knobs.number("edge", v, 0, 1)))),
+    # The rope, of which the paper makes no use
+    Axis("rope", "m", "rope of one length", None, knobs.rope),
+    Axis("rope-range", "m", "range of the rope's length about 21.5 m", None, knobs.rope_range),
+    _field("rope-bias", "m", "rope's length told too long", "rope", "bias_m"),
+    _field("rope-lag", "s", "rope's length told late, while it goes up and down in 75 s", "rope", "lag_s", low=0,
+           hoisting=True),
+    _field("rope-misread", "", "share of frames whose rope length is misread", "rope", "misread", low=0, high=1),
+    # The judge's own check
+    _field("planted", "deg", "tilt that is hidden from the truth: a fault that must be found", "attitude", "planted",
+           scale=DEG),
+)  # fmt: skip
+
+AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
+"""Axis by name."""

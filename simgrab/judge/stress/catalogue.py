@@ -1,0 +1,108 @@
+"""Find, read and check studies: bundled ones by name, or TOML files."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from simgrab.errors import StressError
+from simgrab.judge.stress import depths, estimators
+from simgrab.judge.stress.axes import AXES
+from simgrab.judge.stress.study import Study, situation
+from simgrab.resources import SCENES
+from simgrab.strict import convert
+
+STUDIES = SCENES / "studies"
+MAP_AXES = ("alpha-law", "n", "beta", "sigma")
+"""Axes of a map of convergence."""
+
+
+def names() -> list[str]:
+    """Names of the bundled studies."""
+    return sorted(path.stem for path in STUDIES.glob("*.toml"))
+
+
+def load(study: str | Path) -> Study:
+    """Read a bundled study by name, or a TOML file, and check all of it.
+
+    Raises
+    ------
+    StressError
+        With one line that names the key and what is valid there.
+    """
+    path = Path(study)
+    if isinstance(study, str) and (STUDIES / f"{study}.toml").is_file():
+        path = STUDIES / f"{study}.toml"
+    elif not path.is_file():
+        close = difflib.get_close_matches(str(study), names(), n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise StressError(f"no study or file {str(study)!r}{hint}; bundled studies: {', '.join(names())}")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise StressError(f"cannot read {path}: {problem}") from None
+    try:
+        return read(data)
+    except StressError as problem:
+        raise StressError(f"{path}: {problem}") from None
+
+
+def read(data: Mapping[str, object]) -> Study:
+    """Turn plain data into a checked study; raises `StressError`."""
+    study = convert(data, Study, StressError)
+    check(study)
+    return study
+
+
+def check(study: Study) -> None:
+    """Refuse a study that cannot be, before anything is drawn; raises `StressError`."""
+    depth = depths.find(study.depth)
+    most = 2 if study.kind == "estimators" else 4
+    if not 1 <= len(study.axes) <= most:
+        raise StressError(f"axes: takes 1 to {most} of them, got {len(study.axes)}; {_valid_axes(depth)}")
+    if study.kind == "convergence" and tuple(s.axis for s in study.axes) != MAP_AXES:
+        raise StressError(f"axes: a map of convergence has these, in this order: {', '.join(MAP_AXES)}")
+    for i, sweep in enumerate(study.axes):
+        if not sweep.values:
+            raise StressError(f"axes.{i}.values: {sweep.axis!r} has no values; give at least one")
+        if len(set(sweep.values)) < len(sweep.values):
+            raise StressError(f"axes.{i}.values: {sweep.axis!r} has a value twice")
+    for name in study.given:
+        _check_axis(f"given.{name}", name, depth)
+    for i, sweep in enumerate(study.axes):
+        _check_axis(f"axes.{i}.axis", sweep.axis, depth)
+    if not study.estimators:
+        raise StressError("estimators: give at least one")
+    for name in (*study.estimators, *study.fewer, *study.consistent):
+        estimators.find(name)
+    for point in study.points:
+        situation(study, point)
+    for key, points in (("holds", [study.holds] if study.holds else []), ("accept", [a.at for a in study.accept])):
+        for point in points:
+            if point not in study.points:
+                raise StressError(f"{key}: {list(point)} is no point of the axes; one of: {_points(study)}")
+    for accept in study.accept:
+        if accept.estimator not in study.estimators:
+            raise StressError(f"accept: {accept.estimator!r} is not tried; one of: {', '.join(study.estimators)}")
+        valid = ("refused", *depths.columns(study.kind))
+        if accept.quantity not in valid:
+            raise StressError(f"accept: unknown quantity {accept.quantity!r}; one of: {', '.join(valid)}")
+
+
+def _points(study: Study) -> str:
+    return ", ".join(str(list(point)) for point in study.points)
+
+
+def _valid_axes(depth: depths.Depth) -> str:
+    return f"valid at depth {depth.name!r}: {', '.join(depth.axes())}, or a key of the scene: {', '.join(depth.keys)}"
+
+
+def _check_axis(where: str, name: str, depth: depths.Depth) -> None:
+    known = name in depth.axes() if name in AXES else any(f"{name}.".startswith(f"{key}.") for key in depth.keys)
+    if not known:
+        close = difflib.get_close_matches(name, [*AXES, *depth.keys], n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close and close[0] != name else ""
+        what = "does not reach this depth" if name in AXES or "." in name else "unknown axis"
+        raise StressError(f"{where}: {name!r}: {what}{hint}; {_valid_axes(depth)}")

@@ -1,0 +1,111 @@
+"""Find estimators: the package's own by name, anybody's as ``package.module:Class``."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from typing import Any, Protocol, cast, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.errors import StressError
+from simgrab.geometry import Array
+from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.judge.stress.geometric import Records
+from simgrab.records import Estimate, Estimates, Intervals
+
+
+@runtime_checkable
+class Estimating(Protocol):
+    """What the laboratory asks of an estimator, which can be made without arguments; see `Estimator.estimate`."""
+
+    def estimate(
+        self,
+        pixels: Array,
+        calibration: Calibration,
+        *,
+        rope_length: Array | None = None,
+        time: Array | None = None,
+    ) -> Estimate:
+        """Estimate from one record: pixels (n, 2), rope_length and time (n,)."""
+
+
+def find(name: str) -> Estimating:
+    """Make an estimator.
+
+    Parameters
+    ----------
+    name : str
+        In `simgrab.instrument.estimate.ESTIMATORS`, or ``package.module:Class``.
+
+    Raises
+    ------
+    StressError
+        Naming what there is.
+    """
+    if name in ESTIMATORS:
+        return ESTIMATORS[name]()
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        raise StressError(
+            f"estimators: unknown estimator {name!r}; one of: {', '.join(ESTIMATORS)}, or package.module:Class"
+        )
+    try:
+        made = getattr(importlib.import_module(module), attribute)()
+    except (ImportError, AttributeError, TypeError, ValueError) as problem:
+        raise StressError(f"estimators: cannot make {name!r}: {problem}") from problem
+    if not isinstance(made, Estimating):
+        raise StressError(f"estimators: {name!r} has no method estimate(pixels, calibration, *, rope_length, time)")
+    return made
+
+
+def run(name: str, records: Records) -> Estimates:
+    """Estimate from every record, in a batch where the estimator has one."""
+    estimator = find(name)
+    options = {"rope_length": records.rope, "time": records.time}
+    try:
+        if hasattr(estimator, "batch"):
+            return cast(Estimates, estimator.batch(records.pixels, records.calibration, **options))
+        each = [
+            estimator.estimate(uv, records.calibration, rope_length=rope, time=records.time)
+            for uv, rope in zip(records.pixels, records.rope, strict=True)
+        ]
+    except Exception as problem:
+        raise StressError(f"{name} failed with {type(problem).__name__}: {problem}") from problem
+    return stacked(name, each, records.alpha.shape[1])
+
+
+def stacked(name: str, each: Sequence[Estimate], frames: int) -> Estimates:
+    """Put estimates of single records together; diagnostics, which may differ in kind, are left out."""
+
+    def column(values: Sequence[Any], shape: tuple[int, ...] = ()) -> NDArray[Any]:
+        return np.array([np.full(shape, np.nan) if v is None else v for v in values], float)
+
+    kinds = max((e.intervals for e in each), key=len, default=())
+
+    def interval(kind: Intervals) -> Intervals:
+        own = [next((i for i in e.intervals if i.kind == kind.kind), None) for e in each]
+
+        def ends(field: str, shape: tuple[int, ...]) -> Array:
+            return column([getattr(i, field) if i else None for i in own], shape)
+
+        both = ends("beta", (2,)), ends("sigma", (2,)), ends("alpha", (frames, 2))
+        return Intervals(kind.kind, kind.level, *both, kind.blocks, kind.note)
+
+    offset = [e.offset for e in each]
+    beta, azimuth, sigma = (column([getattr(e, field) for e in each]) for field in ("beta", "tilt_azimuth", "sigma"))
+    return Estimates(
+        name,
+        np.array([e.ok for e in each], bool),
+        np.array([e.reason for e in each], str),
+        np.array([e.frames for e in each], np.int64),
+        beta,
+        azimuth,
+        sigma,
+        column([e.alpha for e in each], (frames,)),
+        None if all(o is None for o in offset) else column(offset, (3,)),
+        tuple(interval(kind) for kind in kinds),
+        {},
+    )

@@ -1,0 +1,162 @@
+"""Run studies into a folder: in parallel, taken up again after any interruption, in bounded memory."""
+
+from __future__ import annotations
+
+import functools
+import json
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from simgrab import __version__
+from simgrab.errors import StressError
+from simgrab.judge.stress import depths
+from simgrab.judge.stress.study import Study
+from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
+from simgrab.judge.stress.work import Part, crew, parts, schema, store
+
+Progress = Callable[[int, int], None]
+STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finished study: its folder, figures, and how they stand against its limits."""
+
+    path: Path
+    summary: Summary
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit is met."""
+        return all(verdict.passed for verdict in self.verdicts)
+
+
+def run(
+    studies: Sequence[Study],
+    out: str | Path,
+    *,
+    workers: int = 1,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> list[Finding]:
+    """Run studies and write the report.
+
+    Each study gets a folder of its name in ``out`` with ``trials.parquet`` (one row for each point, replication and
+    estimator), ``summary.csv`` and ``study.json``; ``report.html`` shows all of them. The tables are the same for any
+    number of workers, and however often the run was interrupted.
+
+    Parameters
+    ----------
+    studies : sequence of Study
+    out : path
+    workers : int
+        Processes.
+    resume : bool
+        Go on with what an interrupted run of the same studies left there.
+    progress : callable, optional
+        Called with (replications done, replications in all), each at one point.
+
+    Raises
+    ------
+    StressError
+        If a folder cannot be used, or an estimator fails.
+    """
+    from simgrab.judge.stress import page
+
+    folder = Path(out)
+    missing: list[tuple[Study, Path, Part]] = []
+    try:
+        for study in studies:
+            missing += _open(study, folder / study.name, resume=resume)
+    except OSError as problem:
+        raise StressError(f"cannot write {folder}: {problem.strerror or problem}") from None
+    total = sum(len(study.points) * study.replications for study in studies)
+    done = total - sum(part.last - part.first for _, _, part in missing)
+    if progress:
+        progress(done, total)
+    with crew(workers) as share:
+        for count in share(_store, missing):
+            done += count
+            if progress:
+                progress(done, total)
+        for _ in share(
+            functools.partial(_finish, folder), [s for s in studies if (folder / s.name / PARTIAL).exists()]
+        ):
+            pass
+        findings = [read(folder / study.name, study) for study in studies]
+        page.write(findings, folder / REPORT, share)
+    return findings
+
+
+def _store(job: tuple[Study, Path, Part]) -> int:
+    study, path, part = job
+    return store(study, path / PARTIAL, part)
+
+
+def _identity(study: Study) -> dict[str, Any]:
+    return {"simgrab": __version__, "digest": study.digest, "study": msgspec.to_builtins(study)}
+
+
+def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, Part]]:
+    """Claim a study's folder; gives the parts that remain to be made."""
+    identity = path / STUDY
+    if identity.exists():
+        known = json.loads(identity.read_text(encoding="utf-8"))
+        if not resume:
+            advice = "go on with --resume, or choose" if (path / PARTIAL).exists() else "choose"
+            raise StressError(f"{path} holds a study already; {advice} another --out")
+        mine = _identity(study)
+        changed = [key for key in ("digest", "simgrab") if known.get(key) != mine[key]]
+        if changed:
+            what = "its settings differ" if "digest" in changed else "made by another version"
+            raise StressError(f"{path} holds another study ({what}); --resume needs the same, or choose another --out")
+        if not (path / PARTIAL).exists():
+            return []
+    elif path.exists() and any(path.iterdir()):
+        raise StressError(f"{path} holds something else than a study; choose another --out")
+    (path / PARTIAL).mkdir(parents=True, exist_ok=True)
+    for draft in (path / PARTIAL).glob("*.draft"):
+        draft.unlink()
+    draft = identity.with_suffix(".draft")
+    draft.write_text(json.dumps(_identity(study), indent=1, ensure_ascii=False), encoding="utf-8")
+    draft.replace(identity)
+    return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]
+
+
+def _finish(out: Path, study: Study) -> None:
+    """Join the parts of a study, one at a time, and drop them."""
+    path = out / study.name
+    draft = path / f"{TRIALS}.draft"
+    with pq.ParquetWriter(draft, schema(study)) as writer:
+        for part in parts(study):
+            writer.write_table(pq.read_table(path / PARTIAL / part.file))
+    draft.replace(path / TRIALS)
+    pyarrow.csv.write_csv(_summed(study, path).table(), path / SUMMARY)
+    shutil.rmtree(path / PARTIAL)
+
+
+def _summed(study: Study, path: Path) -> Summary:
+    moments = Moments(study, depths.columns(study.kind))
+    with pq.ParquetFile(path / TRIALS) as file:
+        for group in range(file.num_row_groups):
+            moments.add(file.read_row_group(group))
+    return moments.summary()
+
+
+def read(path: Path, study: Study) -> Finding:
+    """Read a finished study."""
+    summary = _summed(study, path)
+    return Finding(path, summary, tuple(judge(summary)))
+
+
+def failures(findings: Iterable[Finding]) -> list[Verdict]:
+    """Limits that are not met."""
+    return [verdict for finding in findings for verdict in finding.verdicts if not verdict.passed]

@@ -1,0 +1,160 @@
+"""A study: what is turned up, how far, who is tried, how often, and what is accepted."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+from typing import Annotated, Literal
+
+import msgspec
+
+from simgrab import scenes
+from simgrab.errors import SimgrabError, StressError
+from simgrab.judge.stress.axes import AXES, Axis
+from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.situation import Situation
+from simgrab.scenario.base import Meta, Strict
+
+Statistic = Literal["mean", "rms", "z"]
+
+QUICK_FRAMES, QUICK_REPLICATIONS, QUICK_PHYSICS, QUICK_MAP = 500, 30, 3, 4
+
+
+class Sweep(Strict, frozen=True):
+    """One axis and its values."""
+
+    axis: str
+    values: tuple[Value, ...]
+
+
+class Accept(Strict, frozen=True):
+    """A limit: the statistic of a column, at one point and of one estimator, lies in [low, high].
+
+    It is met where the Monte Carlo interval, three standard errors to either side, meets the limits. ``z`` is the size
+    of the mean in standard errors. Of ``refused`` the mean is the share of records refused.
+    """
+
+    at: tuple[Value, ...]
+    estimator: str
+    quantity: str
+    statistic: Statistic = "mean"
+    low: float | None = None
+    high: float | None = None
+    says: str = ""
+
+
+class Study(Strict, frozen=True):
+    """A study, as its TOML file states it.
+
+    Attributes
+    ----------
+    name, title : str
+    kind : str
+        ``"estimators"``, or ``"convergence"``: how the paper's iteration gets to its end.
+    depth : str
+        How far a record goes from truth to angles: see `simgrab.judge.stress.depths`.
+    base : str
+        Scene that it departs from.
+    given : dict
+        Axes, or keys of the scene, that hold throughout.
+    axes : tuple of Sweep
+        One or two; up to four for convergence.
+    n, replications, seed : int
+    estimators : tuple of str
+        Names, or ``package.module:Class``.
+    fewer : dict
+        Replications of estimators that take too long for all.
+    holds : tuple
+        Point at which no assumption is violated; empty where there is none. There the estimators named in
+        ``consistent`` must show no bias of β̂ and σ̂ and intervals that cover 93 to 97 %.
+    consistent : tuple of str
+    accept : tuple of Accept
+    """
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=64)]
+    title: str
+    axes: tuple[Sweep, ...]
+    estimators: tuple[str, ...]
+    kind: Literal["estimators", "convergence"] = "estimators"
+    depth: str = "geometric"
+    base: str = "paper-ideal"
+    given: dict[str, Value] = msgspec.field(default_factory=dict)
+    n: Annotated[int, Meta(ge=10, le=1_000_000)] = 3699
+    replications: Annotated[int, Meta(ge=2, le=10_000_000)] = 1000
+    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    fewer: dict[str, Annotated[int, Meta(ge=2)]] = msgspec.field(default_factory=dict)
+    holds: tuple[Value, ...] = ()
+    consistent: tuple[str, ...] = ()
+    accept: tuple[Accept, ...] = ()
+
+    @property
+    def points(self) -> list[tuple[Value, ...]]:
+        """Every combination of the axes' values, the last axis running fastest."""
+        return list(itertools.product(*(sweep.values for sweep in self.axes)))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything in the study."""
+        return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()
+
+    def trials_of(self, estimator: str) -> int:
+        """How many replications an estimator gets."""
+        return min(self.fewer.get(estimator, self.replications), self.replications)
+
+    def settings(self, point: tuple[Value, ...]) -> dict[str, Value]:
+        """Every axis or key with its value at a point."""
+        return {"n": self.n, **self.given, **{s.axis: v for s, v in zip(self.axes, point, strict=True)}}
+
+
+def axis_of(name: str) -> Axis:
+    """Find an axis, or make one of a key of the scene."""
+    return AXES.get(name) or Axis(name, "", f"the scene's {name}", None, lambda s, _: s, key=name)
+
+
+@functools.lru_cache(maxsize=256)
+def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
+    pairs = [(axis_of(name), value) for name, value in settings]
+    changes = {axis.key: value for axis, value in pairs if axis.key}
+    if "frames" in changes:
+        changes["frames"] = round(float(changes["frames"]))
+    try:
+        result = Situation.of(scenes.load(base, changes))
+    except SimgrabError as problem:
+        raise StressError(str(problem)) from None
+    for axis, value in pairs:
+        if not axis.key:
+            result = axis.apply(result, value)
+    return result
+
+
+def situation(study: Study, point: tuple[Value, ...]) -> Situation:
+    """Make the situation at a point of a study."""
+    return _situation(study.base, tuple(study.settings(point).items()))
+
+
+def quickened(study: Study) -> Study:
+    """Make a study so small that it takes seconds. Its numbers are rough, and slow estimators are left out."""
+    axes = tuple(_shorter(s) for s in study.axes)
+    kept = tuple(name for name in study.estimators if name not in study.fewer)
+    points = set(itertools.product(*(s.values for s in axes)))
+    slow = any(s.axis in ("motion", "mount") for s in axes) or {"motion", "mount"} & set(study.given)
+    many = QUICK_MAP if study.kind == "convergence" else QUICK_PHYSICS if slow else QUICK_REPLICATIONS
+    return msgspec.structs.replace(
+        study,
+        axes=axes,
+        estimators=kept or study.estimators,
+        fewer={},
+        n=min(study.n, QUICK_FRAMES),
+        replications=min(study.replications, many),
+        holds=study.holds if study.holds in points else (),
+        accept=tuple(a for a in study.accept if a.at in points and a.estimator in kept and a.statistic != "rms"),
+    )
+
+
+def _shorter(sweep: Sweep) -> Sweep:
+    """Leave out numbers of frames that take long."""
+    if sweep.axis != "n":
+        return sweep
+    few = tuple(v for v in sweep.values if isinstance(v, float | int) and v <= 2 * QUICK_FRAMES)
+    return msgspec.structs.replace(sweep, values=few or sweep.values[:1])
