@@ -17,6 +17,7 @@ import resource
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -174,7 +175,7 @@ def main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[1]))
     from scripts import bench_detect, bench_estimate, bench_run, bench_stress
 
-    verbs_by_name = {
+    acts: dict[str, Callable[[], None]] = {
         "render": lambda: render(chosen.pairs, chosen.memory_frames),
         "estimate": bench_estimate.estimate,
         "motion": motion,
@@ -183,7 +184,7 @@ def main() -> None:
         "detect": lambda: bench_detect.detect(chosen.yolo),
         "run": lambda: bench_run.run(chosen.video, chosen.detector, chosen.frames, chosen.live_frames),
     }
-    verbs_by_name[chosen.verb]()
+    acts[chosen.verb]()
 
 
 if __name__ == "__main__":
