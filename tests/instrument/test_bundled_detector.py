@@ -1,0 +1,43 @@
+"""The bundled weights are small, what their cards say, and find the grab of a scene unseen in training."""
+
+import json
+
+import numpy as np
+import pytest
+
+from simgrab import labels, scenes
+from simgrab.instrument.detect import detector
+from simgrab.instrument.detect.boxes import iou
+from simgrab.resources import ASSETS
+from simgrab.world.frames import Studio
+
+WEIGHTS = ASSETS / "weights"
+
+
+def test_all_weights_together_are_small():
+    assert sum(path.stat().st_size for path in WEIGHTS.iterdir()) < 12e6
+
+
+@pytest.mark.parametrize("name", ["find", "refine"])
+def test_cards_say_what_the_weights_were_made_of(name):
+    card = json.loads((WEIGHTS / f"{name}.json").read_text(encoding="utf-8"))
+    assert card["name"] == name
+    assert {one["scenario"] for one in card["data"]} == {"training"}  # and so of no exam
+    assert card["metrics"]["recall"] > 0.98
+
+
+def test_the_grab_is_found_where_it_is_and_nowhere_else():
+    looks, found = detector(), []
+    with Studio(scenes.load("exam-windy", {"clip.clip_frames": 2, "frames": 12})) as studio:
+        for frame in range(12):
+            drawn = studio.draw(frame)
+            row, told = studio.label(drawn, file="", image=b""), looks(np.ascontiguousarray(drawn.rgb))
+            box = labels.box(row)
+            if box is None:
+                assert not told.found
+            elif row.visible_fraction > 0.5:
+                assert told.found
+                assert iou(told.box, box) > 0.85
+                assert np.linalg.norm(told.centre - labels.centre(row)) < 0.08 * (box[2:] - box[:2]).max()
+                found.append(frame)
+    assert len(found) >= 4
