@@ -212,6 +212,24 @@ def test_greys_of_16_bits_are_measured(tmp_path):
     assert [m.status for m in result.measurements] == ["missed"] * 3
 
 
+def test_an_interrupted_live_run_keeps_what_it_has(tmp_path):
+    seen = []
+
+    def impatient(picture):
+        if len(seen) == 12:
+            raise KeyboardInterrupt
+        seen.append(picture.shape)
+        return nothing(picture)
+
+    impatient.name = "impatient"
+    path = film(tmp_path / "a.mp4", np.arange(40) / 9)
+    result = run(path, CAMERA, tmp_path / "out", Pipeline(impatient, None), Options(live=True))
+    assert len(result.measurements) == len(result.time) == len(runs.load(tmp_path / "out").measurements) == 12
+    with pytest.raises(KeyboardInterrupt):
+        run(path, CAMERA, tmp_path / "whole", Pipeline(impatient, None))
+    assert not (tmp_path / "whole").exists()
+
+
 def test_nothing_is_overwritten(tmp_path):
     (tmp_path / "out").mkdir()
     path = film(tmp_path / "a.mp4", np.arange(5) / 9)
