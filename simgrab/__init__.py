@@ -16,6 +16,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from simgrab.judge.audit import audit as audit
+    from simgrab.judge.evaluate import evaluate as evaluate
+    from simgrab.judge.run import run as run
     from simgrab.scenes import load as load
     from simgrab.world.dataset import render as render
     from simgrab.world.video.render import render_video as render_video
@@ -26,6 +28,8 @@ _HOME = {
     "render": "simgrab.world.dataset",
     "render_video": "simgrab.world.video.render",
     "audit": "simgrab.judge.audit",
+    "run": "simgrab.judge.run",
+    "evaluate": "simgrab.judge.evaluate",
 }
 __all__ = ["__version__", *_HOME]
 

@@ -37,8 +37,8 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
             table = Table(
                 *map(escape, each.head), title=escape(each.title), title_justify="left", show_header=any(each.head)
             )
-            for i in range(1, len(each.head)):
-                table.columns[i].justify = "right"
+            for column in table.columns[1:]:
+                column.justify, column.no_wrap = "right", True
             for row in each.rows:
                 table.add_row(*map(escape, row))
             console.print(table)

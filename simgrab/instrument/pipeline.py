@@ -62,9 +62,9 @@ class Pipeline:
     reader : Reader or None
     estimator : Estimator or None
         By default `RopeAware` where the camera file states a display, for the camera hangs beside the rope exit: with
-        the offset known to 5 cm, it errs by 0.1° in working cycles seen by a camera that keeps its attitude, where
-        those that take no rope length err by 0.6°. `PendulumSmoother` is as good and takes seconds for a record, and
-        cannot go on frame by frame. Without a display `MeanRay`, which needs no rope length.
+        that offset, 0.6 m, known to 5 cm, it errs by 0.17° in five minutes of calm working cycles, where the estimators
+        that take no rope length err by 0.6° and more (``scripts/instrument.py``). `PendulumSmoother` errs by 0.16°,
+        takes a second or two for it, and cannot go on frame by frame. Without a display `MeanRay`, which needs none.
     calibrate_s : float or None
         The tilt comes from the first so many seconds; None, as in the paper, from the whole record.
     tilt : Known or None

@@ -71,11 +71,11 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        ``estimator``; rows as `simgrab.judge.swings.errors` gives them: ``chain``, each with one thing less that is
-        told, ``aside``, each with one thing that is not, ``paper``, the paper's method on true and on detected
-        centres, ``drawn``, the last row of the chain with offsets drawn about the true one as the camera file states
-        them to err, and ``run``, the run's own angles; ``limit``: the stage of the chain that adds most. None where
-        the run tells no centres.
+        ``estimator``; rows as `simgrab.judge.swings.errors` gives them, with the tilt ``beta_deg``: ``chain``, each
+        with one thing less that is told, ``aside``, each with one thing that is not, ``paper``, the paper's method on
+        true and on detected centres, ``drawn``, the last row of the chain with offsets drawn about the true one as the
+        camera file states them to err, and ``run``, the run's own angles; ``limit``: the stage of the chain that adds
+        most. None where the run tells no centres.
     """
     parts = _Parts.of(run, known)
     if parts is None:
@@ -84,7 +84,8 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
     estimator = ESTIMATORS[name]() if name in ESTIMATORS else RopeAware()
 
     def row(stage: Stage, by: Estimator) -> dict[str, Any]:
-        return {"stage": stage.name} | errors(parts.swing(stage, by), parts.alpha)
+        beta, alpha = parts.swing(stage, by)
+        return {"stage": stage.name, "beta_deg": beta} | errors(alpha, parts.alpha)
 
     paper = PaperIteration()
     chain = [row(stage, estimator) for stage in CHAIN]
@@ -137,15 +138,18 @@ class _Parts:
             {"true": true_camera(rows[0], run.calibration), "nominal": run.calibration},
         )  # fmt: skip
 
-    def swing(self, stage: Stage, estimator: Estimator) -> Array:
-        """Swings under a stage, rad, shape (n,); NaN where the estimator refuses."""
+    def swing(self, stage: Stage, estimator: Estimator) -> tuple[float | None, Array]:
+        """Tilt in degrees, where there is one, and swings (n,), rad, under a stage; NaN where the estimator refuses."""
         pixels, rope, camera = self.centre[stage.centre], self.rope[stage.rope], self.camera[stage.camera]
         if stage.tilt == "true":
-            return by_pose(self.rows, pixels, rope)
+            return None, by_pose(self.rows, pixels, rope)
         if stage.tilt == "constant":
-            return follow(steady(self.rows, camera), pixels, camera, rope_length=rope)[0]
+            tilt = steady(self.rows, camera)
+            return tilt.beta_deg, follow(tilt, pixels, camera, rope_length=rope)[0]
         found = estimator.estimate(pixels, camera, rope_length=rope, time=self.time, pixel_sd=self.sd)
-        return np.full(len(rope), np.nan) if found.alpha is None else found.alpha
+        if found.alpha is None or found.beta is None:
+            return None, np.full(len(rope), np.nan)
+        return float(np.rad2deg(found.beta)), found.alpha
 
     def drawn(self, estimator: Estimator) -> dict[str, Any]:
         """Errors of all draws of the offset together, nothing being told."""
@@ -156,7 +160,7 @@ class _Parts:
             x, y, z = (true + rng.normal(0, nominal.offset_sd_m, 3)).tolist()
             camera = msgspec.structs.replace(nominal, offset_m=(x, y, z))
             parts = replace(self, camera=self.camera | {"nominal": camera})
-            off.append(parts.swing(CHAIN[-1], estimator) - self.alpha)
+            off.append(parts.swing(CHAIN[-1], estimator)[1] - self.alpha)
         together = np.concatenate(off)
         return errors(together, np.zeros_like(together))
 

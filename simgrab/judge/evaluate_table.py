@@ -17,7 +17,7 @@ class Table:
     note: str = ""
 
 
-ERRORS = ("frames", "bias (deg)", "RMSE (deg)", "95 % (deg)", "max (deg)")
+ERRORS = ("frames", "bias", "RMSE", "95 %", "max")  # degrees
 
 
 def tables(found: Mapping[str, Any]) -> tuple[Table, ...]:
@@ -78,7 +78,9 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
     rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
     note = f"95 % intervals hold the true α in {percent(interval['share'])}, at a mean width of "
-    return Table("Swing angle", ("", *ERRORS), tuple(rows), f"{note}{text(interval['width_deg'], 2)}°.")
+    return Table(
+        "Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), f"{note}{text(interval['width_deg'], 2)}°."
+    )
 
 
 def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
@@ -100,12 +102,15 @@ def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
 def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
     if f is None:
         return None
-    rows = [(row["stage"], *errors(row)) for row in (*f["chain"], f["run"])]
-    rows += [(f"nothing told, {f['drawn']['stage']}", *errors(f["drawn"]))]
-    rows += [(f"aside: {row['stage']}", *errors(row)) for row in f["aside"]]
-    rows += [(f"the paper's method: {row['stage']}", *errors(row)) for row in f["paper"]]
+    groups = (
+        ("", (*f["chain"], f["run"])), ("nothing told, ", [f["drawn"]]), ("aside: ", f["aside"]),
+        ("the paper's method: ", f["paper"]),
+    )  # fmt: skip
+    rows = [
+        (f"{prefix}{row['stage']}", *errors(row), text(row.get("beta_deg"))) for prefix, rows in groups for row in rows
+    ]
     return Table(
-        f"Error budget of α ({f['estimator']})", ("what is told", *ERRORS), tuple(rows),
+        f"Error budget of the swing angle, degrees ({f['estimator']})", ("what is told", *ERRORS, "β̂"), tuple(rows),
         "Each row down to the run itself is told one thing less than the row above it; all are of the same frames. "
         f"What adds most: {f['limit']}.",
     )  # fmt: skip

@@ -215,8 +215,8 @@ def test_an_instrument_that_tells_angles_alone_is_judged_by_them(clean, swinging
     assert (found["detection"], found["reading"], found["budget"]) == (None, None, None)
     assert found["angle"] == evaluate(clean, known)["angle"]
     assert found["interval"]["share"] is None
-    assert [t.title for t in tables(found)] == ["Swing angle", "Alarms"]
-    assert "Swing angle" in page(alone, known, found)
+    assert [t.title for t in tables(found)] == ["Errors of the swing angle, degrees", "Alarms"]
+    assert "Errors of the swing angle" in page(alone, known, found)
 
 
 def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory):
