@@ -67,7 +67,7 @@ def check(study: Study) -> None:
     for i, sweep in enumerate(study.axes):
         if not sweep.values:
             raise StressError(
-                f"axes.{i}.values: {sweep.axis!r} has no values; give it some, or choose another axis, {_valid_axes(depth)}"
+                f"axes.{i}.values: {sweep.axis!r} has no values; give some, or take another axis, {_valid_axes(depth)}"
             )
         if len(set(sweep.values)) < len(sweep.values):
             raise StressError(f"axes.{i}.values: {sweep.axis!r} has a value twice")
