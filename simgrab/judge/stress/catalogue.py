@@ -66,7 +66,9 @@ def check(study: Study) -> None:
         raise StressError(f"axes: a map of convergence has these, in this order: {', '.join(MAP_AXES)}")
     for i, sweep in enumerate(study.axes):
         if not sweep.values:
-            raise StressError(f"axes.{i}.values: {sweep.axis!r} has no values; give at least one")
+            raise StressError(
+                f"axes.{i}.values: {sweep.axis!r} has no values; give some, or take another axis, {_valid_axes(depth)}"
+            )
         if len(set(sweep.values)) < len(sweep.values):
             raise StressError(f"axes.{i}.values: {sweep.axis!r} has a value twice")
     for name in study.given:
@@ -77,6 +79,9 @@ def check(study: Study) -> None:
         raise StressError("estimators: give at least one")
     for name in (*study.estimators, *study.fewer, *study.consistent):
         estimators.find(name)
+    for name in (*study.consistent, *(accept.estimator for accept in study.accept)):
+        if name not in study.estimators:
+            raise StressError(f"{name!r} is judged but not tried; estimators: {', '.join(study.estimators)}")
     for point in study.points:
         situation(study, point)
     for key, points in (("holds", [study.holds] if study.holds else []), ("accept", [a.at for a in study.accept])):
@@ -84,8 +89,6 @@ def check(study: Study) -> None:
             if point not in study.points:
                 raise StressError(f"{key}: {list(point)} is no point of the axes; one of: {_points(study)}")
     for accept in study.accept:
-        if accept.estimator not in study.estimators:
-            raise StressError(f"accept: {accept.estimator!r} is not tried; one of: {', '.join(study.estimators)}")
         valid = ("refused", *depths.columns(study.kind))
         if accept.quantity not in valid:
             raise StressError(f"accept: unknown quantity {accept.quantity!r}; one of: {', '.join(valid)}")

@@ -148,6 +148,7 @@ def quickened(study: Study) -> Study:
         n=min(study.n, QUICK_FRAMES),
         replications=min(study.replications, many),
         holds=study.holds if study.holds in points else (),
+        consistent=tuple(name for name in study.consistent if name in (kept or study.estimators)),
         accept=tuple(a for a in study.accept if a.at in points and a.estimator in kept and a.statistic != "rms"),
     )
 

@@ -23,6 +23,7 @@ def small(study: str | Study, *points: tuple, **changes: object) -> Study:
     return msgspec.structs.replace(
         changed,
         holds=changed.holds if changed.holds in kept else (),
+        consistent=tuple(name for name in changed.consistent if name in changed.estimators),
         accept=tuple(a for a in changed.accept if a.at in kept and a.estimator in changed.estimators),
     )
 

@@ -34,7 +34,7 @@ def test_the_measured_contraction_is_the_linearised_one(chart):
 
 def test_start_0_keeps_its_domain_where_the_kurtosis_says_so(chart):
     for law, n, beta, sigma in chart.study.points:
-        if beta == 0 and law == "half-normal":  # on the border
+        if law == "half-normal" and beta < sigma:  # so near the border that chance decides
             continue
         share = chart.at((law, n, beta, sigma), "paper-iteration", "domain").mean
         assert share == starts_at_zero(beta * DEG, sigma * DEG, KURTOSIS[law])
@@ -61,11 +61,11 @@ def test_theory_at_its_corners():
 
 
 def test_it_closes_in_by_squares():
-    """w ← w²/2 with w = 1 − β/P, once near."""
+    """w ← 1 − √(1 − w²) with w = 1 − β/P, which is w²/2 once near."""
     here = situation(small("convergence"), ("half-normal", 10000.0, 5.0, 0.5))
     records = geometric.draw(here, 0, [0])
     found = PaperIteration(epsilon=1e-14).batch(records.pixels, records.calibration)
     w = 1 - found.diagnostics["beta_history"][0] / found.beta[0]
-    w = w[np.isfinite(w) & (w < 0.3) & (w > 1e-5)]
+    w = w[np.isfinite(w) & (w < 0.9) & (w > 1e-4)]
     assert len(w) >= 3
-    np.testing.assert_allclose(w[1:] / w[:-1] ** 2, 0.5, rtol=0.06)
+    np.testing.assert_allclose(w[1:], 1 - np.sqrt(1 - w[:-1] ** 2), rtol=0.05)

@@ -17,7 +17,7 @@ DEG = math.pi / 180
 
 
 def having(n=4000, **axes):
-    study = small("noise", n=n, given={name.replace("_", "-"): value for name, value in axes.items()})
+    study = small("planted", n=n, given={name.replace("_", "-"): value for name, value in axes.items()})
     return situation(study, (0.0,))
 
 

@@ -29,7 +29,7 @@ def run(tmp_path_factory):
 def test_the_page_needs_no_other_file(run):
     page = (run[0] / REPORT).read_text(encoding="utf-8")
     assert page.count("<svg") == 1 + 1 + 3 + 1
-    assert not re.search(r"""(src|href)\s*=\s*["'](?!\#)""", page.replace("xlink:href", "href"))
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!\#|data:)""", page.replace("xlink:href", "href"))
     ids = re.findall(r'\bid="([^"]+)"', page)
     assert len(ids) == len(set(ids))
     assert "Assumption × estimator" in page
