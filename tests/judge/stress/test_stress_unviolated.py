@@ -69,7 +69,7 @@ def _ends(study):
 
 @pytest.mark.parametrize("name", BESIDE)
 def test_beside_a_known_offset_the_rope_aware_is_unbiased(name):
-    study = small(name, STUDIES[name].holds, replications=1000, n=300)
+    study = small(name, STUDIES[name].holds, replications=1000, n=1000)
     verdicts = judge(summed(study))
     assert len(verdicts) == 4
     assert all(v.passed for v in verdicts), [v for v in verdicts if not v.passed]
