@@ -130,7 +130,7 @@ def test_a_live_run_writes_the_same_files(clip, tmp_path):
     live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "live", instrument, Options(live=True))
     assert all(m.status in ("refused", "lost") for m in live.measurements)  # five seconds are no warm-up
     assert live.about["tilt"] is None
-    assert live.about["speed"]["latency_p99_s"] < 1 / 9
+    assert 0 < live.about["speed"]["latency_median_s"] <= live.about["speed"]["latency_p99_s"]
     whole = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "whole", Pipeline(Told(truth_of(clip)), Reader()))
     tilt = load_tilt(tmp_path / "whole" / "tilt.toml")
     given = Pipeline(Told(truth_of(clip)), Reader(), tilt=tilt)
@@ -210,6 +210,24 @@ def test_greys_of_16_bits_are_measured(tmp_path):
         cv2.imwrite(str(folder / f"{i}.png"), picture(i)[..., 0].astype(np.uint16) * 257)
     result = run(folder, CAMERA, tmp_path / "out", Pipeline(nothing, None))
     assert [m.status for m in result.measurements] == ["missed"] * 3
+
+
+def test_an_interrupted_live_run_keeps_what_it_has(tmp_path):
+    seen = []
+
+    def impatient(picture):
+        if len(seen) == 12:
+            raise KeyboardInterrupt
+        seen.append(picture.shape)
+        return nothing(picture)
+
+    impatient.name = "impatient"
+    path = film(tmp_path / "a.mp4", np.arange(40) / 9)
+    result = run(path, CAMERA, tmp_path / "out", Pipeline(impatient, None), Options(live=True))
+    assert len(result.measurements) == len(result.time) == len(runs.load(tmp_path / "out").measurements) == 12
+    with pytest.raises(KeyboardInterrupt):
+        run(path, CAMERA, tmp_path / "whole", Pipeline(impatient, None))
+    assert not (tmp_path / "whole").exists()
 
 
 def test_nothing_is_overwritten(tmp_path):
