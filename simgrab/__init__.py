@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from simgrab.judge.audit import audit as audit
+    from simgrab.judge.check.gate import check as check
     from simgrab.judge.evaluate import evaluate as evaluate
     from simgrab.judge.run import run as run
     from simgrab.scenes import load as load
@@ -28,6 +29,7 @@ _HOME = {
     "render": "simgrab.world.dataset",
     "render_video": "simgrab.world.video.render",
     "audit": "simgrab.judge.audit",
+    "check": "simgrab.judge.check.gate",
     "run": "simgrab.judge.run",
     "evaluate": "simgrab.judge.evaluate",
 }

@@ -18,7 +18,7 @@ from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report, write
 from simgrab.judge.check.subject import held, open_instrument
-from simgrab.judge.check.suite import Suite
+from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
 
@@ -54,15 +54,15 @@ class Options:
     progress: Progress | None = None
 
 
-def check(suite: Suite, options: Options | None = None) -> Report:
+def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     """Show a suite's scenes to an instrument, and judge what it measures.
 
     An instrument that cannot be made, that raises or that breaks the contract fails the check, and is told in a line.
 
     Parameters
     ----------
-    suite : Suite
-        See `simgrab.judge.check.suite.load`.
+    suite : Suite, str or path
+        Or what `simgrab.judge.check.suite.load` takes.
     options : Options, optional
 
     Returns
@@ -76,7 +76,7 @@ def check(suite: Suite, options: Options | None = None) -> Report:
     ScenarioError, DatasetError, RendererError
         If its frames cannot be made.
     """
-    options = options or Options()
+    options, suite = options or Options(), suite if isinstance(suite, Suite) else load(suite)
     seed = suite.seed if options.seed is None else options.seed
     try:
         instrument = _instrument(suite, options)
