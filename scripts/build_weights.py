@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import functools
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 
 from simgrab import scenes
 from simgrab.cli._progress import bar
+from simgrab.scenario import Scenario
+from simgrab.scenario.factor import OneOf
 from simgrab.training import need_torch
 from simgrab.world.dataset import render
 
@@ -25,7 +28,10 @@ ROOT = Path(__file__).parents[1]
 
 @dataclass(frozen=True)
 class Source:
-    """A dataset to render: a scene, what differs from it, how many frames (and how many in a hurry), and the seed."""
+    """A dataset to render: a scene, what differs from it, how many frames (and how many in a hurry), and the seed.
+
+    ``weathers`` names those that a scene of many is kept to; all of them where it is empty.
+    """
 
     name: str
     scene: str
@@ -33,12 +39,15 @@ class Source:
     frames: int
     quick: int
     seed: int
+    weathers: tuple[str, ...] = ()
 
 
-# Most frames show the grab; the second set teaches what none looks like.
+SNOW = ("light snow", "heavy snow", "snow on the ground", "night, light snow")
+# Most frames show the grab; the second set teaches what none looks like, the third a grab that snow lies on.
 DETECTOR = (
-    Source("training", "training", {}, 2880, 560, 0),
+    Source("training", "training", {}, 2880, 480, 0),
     Source("empty", "training", {"swing.absent": 0.9}, 480, 120, 1),
+    Source("snow", "training", {}, 720, 120, 2, SNOW),
 )
 
 READER = Source("digits", "digits", {}, 2400, 960, 0)
@@ -48,10 +57,23 @@ def rendered(source: Source, work: Path, *, quick: bool, workers: int) -> Path:
     """Render a dataset, or what is missing of it."""
     frames = source.quick if quick else source.frames
     scenario = scenes.load(source.scene, {**source.changes, "frames": frames, "seed": source.seed})
+    if source.weathers:
+        scenario = only(scenario, source.weathers)
     out = work / source.name
     with bar(f"drawing {source.name}", shown=True) as progress:
         render(scenario, out, workers=workers, resume=True, progress=progress)
     return out
+
+
+def only(scenario: Scenario, weathers: Sequence[str]) -> Scenario:
+    """Keep a scene of many weathers to some of them, by their names."""
+    key = next(key for key in scenario.vary if "weather" in key.split("+"))
+    factor = scenario.vary[key]
+    assert isinstance(factor, OneOf)
+    kept = [factor.names.index(name) for name in weathers]
+    values, weights = (tuple(part[i] for i in kept) for part in (factor.values, factor.weights))
+    fewer = msgspec.structs.replace(factor, values=values, weights=weights, names=tuple(weathers))
+    return msgspec.structs.replace(scenario, vary={**scenario.vary, key: fewer})
 
 
 def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:
