@@ -78,21 +78,23 @@ def test_rows_are_the_same_in_parts_of_any_size_and_in_a_replay(file):
 
 
 def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
+    log = tmp_path / "log"
+
     def start(out, *options):
-        return subprocess.Popen(
-            [sys.executable, "-m", "simgrab", "stress", str(file), "--out", str(out), "--quiet", *options],
-            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])},
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+        with log.open("w") as said:
+            return subprocess.Popen(
+                [sys.executable, "-m", "simgrab", "stress", str(file), "--out", str(out), "--quiet", *options],
+                env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}, stdout=said, stderr=subprocess.STDOUT,
+            )  # fmt: skip
 
     one, two, killed = tmp_path / "one", tmp_path / "two", tmp_path / "killed"
     for out, workers in ((one, "1"), (two, "2")):
         process = start(out, "--workers", workers)
-        assert process.wait() == 0, process.stdout.read()
+        assert process.wait() == 0, log.read_text()
     process = start(killed, "--workers", "2")
     total = len(parts(catalogue.load(file)))
     while len(list((killed / "small" / PARTIAL).glob("*.parquet"))) < 3:
-        assert process.poll() is None, process.stdout.read()
+        assert process.poll() is None, log.read_text()
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -100,9 +102,9 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     assert not (killed / "small" / TRIALS).exists()
     refused = start(killed)
     assert refused.wait() == 2
-    assert "--resume" in refused.stdout.read()
+    assert "--resume" in log.read_text()
     process = start(killed, "--workers", "2", "--resume")
-    assert process.wait() == 0, process.stdout.read()
+    assert process.wait() == 0, log.read_text()
     expected = (one / "small" / TRIALS).read_bytes()
     assert (two / "small" / TRIALS).read_bytes() == expected
     assert (killed / "small" / TRIALS).read_bytes() == expected
