@@ -5,7 +5,6 @@ Shared by who draws the display and who reads it. Rectangles are ``x0, y0, x1, y
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 import tomllib
@@ -16,8 +15,9 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
+from simgrab import resources
 from simgrab.errors import LayoutError
-from simgrab.resources import ASSETS
+from simgrab.resources import ASSETS, suggestion
 from simgrab.strict import convert
 
 Meta = msgspec.Meta
@@ -196,16 +196,14 @@ def _overlap(a: Sequence[int], b: Sequence[int]) -> bool:
 
 def names() -> list[str]:
     """Names of the bundled layouts."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+    return resources.names(FOLDER)
 
 
 @cache
 def load(name: str) -> Layout:
     """Read a bundled layout; raises `LayoutError` with one line that lists them, or names file and key."""
     if name not in names():
-        close = difflib.get_close_matches(name, names(), n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise LayoutError(f"no layout {name!r}{hint}; there are: {', '.join(names())}")
+        raise LayoutError(f"no layout {name!r}{suggestion(name, names())}; there are: {', '.join(names())}")
     return read(FOLDER / f"{name}.toml")
 
 

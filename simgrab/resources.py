@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
@@ -14,3 +16,38 @@ def _folder(name: str) -> Path:
 
 ASSETS = _folder("assets")
 SCENES = _folder("scenes")
+
+
+def names(folder: Path) -> list[str]:
+    """Names of the bundled TOML files in a folder."""
+    return sorted(path.stem for path in folder.glob("*.toml"))
+
+
+def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callable[[str], Exception]) -> Path:
+    """Find a bundled TOML file by its name, or any file by its path.
+
+    Parameters
+    ----------
+    wanted : str or path
+    folder : Path
+        Of the bundled ones.
+    kind, kinds : str
+        What such a file and several of them are called.
+    refuse : callable
+        From a line that lists what there is to what is raised.
+    """
+    bundled = folder / f"{wanted}.toml"
+    if isinstance(wanted, str) and bundled.is_file():
+        return bundled
+    path = Path(wanted)
+    if path.is_file():
+        return path
+    there = names(folder)
+    hint = suggestion(str(wanted), there)
+    raise refuse(f"no {kind} or file {str(wanted)!r}{hint}; bundled {kinds}: {', '.join(there)}")
+
+
+def suggestion(word: str, valid: Iterable[str]) -> str:
+    """Ask whether the nearest valid word was meant; empty where none is near."""
+    close = difflib.get_close_matches(word, list(valid), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""

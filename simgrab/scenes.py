@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
+import functools
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from simgrab import resources
 from simgrab.errors import ScenarioError
 from simgrab.resources import SCENES
 from simgrab.scenario import Scenario, merged, vary
@@ -20,7 +21,7 @@ from simgrab.strict import convert
 
 def names() -> list[str]:
     """Names of the bundled scenes."""
-    return sorted(p.stem for p in SCENES.glob("*.toml"))
+    return resources.names(SCENES)
 
 
 def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -75,13 +76,7 @@ def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
 
 def _read(scene: str | Path) -> dict[str, Any]:
     """Plain data of a scene, laid over its base where it names one."""
-    path = Path(scene)
-    if isinstance(scene, str) and (SCENES / f"{scene}.toml").is_file():
-        path = SCENES / f"{scene}.toml"
-    elif not path.is_file():
-        close = difflib.get_close_matches(str(scene), names(), n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise ScenarioError("", f"no scene or file {str(scene)!r}{hint}; bundled scenes: {', '.join(names())}")
+    path = resources.find(scene, SCENES, "scene", "scenes", functools.partial(ScenarioError, ""))
     if path.suffix == ".json":
         return _manifest_scenario(path)
     data = _toml(path)

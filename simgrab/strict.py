@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import types
@@ -12,6 +11,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 import msgspec
 
 from simgrab.errors import ScenarioError, SimgrabError
+from simgrab.resources import suggestion
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -56,7 +56,7 @@ def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: s
     for key, value in data.items():
         dotted = f"{path}{key}"
         if key not in valid:
-            raise ScenarioError(dotted, f"unknown key{_suggest(key, valid)}; valid here: {', '.join(valid)}")
+            raise ScenarioError(dotted, f"unknown key{suggestion(key, valid)}; valid here: {', '.join(valid)}")
         structs = _structs_of(fields.get(key))
         if get_origin(fields.get(key)) is dict and isinstance(value, Mapping):
             _refuse_bad_entries(value, get_args(fields[key])[1], dotted)
@@ -88,14 +88,9 @@ def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any], path:
     if tag is None:
         raise ScenarioError(f"{path}.{tag_field}", f"missing; one of: {', '.join(by_tag)}")
     if not isinstance(tag, str) or tag not in by_tag:
-        hint = _suggest(str(tag), list(by_tag))
+        hint = suggestion(str(tag), list(by_tag))
         raise ScenarioError(f"{path}.{tag_field}", f"unknown value {tag!r}{hint}; one of: {', '.join(by_tag)}")
     return by_tag[str(tag)]
-
-
-def _suggest(word: str, valid: list[str]) -> str:
-    close = difflib.get_close_matches(word, valid, n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def _refuse_nonfinite(value: Any, path: str) -> None:

@@ -20,6 +20,7 @@ GROUND = {
     "resources",
     "datasets",
     "labels",
+    "processes",
 }
 SCENARIO = {"scenario", "scenes"}
 # Room: what it may import of simgrab.

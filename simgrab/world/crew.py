@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import itertools
 import multiprocessing
-import signal
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -14,11 +13,11 @@ from multiprocessing.synchronize import Event
 from typing import TypeVar
 
 from simgrab.errors import DatasetError
+from simgrab.processes import die_with
 from simgrab.scenario import Scenario
 from simgrab.world.frames import Studio, refuse_unseen, vet
 from simgrab.world.plan import Plan
 
-PR_SET_PDEATHSIG = 1
 LOOK_S = 0.25  # how often the ticks of other processes are counted
 
 T = TypeVar("T")
@@ -102,7 +101,7 @@ def _among_processes(
 ) -> Iterator[T]:
     spawn = multiprocessing.get_context("spawn")  # OpenGL contexts do not survive a fork
     ticks, stop = spawn.Value("q", 0), spawn.Event()
-    with ProcessPoolExecutor(workers, mp_context=spawn, initializer=_hear, initargs=(ticks, stop)) as pool:
+    with ProcessPoolExecutor(workers, mp_context=spawn, initializer=_hear, initargs=(os.getpid(), ticks, stop)) as pool:
         jobs = (pool.submit(_serve, scenario, work, item) for item in items)
         try:
             running = set(itertools.islice(jobs, 3 * workers))
@@ -126,9 +125,10 @@ _ticks: Synchronized[int]
 _stop: Event
 
 
-def _hear(ticks: Synchronized[int], stop: Event) -> None:
+def _hear(parent: int, ticks: Synchronized[int], stop: Event) -> None:
     """Take what a worker shares with the process that feeds it; errors in here would reach nobody."""
     global _ticks, _stop
+    die_with(parent)
     _ticks, _stop = ticks, stop
 
 
@@ -136,7 +136,6 @@ def _serve(scenario: Scenario, work: Work[T], item: int) -> T:
     """Work in a process that serves one scenario all its life."""
     global _studio
     if _studio is None:
-        _die_with_parent()
         _studio = Studio(scenario)
     return work(_studio, item, _tick)
 
@@ -146,8 +145,3 @@ def _tick() -> None:
         _ticks.value += 1
     if _stop.is_set():  # an item may be hours long
         raise DatasetError("stopped")
-
-
-def _die_with_parent() -> None:
-    """Ask Linux to end this process when the one that feeds it is killed; else it would draw on, unseen."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 
-from simgrab import scenes
+from simgrab import resources, scenes
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.resources import SCENES
 from simgrab.scenario import Scenario
@@ -152,7 +151,7 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def names() -> list[str]:
     """Names of the bundled suites."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+    return resources.names(FOLDER)
 
 
 def load(suite: str | Path) -> Suite:
@@ -168,13 +167,7 @@ def load(suite: str | Path) -> Suite:
     SuiteError
         With one line that names file and key.
     """
-    path = Path(suite)
-    if isinstance(suite, str) and suite in names():
-        path = FOLDER / f"{suite}.toml"
-    elif not path.is_file():
-        close = difflib.get_close_matches(str(suite), names(), n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise SuiteError(f"no suite or file {str(suite)!r}{hint}; bundled suites: {', '.join(names())}")
+    path = resources.find(suite, FOLDER, "suite", "suites", SuiteError)
     try:
         found = _placed(convert(tomllib.loads(path.read_text(encoding="utf-8")), Suite, SuiteError), path.parent)
         for name in found.scenes:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+from simgrab import resources
 from simgrab.errors import StressError
 from simgrab.judge.stress import depths, estimators
 from simgrab.judge.stress.axes import AXES
@@ -21,7 +21,7 @@ MAP_AXES = ("alpha-law", "n", "beta", "sigma")
 
 def names() -> list[str]:
     """Names of the bundled studies."""
-    return sorted(path.stem for path in STUDIES.glob("*.toml"))
+    return resources.names(STUDIES)
 
 
 def load(study: str | Path) -> Study:
@@ -32,13 +32,7 @@ def load(study: str | Path) -> Study:
     StressError
         With one line that names the key and what is valid there.
     """
-    path = Path(study)
-    if isinstance(study, str) and (STUDIES / f"{study}.toml").is_file():
-        path = STUDIES / f"{study}.toml"
-    elif not path.is_file():
-        close = difflib.get_close_matches(str(study), names(), n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise StressError(f"no study or file {str(study)!r}{hint}; bundled studies: {', '.join(names())}")
+    path = resources.find(study, STUDIES, "study", "studies", StressError)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
@@ -105,7 +99,6 @@ def _valid_axes(depth: depths.Depth) -> str:
 def _check_axis(where: str, name: str, depth: depths.Depth) -> None:
     known = name in depth.axes() if name in AXES else any(f"{name}.".startswith(f"{key}.") for key in depth.keys)
     if not known:
-        close = difflib.get_close_matches(name, [*AXES, *depth.keys], n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close and close[0] != name else ""
+        hint = "" if name in AXES else resources.suggestion(name, [*AXES, *depth.keys])
         what = "does not reach this depth" if name in AXES or "." in name else "unknown axis"
         raise StressError(f"{where}: {name!r}: {what}{hint}; {_valid_axes(depth)}")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import itertools
 import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -23,11 +21,11 @@ from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import Study, situation
+from simgrab.processes import die_with
 
 FRAMES_AT_ONCE = 1 << 18
 """Frames that are drawn together, which bounds the memory."""
 MOST_TRIALS, MOST_SLOW_TRIALS = 500, 4
-_PR_SET_PDEATHSIG = 1
 # One thread a process: more would only get in each other's way.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -130,7 +128,7 @@ def crew(workers: int) -> Iterator[Callable[[Callable[[Item], T], Iterable[Item]
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # spawned processes inherit it
     pool = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with, initargs=(os.getpid(),)
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=die_with, initargs=(os.getpid(),)
     )
 
     def share(work: Callable[[Item], T], items: Iterable[Item]) -> Iterator[T]:
@@ -153,10 +151,3 @@ def crew(workers: int) -> Iterator[Callable[[Callable[[Item], T], Iterable[Item]
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def _die_with(parent: int) -> None:
-    """Ask Linux to end this process with the one that feeds it, which may be gone already."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
