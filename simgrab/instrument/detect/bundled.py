@@ -1,13 +1,14 @@
 """The bundled detector, of three nets.
 
-One finds the grab in the shrunken picture, one refines it twice at full resolution, and one settles centre and yaw in
-what is left when the picture is turned level: with size, place and yaw known, only small corrections remain.
+One finds the grab in the shrunken picture, one refines it at full resolution, and one settles centre and yaw in what is
+left when the picture is turned level: with size, place and yaw known, only small corrections remain. To refine twice
+makes boxes no better (mAP50-95 0.967 either way) and takes a fifth of the time.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +56,14 @@ class Settings:
         From which on refine's word makes it a grab.
     rivals : float
         Share of the best candidate's heat from which on others are refined too.
-    first_room, room : float
-        Side of the first and the second crop, over the box's longer side.
+    room : float
+        Side of refine's crop, over the box's longer side.
     """
 
     least_heat: float = 0.05
     least_presence: float = 0.5
     rivals: float = 0.3
-    first_room: float = 1.5
-    room: float = 1.35
+    room: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,10 @@ class Refined:
     yaw: Array
     yaw_sd: Array
     presence: Array
+
+    def one(self, i: int) -> Refined:
+        """Keep one crop."""
+        return Refined(**{field.name: getattr(self, field.name)[[i]] for field in fields(self)})
 
 
 class Bundled:
@@ -133,13 +137,12 @@ class Bundled:
             return Detection("none", "nothing found", candidates[0].heat if candidates else 0.0)
         enough = max(self.settings.least_heat, self.settings.rivals * candidates[0].heat)
         close = [candidate for candidate in candidates[:_MOST] if candidate.heat >= enough]
-        first = self.refine(picture, [candidate.box for candidate in close], self.settings.first_room)
-        best = int(np.argmax(first.presence * [candidate.heat for candidate in close]))
-        second = self.refine(picture, [first.boxes[best]], self.settings.room)
-        presence = float(second.presence[0])
+        refined = self.refine(picture, [candidate.box for candidate in close])
+        best = refined.one(int(np.argmax(refined.presence * [candidate.heat for candidate in close])))
+        presence = float(best.presence[0])
         if presence < self.settings.least_presence:
             return Detection("none", f"refine takes it for something else (presence {presence:.2f})", presence)
-        return _detection(self.settle(picture, second), presence, picture, self.trust)
+        return _detection(self.settle(picture, best), presence, picture, self.trust)
 
     def candidates(self, picture: Picture) -> list[Candidate]:
         """Places that find takes for the grab, the hottest first."""
@@ -152,9 +155,9 @@ class Bundled:
             for box, heat in peaks(logits[0], reach[0])
         ]
 
-    def refine(self, picture: Picture, boxes: list[Array], room: float) -> Refined:
+    def refine(self, picture: Picture, boxes: list[Array]) -> Refined:
         """Look closely at crops around boxes."""
-        patches = [around(_sound(box), room) for box in boxes]
+        patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
         return read(self._refine(crops)[0], patches, picture.shape[1], picture.shape[0])
 
