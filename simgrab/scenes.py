@@ -85,10 +85,7 @@ def _read(scene: str | Path) -> dict[str, Any]:
         return data
     if base not in names():
         raise ScenarioError("base", f"{path}: no bundled scene {base!r}; one of: {', '.join(names())}")
-    below = _toml(SCENES / f"{base}.toml")
-    if "base" in below:
-        raise ScenarioError("base", f"{path}: {base!r} has a base of its own; name one that has none")
-    return merged(below, data)
+    return merged(_read(base), data)
 
 
 def _toml(path: Path) -> dict[str, Any]:

@@ -6,12 +6,16 @@ import shlex
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from scripts.make_tables import filled
+from simgrab import calibration
+from simgrab.calibration import Calibration
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
+from simgrab.instrument.contract import Frame, Measurement
 from simgrab.judge.check.suite import Suite
 from simgrab.scenario import Scenario, merged
 from simgrab.scenes import load
@@ -21,8 +25,11 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+INSTRUMENT = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
+
+
+def blocks(language, text=README):
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
 def test_tables_are_current():
@@ -75,3 +82,26 @@ def test_code_runs_as_far_as_it_needs_no_drawing():
 @pytest.mark.parametrize("script", ["scripts/simgrab", "scripts/test", ".ci/run"])
 def test_scripts_are_executable(script):
     assert os.access(ROOT / script, os.X_OK)
+
+
+@pytest.mark.parametrize("kind", [Measurement, Calibration])
+def test_the_instruments_page_names_every_field(kind):
+    assert [name for name in kind.__struct_fields__ if f"`{name}`" not in INSTRUMENT] == []
+
+
+def test_the_instruments_page_holds_a_camera_that_loads(tmp_path):
+    (block,) = blocks("toml", INSTRUMENT)
+    (tmp_path / "camera.toml").write_text(block, encoding="utf-8")
+    assert calibration.load(tmp_path / "camera.toml").digit_layout.digit_height_px == 34
+
+
+def test_the_instruments_page_holds_instruments_that_measure():
+    frames = [Frame(np.zeros((540, 960, 3), np.uint8), 0.0), Frame(None, 1.0, "dropped")]
+    camera = Calibration(width_px=960, height_px=540, focal_length_px=800.0, cx_px=480.0, cy_px=270.0)
+    told = []
+    for block in blocks("python", INSTRUMENT):
+        names = {}
+        exec(block, names)
+        make = names["mine"] if "mine" in names else names["Mine"]
+        told.append([m.status for m in make()(frames, camera)])
+    assert told == [["ok", "lost"], ["missed", "lost"]]

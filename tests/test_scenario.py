@@ -109,6 +109,10 @@ def test_files_may_name_one_base(tmp_path):
     scenario = scenes.load(own)
     assert (scenario.name, scenario.camera.beta_deg) == ("own", 7.0)
     assert scenario.swing == scenes.load("quay-day").swing
+    own.write_text('base = "heavy-snow"\nname = "own"\n[weather]\nsnow_mm_h = 1.0\n')
+    snow, heavy = scenes.load(own), scenes.load("heavy-snow")
+    assert (snow.weather.snow_mm_h, snow.weather.snow_cover) == (1.0, heavy.weather.snow_cover)
+    assert snow.swing == scenes.load("quay-day").swing  # the base of its base
     for text, message in (
         ('base = "nowhere"', "no bundled scene"), ("beta = [", "TOML"), ("camera.beta = 3", "beta_deg"),
     ):  # fmt: skip

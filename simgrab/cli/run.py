@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from simgrab.instrument.contract import Instrument
 from simgrab.instrument.estimate import ESTIMATORS
 
 
@@ -25,6 +26,7 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
 @click.option("--camera", type=click.Path(path_type=Path), help="Camera TOML.  [default: that beside or in SOURCE]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for what is found.")
 @click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
+@click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
 @click.option(
     "--estimator", type=click.Choice(list(ESTIMATORS)), help="[default: rope-aware; without a display mean-ray]"
 )
@@ -40,14 +42,16 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
 @click.option("--json", "as_json", is_flag=True, help="Print the facts as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def command(
-    source: str, camera: Path | None, out: Path, detector: str, estimator: str | None, calibrate: float | None,
-    calibration: Path | None, live: bool, rate: float | None, no_video: bool, as_json: bool, quiet: bool,
+    source: str, camera: Path | None, out: Path, detector: str, instrument: str | None, estimator: str | None,
+    calibrate: float | None, calibration: Path | None, live: bool, rate: float | None, no_video: bool, as_json: bool,
+    quiet: bool,
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of pictures, or a dataset.
 
     OUT gets angles.parquet and .csv, alarms.json, tilt.toml, run.json, annotated.mp4 and report.html.
     """
     import json
+    import sys
 
     from rich.console import Console
     from rich.markup import escape
@@ -56,11 +60,19 @@ def command(
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.source import camera_beside
+    from simgrab.judge.check.subject import BUNDLED, open_instrument
     from simgrab.judge.run import Options, run
     from simgrab.judge.run_table import HEAD, beside_paper, held
     from simgrab.judge.runs import alarms
 
-    chosen = assemble(detector=detector, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live)
+    chosen: Instrument
+    if instrument is not None:
+        if detector != BUNDLED or any((estimator, calibrate, calibration, live)):
+            raise click.UsageError("--instrument brings its own detector, estimator and calibration, and is not live.")
+        sys.path.insert(0, str(Path.cwd()))  # a pipeline lies where one works
+        chosen = open_instrument(instrument)
+    else:
+        chosen = assemble(detector=detector, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live)
     options = Options(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera or camera_beside(source), out, chosen, options, progress)

@@ -63,8 +63,8 @@ def rule_of(run: Run) -> Rule:
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score boxes and centres; None where the instrument tells neither."""
-    if all(m.box is None and m.centre is None for m in run.measurements):
+    """Score boxes and centres; None where the instrument tells neither, nor that it missed the grab."""
+    if all(m.box is None and m.centre is None and m.status != "missed" for m in run.measurements):
         return None
     some = [
         Case(row, bool(labelled), weather, _detection(m))

@@ -77,10 +77,11 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
     rows = [("all", *errors(f["overall"])), ("α above 8°", *errors(f["above_8_deg"]))]
     rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
-    note = f"95 % intervals hold the true α in {percent(interval['share'])}, at a mean width of "
-    return Table(
-        "Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), f"{note}{text(interval['width_deg'], 2)}°."
-    )
+    note = "No intervals were told."
+    if interval["share"] is not None:
+        width = text(interval["width_deg"], 2)
+        note = f"95 % intervals hold the true α in {percent(interval['share'])}, at a mean width of {width}°."
+    return Table("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), note)
 
 
 def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
@@ -94,7 +95,10 @@ def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
         ("alarms", str(f["reported"])),
         ("of these false (true swing below 9.5°)", str(f["false"])),
         ("median delay (frames)", delay),
-        ("frames beyond 10°: precision, recall", f"{text(f['precision'])}, {text(f['recall'])}"),
+        (
+            "frames beyond 10°: precision, recall",
+            f"{text(f['precision']) or 'no alarm'}, {text(f['recall']) or 'no such frame'}",
+        ),
     )
     return Table("Alarms", ("", ""), rows)
 

@@ -130,7 +130,7 @@ def measure(
     if not notes.names:
         raise SourceError(f"{source}: it holds no frame")
     if len(measured) != len(notes.names):
-        raise RunError(f"{instrument.name}: {len(measured)} measurements of {len(notes.names)} frames; one each is due")
+        raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one each is due")
     speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
     return _conclude(notes, measured, calibration, instrument, source, rule or Rule(), estimate, tilt, speed)
 

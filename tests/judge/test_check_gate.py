@@ -146,7 +146,15 @@ def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
     limits = {"angle.overall.rmse_dge": {"upper": 1}, "alarm.missed": {"upper": 0}}
     problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=tmp_path))
     assert "angle.overall.rmse_deg" in problems["angle.overall.rmse_dge"]
-    assert "nothing to measure" in problems["alarm.missed"]  # independent frames know no time
+    assert "did you mean" in problems["angle.overall.rmse_dge"]
+    assert "to measure it by" in problems["alarm.missed"]  # independent frames know no time
+
+
+def test_an_instrument_that_misses_every_grab_has_no_recall(place, tmp_path):
+    limits = {"detection.recall": {"lower": 0.5}}
+    blind = Broken(lambda frames: [Measurement(status="missed", reason="dark") for _ in frames])
+    problems = failed(check(place, blind, small=suite.load(write(tmp_path, limits=limits)), baseline=tmp_path))
+    assert "0 is outside of ≥ 0.5" in problems["detection.recall"]
 
 
 class Broken:
@@ -176,6 +184,11 @@ ACTS = {
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
     "gives a text": (lambda frames: [Measurement(status="ok", alpha="0.1") for _ in frames], "frame 0: alpha"),
     "gives nan": (lambda frames: [Measurement(status="ok", alpha=float("nan")) for _ in frames], "frame 0: alpha"),
+    "gives degrees": (lambda frames: [Measurement(status="ok", alpha=5.0) for _ in frames], "5 rad is beyond"),
+    "gives a box upside down": (
+        lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 9.0, 5.0, 4.0)) for _ in frames],
+        "y0 < y1 are due",
+    ),
     "gives a bad box": (
         lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 2.0)) for _ in frames],
         "frame 0: box",

@@ -278,6 +278,26 @@ def test_anybodys_instrument_runs(tmp_path):
         run(path, CAMERA, tmp_path / "other", Zero(), Options(live=True))
 
 
+def test_anybodys_instrument_runs_from_the_command_line(tmp_path, monkeypatch):
+    path = film(tmp_path / "a.mp4", np.arange(9) / 9)
+    CAMERA.save(tmp_path / "camera.toml")
+    (tmp_path / "still_pipe.py").write_text(
+        "from simgrab.instrument.contract import Measurement\n"
+        "class Still:\n"
+        "    name = 'still'\n"
+        "    def __call__(self, frames, calibration):\n"
+        "        return [Measurement(status='ok', alpha=0.0) for _ in frames]\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    common = ["run", str(path), "--camera", "camera.toml", "--instrument", "still_pipe:Still", "--no-video"]
+    said = CliRunner().invoke(cli, [*common, "--out", "out", "--json"])
+    assert said.exit_code == 0, said.output
+    assert json.loads(said.output)["counts"]["ok"] == 9
+    said = CliRunner().invoke(cli, [*common, "--out", "b", "--estimator", "mean-ray"])
+    assert "brings its own detector" in said.output
+    assert not Path("b").exists()
+
+
 def test_stills_are_of_the_largest_swing_and_of_every_alarm():
     film_ = Film(None, Rule())
     alphas = np.radians([2.0, 12.0, 11.0, *[1.0] * 60, 10.5, 10.9, 3.0])

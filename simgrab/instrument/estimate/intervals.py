@@ -108,7 +108,7 @@ def of_scale(sigma: Array, var_sigma2: Array, skewness: Array, quantile: Array) 
     skewness does to Student's statistic, of which a mean of squares under a heavy tail has plenty.
     """
     k, by_log = np.where(np.abs(skewness) < 1e-3, 1.0, skewness), np.abs(skewness) < 1e-3
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # of a grab that all but rests
         error = np.sqrt(var_sigma2) / sigma**2
         ends = []
         for t in (quantile, -quantile):

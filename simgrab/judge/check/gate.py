@@ -153,12 +153,10 @@ def _compared(
     suite: Suite, instrument: str, folder: Path, options: Options
 ) -> tuple[Baseline | None, tuple[Verdict, ...], tuple[str, ...]]:
     """Find the baseline to compare with; what there is to say of it, and a note where there is none."""
-    if _foreign(suite, options):
-        why = f"that in {folder} is of {suite.instrument}"
-        return None, (), (f"no baseline to compare with ({why}): limits only",)
     recorded = base.load(folder)
-    if recorded is None:
-        return None, (), (f"no baseline to compare with (none is recorded in {folder}): limits only",)
+    if recorded is None or _foreign(suite, options):
+        why = f"none is recorded in {folder}" if recorded is None else f"that in {folder} is of {recorded.instrument}"
+        return None, (), (f"no baseline to compare with ({why}): limits only",)
     reasons = base.stale(recorded, suite, instrument)
     if not reasons:
         return recorded, (Verdict(scene="", what="baseline", status="passed"),), ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -79,10 +80,15 @@ class Held:
         if not isinstance(given, Measurement):
             raise InstrumentError(f"{self.name}: frame {i}: expected a Measurement, got {type(given).__name__}")
         try:
-            return msgspec.convert({k: _number(v) for k, v in msgspec.structs.asdict(given).items()}, Measurement)
+            plain = msgspec.convert({k: _number(v) for k, v in msgspec.structs.asdict(given).items()}, Measurement)
         except msgspec.ValidationError as problem:
             text, _, key = str(problem).replace("`", "").partition(" - at $.")
             raise InstrumentError(f"{self.name}: frame {i}: {key or 'measurement'}: {text}") from None
+        if plain.alpha is not None and plain.alpha > math.pi / 2:
+            raise InstrumentError(f"{self.name}: frame {i}: alpha: {plain.alpha:g} rad is beyond the horizontal")
+        if plain.box is not None and not (plain.box[0] < plain.box[2] and plain.box[1] < plain.box[3]):
+            raise InstrumentError(f"{self.name}: frame {i}: box: x0 < x1 and y0 < y1 are due, got {plain.box}")
+        return plain
 
 
 def _number(value: Any) -> Any:

@@ -94,6 +94,7 @@ def _nothing(metric: str, metrics: Metrics) -> str:
     parts = metric.split(".")
     parents = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
     if any(parent in metrics for parent in parents):
-        return "there was nothing to measure it by"
+        return "the instrument told nothing, or the scene showed nothing, to measure it by"
     close = difflib.get_close_matches(metric, list(metrics), n=3, cutoff=0.5)
-    return f"nothing of that name was measured; there are: {', '.join(close or metrics)}"
+    hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(metrics)}"
+    return f"nothing of that name is measured; {hint}"
