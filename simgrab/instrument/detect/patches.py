@@ -93,9 +93,9 @@ def whole(width: int, height: int, aspect: float = FIND_WIDTH / FIND_HEIGHT, *, 
 
 
 def around(box: ArrayLike, factor: float) -> Patch:
-    """Square patch around a box x0, y0, x1, y1, its side ``factor`` times the box's longer one (and 16 px at least)."""
+    """Square patch around a box x0, y0, x1, y1, its side, even and 16 px at least, ``factor`` times the longer one."""
     x0, y0, x1, y1 = np.asarray(box, float)
-    side = max(math.ceil(factor * max(x1 - x0, y1 - y0)), 16)
+    side = max(2 * math.ceil(factor * max(x1 - x0, y1 - y0) / 2), 16)
     left, top = round((x0 + x1 - side) / 2), round((y0 + y1 - side) / 2)
     return Patch(left, top, left + side, top + side)
 
@@ -115,7 +115,11 @@ def cut(picture: Picture, patch: Patch, width: int, height: int) -> Picture:
     ndarray of uint8, shape (height, width, channels)
         Grey beyond the picture.
     """
-    return cv2.resize(_content(picture, patch), (width, height), interpolation=cv2.INTER_AREA)
+    content = _content(picture, patch)
+    h, w = content.shape[:2]
+    if h >= 2 * height and w >= 2 * width and h % 2 == w % 2 == 0:  # a whole number of pixels to one: far faster
+        content = cv2.resize(content, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
+    return cv2.resize(content, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def cut_with_mask(picture: Picture, patch: Patch, size: int) -> Picture:
