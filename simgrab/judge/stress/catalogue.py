@@ -29,7 +29,7 @@ def names() -> list[str]:
 def of(depth: str) -> list[str]:
     """Names of the bundled studies of a depth; raises `StressError` naming the depths."""
     depths.find(depth)
-    return [name for name in names() if load(name).depth == depth]
+    return [name for name in names() if _unchecked(STUDIES / f"{name}.toml").depth == depth]
 
 
 def load(study: str | Path) -> Study:
@@ -41,14 +41,21 @@ def load(study: str | Path) -> Study:
         With one line that names the key and what is valid there.
     """
     path = resources.find(study, STUDIES, "study", "studies", StressError)
+    found = _unchecked(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise StressError(f"cannot read {path}: {problem}") from None
-    try:
-        return read(data)
+        check(found)
     except StressError as problem:
         raise StressError(f"{path}: {problem}") from None
+    return found
+
+
+def _unchecked(path: Path) -> Study:
+    try:
+        return convert(tomllib.loads(path.read_text(encoding="utf-8")), Study, StressError)
+    except StressError as problem:
+        raise StressError(f"{path}: {problem}") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise StressError(f"cannot read {path}: {problem}") from None
 
 
 def read(data: Mapping[str, object]) -> Study:
