@@ -79,7 +79,7 @@ def only(scenario: Scenario, weathers: Sequence[str]) -> Scenario:
 def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:
     """Train the detector; returns its nets."""
     from simgrab.training.detector.settings import recipes
-    from simgrab.training.detector.train import train
+    from simgrab.training.detector.train import NETS, train
     from simgrab.training.progress import board
 
     datasets = [rendered(source, work, quick=quick, workers=workers) for source in DETECTOR]
@@ -87,7 +87,7 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Pat
     chosen = functools.partial(recipes, quick=quick, threads=threads)
     with board(shown=True) as shown:
         train(datasets, out, chosen, resume=True, watch=shown.step, report=shown.training)
-    return [out / "find.onnx", out / "refine.onnx"]
+    return [out / f"{name}.onnx" for name in NETS]
 
 
 def reader(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:  # noqa: ARG001

@@ -54,7 +54,7 @@ def detector(
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: what their split train shows, judged by val.
 
-    OUT gets find.onnx and refine.onnx, which --detector takes as a folder, each with a model card.
+    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
     """
     from simgrab.training import need_torch
 

@@ -18,7 +18,7 @@ def test_all_weights_together_are_small():
     assert sum(path.stat().st_size for path in WEIGHTS.iterdir()) < 12e6
 
 
-@pytest.mark.parametrize("name", ["find", "refine"])
+@pytest.mark.parametrize("name", ["find", "refine", "settle"])
 def test_cards_say_what_the_weights_were_made_of(name):
     card = json.loads((WEIGHTS / f"{name}.json").read_text(encoding="utf-8"))
     assert card["name"] == name

@@ -6,8 +6,18 @@ import pytest
 from simgrab.errors import DetectorError
 from simgrab.instrument.detect import Bundled, Yolo, detector
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import FIND, REFINE, Settings, peaks, read
-from simgrab.instrument.detect.patches import GREY, Patch, around, cut, cut_with_mask, whole
+from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Settings, peaks, read
+from simgrab.instrument.detect.patches import (
+    GREY,
+    LEVEL_ROOM,
+    Level,
+    Patch,
+    around,
+    cut,
+    cut_level,
+    cut_with_mask,
+    whole,
+)
 
 onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
@@ -129,10 +139,20 @@ def test_reading_refine_is_exact():
     assert read(out, [Patch(-200, 200, 0, 400)], 1920, 1080).boxes[0, 0] == 0  # clipped to the picture
 
 
-def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE):
-    """Nets that see a grab in the brightest part of find's picture, and refine it to the middle of the crop."""
+def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0):
+    """Nets that see a grab in the brightest part of find's picture, and refine it to the middle of the crop.
+
+    ``yaw`` is what refine says, rad, and ``aside`` by which share of the level crop settle moves the centre along x.
+    """
     told = np.zeros((1, 16), np.float32)
-    told[0, :6], told[0, 6:12], told[0, 12:15], told[0, 15] = [0.2, 0.2, 0.8, 0.8, 0.5, 0.5], -4, [1, 0, -3], presence
+    told[0, :6], told[0, 6:12], told[0, 12:15], told[0, 15] = (
+        [0.2, 0.2, 0.8, 0.8, 0.5, 0.5],
+        -4,
+        [np.cos(2 * yaw), np.sin(2 * yaw), -3],
+        presence,
+    )
+    settle_more = np.zeros((1, 16), np.float32)
+    settle_more[0, 4], settle_more[0, 12:14] = aside, np.array([1, 0]) - told[0, 12:14]
     find = [
         helper.make_node("Cast", ["pictures"], ["f"], to=TensorProto.FLOAT),
         helper.make_node("Transpose", ["f"], ["t"], perm=[0, 3, 1, 2]),
@@ -156,12 +176,15 @@ def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE):
         helper.make_node("Mul", ["u", "zero"], ["z"]),
         helper.make_node("Add", ["z", "rows"], ["told"]),
     ]
-    save(
-        folder / "refine.onnx", refine, [("pictures", TensorProto.UINT8, ["n", 160, 160, 4])], [("told", ["n", 16])],
-        [("axes", np.array([1, 2, 3], np.int64)), ("last", np.array([1], np.int64)), ("zero", np.float32(0)),
-         ("rows", told)],
-        {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0}},
-    )  # fmt: skip
+    facts = {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0}}
+    for name, rows, said in (("refine", told, facts), ("settle", told + settle_more, {"task": SETTLE})):
+        save(
+            folder / f"{name}.onnx", refine, [("pictures", TensorProto.UINT8, ["n", 160, 160, 4])],
+            [("told", ["n", 16])],
+            [("axes", np.array([1, 2, 3], np.int64)), ("last", np.array([1], np.int64)), ("zero", np.float32(0)),
+             ("rows", rows)],
+            said,
+        )  # fmt: skip
     return folder
 
 
@@ -183,10 +206,42 @@ def test_the_bundled_detector_puts_its_nets_together(tmp_path):
     np.testing.assert_allclose(found.centre, [705, 405], atol=1)  # whole pixels of the crops
     np.testing.assert_allclose((found.box[:2] + found.box[2:]) / 2, found.centre, atol=0.01)
     assert found.score == pytest.approx(1 / (1 + np.exp(-3)))
-    # The second crop is 1.35 times the 0.6 of the first, and 0.01832 of it is the scale.
-    side = (found.box[2] - found.box[0]) / 0.6
+    side = LEVEL_ROOM * (found.box[2] - found.box[0])  # of the crop that settle sees; e⁻⁴ of it is the scale
     np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
     assert Bundled(tmp_path).settings == Settings(least_heat=0.2)
+
+
+def test_what_settle_says_is_turned_back_into_the_picture(tmp_path):
+    found = detector(hand_made(tmp_path, yaw=0.5, aside=0.1))(bright())
+    box = found.box
+    away = 0.1 * LEVEL_ROOM * (box[2] - box[0])
+    np.testing.assert_allclose(
+        found.centre - (box[:2] + box[2:]) / 2, away * np.array([np.cos(0.5), np.sin(0.5)]), atol=1e-3
+    )
+    assert found.yaw == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, -2.5])
+def test_a_level_crop_shows_what_lies_there(angle):
+    level, dots = Level(np.array([400.3, 250.7]), 200.0, angle), np.array([[0.25, 0.5], [0.8, 0.3]])
+    for dot in dots:
+        picture = np.zeros((500, 800, 3), np.uint8)
+        u, v = np.floor(level.to_picture(dot)).astype(int)
+        picture[v - 4 : v + 5, u - 4 : u + 5] = 255
+        crop = cut_level(picture, level, 160)
+        weight = crop[..., 0].astype(float)
+        rows, columns = np.indices(weight.shape) + 0.5
+        middle = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum() / 160
+        np.testing.assert_allclose(middle, level.to_shares([u + 0.5, v + 0.5]), atol=5e-4)
+        assert (crop[..., 3] == 255).all()
+    np.testing.assert_allclose(level.to_picture(level.to_shares([[3.0, 5.0]])), [[3.0, 5.0]])
+
+
+def test_a_level_crop_says_what_lies_beyond_the_picture():
+    crop = cut_level(np.zeros((500, 800, 3), np.uint8), Level(np.array([0.0, 250.0]), 200.0, 0.0), 160)
+    assert (crop[:, :79, 3] == 0).all()
+    assert (crop[:, 81:, 3] == 255).all()
+    assert (crop[:, :79, :3] == GREY).all()
 
 
 def test_no_grab_comes_with_its_reason(tmp_path):

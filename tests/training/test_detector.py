@@ -16,7 +16,7 @@ from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
-from simgrab.training.detector.train import claim, train  # noqa: E402
+from simgrab.training.detector.train import NETS, claim, train  # noqa: E402
 from simgrab.training.loop import Report  # noqa: E402
 
 
@@ -50,7 +50,7 @@ def test_training_ends_in_a_detector_with_cards(trained, halves):
     for row in known.rows[:2]:
         picture = cv2.imread(str(known.image(row)), cv2.IMREAD_COLOR_RGB)
         assert looks(picture).status in ("found", "none")
-    for name in ("find", "refine"):
+    for name in NETS:
         card = json.loads((trained.folder / f"{name}.json").read_text())
         assert card["recipe"]["epochs"] == 2
         assert card["data"][0]["labels_sha256"] == known.data.labels_sha256
@@ -62,7 +62,7 @@ class KilledError(Exception):
     pass
 
 
-@pytest.mark.parametrize("stage", ["find", "refine"])
+@pytest.mark.parametrize("stage", NETS)
 def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, stage):
     def report(name):
         def tell(now: Report):
@@ -73,10 +73,10 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, 
 
     with pytest.raises(KilledError):
         train([halves], tmp_path / "out", tiny, report=report)
-    assert not (tmp_path / "out" / "refine.onnx").exists()
+    assert not (tmp_path / "out" / f"{stage}.onnx").exists()
     train([halves], tmp_path / "out", tiny, resume=True)
-    for name in ("find.onnx", "refine.onnx"):
-        assert (tmp_path / "out" / name).read_bytes() == (trained.folder / name).read_bytes()
+    for name in NETS:
+        assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
 
 
 def run(*arguments):

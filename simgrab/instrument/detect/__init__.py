@@ -20,7 +20,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     Parameters
     ----------
     name : str or path
-        ``"bundled"``, a folder with ``find.onnx`` and ``refine.onnx`` as `simgrab train detector` writes them, or a
+        ``"bundled"``, a folder with three nets as `simgrab train detector` writes them, or a
         YOLO's ``.onnx`` file.
 
     Raises

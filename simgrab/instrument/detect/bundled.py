@@ -1,9 +1,13 @@
-"""The bundled detector: one net finds the grab in the shrunken picture, another refines it twice at full resolution."""
+"""The bundled detector, of three nets.
+
+One finds the grab in the shrunken picture, one refines it twice at full resolution, and one settles centre and yaw in
+what is left when the picture is turned level: with size, place and yaw known, only small corrections remain.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +21,14 @@ from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.patches import (
     FIND_HEIGHT,
     FIND_WIDTH,
+    LEVEL_ROOM,
     REFINE_SIZE,
+    Level,
     Patch,
     Picture,
     around,
     cut,
+    cut_level,
     cut_with_mask,
     whole,
 )  # fmt: skip
@@ -29,8 +36,8 @@ from simgrab.instrument.detect.session import Net, open_net
 from simgrab.records import Detection
 
 # Tasks that the files' metadata names.
-FIND, REFINE = "find-grab", "refine-grab"
-COLUMNS = 16  # of refine's output
+FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
+COLUMNS = 16  # of refine's and settle's output
 _STRIDE = 8
 _MOST = 3  # candidates that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
@@ -95,7 +102,7 @@ class Bundled:
     Parameters
     ----------
     folder : path
-        Holds ``find.onnx`` and ``refine.onnx``.
+        Holds ``find.onnx``, ``refine.onnx`` and ``settle.onnx``.
     settings : Settings, optional
         In place of those in the file.
 
@@ -108,6 +115,7 @@ class Bundled:
     def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
         self._find = _opened(Path(folder) / "find.onnx", FIND)
         self._refine = _opened(Path(folder) / "refine.onnx", REFINE)
+        self._settle = _opened(Path(folder) / "settle.onnx", SETTLE)
         facts = self._refine.facts
         self.settings = settings or Settings(**facts.get("settings", {}))
         self.trust = Trust(**facts.get("trust", {}))
@@ -131,7 +139,7 @@ class Bundled:
         presence = float(second.presence[0])
         if presence < self.settings.least_presence:
             return Detection("none", f"refine takes it for something else (presence {presence:.2f})", presence)
-        return _detection(second, presence, picture, self.trust)
+        return _detection(self.settle(picture, second), presence, picture, self.trust)
 
     def candidates(self, picture: Picture) -> list[Candidate]:
         """Places that find takes for the grab, the hottest first."""
@@ -149,6 +157,13 @@ class Bundled:
         patches = [around(_sound(box), room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
         return read(self._refine(crops)[0], patches, picture.shape[1], picture.shape[0])
+
+    def settle(self, picture: Picture, refined: Refined) -> Refined:
+        """Tell centre and yaw of one refined box anew."""
+        box = _sound(refined.boxes[0])
+        side = LEVEL_ROOM * float((box[2:] - box[:2]).max())
+        level = Level(refined.centres[0], side, float(refined.yaw[0]))
+        return settled(refined, self._settle(cut_level(picture, level, REFINE_SIZE)[None])[0], level)
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:
@@ -189,6 +204,17 @@ def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int
         box_sd=sd[:, :2].reshape(-1, 4), centre_sd=sd[:, 2],
         yaw=np.arctan2(o[:, 13], o[:, 12]) / 2 % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[:, 14]) / 2,
         presence=1 / (1 + np.exp(-o[:, 15])),
+    )  # fmt: skip
+
+
+def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined:
+    """Put settle's output (1, 16) on a level part in the place of what refine said of centre and yaw."""
+    o = out[0].astype(float)
+    sd = math.sqrt(2) * np.exp(o[10:12]) * level.side
+    return replace(
+        refined,
+        centres=level.to_picture(o[None, 4:6]), centre_sd=np.sqrt(level.axes**2 @ sd**2)[None],
+        yaw=(level.angle + np.arctan2(o[[13]], o[[12]]) / 2) % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[[14]]) / 2,
     )  # fmt: skip
 
 

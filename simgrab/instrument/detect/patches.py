@@ -19,6 +19,7 @@ Picture = NDArray[np.uint8]
 
 FIND_WIDTH, FIND_HEIGHT = 512, 288
 REFINE_SIZE = 160
+LEVEL_ROOM = 1.1  # side of a level part over the longer side of the grab's box
 GREY = 114  # of what lies beyond the picture; the colour YOLO letterboxes with
 
 
@@ -48,6 +49,39 @@ class Patch:
     def to_shares(self, points: ArrayLike) -> Array:
         """Points (..., 2) of the picture in shares of the patch."""
         return np.asarray((np.asarray(points, float) - self.corner) / self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A square part of a picture, turned so that a direction of the picture becomes its own x axis.
+
+    Attributes
+    ----------
+    middle : ndarray, shape (2,)
+        Px of the picture.
+    side : float
+        Px of the picture.
+    angle : float
+        Of that direction, clockwise from the picture's x axis, rad.
+    """
+
+    middle: Array
+    side: float
+    angle: float
+
+    @property
+    def axes(self) -> Array:
+        """Its x and y axis in the picture, unit columns, shape (2, 2)."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        return np.array([[c, -s], [s, c]])
+
+    def to_picture(self, shares: ArrayLike) -> Array:
+        """Picture's pixels of points (..., 2) in shares of the part."""
+        return np.asarray(self.middle + self.side * (np.asarray(shares, float) - 0.5) @ self.axes.T)
+
+    def to_shares(self, points: ArrayLike) -> Array:
+        """Points (..., 2) of the picture in shares of the part."""
+        return np.asarray((np.asarray(points, float) - self.middle) @ self.axes / self.side + 0.5)
 
 
 def whole(width: int, height: int, aspect: float = FIND_WIDTH / FIND_HEIGHT, *, centred: bool = True) -> Patch:
@@ -89,6 +123,39 @@ def cut_with_mask(picture: Picture, patch: Patch, size: int) -> Picture:
     h, w = picture.shape[:2]
     inside = mask(w, h, patch.corner, patch.size, size)
     return np.concatenate([cut(picture, patch, size, size), inside[..., None]], axis=-1)
+
+
+def cut_level(picture: Picture, level: Level, size: int) -> Picture:
+    """Cut a level part of a picture; its fourth channel says how much of a pixel lies in the picture."""
+    half = level.side / 2
+    upright = around(np.concatenate([level.middle - half, level.middle + half]), math.sqrt(2))
+    return turned(cut_with_mask(picture, upright, round(math.sqrt(2) * size)), upright, level, size)
+
+
+def turned(crop: Picture, patch: Patch, level: Level, size: int) -> Picture:
+    """Turn what lies in an upright crop.
+
+    Parameters
+    ----------
+    crop : ndarray of uint8, shape (n, n, 4)
+        Of ``patch``, with what lies in the picture; as fine as the result, or nearly so.
+    patch : Patch
+    level : Level
+        What is wanted of the same picture.
+    size : int
+        Of the result, (size, size, 4).
+    """
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the crop
+    origin, *ends = level.to_shares(patch.to_picture(corners)) * size
+    matrix = np.stack([end - origin for end in ends], axis=1) / crop.shape[0]
+    shift = origin + matrix @ [0.5, 0.5] - 0.5  # OpenCV counts from the middle of the first pixel
+    return np.asarray(
+        cv2.warpAffine(
+            crop, np.column_stack([matrix, shift]), (size, size), flags=cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT, borderValue=(GREY, GREY, GREY, 0),
+        ),
+        np.uint8,
+    )  # fmt: skip
 
 
 def mask(width: int, height: int, corner: Array, extent: Array, size: int) -> Picture:

@@ -21,7 +21,7 @@ _STYLE = """
 td.hot { text-align: right; font-variant-numeric: tabular-nums; } ul { margin: .5rem 0 0; padding-left: 1.2rem; }
 .bad { color: #a11; font-weight: 600; } details { margin: .6rem 0; }
 """
-_HALF_REFUSED = 0.5
+HALF_REFUSED = 0.5
 
 Share = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
@@ -85,12 +85,13 @@ def _heat(findings: Sequence[Finding]) -> str:
     for finding in findings:
         study = finding.summary.study
         cells = "".join(_cell(finding.summary, name) if name in study.estimators else "<td></td>" for name in names)
-        what = ", ".join(f"{s.axis} {_span(s.values)}" for s in study.axes)
+        what = ", ".join(f"{s.axis} {span(s.values)}" for s in study.axes)
         rows.append(f"<tr><td><a href='#{study.name}'>{escape(study.name)}</a></td><td>{escape(what)}</td>{cells}</tr>")
     return f"<table><thead><tr><th>study</th><th>axes</th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
-def _span(values: Sequence[Any]) -> str:
+def span(values: Sequence[Any]) -> str:
+    """Say from where to where an axis goes."""
     if any(isinstance(v, str) for v in values):
         return f"({len(values)} kinds)"
     return f"{min(values):g} … {max(values):g}" if len(values) > 1 else f"{values[0]:g}"
@@ -98,7 +99,7 @@ def _span(values: Sequence[Any]) -> str:
 
 def _cell(summary: Summary, name: str) -> str:
     error, refused = worst_at_ten(summary, name)
-    if refused > _HALF_REFUSED:
+    if refused > HALF_REFUSED:
         return "<td class='hot' style='background:#d9c6e8'>refused</td>"
     if not np.isfinite(error):
         return "<td></td>"

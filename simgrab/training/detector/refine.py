@@ -117,7 +117,7 @@ class Refining:
     def __init__(self, train: Crops, validation: Crops) -> None:
         self.train, self._dirt = train, Dirt()
         rng = stream(0, 0, "validation")
-        self._validation = _stack(
+        self._validation = stack(
             [
                 _example(validation, i, other, rng, None)
                 for i in range(len(validation.frames))
@@ -132,7 +132,7 @@ class Refining:
 
     def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
         """Cut crops anew, augmented, some of something else than the grab."""
-        return _stack([_example(self.train, int(i), rng.random() < _OTHERS, rng, self._dirt) for i in chosen])
+        return stack([_example(self.train, int(i), rng.random() < _OTHERS, rng, self._dirt) for i in chosen])
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
         """Compose the loss of positions, yaw, their scales and the presence."""
@@ -245,5 +245,6 @@ def _window(patch: Patch, box: Array | None, rng: np.random.Generator) -> Patch:
     return Patch(x, y, x + side, y + side)
 
 
-def _stack(examples: list[dict[str, NDArray[np.generic]]]) -> Batch:
+def stack(examples: list[dict[str, NDArray[np.generic]]]) -> Batch:
+    """Put examples together."""
     return {name: torch.from_numpy(np.stack([e[name] for e in examples])) for name in examples[0]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,22 +16,24 @@ import torch
 from simgrab import datasets
 from simgrab.errors import TrainingError
 from simgrab.geometry import Array
-from simgrab.instrument.detect.bundled import FIND, REFINE, Bundled, Settings, peaks
+from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.training import loop
 from simgrab.training.card import Card
-from simgrab.training.detector import cache, evaluate, export, find, refine
+from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # pictures find looks at at once
 
+NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
 TASKS = {
     "find": "Picture of 512 x 288 in, heat at the centre of the grab's visible box and the distances to its edges out.",
     "refine": "Crop around a found box in; its edges, the grab's centre, its yaw, how sure each is, and whether it is "
     "there out.",
+    "settle": "Crop around a refined grab, turned level, in; the grab's centre and yaw and how sure they are out.",
 }
 
 
@@ -68,14 +71,14 @@ def train(
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Result:
-    """Train find, then refine on what find takes for the grab, then measure both together.
+    """Train find, refine on what find takes for the grab, settle from refine's weights; measure all together.
 
     Parameters
     ----------
     paths : sequence of paths
         Datasets; frames of the split ``train`` are learned from, those of ``val`` judged by.
     out : path
-        Gets ``find.onnx`` and ``refine.onnx``, their cards, checkpoints, and a cache of pictures that may be deleted.
+        Gets three nets (`NETS`), their cards, checkpoints, and a cache of pictures that may be deleted.
     recipes : callable
         From the number of frames to learn from to the recipes.
     resume : bool
@@ -93,10 +96,10 @@ def train(
     train_frames, val_frames = (cache.frames(sets, split) for split in ("train", "val"))
     chosen, digest = recipes(len(train_frames)), datasets.digest(sets)
     fitted = fit(train_frames, val_frames, out, chosen, digest, resume=resume, watch=watch, report=report)
-    for name, trained, recipe in (("find", fitted.find, chosen.find), ("refine", fitted.refine, chosen.refine)):
+    for name, trained in fitted.nets.items():
         Card(
             name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=len(train_frames),
-            recipe=dataclasses.asdict(recipe), epochs=trained.epochs, seconds=trained.seconds,
+            recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
             metrics={"alone": trained.figures} | fitted.metrics,
         ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
@@ -104,10 +107,9 @@ def train(
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Both nets, and their figures together on validation frames."""
+    """The nets by name, and their figures together on validation frames."""
 
-    find: loop.Trained
-    refine: loop.Trained
+    nets: dict[str, loop.Trained]
     metrics: dict[str, Any]
 
 
@@ -147,6 +149,11 @@ def fit(
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
 
+    digest += hashlib.sha256((out / "refine.onnx").read_bytes()).hexdigest()[:16]
+    start = functools.partial(settle.learner, refined.net)
+    settled = _learn(start, settle.Settling(*crops), recipes.settle, out / "settle", digest, resume, follow("settle"))
+    export.export(settled.net, example, ["told"], out / "settle.onnx", {"task": SETTLE})
+
     looks = Bundled(out, Settings(least_presence=0.0))
     seen = evaluate.watch(looks, val_frames, step("looking at val pictures"))
     presence = round(evaluate.least_presence(seen), 4)
@@ -154,7 +161,7 @@ def fit(
     settings = dataclasses.asdict(Settings(least_presence=presence))
     trust = evaluate.as_dict(evaluate.trust(seen))
     export.set_facts(out / "refine.onnx", facts | {"settings": settings, "trust": trust})
-    return Fitted(found, refined, evaluate.metrics(seen))
+    return Fitted({"find": found, "refine": refined, "settle": settled}, evaluate.metrics(seen))
 
 
 def _learn(
