@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+SPEED_OVER_S = 600.0  # a step may take minutes, and the time left is to be told all the same
+
 
 @contextmanager
 def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Callable[[int, int | None], None]]:
@@ -19,7 +21,8 @@ def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Callable[[i
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True, quiet=not shown)) as shows:
+    console = Console(stderr=True, quiet=not shown)
+    with Progress(*columns, console=console, speed_estimate_period=SPEED_OVER_S) as shows:
         task = shows.add_task("", total=None, rate="")
 
         def progress(done: int, total: int | None) -> None:

@@ -15,11 +15,13 @@ import msgspec
 
 @click.command(name="stress")
 @click.argument("study", required=False)
-@click.option("--all", "everything", is_flag=True, help="Run every bundled study.")
+@click.option("--all", "everything", is_flag=True, help="Run every bundled study of a depth.")
+@click.option("--depth", help="In place of the study's own; of --all, which studies.  [default: geometric]")
 @click.option("--quick", is_flag=True, help="Few replications of short records: does it work?")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default="runs/stress", show_default=True)
 @click.option("--workers", type=int, help="Processes.  [default: one a core]")
 @click.option("--resume", is_flag=True, help="Go on with an unfinished run.")
+@click.option("--frames", "n", type=click.IntRange(min=10), help="n, in place of the study's own.")
 @click.option("--replications", type=click.IntRange(min=2), help="M, in place of the study's own.")
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of every draw, in place of the study's own.")
 @click.option("--replay", nargs=2, metavar="STUDY TRIAL", help="Make one replication again, with its picture.")
@@ -27,8 +29,8 @@ import msgspec
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def command(
-    study: str | None, everything: bool, quick: bool, out: Path, workers: int | None, resume: bool,
-    replications: int | None, seed: int | None, replay: tuple[str, str] | None, at: tuple[str, ...],
+    study: str | None, everything: bool, depth: str | None, quick: bool, out: Path, workers: int | None, resume: bool,
+    n: int | None, replications: int | None, seed: int | None, replay: tuple[str, str] | None, at: tuple[str, ...],
     as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Turn up an assumption and see what every estimator makes of it.
@@ -36,21 +38,24 @@ def command(
     STUDY is a bundled study or a TOML file; without one the bundled studies are listed. Exit status: 0 all limits of
     the studies are met, 1 one is not.
     """
-    from simgrab.judge.stress import catalogue
+    from simgrab.judge.stress import catalogue, depths
     from simgrab.judge.stress.study import Study, quickened
 
     if [study is not None, everything, replay is not None].count(True) > 1:
         raise click.UsageError("STUDY, --all and --replay exclude each other.")
-    changes = {k: v for k, v in {"replications": replications, "seed": seed}.items() if v is not None}
+    changes = {k: v for k, v in {"n": n, "replications": replications, "seed": seed}.items() if v is not None}
 
     def load(name: str) -> Study:
         chosen = catalogue.load(name)
+        if depth is not None and depth != chosen.depth:
+            chosen = msgspec.structs.replace(chosen, depth=depth)
+            catalogue.check(chosen)
         return msgspec.structs.replace(quickened(chosen) if quick else chosen, **changes)
 
     if replay is not None:
         _replay(load(replay[0]), replay[1], at, out, as_json)
     elif everything or study is not None:
-        chosen = [load(name) for name in (catalogue.names() if everything else [str(study)])]
+        chosen = [load(name) for name in (catalogue.of(depth or depths.GEOMETRIC.name) if everything else [str(study)])]
         _run(chosen, out, workers or os.cpu_count() or 1, resume, as_json, quiet)
     else:
         _list({name: catalogue.load(name).title for name in catalogue.names()}, as_json)
@@ -83,7 +88,7 @@ def _replay(study: Any, trial: str, at: tuple[str, ...], out: Path, as_json: boo
     from simgrab.judge.stress import replay
 
     again = replay.replay(study, replay.parse_trial(study, trial), replay.parse_point(study, at))
-    path = replay.picture(again, out)
+    paths = replay.pictures(again, out)
     click.echo(json.dumps(again.as_json(), ensure_ascii=False) if as_json else again.as_text())
     if not as_json:
-        click.echo(f"picture: {path}")
+        click.echo("\n".join(f"picture: {path}" for path in paths))

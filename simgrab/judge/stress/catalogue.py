@@ -5,16 +5,18 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from simgrab import resources
 from simgrab.errors import StressError
 from simgrab.judge.stress import depths, estimators
 from simgrab.judge.stress.axes import AXES
-from simgrab.judge.stress.study import Study, situation
+from simgrab.judge.stress.study import Study
 from simgrab.resources import SCENES
 from simgrab.strict import convert
 
 STUDIES = SCENES / "studies"
+Depth = depths.Depth[Any]
 MAP_AXES = ("alpha-law", "n", "beta", "sigma")
 """Axes of a map of convergence."""
 
@@ -22,6 +24,12 @@ MAP_AXES = ("alpha-law", "n", "beta", "sigma")
 def names() -> list[str]:
     """Names of the bundled studies."""
     return resources.names(STUDIES)
+
+
+def of(depth: str) -> list[str]:
+    """Names of the bundled studies of a depth; raises `StressError` naming the depths."""
+    depths.find(depth)
+    return [name for name in names() if _unchecked(STUDIES / f"{name}.toml").depth == depth]
 
 
 def load(study: str | Path) -> Study:
@@ -33,14 +41,21 @@ def load(study: str | Path) -> Study:
         With one line that names the key and what is valid there.
     """
     path = resources.find(study, STUDIES, "study", "studies", StressError)
+    found = _unchecked(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise StressError(f"cannot read {path}: {problem}") from None
-    try:
-        return read(data)
+        check(found)
     except StressError as problem:
         raise StressError(f"{path}: {problem}") from None
+    return found
+
+
+def _unchecked(path: Path) -> Study:
+    try:
+        return convert(tomllib.loads(path.read_text(encoding="utf-8")), Study, StressError)
+    except StressError as problem:
+        raise StressError(f"{path}: {problem}") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise StressError(f"cannot read {path}: {problem}") from None
 
 
 def read(data: Mapping[str, object]) -> Study:
@@ -77,7 +92,7 @@ def check(study: Study) -> None:
         if name not in study.estimators:
             raise StressError(f"{name!r} is judged but not tried; estimators: {', '.join(study.estimators)}")
     for point in study.points:
-        situation(study, point)
+        depth.settle(study, point)
     for key, points in (("holds", [study.holds] if study.holds else []), ("accept", [a.at for a in study.accept])):
         for point in points:
             if point not in study.points:
@@ -92,11 +107,11 @@ def _points(study: Study) -> str:
     return ", ".join(str(list(point)) for point in study.points)
 
 
-def _valid_axes(depth: depths.Depth) -> str:
+def _valid_axes(depth: Depth) -> str:
     return f"valid at depth {depth.name!r}: {', '.join(depth.axes())}, or a key of the scene: {', '.join(depth.keys)}"
 
 
-def _check_axis(where: str, name: str, depth: depths.Depth) -> None:
+def _check_axis(where: str, name: str, depth: Depth) -> None:
     known = name in depth.axes() if name in AXES else any(f"{name}.".startswith(f"{key}.") for key in depth.keys)
     if not known:
         hint = "" if name in AXES else resources.suggestion(name, [*AXES, *depth.keys])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.frames import groups, tangent_basis
-from simgrab.judge.stress.geometric import Records
+from simgrab.judge.stress.records import Records
 from simgrab.records import Estimates
 
 COLUMNS = MappingProxyType(

@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any, Generic, TypeVar
 
 from simgrab.errors import StressError
-from simgrab.judge.stress import convergence, geometric, score
+from simgrab.judge.stress import convergence, geometric, rendered, score, situation, study
 from simgrab.judge.stress.axes import AXES
-from simgrab.judge.stress.geometric import Records
-from simgrab.judge.stress.situation import KEYS, Situation
+from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.records import Records
+from simgrab.judge.stress.rendered import Picture
+from simgrab.judge.stress.situation import Situation
+from simgrab.judge.stress.study import Study
+from simgrab.scenario import Scenario
+
+Here = TypeVar("Here")
 
 
 @dataclass(frozen=True)
-class Depth:
+class Depth(Generic[Here]):
     """One depth.
 
     Attributes
     ----------
     name : str
+    settle : callable
+        Study and point → what every replication there is drawn from; raises `StressError` where that cannot be.
     draw : callable
-        Situation, seed and numbers of the replications → what the estimators get.
+        That, seed and numbers of the replications → what the estimators get. A replication depends on its number alone.
+    together : callable
+        That → how many replications may be drawn together.
+    show : callable
+        That, seed and number → what the estimators get of one replication, and its pictures, where there are any.
+    made_with : callable
+        Gives what else than study and package the numbers depend on; empty where nothing.
     keys : tuple of str
         Keys of a scene, or tables of them, that reach it.
     whole : bool
@@ -29,7 +44,11 @@ class Depth:
     """
 
     name: str
-    draw: Callable[[Situation, int, Sequence[int]], Records]
+    settle: Callable[[Study, tuple[Value, ...]], Here]
+    draw: Callable[[Here, int, Sequence[int]], Records]
+    together: Callable[[Here], int]
+    show: Callable[[Here, int, int], tuple[Records, Picture | None]]
+    made_with: Callable[[], str]
     keys: tuple[str, ...]
     whole: bool
 
@@ -38,11 +57,18 @@ class Depth:
         return [axis.name for axis in AXES.values() if axis.key or self.whole]
 
 
-DEPTHS = MappingProxyType({depth.name: depth for depth in (Depth("geometric", geometric.draw, KEYS, whole=True),)})
-"""Depth by name. One through pictures needs a pipeline from video to angles."""
+GEOMETRIC = Depth[Situation](
+    "geometric", study.situation, geometric.draw, geometric.together, geometric.show, str, situation.KEYS, whole=True
+)
+RENDERED = Depth[Scenario](
+    "rendered", rendered.settle, rendered.draw, rendered.together, rendered.show, rendered.made_with, rendered.KEYS,
+    whole=False,
+)  # fmt: skip
+DEPTHS: Mapping[str, Depth[Any]] = MappingProxyType({depth.name: depth for depth in (GEOMETRIC, RENDERED)})
+"""Depth by name."""
 
 
-def find(name: str) -> Depth:
+def find(name: str) -> Depth[Any]:
     """Find a depth; raises `StressError` naming what there is."""
     if name not in DEPTHS:
         raise StressError(f"depth: {name!r} is not to be had; one of: {', '.join(DEPTHS)}")

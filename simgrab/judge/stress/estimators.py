@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from simgrab.calibration import Calibration
 from simgrab.errors import StressError
 from simgrab.geometry import Array
-from simgrab.instrument.estimate import ESTIMATORS
-from simgrab.judge.stress.geometric import Records
+from simgrab.instrument.estimate import ESTIMATORS, Estimator
+from simgrab.judge.stress.records import Records
 from simgrab.records import Estimate, Estimates, Intervals
 
 
@@ -29,7 +29,7 @@ class Estimating(Protocol):
         rope_length: Array | None = None,
         time: Array | None = None,
     ) -> Estimate:
-        """Estimate from one record: pixels (n, 2), rope_length and time (n,)."""
+        """Estimate from one record: pixels (n, 2), NaN where the frame is missing; rope_length and time (n,)."""
 
 
 def find(name: str) -> Estimating:
@@ -64,17 +64,29 @@ def find(name: str) -> Estimating:
 def run(name: str, records: Records) -> Estimates:
     """Estimate from every record, in a batch where the estimator has one."""
     estimator = find(name)
-    options = {"rope_length": records.rope, "time": records.time}
+    pixels, ropes = _known(estimator, records)
+    options: dict[str, Any] = {"rope_length": ropes, "time": records.time}
+    if isinstance(estimator, Estimator):
+        options["pixel_sd"] = records.pixel_sd
     try:
         if hasattr(estimator, "batch"):
-            return cast(Estimates, estimator.batch(records.pixels, records.calibration, **options))
+            return cast(Estimates, estimator.batch(pixels, records.calibration, **options))
         each = [
             estimator.estimate(uv, records.calibration, rope_length=rope, time=records.time)
-            for uv, rope in zip(records.pixels, records.rope, strict=True)
+            for uv, rope in zip(pixels, ropes, strict=True)
         ]
     except Exception as problem:
         raise StressError(f"{name} failed with {type(problem).__name__}: {problem}") from problem
     return stacked(name, each, records.alpha.shape[1])
+
+
+def _known(estimator: Estimating, records: Records) -> tuple[Array, Array]:
+    """Pixels (M, n, 2) and ropes (M, n): frames without a rope are missing, but to an estimator that needs none."""
+    known = np.isfinite(records.rope)
+    pixels = records.pixels
+    if not known.all() and getattr(estimator, "needs_rope", True):
+        pixels = np.where(known[..., None], pixels, np.nan)
+    return pixels, np.where(known, records.rope, 1.0)  # a length for missing frames, where it counts for nothing
 
 
 def stacked(name: str, each: Sequence[Estimate], frames: int) -> Estimates:

@@ -4,57 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab.calibration import Calibration
 from simgrab.geometry import Array, camera_rotation, grab_centre, grab_rotation, lean, rotation_z, to_camera
 from simgrab.judge.stress import swings
+from simgrab.judge.stress.records import PROBE_ALPHA, PROBES, Records
 from simgrab.judge.stress.situation import Situation
 from simgrab.judge.stress.swings import Draws, Motion
 
-PROBE_ALPHA = math.radians(10.0)
-"""The swing that sets off the alarm."""
-PROBES = 72
+FRAMES_AT_ONCE = 1 << 18
+"""Frames that are drawn together, which bounds the memory."""
+MOST_TRIALS, MOST_SLOW_TRIALS = 500, 4
 _SLOW_S = 10.0
 _WAYS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
 _GRAB_M = np.array([2.9, 2.4, 3.4])  # the closed grab's box, of which A is the centre
 _MOST_YAW = math.radians(15.0)
-
-
-@dataclass(frozen=True)
-class Records:
-    """What the estimators get of M replications, and the truth to judge them by. Radians, metres, pixels.
-
-    Attributes
-    ----------
-    pixels : ndarray, shape (M, n, 2)
-        NaN where the grab was not found.
-    rope, time : ndarray, shape (M, n) and (n,)
-        As told.
-    calibration : Calibration
-        As told.
-    alpha : ndarray, shape (M, n)
-        True.
-    beta : float
-    sigma : ndarray, shape (M,)
-    azimuth : float
-        Of the tilt.
-    probe_pixels, probe_rope : ndarray, shape (M, K, 2) and (M, K)
-        The same camera looking at swings of `PROBE_ALPHA` evenly all around, each always found.
-    """
-
-    pixels: Array
-    rope: Array
-    time: Array
-    calibration: Calibration
-    alpha: Array
-    beta: float
-    sigma: Array
-    azimuth: float
-    probe_pixels: Array
-    probe_rope: Array
 
 
 def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
@@ -83,19 +48,25 @@ def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
     )
 
 
+def together(situation: Situation) -> int:
+    """Say how many replications may be drawn together."""
+    if situation.swing.motion:
+        return MOST_SLOW_TRIALS
+    return int(np.clip(FRAMES_AT_ONCE // situation.frames, 1, MOST_TRIALS))
+
+
+def show(situation: Situation, seed: int, trial: int) -> tuple[Records, None]:
+    """Draw one replication, of which there is no picture."""
+    return draw(situation, seed, [trial]), None
+
+
 def _probed(situation: Situation, seed: int, trials: Sequence[int], motion: Motion) -> dict[str, Array]:
     """Look at swings of the alarm's size, at ropes and attitudes that the record has."""
     draws = Draws(seed, trials, PROBES)
-    shape = (len(trials), PROBES)
-    some = (draws.uniform("probe.frame") * motion.rope.shape[1]).astype(np.int64)
-    rope = np.take_along_axis(motion.rope, some, axis=1)
-    azimuth = np.broadcast_to(2 * np.pi * np.arange(PROBES) / PROBES + situation.attitude.azimuth, shape)
-    tilt = None if motion.tilt is None else np.take_along_axis(motion.tilt, some[:, None], axis=2)
-    probe = Motion(np.full(shape, PROBE_ALPHA), azimuth, rope, tilt, motion.sigma)
-    law = situation.rope
+    ring = swings.ring(draws, motion, PROBE_ALPHA, situation.attitude.azimuth)
     return {
-        "probe_pixels": _seen(situation, draws, probe, "probe."),
-        "probe_rope": np.maximum(rope + law.bias_m, 0.1),
+        "probe_pixels": _seen(situation, draws, ring, "probe."),
+        "probe_rope": np.maximum(ring.rope + situation.rope.bias_m, 0.1),
     }
 
 

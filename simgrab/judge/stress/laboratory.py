@@ -21,6 +21,12 @@ from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
 from simgrab.judge.stress.work import Part, crew, parts, schema, store
 
+_SAME = {
+    "digest": "its settings differ",
+    "simgrab": "made by another version",
+    "made_with": "drawn by another renderer, or seen with other weights",
+}
+
 Progress = Callable[[int, int], None]
 STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
 
@@ -102,7 +108,10 @@ def _store(job: tuple[Study, Path, Part]) -> int:
 
 
 def _identity(study: Study) -> dict[str, Any]:
-    return {"simgrab": __version__, "digest": study.digest, "study": msgspec.to_builtins(study)}
+    made_with = depths.find(study.depth).made_with()
+    return {
+        "simgrab": __version__, "made_with": made_with, "digest": study.digest, "study": msgspec.to_builtins(study),
+    }  # fmt: skip
 
 
 def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, Part]]:
@@ -114,9 +123,9 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
             advice = "go on with --resume, or choose" if (path / PARTIAL).exists() else "choose"
             raise StressError(f"{path} holds a study already; {advice} another --out")
         mine = _identity(study)
-        changed = [key for key in ("digest", "simgrab") if known.get(key) != mine[key]]
+        changed = [why for key, why in _SAME.items() if known.get(key, "") != mine[key]]
         if changed:
-            what = "its settings differ" if "digest" in changed else "made by another version"
+            what = changed[0]
             raise StressError(f"{path} holds another study ({what}); --resume needs the same, or choose another --out")
         if not (path / PARTIAL).exists():
             return []

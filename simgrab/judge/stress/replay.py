@@ -11,6 +11,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -19,9 +20,10 @@ from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.figures import COLOURS
-from simgrab.judge.stress.geometric import Records
 from simgrab.judge.stress.knobs import Value
-from simgrab.judge.stress.study import Study, situation
+from simgrab.judge.stress.records import Records
+from simgrab.judge.stress.rendered import Picture
+from simgrab.judge.stress.study import Study
 from simgrab.records import Estimates
 
 
@@ -40,6 +42,8 @@ class Replay:
         By estimator, one record each.
     rows : dict of str to dict
         By estimator, the row of ``trials.parquet``.
+    sheet : ndarray, shape (height, width, 3), or None
+        The frames in which the grab is found worst, BGR, where there are pictures.
     """
 
     study: Study
@@ -48,6 +52,7 @@ class Replay:
     records: Records
     found: dict[str, Estimates]
     rows: dict[str, dict[str, Any]]
+    sheet: Picture | None
 
     def as_json(self) -> dict[str, Any]:
         """Plain data; what is not there is null."""
@@ -100,7 +105,8 @@ def _same(text: str, value: Value) -> bool:
 
 def replay(study: Study, trial: int, point: tuple[Value, ...]) -> Replay:
     """Make one replication again; its numbers are those of the whole run."""
-    records = depths.find(study.depth).draw(situation(study, point), study.seed, [trial])
+    depth = depths.find(study.depth)
+    records, sheet = depth.show(depth.settle(study, point), study.seed, trial)
     found, rows = {}, {}
     for name in study.estimators:
         if trial >= study.trials_of(name):
@@ -108,18 +114,22 @@ def replay(study: Study, trial: int, point: tuple[Value, ...]) -> Replay:
         found[name] = estimators.run(name, records)
         columns = convergence.trace(records) if study.kind == "convergence" else score.score(found[name], records)
         rows[name] = {key: _plain(values[0]) for key, values in columns.items()}
-    return Replay(study, point, trial, records, found, rows)
+    return Replay(study, point, trial, records, found, rows, sheet)
 
 
-def picture(again: Replay, out: str | Path) -> Path:
-    """Draw the replication and write it as PNG into a folder."""
+def pictures(again: Replay, out: str | Path) -> list[Path]:
+    """Draw the replication and write it as PNG into a folder, and beside it its worst frames, where there are any."""
     path = Path(out) / f"replay-{again.study.name}-{again.trial}.png"
+    paths = [path]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         draw(again).savefig(path, dpi=110)
+        if again.sheet is not None:
+            paths.append(path.with_stem(f"{path.stem}-frames"))
+            paths[-1].write_bytes(cv2.imencode(".png", again.sheet)[1].tobytes())
     except OSError as problem:
         raise StressError(f"cannot write {path}: {problem.strerror or problem}") from None
-    return path
+    return paths
 
 
 def draw(again: Replay) -> Figure:

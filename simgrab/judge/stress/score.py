@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.instrument.estimate.frames import Frames, gravity, mount_from_camera
 from simgrab.instrument.estimate.rope_aware import swings
-from simgrab.judge.stress.geometric import PROBE_ALPHA, Records
+from simgrab.judge.stress.records import PROBE_ALPHA, Records
 from simgrab.records import Estimates
 
 MARGIN_DEG = 1.0
@@ -34,6 +34,7 @@ COLUMNS = MappingProxyType(
         "cover_alpha": "share of the frames whose interval holds α",
         "blocks_cover_beta": "whether the 95 % interval by blocks holds β; empty where there is none",
         "blocks_cover_sigma": "whether it holds σ",
+        "used": "share of the frames that it had to go by",
         "iterations": "steps it took; empty where it does not say",
     }
 )
@@ -86,6 +87,7 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         "cover_alpha": row_mean(held(own.alpha, records.alpha)) if own and own.alpha is not None else nothing,
         "blocks_cover_beta": held(blocks.beta if blocks else None, records.beta),
         "blocks_cover_sigma": held(blocks.sigma if blocks else None, records.sigma),
+        "used": found.frames / records.alpha.shape[-1],
         "iterations": np.asarray(iterations, float),
     }
     for values in numbers.values():

@@ -14,11 +14,16 @@ from simgrab.errors import SimgrabError, StressError
 from simgrab.judge.stress.axes import AXES, Axis
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.situation import Situation
+from simgrab.scenario import Scenario
 from simgrab.scenario.base import Meta, Strict
+
+BASE = "base"
+"""The key of a scene file that names the scene it departs from: as an axis, another scene in place of the study's."""
 
 Statistic = Literal["mean", "rms", "z"]
 
 QUICK_FRAMES, QUICK_REPLICATIONS, QUICK_PHYSICS, QUICK_MAP = 500, 30, 3, 4
+QUICK_PICTURES, QUICK_RECORDS = 10, 2
 
 
 class Sweep(Strict, frozen=True):
@@ -113,19 +118,32 @@ def axis_of(name: str) -> Axis:
 
 
 @functools.lru_cache(maxsize=256)
-def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
-    pairs = [(axis_of(name), value) for name, value in settings]
-    changes = {axis.key: value for axis, value in pairs if axis.key}
-    if "frames" in changes:
-        changes["frames"] = round(float(changes["frames"]))
+def _scenario(base: str, settings: tuple[tuple[str, Value], ...]) -> Scenario:
+    changes = {axis.key: _whole(value) for axis, value in ((axis_of(n), v) for n, v in settings) if axis.key}
     try:
-        result = Situation.of(scenes.load(base, changes))
+        return scenes.load(str(changes.pop(BASE, base)), changes)
     except SimgrabError as problem:
         raise StressError(str(problem)) from None
-    for axis, value in pairs:
+
+
+def _whole(value: Value) -> Value | int:
+    """Give a count, which a study holds as a float like any number, as what a scene takes."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+@functools.lru_cache(maxsize=256)
+def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
+    result = Situation.of(_scenario(base, settings))
+    for name, value in settings:
+        axis = axis_of(name)
         if not axis.key:
             result = axis.apply(result, value)
     return result
+
+
+def scenario(study: Study, point: tuple[Value, ...]) -> Scenario:
+    """Make the scene at a point of a study, of which axes that are no key of a scene change nothing."""
+    return _scenario(study.base, tuple(study.settings(point).items()))
 
 
 def situation(study: Study, point: tuple[Value, ...]) -> Situation:
@@ -138,6 +156,11 @@ def quickened(study: Study) -> Study:
     axes = tuple(_shorter(s) for s in study.axes)
     kept = tuple(name for name in study.estimators if name not in study.fewer)
     points = set(itertools.product(*(s.values for s in axes)))
+    if study.depth == "rendered":  # so few pictures keep to no limits
+        return msgspec.structs.replace(
+            study, axes=axes, estimators=kept or study.estimators, fewer={}, n=QUICK_PICTURES,
+            replications=QUICK_RECORDS, holds=(), consistent=(), accept=(),
+        )  # fmt: skip
     slow = any(s.axis in ("motion", "mount") for s in axes) or {"motion", "mount"} & set(study.given)
     many = QUICK_MAP if study.kind == "convergence" else QUICK_PHYSICS if slow else QUICK_REPLICATIONS
     return msgspec.structs.replace(

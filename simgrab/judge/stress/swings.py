@@ -93,6 +93,25 @@ def draw(situation: Situation, draws: Draws) -> Motion:
     return Motion(np.hypot(x, y), azimuth, _rope(situation, draws, 0.0), None, np.full(len(x), sigma))
 
 
+def ring(draws: Draws, motion: Motion, alpha: float, azimuth: float) -> Motion:
+    """Swing by ``alpha`` evenly all around, from ``azimuth`` on, at ropes and attitudes that the replications have.
+
+    Parameters
+    ----------
+    draws : Draws
+        Of the same replications, with as many frames as there are to be swings.
+    motion : Motion
+    alpha, azimuth : float
+        Radians.
+    """
+    shape = (len(draws.trials), draws.frames)
+    some = (draws.uniform("probe.frame") * motion.rope.shape[1]).astype(np.int64)
+    around = np.broadcast_to(2 * np.pi * np.arange(draws.frames) / draws.frames + azimuth, shape)
+    tilt = None if motion.tilt is None else np.take_along_axis(motion.tilt, some[:, None], axis=2)
+    rope = np.take_along_axis(motion.rope, some, axis=1)
+    return Motion(np.full(shape, alpha), around, rope, tilt, motion.sigma)
+
+
 def _vectors(situation: Situation, draws: Draws) -> tuple[Array, Array]:
     """Swing along and across the tilt, shape (M, n) each, of length α."""
     swing = situation.swing

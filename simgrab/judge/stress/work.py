@@ -20,12 +20,10 @@ import pyarrow.parquet as pq
 from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.knobs import Value
-from simgrab.judge.stress.study import Study, situation
+from simgrab.judge.stress.study import Study
 from simgrab.processes import die_with
 
-FRAMES_AT_ONCE = 1 << 18
-"""Frames that are drawn together, which bounds the memory."""
-MOST_TRIALS, MOST_SLOW_TRIALS = 500, 4
+MOST_SLOW_TRIALS = 4
 # One thread a process: more would only get in each other's way.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -48,16 +46,16 @@ class Part:
 
 
 def parts(study: Study) -> list[Part]:
-    """Cut a study into parts. What slow estimators or physics take part in is cut finer."""
+    """Cut a study into parts that its depth may draw together. What slow estimators take part in is cut finer."""
+    depth = depths.find(study.depth)
     slow_until = max((study.trials_of(name) for name in study.fewer if name in study.estimators), default=0)
     result = []
     for index, point in enumerate(study.points):
-        here = situation(study, point)
-        step = int(np.clip(FRAMES_AT_ONCE // here.frames, 1, MOST_TRIALS))
+        together = depth.together(depth.settle(study, point))
         first = 0
         while first < study.replications:
-            slow = first < slow_until or here.swing.motion
-            last = min(first + (MOST_SLOW_TRIALS if slow else step), study.replications)
+            step = min(together, MOST_SLOW_TRIALS) if first < slow_until else together
+            last = min(first + step, study.replications)
             result.append(Part(index, first, last))
             first = last
     return result
@@ -66,10 +64,10 @@ def parts(study: Study) -> list[Part]:
 def make(study: Study, part: Part) -> pa.Table:
     """Draw, estimate and score the replications of a part: one row for each of them and each estimator."""
     point = study.points[part.point]
-    here = situation(study, point)
-    draw = depths.find(study.depth).draw
+    depth = depths.find(study.depth)
+    here = depth.settle(study, point)
     trials = range(part.first, part.last)
-    records = draw(here, study.seed, trials)
+    records = depth.draw(here, study.seed, trials)
     tables = []
     for name in study.estimators:
         if study.kind == "convergence":
@@ -77,7 +75,7 @@ def make(study: Study, part: Part) -> pa.Table:
         elif study.trials_of(name) >= part.last:
             columns = score.score(estimators.run(name, records), records)
         elif (left := study.trials_of(name) - part.first) > 0:
-            some = draw(here, study.seed, trials[:left])
+            some = depth.draw(here, study.seed, trials[:left])
             columns = score.score(estimators.run(name, some), some)
         else:
             continue

@@ -34,7 +34,7 @@ BAD = {
         {"axes": [{"axis": "weather.visibility_m", "values": [100.0]}]},
         ("weather.visibility_m", "does not reach", "camera.beta_deg", "lean-along"),
     ),
-    "another depth": ({"depth": "rendered"}, ("rendered", "one of: geometric")),
+    "another depth": ({"depth": "painted"}, ("painted", "one of: geometric, rendered")),
     "consistent but not tried": (
         {"consistent": ["rope-aware"], "estimators": ["mean-ray"]},
         ("rope-aware", "mean-ray"),

@@ -1,0 +1,180 @@
+"""Render a record and look at it: what was seen in each frame, and what there was to see."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RendererError, SimgrabError, StressError
+from simgrab.geometry import Array
+from simgrab.instrument import angles
+from simgrab.instrument.angles import Seen
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.pipeline import Pipeline, bundled
+from simgrab.instrument.rope import rope
+from simgrab.instrument.sight import Sighting, look
+from simgrab.judge.stress.rendered import Picture
+from simgrab.resources import ASSETS
+from simgrab.rng import stream
+from simgrab.scenario import Iid, Scenario
+from simgrab.world import preview
+from simgrab.world.doctor import examine
+from simgrab.world.export import calibration_of
+from simgrab.world.frames import Drawn, Studio, encode
+
+MOST_SHOWN = 8
+_INSET_PX, _ZOOM = 100, 2
+_TRUE, _FOUND = (40, 40, 255), (60, 220, 60)  # BGR
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """One replication of n frames.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        Under the replication's own seed.
+    calibration : Calibration
+        What the instrument was told.
+    seen : Seen
+    truth : ndarray, shape (6, n)
+        Of the swing α, azimuth (rad) and rope (m), of the camera β, azimuth and roll (rad).
+    centre : ndarray, shape (n, 2)
+        Where the pictures have the grab centre A, px.
+    present : ndarray of bool, shape (n,)
+        Whether there is a grab.
+    """
+
+    scenario: Scenario
+    calibration: Calibration
+    seen: Seen
+    truth: Array
+    centre: Array
+    present: NDArray[np.bool_]
+
+    @property
+    def off_px(self) -> Array:
+        """From the true to the found centre, shape (n,); NaN where none was found."""
+        return np.asarray(np.linalg.norm(self.seen.pixels - self.centre, axis=-1))
+
+
+def replication(scenario: Scenario, seed: int, trial: int) -> Scenario:
+    """Give a scene the seed of a replication, the same at every point of a study; its frames are one clip."""
+    own = int(stream(seed, trial, "stress.scene").integers(2**53))
+    return msgspec.structs.replace(scenario, seed=own, clip=msgspec.structs.replace(scenario.clip, clip_frames=0))
+
+
+def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
+    """Render one replication and look at each frame as the bundled pipeline does, keeping no picture.
+
+    Raises
+    ------
+    StressError
+        If a frame cannot be.
+    """
+    own, pipeline = replication(scenario, seed, trial), _pipeline()
+    calibration = calibration_of(own)
+    truth: list[tuple[float, ...]] = []
+
+    def frames() -> Iterator[Frame]:
+        timed = not isinstance(own.swing, Iid)
+        with Studio(own) as studio:
+            for index in range(own.frames):
+                drawn = studio.draw(index)
+                truth.append(_truth(drawn, own))
+                time = index / own.clip.frame_rate_hz if timed else None
+                yield Frame(coded(drawn, own, cv2.IMREAD_COLOR_RGB), time)
+
+    try:
+        sightings = tuple(look(frames(), pipeline.detector, pipeline.reader, calibration))
+    except SimgrabError as problem:
+        raise StressError(f"replication {trial}: {problem}") from None
+    found = angles.seen(sightings, rope(sightings, calibration, pipeline.bridge))
+    rows = np.array(truth).T
+    return Watched(own, calibration, found, rows[:6], rows[6:8].T, rows[8] > 0)
+
+
+@functools.cache
+def _pipeline() -> Pipeline:
+    return bundled()
+
+
+def _truth(drawn: Drawn, scenario: Scenario) -> tuple[float, ...]:
+    moment = drawn.aimed.moment
+    grab, tilt = moment.grab, moment.tilt
+    u, v = scenario.camera.intrinsics.project(drawn.aimed.centre_camera).tolist()
+    swing = grab.alpha, grab.azimuth, grab.rope_length
+    return *swing, tilt.beta, tilt.azimuth, tilt.roll, u, v, float(moment.present)
+
+
+def coded(drawn: Drawn, scenario: Scenario, order: int) -> Picture:
+    """Give a picture as a file of it would, in OpenCV's ``order`` of colours."""
+    data = encode(drawn.rgb[..., ::-1], scenario.image.format, scenario.image.quality)
+    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), order), np.uint8)
+
+
+def made_with() -> str:
+    """Name what draws and what looks, by digests."""
+    found = examine()
+    if found.renderer is None:
+        raise RendererError(found.problem)
+    weights = hashlib.sha256()
+    for path in sorted((ASSETS / "weights").glob("*.onnx")):
+        weights.update(path.read_bytes())
+    return f"renderer {found.renderer.digest}, weights {weights.hexdigest()[:16]}"
+
+
+def sheet(watched: Watched) -> Picture:
+    """Draw the frames again in which the grab was missed, or found farthest from where it is (BGR)."""
+    off = watched.off_px
+    worst = np.argsort(np.where(np.isfinite(off), -off, -np.inf), kind="stable")[:MOST_SHOWN]
+    with Studio(watched.scenario) as studio:
+        tiles = [_tile(coded(studio.draw(i), watched.scenario, cv2.IMREAD_COLOR), watched, i) for i in worst.tolist()]
+    return np.asarray(preview.sheet(tiles), np.uint8)
+
+
+def _tile(picture: Picture, watched: Watched, index: int) -> Picture:
+    """Mark the true centre (cross) and the found one (circle) on a reduced picture and on a close look at it."""
+    true, found = watched.centre[index], watched.seen.pixels[index]
+    close = cv2.resize(
+        cv2.getRectSubPix(picture, (_INSET_PX, _INSET_PX), np.clip(true, -1e4, 1e4).tolist()),
+        None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_NEAREST,
+    )  # fmt: skip
+    _mark(close, true, found, _ZOOM, true - _INSET_PX / 2)
+    scale = preview.TILE_WIDTH / picture.shape[1]
+    tile = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _mark(tile, true, found, scale, np.zeros(2))
+    size = min(len(close), len(tile))
+    tile[-size:, -size:] = close[:size, :size]
+    return np.asarray(preview.captioned(tile, _caption(watched, index)), np.uint8)
+
+
+def _mark(picture: Picture, true: Array, found: Array, scale: float, corner: Array) -> None:
+    def at(pixel: Array) -> tuple[int, int]:
+        u, v = np.clip((pixel - corner) * scale - 0.5, -9999, 9999).round()
+        return int(u), int(v)
+
+    if np.isfinite(true).all():
+        cv2.drawMarker(picture, at(true), _TRUE, cv2.MARKER_TILTED_CROSS, 12, 1, cv2.LINE_AA)
+    if np.isfinite(found).all():
+        cv2.circle(picture, at(found), 7, _FOUND, 1, cv2.LINE_AA)
+
+
+def _caption(watched: Watched, index: int) -> str:
+    sighting: Sighting = watched.seen.sightings[index]
+    alpha, rope_m = np.degrees(watched.truth[0, index]), watched.truth[2, index]
+    told = watched.seen.rope.length[index]
+    centre = f"centre off by {watched.off_px[index]:.1f} px" if sighting.centre else sighting.missed
+    if not watched.present[index]:
+        centre = f"no grab there: {'found one' if sighting.centre else 'none found'}"
+    read = f"read {told:.2f}" if np.isfinite(told) else sighting.rope_reason or "no display"
+    return f"#{index}  {centre}   alpha {alpha:.2f} deg   rope {rope_m:.2f} m, {read}"
