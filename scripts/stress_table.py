@@ -31,7 +31,8 @@ def cell(summary: Summary, name: str) -> str:
 def main(folder: Path) -> None:
     """Print the table."""
     studies = [catalogue.load(name) for name in catalogue.names() if (folder / name / laboratory.TRIALS).exists()]
-    found = [laboratory.read(folder / s.name, s) for s in studies if s.kind == "estimators"]
+    everything = [laboratory.read(folder / study.name, study) for study in studies]
+    found = [finding for finding in everything if finding.summary.study.kind == "estimators"]
     names = list(dict.fromkeys(name for f in found for name in f.summary.study.estimators))
     print(f"| study | {' | '.join(names)} |")
     print("|---|" + "---|" * len(names))
@@ -39,7 +40,7 @@ def main(folder: Path) -> None:
         study = finding.summary.study
         what = ", ".join(f"{s.axis} {span(s.values)}" for s in study.axes)
         print(f"| `{study.name}` ({what}) | {' | '.join(cell(finding.summary, name) for name in names)} |")
-    limits = [v for name in studies for v in laboratory.read(folder / name.name, name).verdicts]
+    limits = [verdict for finding in everything for verdict in finding.verdicts]
     print(f"\n{sum(v.passed for v in limits)} of {len(limits)} limits are met")
 
 

@@ -136,15 +136,12 @@ class Refining:
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
         """Compose the loss of positions, yaw, their scales and the presence."""
-        assert isinstance(net, Refine)
-        out, weights = net.told(batch["crops"])
-        return loss(out, batch) + spread(weights, batch)
+        return lost(net, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Overlap and centre error where there is a grab, and how well its presence is told."""
         batch = self._validation
-        device = next(net.parameters()).device
-        out = torch.cat([net(some.to(device)) for some in torch.split(batch["crops"], 64)]).cpu().numpy()
+        out = answers(net, batch).numpy()
         there = batch["present"].numpy() == 1
         told = (out[:, PRESENCE] > 0) == there
         edges = batch["places"].numpy()[there, :4]
@@ -155,6 +152,19 @@ class Refining:
         mean = float(overlap.mean()) if there.any() else 0.0
         score = mean + float(told.mean()) - min(error, 1.0)
         return {"mean_iou": mean, "centre_error": error, "told_apart": float(told.mean()), SCORE: score}
+
+
+def answers(net: nn.Module, batch: Batch) -> Tensor:
+    """Let a net look at a batch of any length, a few crops at a time; its output (n, 16) on the CPU."""
+    device = next(net.parameters()).device
+    return torch.cat([net(some.to(device)) for some in torch.split(batch["crops"], 64)]).cpu()
+
+
+def lost(net: nn.Module, batch: Batch) -> Tensor:
+    """Compose the loss of what a `simgrab.training.detector.nets.Refine` says of a batch, and of how it came to it."""
+    assert isinstance(net, Refine)
+    out, weights = net.told(batch["crops"])
+    return loss(out, batch) + spread(weights, batch)
 
 
 def loss(out: Tensor, batch: Batch) -> Tensor:

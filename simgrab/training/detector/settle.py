@@ -20,8 +20,8 @@ from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, ma
 from simgrab.records import Truth
 from simgrab.rng import stream
 from simgrab.training.detector.augment import Dirt, turn
-from simgrab.training.detector.nets import CENTRE, YAW, Refine
-from simgrab.training.detector.refine import CROP, Crops, loss, spread, stack
+from simgrab.training.detector.nets import CENTRE, YAW
+from simgrab.training.detector.refine import CROP, Crops, answers, lost, stack
 from simgrab.training.loop import SCORE, Batch
 
 # How far refine may be off: centre in shares of the box's longer side, yaw in rad, side as a logarithm; mostly little,
@@ -56,17 +56,14 @@ class Settling:
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
         """Compose the loss of centre, yaw and their scales."""
-        assert isinstance(net, Refine)
-        out, weights = net.told(batch["crops"])
-        return loss(out, batch) + spread(weights, batch)
+        return lost(net, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Medians of the centre's error, in shares of the box's longer side, and of the yaw's, rad."""
         batch = self._validation
         if not batch:
             return {SCORE: 0.0}
-        device = next(net.parameters()).device
-        out = torch.cat([net(some.to(device)) for some in torch.split(batch["crops"], 64)]).cpu()
+        out = answers(net, batch)
         miss = torch.linalg.vector_norm(out[:, CENTRE] - batch["places"][:, CENTRE], dim=1) * LEVEL_ROOM
         cosine = (normalize(out[:, YAW], dim=1) * batch["turned"]).sum(1).clamp(-1, 1)
         figures = {"centre_error": float(miss.median()), "centre_error_95": float(miss.quantile(0.95))}
