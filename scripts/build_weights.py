@@ -49,6 +49,8 @@ DETECTOR = (
     Source("empty", "training", {"swing.absent": 0.9}, 480, 120, 1),
     Source("snow", "training", {}, 720, 120, 2, SNOW),
 )
+# What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
+HARD = Source("hard", "training", {"swing.absent": 0.9}, 1200, 120, 3)
 
 READER = Source("digits", "digits", {}, 2400, 960, 0)
 
@@ -82,11 +84,11 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Pat
     from simgrab.training.detector.train import NETS, train
     from simgrab.training.progress import board
 
-    datasets = [rendered(source, work, quick=quick, workers=workers) for source in DETECTOR]
+    *datasets, hard = (rendered(source, work, quick=quick, workers=workers) for source in (*DETECTOR, HARD))
     out = work / "detector"
     chosen = functools.partial(recipes, quick=quick, threads=threads)
     with board(shown=True) as shown:
-        train(datasets, out, chosen, resume=True, watch=shown.step, report=shown.training)
+        train(datasets, out, chosen, hard=[hard], resume=True, watch=shown.step, report=shown.training)
     return [out / f"{name}.onnx" for name in NETS]
 
 

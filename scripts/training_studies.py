@@ -211,7 +211,7 @@ def _both(s: Settings, out: Path, learn: Sequence[cache.Frame], val: Sequence[ca
     out.mkdir(parents=True, exist_ok=True)
     chosen = recipes(len(learn), quick=True, seed=s.seed, threads=s.threads)
     with board(shown=True) as shown:
-        train.fit(learn, val, out, chosen, f"{len(learn)} frames", resume=True, report=shown.training)
+        train.fit(train.Frames(learn, val, f"{len(learn)} frames"), out, chosen, resume=True, report=shown.training)
     return Bundled(out)
 
 

@@ -38,6 +38,12 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @command.command()
 @click.argument("datasets", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for nets, cards, checkpoints.")
+@click.option(
+    "--hard",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Dataset, mostly of no grab, to learn what none is from once the grab is found; as often as wanted.",
+)
 @click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
 @click.option("--quick", is_flag=True, help="A quarter of the time.")
 @click.option("--epochs", type=int, help="Passes over the frames, of each net.  [default: as time allows]")
@@ -49,8 +55,8 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, patience: int, device: str,
-    threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
+    datasets: tuple[Path, ...], out: Path, hard: tuple[Path, ...], seed: int, quick: bool, epochs: int | None,
+    patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: what their split train shows, judged by val.
 
@@ -67,7 +73,7 @@ def detector(
         recipes, quick=quick, epochs=epochs, half=half, seed=seed, patience=patience, device=device, threads=threads
     )
     with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
-        result = train(datasets, out, chosen, resume=resume, watch=shown.step, report=shown.training)
+        result = train(datasets, out, chosen, hard=hard, resume=resume, watch=shown.step, report=shown.training)
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
 
 

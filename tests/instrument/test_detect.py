@@ -251,7 +251,7 @@ def test_no_grab_comes_with_its_reason(tmp_path):
     (tmp_path / "b").mkdir()
     none = detector(hand_made(tmp_path / "b", presence=-3.0))(bright())
     assert none.status == "none"
-    assert "refine takes it for something else" in none.reason
+    assert "it looks like something else" in none.reason
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def least_presence(seen: Sequence[Seen]) -> float:
 
 def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
     """Tell what would have been seen with a least presence."""
-    nothing = "refine takes it for something else"
+    nothing = "it looks like something else"
     return [
         one if not one.detection.found or one.detection.score >= presence
         else Seen(one.frame, Detection("none", nothing, one.detection.score))

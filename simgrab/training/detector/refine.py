@@ -34,11 +34,11 @@ from simgrab.training.detector.nets import (
 from simgrab.training.loop import SCORE, Batch
 
 CROP = 320  # px of a cached crop
-_ROOM = 2.2  # its side over the box's longer one
+ROOM = 2.2  # its side over the box's longer one
 _ZOOM = (1.1, 1.9)  # a learned crop's side over the box's longer one
 _SHIFT = 0.25  # of the longer side, at most
 _OTHERS = 0.3  # share of examples that show something else than the grab
-_FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be told
+FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +85,10 @@ def crops(
 
     def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
         rng, truth = stream(seed, i, "negatives"), boxes[i] if chosen[i].labelled else None
-        others = [around(b, _ROOM) for b in suspects[i] if truth is None or _apart(around(b, 1.0), truth)]
+        others = [around(b, ROOM) for b in suspects[i] if truth is None or _apart(around(b, 1.0), truth)]
         while len(others) < 2:
             others.append(_anywhere(picture, longest, truth, rng))
-        patches = [others[1] if truth is None else around(truth, _ROOM), others[0]]
+        patches = [others[1] if truth is None else around(truth, ROOM), others[0]]
         return np.stack([cut(picture, patch, CROP, CROP) for patch in patches]), patches
 
     cut_out, patches = cache.build(folder, chosen, (2, CROP, CROP, 3), make, progress)
@@ -108,7 +108,7 @@ def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.ran
         box = np.array([u - half, v - half, u + half, v + half])
         if truth is None or float(iou(box, truth)) < 0.02:
             break
-    return around(box, _ROOM)
+    return around(box, ROOM)
 
 
 class Refining:
@@ -232,7 +232,7 @@ def _example(
         inside = laid.picture(inside)
         places = np.concatenate([laid.box(places[:4]), laid.points(places[4:])])
         yaw = laid.angle(yaw)
-    known = np.isfinite(places) & (np.abs(places - 0.5) < _FARTHEST - 0.5)
+    known = np.isfinite(places) & (np.abs(places - 0.5) < FARTHEST - 0.5)
     return {
         "crops": np.concatenate([picture, inside[..., None]], axis=-1),
         "places": np.where(known, places, 0).astype(np.float32),
@@ -244,7 +244,7 @@ def _example(
 
 def _window(patch: Patch, box: Array | None, rng: np.random.Generator) -> Patch:
     """Draw what is cut out of a cached crop, in its own pixels: the grab zoomed and shifted, or any such part."""
-    longest, middle = CROP / _ROOM, np.full(2, CROP / 2)
+    longest, middle = CROP / ROOM, np.full(2, CROP / 2)
     if box is not None:
         corners = patch.to_shares(box.reshape(2, 2)) * CROP
         longest, middle = float((corners[1] - corners[0]).max()), corners.mean(axis=0)

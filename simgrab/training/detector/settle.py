@@ -1,13 +1,14 @@
-"""What settle learns: where the grab's centre is and how it is yawed, in a crop that refine has turned level.
+"""What settle learns: whether it is the grab, where its centre is and how it is yawed, in a crop turned level.
 
 It begins with refine's weights. With size, place and yaw taken out of the crop only small corrections are left to tell,
-and the centre is told to about half of refine's error.
+and the centre is told to about half of refine's error; and what is none of the grab is told from it in one pose.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -16,12 +17,13 @@ from torch import Tensor, nn
 from torch.nn.functional import normalize
 
 from simgrab import labels
-from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, mask, turned
-from simgrab.records import Truth
+from simgrab.geometry import Array
+from simgrab.instrument.detect.bundled import Settings, read
+from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, Patch, Picture, around, mask, turned
 from simgrab.rng import stream
 from simgrab.training.detector.augment import Dirt, turn
-from simgrab.training.detector.nets import CENTRE, YAW
-from simgrab.training.detector.refine import CROP, Crops, answers, lost, stack
+from simgrab.training.detector.nets import CENTRE, PRESENCE, YAW
+from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, lost, stack
 from simgrab.training.loop import SCORE, Batch
 
 # How far refine may be off: centre in shares of the box's longer side, yaw in rad, side as a logarithm; mostly little,
@@ -29,6 +31,10 @@ from simgrab.training.loop import SCORE, Batch
 _MISS, _FAR_MISS, _FAR = 0.01, 0.06, 0.1
 _LEAN, _ANY_LEAN, _ANY = 0.045, np.pi / 2, 0.05
 _SCALE = 0.03
+_AS_SAID = 0.5  # share of grabs that are turned as refine said, not as they are
+_WITHIN = 0.3  # shares of a level crop by which the grab's centre may lie off its middle
+_OTHERS = 0.5  # examples of something else, for each of the grab: those most like it
+_LOOK = 512  # crops that refine looks at at once
 
 
 def learner(refined: nn.Module) -> nn.Module:
@@ -36,77 +42,171 @@ def learner(refined: nn.Module) -> nn.Module:
     return copy.deepcopy(refined).requires_grad_(True)
 
 
-class Settling:
-    """Settle's task (`simgrab.training.loop.Task`)."""
+@dataclass(frozen=True, eq=False)
+class _Example:
+    """A cached crop, whether it shows the grab, and what refine says of it: its presence and the level part."""
 
-    def __init__(self, train: Crops, validation: Crops) -> None:
-        self.train, self._shown, self._dirt = train, _shown(train), Dirt()
+    crops: Crops
+    frame: int
+    slot: int
+    there: bool
+    presence: float
+    said: Level
+
+
+class Settling:
+    """Settle's task (`simgrab.training.loop.Task`).
+
+    Parameters
+    ----------
+    train, validation : sequences of Crops
+    refined : Refine
+        Trained; its answers are what settle begins with at work.
+    """
+
+    def __init__(self, train: Sequence[Crops], validation: Sequence[Crops], refined: nn.Module) -> None:
+        self._train, self._dirt = _chosen(train, refined), Dirt()
         rng = stream(0, 0, "settling")
-        examples = [_example(validation, i, rng, None) for i in _shown(validation)]
+        examples = [_learned(example, rng, None) for example in _chosen(validation, refined)]
         self._validation = stack(examples) if examples else {}
 
     @property
     def examples(self) -> int:
-        """Number of training frames that show the grab."""
-        return len(self._shown)
+        """Number of training crops."""
+        return len(self._train)
 
     def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
         """Turn crops level anew, as refine might have said, augmented."""
-        return stack([_example(self.train, self._shown[i], rng, self._dirt) for i in chosen])
+        return stack([_learned(self._train[i], rng, self._dirt) for i in chosen])
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
-        """Compose the loss of centre, yaw and their scales."""
+        """Compose the loss of presence, centre, yaw and their scales."""
         return lost(net, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
-        """Medians of the centre's error, in shares of the box's longer side, and of the yaw's, rad."""
+        """How well the grab is told apart; medians of the centre's error (of the box's longer side) and the yaw's."""
         batch = self._validation
         if not batch:
             return {SCORE: 0.0}
         out = answers(net, batch)
-        miss = torch.linalg.vector_norm(out[:, CENTRE] - batch["places"][:, CENTRE], dim=1) * LEVEL_ROOM
-        cosine = (normalize(out[:, YAW], dim=1) * batch["turned"]).sum(1).clamp(-1, 1)
-        figures = {"centre_error": float(miss.median()), "centre_error_95": float(miss.quantile(0.95))}
-        return figures | {"yaw_error": float(torch.arccos(cosine).median()) / 2, SCORE: 1 - float(miss.mean())}
+        there = batch["known"][:, 4] == 1
+        told = float(((out[:, PRESENCE] > 0) == (batch["present"] == 1)).float().mean())
+        if not there.any():
+            return {"told_apart": told, SCORE: told}
+        miss = torch.linalg.vector_norm(out[there, CENTRE] - batch["places"][there, CENTRE], dim=1) * LEVEL_ROOM
+        cosine = (normalize(out[there, YAW], dim=1) * batch["turned"][there]).sum(1).clamp(-1, 1)
+        return {
+            "told_apart": told, "centre_error": float(miss.median()), "centre_error_95": float(miss.quantile(0.95)),
+            "yaw_error": float(torch.arccos(cosine).median()) / 2, SCORE: told + 1 - float(miss.mean()),
+        }  # fmt: skip
 
 
-def _shown(crops: Crops) -> list[int]:
-    """Numbers of the frames that show the grab and its centre, or could."""
-    return [
-        i for i, frame in enumerate(crops.frames)
-        if frame.labelled and np.isfinite(labels.centre(frame.row)).all()
-    ]  # fmt: skip
+def _chosen(sets: Sequence[Crops], refined: nn.Module) -> list[_Example]:
+    """All crops of the grab, and of the others those that refine takes for it soonest."""
+    seen = [example for crops in sets for example in _looked_at(crops, refined)]
+    grabs = [example for example in seen if example.there]
+    others = sorted((example for example in seen if not example.there), key=lambda example: -example.presence)
+    return grabs + others[: max(round(_OTHERS * len(grabs)), 1)]
 
 
-def _example(crops: Crops, i: int, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
-    """Turn one cached crop level; without dirt as it is seen at work, and not turned further."""
-    row, patch = crops.frames[i].row, crops.patches[i][0]
-    level = _level(row, rng)
+def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
+    """Let refine look at the crops of each frame as at work, around a box much like find's."""
+    result: list[_Example] = []
+    places = [(i, slot) for i in range(len(crops.frames)) for slot in (0, 1)]
+    for start in range(0, len(places), _LOOK):
+        some = [(i, slot, _window(crops, i, slot)) for i, slot in places[start : start + _LOOK]]
+        looks = [turned(_whole(crops, i, slot), crops.patches[i][slot], _upright(window), REFINE_SIZE)
+                 for i, slot, window in some]  # fmt: skip
+        with torch.inference_mode():
+            told = answers(refined, {"crops": torch.from_numpy(np.stack(looks))}).numpy()
+        for (i, slot, window), out in zip(some, told, strict=True):
+            frame = crops.frames[i]
+            there = frame.labelled and slot == 0
+            if there and not np.isfinite(labels.centre(frame.row)).all():
+                continue
+            one = read(out[None], [window], frame.row.width_px, frame.row.height_px)
+            said = one.level()
+            result.append(
+                _Example(crops, i, slot, there, float(one.presence[0]),
+                         said if there else _within(said, crops.patches[i][slot]))
+            )  # fmt: skip
+    return result
+
+
+def _window(crops: Crops, i: int, slot: int) -> Patch:
+    """Where refine looks, given a box as find might tell it."""
+    rng, frame, patch = stream(slot, i, "windows"), crops.frames[i], crops.patches[i][slot]
+    box = labels.box(frame.row) if frame.labelled and slot == 0 else None
+    if box is None:
+        half = patch.size / ROOM / 2
+        box = np.concatenate([patch.corner + patch.size / 2 - half, patch.corner + patch.size / 2 + half])
+    longest = float((box[2:] - box[:2]).max())
+    return around(
+        box + np.tile(rng.normal(0, 0.04, 2) * longest, 2), Settings().room * float(np.exp(rng.normal(0, 0.06)))
+    )
+
+
+def _upright(window: Patch) -> Level:
+    return Level(window.to_picture([0.5, 0.5]), float(window.size[0]), 0.0)
+
+
+def _within(said: Level, patch: Patch) -> Level:
+    """Keep a level part within what was cached of the picture, whichever way it is turned."""
+    middle = patch.to_picture([0.5, 0.5])
+    room = np.sqrt(2) * float((patch.size / 2 - np.abs(said.middle - middle)).min())
+    if room < said.side / 3:
+        return Level(middle, LEVEL_ROOM * float(patch.size[0]) / ROOM, said.angle)
+    return Level(said.middle, min(said.side, room), said.angle)
+
+
+def _whole(crops: Crops, i: int, slot: int) -> Picture:
+    """Return a cached crop with what of it lies in the picture."""
+    row, patch = crops.frames[i].row, crops.patches[i][slot]
     inside = mask(row.width_px, row.height_px, patch.corner, patch.size, CROP)
-    whole = np.concatenate([np.asarray(crops.crops[i, 0]), inside[..., None]], axis=-1)
-    cut = turned(whole, patch, level, REFINE_SIZE)
-    places, lean = np.zeros((3, 2)), labels.yaw(row) - level.angle
-    places[2] = level.to_shares(labels.centre(row))
+    return np.concatenate([np.asarray(crops.crops[i, slot]), inside[..., None]], axis=-1)
+
+
+def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
+    """Turn one crop level; without dirt as it is seen at work, and not turned further."""
+    row, patch = example.crops.frames[example.frame].row, example.crops.patches[example.frame][example.slot]
+    level = _level(example, rng)
+    cut = turned(_whole(example.crops, example.frame, example.slot), patch, level, REFINE_SIZE)
+    places, lean = np.full((3, 2), np.nan), 0.0
+    if example.there:
+        places[2], lean = level.to_shares(labels.centre(row)), labels.yaw(row) - level.angle
     if dirt:
         laid = turn(rng, quarters=False)
         cut = laid.picture(np.concatenate([dirt(cut[..., :3], rng), cut[..., 3:]], axis=-1))
-        places[2], lean = laid.points(places[2]), laid.angle(lean)
+        places, lean = laid.points(places), laid.angle(lean)
+    known = np.isfinite(places) & (np.abs(places - 0.5) < FARTHEST - 0.5)
     return {
         "crops": np.ascontiguousarray(cut),
-        "places": places.ravel().astype(np.float32),
-        "known": np.array([0, 0, 0, 0, 1, 1], np.float32),
+        "places": np.where(known, places, 0).ravel().astype(np.float32),
+        "known": known.ravel().astype(np.float32),
         "turned": np.array([np.cos(2 * lean), np.sin(2 * lean)], np.float32),
-        "present": np.array(1, np.float32),
+        "present": np.array(example.there, np.float32),
     }
 
 
-def _level(row: Truth, rng: np.random.Generator) -> Level:
-    """Draw where refine might say that a grab is."""
-    box = labels.box(row)
-    assert box is not None
-    longest = float((box[2:] - box[:2]).max())
-    far, any_way = rng.random(2) < (_FAR, _ANY)
+def _level(example: _Example, rng: np.random.Generator) -> Level:
+    """Draw what refine might say of a crop."""
+    start = _true(example) if example.there else example.said
+    if example.there and rng.random() < _AS_SAID and _on(example.said, start.middle):
+        start = example.said
+    longest, (far, any_way) = start.side / LEVEL_ROOM, rng.random(2) < (_FAR, _ANY)
     miss = rng.uniform(-_FAR_MISS, _FAR_MISS, 2) if far else rng.normal(0, _MISS, 2)
     lean = rng.uniform(-_ANY_LEAN, _ANY_LEAN) if any_way else rng.normal(0, _LEAN)
-    side = LEVEL_ROOM * longest * np.exp(rng.normal(0, _SCALE))
-    return Level(labels.centre(row) + longest * miss, float(side), labels.yaw(row) + float(lean))
+    side = start.side * np.exp(rng.normal(0, _SCALE))
+    return Level(start.middle + longest * miss, float(side), start.angle + float(lean))
+
+
+def _on(level: Level, point: Array) -> bool:
+    return bool((np.abs(level.to_shares(point) - 0.5) < _WITHIN).all())
+
+
+def _true(example: _Example) -> Level:
+    """Tell the level part around a labelled grab."""
+    row = example.crops.frames[example.frame].row
+    box = labels.box(row)
+    assert box is not None
+    return Level(labels.centre(row), LEVEL_ROOM * float((box[2:] - box[:2]).max()), labels.yaw(row))

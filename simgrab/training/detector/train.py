@@ -33,7 +33,8 @@ TASKS = {
     "find": "Picture of 512 x 288 in, heat at the centre of the grab's visible box and the distances to its edges out.",
     "refine": "Crop around a found box in; its edges, the grab's centre, its yaw, how sure each is, and whether it is "
     "there out.",
-    "settle": "Crop around a refined grab, turned level, in; the grab's centre and yaw and how sure they are out.",
+    "settle": "Crop around a refined grab, turned level, in; the grab's centre and yaw, how sure they are, and whether "
+    "it is there out.",
 }
 
 
@@ -67,6 +68,7 @@ def train(
     out: str | Path,
     recipes: Callable[[int], Recipes],
     *,
+    hard: Sequence[str | Path] = (),
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
@@ -81,6 +83,9 @@ def train(
         Gets three nets (`NETS`), their cards, checkpoints, and a cache of pictures that may be deleted.
     recipes : callable
         From the number of frames to learn from to the recipes.
+    hard : sequence of paths, optional
+        Datasets, mostly of no grab, that settle alone learns from: what find takes for the grab in pictures that it has
+        not learned is what it will take for it at work.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -91,18 +96,34 @@ def train(
     DatasetError, TrainingError
     """
     out = Path(out)
-    sets = datasets.read_all(paths, "train", "val")
+    sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train", "val") if hard else ()
     claim(out, resume=resume)
-    train_frames, val_frames = (cache.frames(sets, split) for split in ("train", "val"))
-    chosen, digest = recipes(len(train_frames)), datasets.digest(sets)
-    fitted = fit(train_frames, val_frames, out, chosen, digest, resume=resume, watch=watch, report=report)
+    frames, doubtful = Frames.of(sets), Frames.of(more)
+    chosen = recipes(len(frames.train))
+    fitted = fit(frames, out, chosen, hard=doubtful, resume=resume, watch=watch, report=report)
     for name, trained in fitted.nets.items():
+        also = name == "settle"
         Card(
-            name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=len(train_frames),
+            name=name, task=TASKS[name], data=tuple(one.data for one in (*sets, *(more if also else ()))),
+            examples=len(frames.train) + also * len(doubtful.train),
             recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
             metrics={"alone": trained.figures} | fitted.metrics,
         ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames to learn from and to judge by, and the digest that names them: a checkpoint of others is not taken up."""
+
+    train: Sequence[cache.Frame]
+    val: Sequence[cache.Frame]
+    digest: str
+
+    @classmethod
+    def of(cls, sets: Sequence[datasets.Dataset]) -> Frames:
+        """Take the frames of datasets' splits."""
+        return cls(cache.frames(sets, "train"), cache.frames(sets, "val"), datasets.digest(sets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +135,12 @@ class Fitted:
 
 
 def fit(
-    train_frames: Sequence[cache.Frame], val_frames: Sequence[cache.Frame], out: Path, recipes: Recipes, digest: str,
-    *, resume: bool = False, watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+    frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, resume: bool = False,
+    watch: Watch | None = None, report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Fitted:  # fmt: skip
-    """Train on frames, judge by others, and write the nets into a folder; see `train`.
-
-    ``digest`` names the frames: a checkpoint of others is not taken up.
-    """
+    """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
+    hard = hard or Frames((), (), "")
+    digest, train_frames, val_frames = frames.digest, frames.train, frames.val
     if not any(frame.labelled for frame in train_frames):
         raise TrainingError("no training frame shows the grab")
     step = watch or (lambda _: lambda _done, _total: None)
@@ -129,33 +148,39 @@ def fit(
     folder = out / "cache" / digest[:16]
 
     small = [
-        find.pictures(folder / f"small-{name}", frames, step(f"shrinking {name} pictures"))
-        for name, frames in (("train", train_frames), ("val", val_frames))
+        find.pictures(folder / f"small-{name}", some, step(f"shrinking {name} pictures"))
+        for name, some in (("train", train_frames), ("val", val_frames))
     ]
     found = _learn(Find, find.Finding(*small), recipes.find, out / "find", digest, resume, follow("find"))
     example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
     export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
     key = hashlib.sha256((out / "find.onnx").read_bytes()).hexdigest()[:16]
-    crops = [
-        refine.crops(
-            folder / f"crops-{name}-{key}", frames, suspects(found.net, pictures, frames),
-            seed=recipes.refine.seed, progress=step(f"cutting {name} crops"),
-        )
-        for name, pictures, frames in (("train", small[0], train_frames), ("val", small[1], val_frames))
-    ]  # fmt: skip
+
+    def cut(name: str, some: Sequence[cache.Frame], pictures: find.Pictures) -> refine.Crops:
+        boxes, progress = suspects(found.net, pictures, some), step(f"cutting {name} crops")
+        return refine.crops(folder / f"crops-{name}-{key}", some, boxes, seed=recipes.refine.seed, progress=progress)
+
+    crops = [cut("train", train_frames, small[0]), cut("val", val_frames, small[1])]
     refined = _learn(Refine, refine.Refining(*crops), recipes.refine, out / "refine", digest, resume, follow("refine"))
     facts: dict[str, Any] = {"task": REFINE}
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
 
-    digest += hashlib.sha256((out / "refine.onnx").read_bytes()).hexdigest()[:16]
+    learned, judged = ([one] for one in crops)
+    folder = folder.with_name(hard.digest[:16])
+    for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
+        if some:
+            pictures = find.pictures(folder / f"small-{name}", some, step(f"shrinking hard {name} pictures"))
+            sets.append(cut(f"hard-{name}", some, pictures))
+    digest += hard.digest + hashlib.sha256((out / "refine.onnx").read_bytes()).hexdigest()[:16]
     start = functools.partial(settle.learner, refined.net)
-    settled = _learn(start, settle.Settling(*crops), recipes.settle, out / "settle", digest, resume, follow("settle"))
+    task = settle.Settling(learned, judged, refined.net)
+    settled = _learn(start, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
     export.export(settled.net, example, ["told"], out / "settle.onnx", {"task": SETTLE})
 
     looks = Bundled(out, Settings(least_presence=0.0))
-    seen = evaluate.watch(looks, val_frames, step("looking at val pictures"))
+    seen = evaluate.watch(looks, [*val_frames, *hard.val], step("looking at val pictures"))
     presence = round(evaluate.least_presence(seen), 4)
     seen = evaluate.by(presence, seen)
     settings = dataclasses.asdict(Settings(least_presence=presence))
