@@ -24,7 +24,10 @@ from simgrab.records import Detection, Truth
 
 LEVEL = 0.95
 _NORMAL = 1.96
-ROPE_BINS_M = (0.0, 11.0, 15.0, 20.0, 25.0, 30.0, math.inf)
+ROPE_BINS_M = {
+    f"{low:g} m and more" if math.isinf(high) else f"{low:g} to {high:g} m": (low, high)
+    for low, high in itertools.pairwise((0.0, 11.0, 15.0, 20.0, 25.0, 30.0, math.inf))
+}
 HALF = 0.5
 
 
@@ -86,8 +89,8 @@ def score(some: Sequence[Case]) -> dict[str, Any]:
         "half_visible": figures([case for case in some if case.empty or case.half_visible]),
         "by_weather": {name: figures([case for case in some if case.weather == name]) for name in weathers},
         "by_rope": {
-            _bin(low, high): centre_errors([c for c in some if c.hit and low <= c.truth.rope_length_m < high])
-            for low, high in itertools.pairwise(ROPE_BINS_M)
+            name: centre_errors([c for c in some if c.hit and low <= c.truth.rope_length_m < high])
+            for name, (low, high) in ROPE_BINS_M.items()
         },
     }
 

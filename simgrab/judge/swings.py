@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -49,12 +48,7 @@ def angles(estimated: Array, true: Array, rope: Array, weather: Sequence[str]) -
     return {
         "overall": errors(estimated, true),
         "above_8_deg": among(true > LARGE),
-        "by_rope": {
-            f"{low:g} m and more" if math.isinf(high) else f"{low:g} to {high:g} m": among(
-                (rope >= low) & (rope < high)
-            )
-            for low, high in itertools.pairwise(ROPE_BINS_M)
-        },
+        "by_rope": {name: among((rope >= low) & (rope < high)) for name, (low, high) in ROPE_BINS_M.items()},
         "by_weather": {str(name): among(names == name) for name in dict.fromkeys(weather) if name},
     }
 

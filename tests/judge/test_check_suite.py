@@ -29,9 +29,10 @@ def test_a_suite_is_read_and_finds_what_lies_beside_it(tmp_path):
 
 
 def test_limits_of_a_scene_win(tmp_path):
-    scenes = {"calm": GOOD["scenes"]["calm"] | {"limits": {"a": {"upper": 2}}}}
-    found = suite.load(put(tmp_path, limits={"a": {"upper": 1}, "b": {"lower": 0}}, scenes=scenes))
-    assert {name: str(limit) for name, limit in found.limits_of("calm").items()} == {"a": "≤ 2", "b": "≥ 0"}
+    scenes = {"calm": GOOD["scenes"]["calm"] | {"limits": {"alarm.missed": {"upper": 2}}}}
+    found = suite.load(put(tmp_path, limits={"alarm.missed": {"upper": 1}, "frames.ok": {"lower": 0}}, scenes=scenes))
+    limits = {name: str(limit) for name, limit in found.limits_of("calm").items()}
+    assert limits == {"alarm.missed": "≤ 2", "frames.ok": "≥ 0"}
 
 
 def scene(**changes):
@@ -51,6 +52,14 @@ BAD = {
     "unknown key of a limit": (
         {"limits": {"a.b": {"uper": 2}}},
         "limits.a.b.uper: unknown key (did you mean 'upper'?)",
+    ),
+    "unknown metric": (
+        {"limits": {"angle.overall.rmse_dge": {"upper": 1}}},
+        "limits: no metric 'angle.overall.rmse_dge' (did you mean 'angle.overall.rmse_deg'?)",
+    ),
+    "unknown metric of a scene": (
+        scene(limits={"angle.by_weather.calm-day.rms": {"upper": 1}}),
+        "scenes.calm.limits: no metric",
     ),
     "negative slack": ({"limits": {"a": {"upper": 2, "slack": -1}}}, "limits.a.slack"),
     "nan": ({"limits": {"a": {"upper": float("nan")}}}, "must be a finite number"),

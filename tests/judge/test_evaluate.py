@@ -20,6 +20,8 @@ from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.judge import runs, swings, truths
 from simgrab.judge.budget import CHAIN
+from simgrab.judge.check import metrics
+from simgrab.judge.check.trial import flat
 from simgrab.judge.evaluate import evaluate
 from simgrab.judge.evaluate_page import page
 from simgrab.judge.evaluate_table import tables
@@ -130,6 +132,12 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
         truths.of(clean, dataset)
     with pytest.raises(RunError, match="not a run"):
         runs.load(tmp_path)
+
+
+def test_every_number_that_may_be_limited_has_its_name(clean, swinging):
+    told = flat(evaluate(clean, swinging / "data"))
+    assert not [metric for metric, value in told.items() if value is not None and metrics.unknown(metric)]
+    assert set(told) >= metrics.NAMES
 
 
 def test_errors_are_those_of_arithmetic():

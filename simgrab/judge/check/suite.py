@@ -10,6 +10,7 @@ import msgspec
 
 from simgrab import resources, scenes
 from simgrab.errors import ScenarioError, SuiteError
+from simgrab.judge.check.metrics import unknown
 from simgrab.resources import SCENES
 from simgrab.scenario import Scenario
 from simgrab.strict import convert
@@ -110,6 +111,12 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if not self.scenes:
             raise ValueError("a suite needs scenes: [scenes.NAME] with scene, frames and limits")
+        places = {"limits": self.limits} | {
+            f"scenes.{name}.limits": scene.limits for name, scene in self.scenes.items()
+        }
+        for place, limits in places.items():
+            if problem := next(filter(None, map(unknown, limits)), ""):
+                raise ValueError(f"{place}: {problem}")
 
     def limits_of(self, name: str) -> dict[str, Limit]:
         """Limits of a scene by metric."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import Literal
 
@@ -10,6 +9,7 @@ import msgspec
 
 from simgrab.judge.check import baseline as base
 from simgrab.judge.check.baseline import Baseline, Reference
+from simgrab.judge.check.metrics import unknown
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import Metrics, Trial
 
@@ -74,7 +74,7 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
     value = metrics.get(metric)
     problems = []
     if value is None:
-        problems.append(_nothing(metric, metrics))
+        problems.append(_nothing(metric))
     else:
         if not limit.holds(value):
             problems.append(f"{value:.4g} is outside of {limit}")
@@ -89,12 +89,6 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
     )  # fmt: skip
 
 
-def _nothing(metric: str, metrics: Metrics) -> str:
+def _nothing(metric: str) -> str:
     """Say why there is no value."""
-    parts = metric.split(".")
-    parents = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
-    if any(parent in metrics for parent in parents):
-        return "the instrument told nothing, or the scene showed nothing, to measure it by"
-    close = difflib.get_close_matches(metric, list(metrics), n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(metrics)}"
-    return f"nothing of that name is measured; {hint}"
+    return unknown(metric) or "the instrument told nothing, or the scene showed nothing, to measure it by"
