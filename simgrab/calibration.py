@@ -9,7 +9,8 @@ from typing import Annotated
 import msgspec
 import tomli_w
 
-from simgrab.errors import CalibrationError
+from simgrab import layouts
+from simgrab.errors import CalibrationError, LayoutError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.layouts import Layout
 from simgrab.strict import convert
@@ -81,10 +82,17 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load(path: str | Path) -> Calibration:
-    """Read a camera TOML; raises `CalibrationError` with one line that names file and key."""
+    """Read a camera TOML; raises `CalibrationError` with one line that names file and key.
+
+    ``digit_layout`` may be a bundled layout's name there.
+    """
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        if isinstance(data.get("digit_layout"), str):
+            data["digit_layout"] = msgspec.to_builtins(layouts.load(data["digit_layout"]))
         return convert(data, Calibration, CalibrationError)
+    except LayoutError as problem:
+        raise CalibrationError(f"{path}: digit_layout: {problem}") from None
     except CalibrationError as problem:
         raise CalibrationError(f"{path}: {problem}") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:

@@ -6,7 +6,7 @@ import math
 import re
 import types
 from collections.abc import Mapping
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
@@ -58,6 +58,10 @@ def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: s
         if key not in valid:
             raise ScenarioError(dotted, f"unknown key{suggestion(key, valid)}; valid here: {', '.join(valid)}")
         structs = _structs_of(fields.get(key))
+        if get_origin(fields.get(key)) is Literal and value not in get_args(fields[key]):
+            choices = [str(choice) for choice in get_args(fields[key])]
+            hint = suggestion(str(value), choices)
+            raise ScenarioError(dotted, f"must be one of: {', '.join(choices)}; got {value!r}{hint}")
         if get_origin(fields.get(key)) is dict and isinstance(value, Mapping):
             _refuse_bad_entries(value, get_args(fields[key])[1], dotted)
         if structs and isinstance(value, Mapping):

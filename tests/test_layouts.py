@@ -131,3 +131,14 @@ def test_the_camera_file_holds_the_layout_itself(tmp_path):
     (tmp_path / "camera.toml").write_text(text)
     with pytest.raises(CalibrationError, match=r"camera\.toml: digit_layout: digits of 2 x 22 px"):
         calibration.load(tmp_path / "camera.toml")
+
+
+def test_a_camera_file_may_name_a_bundled_layout(tmp_path):
+    file = tmp_path / "camera.toml"
+    Calibration(1920, 1080, 1600.0, 960.0, 540.0).save(file)
+    plain = file.read_text()
+    file.write_text(f'digit_layout = "two-by-four"\n{plain}')
+    assert calibration.load(file).digit_layout == layouts.load("two-by-four")
+    file.write_text(f'digit_layout = "twobyfour"\n{plain}')
+    with pytest.raises(CalibrationError, match=r"camera\.toml: digit_layout: no layout 'twobyfour' \(did you mean"):
+        calibration.load(file)

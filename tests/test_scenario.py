@@ -34,7 +34,7 @@ BAD = {
     "display.start": ("2022-02-29T14:05:37", "local date and time such as"),
     "display.readout_s": (0.21, "exceed the 0.2 s"),
     "splits.train": (0.5, "must be 1"),
-    "image.format": ("gif", "jpeg|enum"),
+    "image.format": ("gif", "must be one of: jpeg, png; got 'gif'"),
     "seed": (-1, ">= 0"),
     "frames": (0, ">= 1"),
     "frames.count": (3, "int|object"),
