@@ -48,18 +48,22 @@ CLIPS: dict[str, tuple[str, Mapping[str, Any]]] = {
 }
 
 
-def budget(name: str, work: Path, frames: int, rate_hz: float, seed: int, workers: int) -> dict[str, Any]:
+def budget(name: str, out: Path, settings: Mapping[str, Any], workers: int) -> dict[str, Any]:
     """Render one clip, or what is missing of it, measure and evaluate."""
     scene, changes = CLIPS[name]
-    settings = {**changes, "frames": frames, "clip.frame_rate_hz": rate_hz, "seed": seed}
-    out = work / name.replace(",", "").replace(" ", "-").replace("/", "-")
+    settings = {**changes, **settings}
     with bar(f"drawing {name}", shown=True) as progress:
         render(scenes.load(scene, settings), out, workers=workers, resume=True, progress=progress)
     camera = msgspec.structs.replace(calibration.load(out / "camera.toml"), offset_sd_m=OFFSET_SD_M)
     source = open_source(out)
     found = evaluate(measure(source, camera, bundled(), source=source.name), out)
-    (work / f"{out.name}.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
+    out.with_suffix(".json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     return found
+
+
+def folder(name: str) -> str:
+    """Name a clip's folder."""
+    return name.replace(",", "").replace(" ", "-").replace("/", "-")
 
 
 def show(found: Mapping[str, Mapping[str, Any]]) -> None:
@@ -109,8 +113,8 @@ def main(minutes: float, rate: float, only: str | None, seed: int, work: Path, w
     wanted = {name.strip() for name in only.split(",")} if only else None
     names = [name for name in CLIPS if wanted is None or name.replace(",", "") in wanted]
     work.mkdir(parents=True, exist_ok=True)
-    frames = round(60 * minutes * rate)
-    show({name: budget(name, work, frames, rate, seed, workers) for name in names})
+    settings = {"frames": round(60 * minutes * rate), "clip.frame_rate_hz": rate, "seed": seed}
+    show({name: budget(name, work / folder(name), settings, workers) for name in names})
 
 
 if __name__ == "__main__":
