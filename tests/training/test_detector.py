@@ -79,6 +79,17 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, 
         assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
 
 
+def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path):
+    out = train([halves], tmp_path / "out", tiny, hard=[halves])
+    same = {name: (out.folder / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
+            for name in ("find", "settle")}  # fmt: skip
+    assert same == {"find": True, "settle": False}
+    cards = {name: json.loads((out.folder / f"{name}.json").read_text()) for name in NETS}
+    assert [len(cards[name]["data"]) for name in NETS] == [1, 1, 2]
+    assert [cards[name]["examples"] for name in NETS] == [4, 4, 8]
+    assert out.metrics["frames"] == 2 * trained.metrics["frames"]
+
+
 def run(*arguments):
     result = CliRunner().invoke(cli, ["train", "detector", *map(str, arguments)])
     return result.exception, result.output

@@ -11,10 +11,10 @@ pytest.importorskip("onnx")
 
 from simgrab import datasets, labels  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.instrument.detect.patches import Patch, cut  # noqa: E402
+from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
 from simgrab.records import Detection  # noqa: E402
 from simgrab.rng import stream  # noqa: E402
-from simgrab.training.detector import cache, evaluate, find, nets, refine, settings  # noqa: E402
+from simgrab.training.detector import cache, evaluate, find, nets, refine, settings, settle  # noqa: E402
 from simgrab.training.detector.augment import Dirt, Turn  # noqa: E402
 
 
@@ -144,6 +144,77 @@ def test_what_find_suspects_becomes_a_hard_example(dataset, tmp_path):
     assert labels.box(frames[0].row) is not None
     np.testing.assert_allclose(grab.to_picture([0.5, 0.5]), [250, 130], atol=1)
     np.testing.assert_allclose(other.to_picture([0.5, 0.5]), [450, 250], atol=1)
+
+
+class Says(torch.nn.Module):
+    """A refine that sees the grab in the middle of every crop, lying level, and the sooner the lighter it is."""
+
+    def __init__(self):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.zeros(1))
+
+    def forward(self, crops):
+        out = torch.tensor([0.25, 0.25, 0.75, 0.75, 0.5, 0.5, *[-4.0] * 6, 1.0, 0.0, -3.0, 0.0]).repeat(len(crops), 1)
+        out[:, nets.PRESENCE] = crops[..., :3].float().mean((1, 2, 3)) / 64 - 1
+        return out
+
+
+BOXES = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
+
+
+def test_settles_examples_show_what_they_say(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+    frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(BOXES)]
+    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    seen = [example for example in settle._looked_at(crops, Says()) if example.there]
+    assert len(seen) == 3
+    for i, example in enumerate(seen):
+        for trial in range(12):
+            level = settle._level(example, stream(0, trial, "example"))
+            told = settle._learned(example, stream(0, trial, "example"), None)
+            assert told["present"] == 1
+            np.testing.assert_array_equal(told["known"], [0, 0, 0, 0, 1, 1])
+            np.testing.assert_allclose(told["places"][4:], level.to_shares(labels.centre(frames[i].row)), atol=1e-6)
+            lean = 2 * (labels.yaw(row) - level.angle)
+            np.testing.assert_allclose(told["turned"], [np.cos(lean), np.sin(lean)], atol=1e-6)
+            light = told["crops"][..., 0].astype(float) * (told["crops"][..., 3] == 255)
+            if not any(light[edge].any() for edge in ((0,), (-1,), (..., 0), (..., -1))):  # whole in the crop
+                x0, y0, x1, y1 = BOXES[i]
+                np.testing.assert_allclose(middle(light), level.to_shares([(x0 + x1) / 2, (y0 + y1) / 2]), atol=0.01)
+
+
+def test_settle_learns_what_refine_takes_for_the_grab_soonest(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+    frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(BOXES)]
+    empty = dataclasses.replace(frames[0], labelled=False)
+    places = [np.array(box, float) for box in ((200, 90, 300, 190), (400, 200, 500, 300))]
+    some = [
+        refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0),
+        refine.crops(tmp_path / "hard", [empty], [places], seed=0),
+    ]
+    task = settle.Settling(some, some, Says())
+    chosen = settle._chosen(some, Says())
+    assert (
+        [example.there for example in chosen] == [True] * 3 + [False] * 2 == [True] * 3 + [False] * (task.examples - 3)
+    )
+    hardest = chosen[3]  # the rectangle, which the labels of that frame do not know
+    assert hardest.crops is some[1]
+    assert hardest.presence == max(example.presence for example in settle._looked_at(some[1], Says()))
+    nothing = settle._learned(hardest, stream(0, 0, "example"), None)
+    assert nothing["present"] == 0
+    assert not nothing["known"].any()
+    figures = task.validate(Says().eval())
+    assert 0 <= figures["told_apart"] <= 1
+
+
+@pytest.mark.parametrize("aside", [0.0, 60.0, 300.0])
+def test_a_level_part_of_a_crop_keeps_within_it(aside):
+    patch, said = Patch(100, 100, 320, 320), Level(np.array([210.0 + aside, 210.0]), 190.0, 0.7)
+    kept = settle._within(said, patch)
+    corners = kept.to_picture([[0, 0], [0, 1], [1, 0], [1, 1]])
+    assert (corners > 99).all()
+    assert (corners < 321).all()
+    assert kept.angle == said.angle
 
 
 def test_refines_loss_is_least_at_its_target():
