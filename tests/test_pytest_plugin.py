@@ -98,7 +98,7 @@ def outcomes(tmp_path_factory, cache):
     ("name", "message"),
     [
         ("exceeded", r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.01"),
-        ("misspelt_metric", "did you mean angle.overall.rmse_deg"),
+        ("misspelt_metric", "did you mean 'angle.overall.rmse_deg'"),
         ("misspelt_end", "uper"),
         ("never_judged", "nothing was judged"),
         ("without_the_fixture", "needs the fixture simgrab_judge"),

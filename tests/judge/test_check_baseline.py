@@ -81,8 +81,8 @@ def test_of_less_than_two_seeds_no_spread_is_known(values):
 
 
 def test_both_ends_of_all_limits_share_the_chance():
-    scenes = {"x": Scene("quay-day"), "y": Scene("quay-day", limits={"b": Limit(-1, 1)})}
-    some = Suite(name="s", limits={"a": Limit(upper=1)}, scenes=scenes)
+    scenes = {"x": Scene("quay-day"), "y": Scene("quay-day", limits={"angle.overall.bias_deg": Limit(-1, 1)})}
+    some = Suite(name="s", limits={"alarm.missed": Limit(upper=1)}, scenes=scenes)
     assert baseline.ends(some) == 1 + 1 + 2
 
 

@@ -44,7 +44,7 @@ _STRIDE = 8
 _MOST = 3  # candidates that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
 _SURE = 0.9  # presence from which on nothing is looked at again
-_AGAIN, _AGAIN_HEAT, _LOOKS = 5, 0.015, 4  # what is then looked at: so many candidates, from which heat on, how often
+_AGAIN_HEAT, _LOOKS = 0.015, 4  # from which heat on, and how often, candidates are looked at then
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Bundled:
 
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
         """Look at more candidates more often, each time from where the grab was seen, and settle them all."""
-        boxes = [candidate.box for candidate in candidates[:_AGAIN] if candidate.heat >= _AGAIN_HEAT]
+        boxes = [candidate.box for candidate in candidates[:_MOST] if candidate.heat >= _AGAIN_HEAT]
         for _ in range(_LOOKS):
             refined = self.refine(picture, boxes)
             boxes = list(refined.boxes)

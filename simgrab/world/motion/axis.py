@@ -38,10 +38,10 @@ class Move:
     def at_speed(cls, start: float, distance: float, speed: float, ramp: float, brake: float | None = None) -> Move:
         """Move that reaches ``speed``, or less where the distance is too short for it; it brakes as it starts."""
         brake = ramp if brake is None else brake
-        if not distance:
-            return cls(start, 0.0, 0.0, ramp, brake)
         mean = (ramp + brake) / 2
         top = min(speed, abs(distance) / mean)
+        if not top:  # no distance, or one beyond telling from none
+            return cls(start, 0.0, 0.0, ramp, brake)
         return cls(start, distance, abs(distance) / top + mean, ramp, brake)
 
     @property
