@@ -33,12 +33,13 @@ def show(found: dict[str, list[dict[str, Any]]]) -> None:
     for name, clips in found.items():
         alarms = [clip["alarm"] for clip in clips]
         delays = [delay for one in alarms for delay in one["delays"]]
-        squares = [clip["angle"]["overall"]["rmse_deg"] ** 2 for clip in clips]
+        told = [clip for clip in clips if clip["angle"]["overall"]["frames"]]  # but for clips that were refused
+        squares = [clip["angle"]["overall"]["rmse_deg"] ** 2 for clip in told]
         recall = [clip["detection"]["recall"] for clip in clips]
         table.add_row(
             str(len(clips)), name, *(str(sum(one[count] for one in alarms)) for count in COUNTS),
             f"{np.median(delays):g}" if delays else "-", " ".join(map(str, delays)),
-            f"{np.sqrt(np.mean(squares)):.3f}", f"{np.mean(recall):.4f}",
+            f"{np.sqrt(np.mean(squares)):.3f}" if told else "refused", f"{np.mean(recall):.4f}",
         )  # fmt: skip
     Console(width=160).print(table)
 

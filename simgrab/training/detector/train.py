@@ -157,22 +157,22 @@ def fit(
 
     key = hashlib.sha256((out / "find.onnx").read_bytes()).hexdigest()[:16]
 
-    def cut(name: str, some: Sequence[cache.Frame], pictures: find.Pictures) -> refine.Crops:
+    def cut(place: Path, name: str, some: Sequence[cache.Frame], pictures: find.Pictures) -> refine.Crops:
         boxes, progress = suspects(found.net, pictures, some), step(f"cutting {name} crops")
-        return refine.crops(folder / f"crops-{name}-{key}", some, boxes, seed=recipes.refine.seed, progress=progress)
+        return refine.crops(place / f"crops-{name}-{key}", some, boxes, seed=recipes.refine.seed, progress=progress)
 
-    crops = [cut("train", train_frames, small[0]), cut("val", val_frames, small[1])]
+    crops = [cut(folder, "train", train_frames, small[0]), cut(folder, "val", val_frames, small[1])]
     refined = _learn(Refine, refine.Refining(*crops), recipes.refine, out / "refine", digest, resume, follow("refine"))
     facts: dict[str, Any] = {"task": REFINE}
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
 
     learned, judged = ([one] for one in crops)
-    folder = folder.with_name(hard.digest[:16])
+    aside = folder.with_name(hard.digest[:16])
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
         if some:
-            pictures = find.pictures(folder / f"small-{name}", some, step(f"shrinking hard {name} pictures"))
-            sets.append(cut(f"hard-{name}", some, pictures))
+            pictures = find.pictures(aside / f"small-{name}", some, step(f"shrinking hard {name} pictures"))
+            sets.append(cut(aside, f"hard-{name}", some, pictures))
     digest += hard.digest + hashlib.sha256((out / "refine.onnx").read_bytes()).hexdigest()[:16]
     start = functools.partial(settle.learner, refined.net)
     task = settle.Settling(learned, judged, refined.net)
