@@ -138,14 +138,17 @@ def _limits(marks: Iterable[pytest.Mark]) -> dict[str, Limit]:
     """Limits of a test's marks by metric; the mark nearest to the test counts."""
     import msgspec
 
+    from simgrab.judge.check.metrics import unknown
     from simgrab.judge.check.suite import Limit
 
     found: dict[str, Limit] = {}
     for mark in marks:
         if len(mark.args) != 1 or not isinstance(mark.args[0], str):
             pytest.fail(f"{MARKER} takes a metric's name, and lower= or upper=; got {mark.args}", pytrace=False)
+        if problem := unknown(mark.args[0]):
+            pytest.fail(f"{MARKER}: {problem}", pytrace=False)
         try:
             found.setdefault(mark.args[0], msgspec.convert(mark.kwargs, Limit))
-        except msgspec.ValidationError as problem:
-            pytest.fail(f"{MARKER}({mark.args[0]!r}): {problem}", pytrace=False)
+        except msgspec.ValidationError as wrong:
+            pytest.fail(f"{MARKER}({mark.args[0]!r}): {wrong}", pytrace=False)
     return found
