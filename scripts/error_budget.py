@@ -2,8 +2,8 @@
 
     python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm,alarm] [--work runs/budget]
 
-Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states an
-offset that errs by 5 cm per coordinate. What was rendered is kept; an interrupted call goes on where it was.
+Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states
+an offset that errs by 5 cm per coordinate. What was rendered is kept; an interrupted call goes on where it was.
 """
 
 from __future__ import annotations
