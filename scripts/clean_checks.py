@@ -18,7 +18,8 @@ def used(verdict: Verdict) -> float:
     """Share of what the baseline allows that a verdict uses; 0 where it was not compared."""
     if verdict.value is None or verdict.reference is None or not verdict.allowed:
         return 0.0
-    return abs(verdict.value - verdict.reference) / verdict.allowed
+    over = (verdict.value - verdict.reference) / verdict.allowed
+    return max(over if "≤" in verdict.limit else 0.0, -over if "≥" in verdict.limit else 0.0)
 
 
 def main() -> int:

@@ -9,6 +9,7 @@ import msgspec
 from answers import Answers, KnowingDetector, KnowingReader
 
 from simgrab.instrument.estimate import RopeAware
+from simgrab.instrument.estimate.follow import follow, known
 from simgrab.instrument.pipeline import Pipeline
 
 
@@ -16,9 +17,11 @@ from simgrab.instrument.pipeline import Pipeline
 class Mirrored(RopeAware):
     """Takes γ for minus γ: the tilt leans to the other side of the jib."""
 
-    def estimate(self, pixels, calibration, **known):
-        found = super().estimate(pixels, calibration, **known)
-        return dataclasses.replace(found, tilt_azimuth=-found.tilt_azimuth % (2 * math.pi))
+    def estimate(self, pixels, calibration, **told):
+        found = super().estimate(pixels, calibration, **told)
+        wrong = dataclasses.replace(found, tilt_azimuth=-found.tilt_azimuth % (2 * math.pi))
+        alpha, _ = follow(known(wrong), pixels, calibration, rope_length=told["rope_length"])
+        return dataclasses.replace(wrong, alpha=alpha)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,8 +53,7 @@ def long_lens(folder):
 
 
 def mirrored(folder):
-    # A first stretch to calibrate on, so that the swing comes from the tilt and not from the estimate itself.
-    return dataclasses.replace(sound(folder), estimator=Mirrored(), calibrate_s=1e9)
+    return dataclasses.replace(sound(folder), estimator=Mirrored())
 
 
 FAULTS = {

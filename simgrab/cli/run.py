@@ -60,10 +60,10 @@ def command(
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.source import camera_beside
-    from simgrab.judge.check.subject import BUNDLED, open_instrument
     from simgrab.judge.run import Options, run
     from simgrab.judge.run_table import HEAD, beside_paper, held
     from simgrab.judge.runs import alarms
+    from simgrab.judge.subject import BUNDLED, open_instrument
 
     chosen: Instrument
     if instrument is not None:

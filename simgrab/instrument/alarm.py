@@ -89,6 +89,11 @@ def probability(alpha: Array, low: Array, high: Array) -> Array:
     return np.where(np.isnan(alpha), np.nan, told)
 
 
+def danger(m: Measurement) -> float:
+    """Probability that a swing exceeds 10°, as a measurement tells it; else α is taken at its word."""
+    return m.danger if m.danger is not None else float(m.alpha is not None and m.alpha > DANGER)
+
+
 def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None = None) -> tuple[Event, ...]:
     """Alarms of a record.
 
@@ -108,8 +113,7 @@ def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None 
     for i, m in enumerate(measurements):
         if m.alpha is None:
             continue
-        danger = m.danger if m.danger is not None else float(m.alpha > DANGER)
-        sure = sure + 1 if danger >= rule.raised_at else 0
+        sure = sure + 1 if danger(m) >= rule.raised_at else 0
         if since is not None and times[i] - times[last] > rule.quiet_s:
             found.append(_event(times, measurements, since, last, ongoing=False))
             since = None
@@ -128,10 +132,9 @@ def _event(times: Array, measurements: Sequence[Measurement], first: int, last: 
     peak = max(within, key=lambda i: measurements[i].alpha or 0.0)
     top = measurements[peak]
     assert top.alpha is not None
-    danger = (measurements[i].danger for i in within)
     return Event(
         first=first, last=last, peak=peak,
         onset_s=float(times[first]), end_s=float(times[last]), peak_s=float(times[peak]),
         alpha=top.alpha, alpha_low=top.alpha_low, alpha_high=top.alpha_high,
-        danger=max((d for d in danger if d is not None), default=1.0), ongoing=ongoing,
+        danger=max(danger(measurements[i]) for i in within), ongoing=ongoing,
     )  # fmt: skip

@@ -64,7 +64,8 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     centre_sd : tuple of 2 floats, or None
         Its standard deviations.
     rope_text : str or None
-        What was read on the display, as the label column ``rope_text``, with ``?`` for a digit that was refused.
+        What was read on the display, four digits, a blank and four digits, with ``?`` for one that was refused; a point
+        may stand in a number.
     rope_status : str
         ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.records.Reading`; empty where nothing was to be read.
     rope_length_m : float or None
@@ -76,9 +77,9 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     alpha: Annotated[float, Meta(ge=0)] | None = None
     alpha_low: float | None = None
     alpha_high: float | None = None
-    danger: float | None = None
+    danger: Annotated[float, Meta(ge=0, le=1)] | None = None
     box: tuple[float, float, float, float] | None = None
-    score: float = 0.0
+    score: Annotated[float, Meta(ge=0, le=1)] = 0.0
     centre: tuple[float, float] | None = None
     centre_sd: tuple[float, float] | None = None
     rope_text: str | None = None

@@ -119,6 +119,8 @@ class Pipeline:
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
             return Record(record, angles.measurements(record, alpha, ends), None, self.tilt)
+        if self.calibrate_s is not None and record.time is None:
+            raise RunError("independent frames have no first stretch to calibrate on")
         estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
         if not estimate.ok:
             nothing = np.full((len(sightings), 3), np.nan)
@@ -226,5 +228,7 @@ def assemble(
     if calibrate_s is not None and (tilt is not None or live):
         other = "a live run, which goes on calibrating" if live else "a calibration that is given"
         raise RunError(f"a first stretch to calibrate on excludes {other}")
+    if estimator is not None and tilt is not None:
+        raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
     chosen = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
     return Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,12 +43,23 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Files:
-    """Picture files, read when their turn comes."""
+    """Picture files, read when their turn comes.
+
+    Attributes
+    ----------
+    name : str
+    files : tuple of n Path
+    times : tuple of n float or None
+    root : Path
+    labels_sha256 : str
+        Of a dataset, by which it is known again; empty for a folder of pictures.
+    """
 
     name: str
     files: tuple[Path, ...]
     times: tuple[float | None, ...]
     root: Path
+    labels_sha256: str = ""
     live: bool = False
 
     @property
@@ -90,7 +102,7 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if (path / "labels.parquet").is_file() or (path / ".partial").is_dir():
         return _timed(_dataset(path), rate_hz)
     if path.is_dir():
-        files = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES))
+        files = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=_by_number))
         if not files:
             raise SourceError(f"{path}: no pictures in it ({', '.join(PICTURES)})")
         rate = RATE_HZ if rate_hz is None else rate_hz
@@ -98,6 +110,12 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if not path.exists():
         raise SourceError(f"{path}: there is no such file or folder")
     return _timed(Video(str(path)), rate_hz)
+
+
+def _by_number(path: Path) -> tuple[tuple[int, str], ...]:
+    """Order frame2 before frame10."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
 
 
 def _timed(source: Source, rate_hz: float | None) -> Source:
@@ -108,14 +126,16 @@ def _timed(source: Source, rate_hz: float | None) -> Source:
 
 def _dataset(path: Path) -> Files:
     """Pictures of a dataset; its independent frames have no time."""
-    rows = datasets.read(path).rows
+    dataset = datasets.read(path)
+    rows = dataset.rows
     times: list[float | None] = []
     begin, clip = 0.0, rows[0].clip
     for row in rows:
         if row.clip != clip:
             begin, clip = max(t for t in times if t is not None) + CLIP_GAP_S, row.clip
         times.append(None if row.time_s is None else begin + row.time_s)
-    return Files(str(path), tuple(path / row.file for row in rows), tuple(times), path)
+    files = tuple(path / row.file for row in rows)
+    return Files(str(path), files, tuple(times), path, dataset.data.labels_sha256)
 
 
 def camera_beside(source: str | Path) -> Path:

@@ -33,7 +33,8 @@ class Stage:
     ----------
     name : str
     tilt : str
-        ``"true"`` in every frame, ``"constant"``: the best that does not change, or ``"estimated"``.
+        ``"true"`` in every frame, ``"constant"``: the best that does not change, or ``"estimated"``, which for a run
+        that was given its tilt, or found it in a part of its frames, is that tilt.
     camera : str
         ``"true"`` or ``"nominal"``: as the run knew it.
     rope : str
@@ -71,14 +72,16 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        ``estimator``; rows as `simgrab.judge.swings.errors` gives them, with the tilt ``beta_deg``: ``chain``, each
-        with one thing less that is told, ``aside``, each with one thing that is not, ``paper``, the paper's method on
-        true and on detected centres, ``drawn``, the last row of the chain with offsets drawn about the true one as the
-        camera file states them to err, and ``run``, the run's own angles; ``limit``: the stage of the chain that adds
-        most. None where the run tells no centres.
+        ``estimator``; ``tilt``: ``"given"`` where the run had it from elsewhere or from a part of its frames, and so
+        has the chain, else ``"estimated"``; rows as `simgrab.judge.swings.errors` gives them, with the tilt
+        ``beta_deg``: ``chain``, each with one thing less that is told, ``aside``, each with one thing that is not,
+        ``paper``, the paper's method on true and on detected centres, ``drawn``, the last row of the chain with offsets
+        drawn about the true one as the camera file states them to err (nothing for a tilt that was given, with its
+        offset), and ``run``, the run's own angles; ``limit``: the stage of the chain that adds most. None where the run
+        tells no centres, and where the true camera changes on the way.
     """
     parts = _Parts.of(run, known)
-    if parts is None:
+    if parts is None or any(true_camera(row, run.calibration) != parts.camera["true"] for row in parts.rows):
         return None
     name = (run.about["estimate"] or run.about["tilt"] or {}).get("estimator", RopeAware.name)
     estimator = ESTIMATORS[name]() if name in ESTIMATORS else RopeAware()
@@ -91,6 +94,7 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
     chain = [row(stage, estimator) for stage in CHAIN]
     return {
         "estimator": estimator.name,
+        "tilt": "estimated" if parts.given is None else "given",
         "chain": chain,
         "limit": limit(chain),
         "aside": [row(stage, estimator) for stage in ASIDE],
@@ -101,9 +105,11 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
 
 
 def limit(chain: Sequence[Mapping[str, Any]]) -> str:
-    """Name the stage of a chain that adds most to the mean square error."""
-    squares = [0.0 if row["rmse_deg"] is None else row["rmse_deg"] ** 2 for row in chain]
-    return str(chain[1 + int(np.argmax(np.diff(squares)))]["stage"])
+    """Name the stage of a chain that adds most to the mean square error, or the first that is refused."""
+    for row in chain:
+        if row["rmse_deg"] is None:
+            return f"{row['stage']} (refused)"
+    return str(chain[1 + int(np.argmax(np.diff([row["rmse_deg"] ** 2 for row in chain])))]["stage"])
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,7 @@ class _Parts:
     rope: dict[str, Array]
     sd: Array
     camera: dict[str, Calibration]
+    given: Known | None  # tilt that was not found in all of these frames
 
     @classmethod
     def of(cls, run: Run, known: Truths) -> _Parts | None:
@@ -135,7 +142,7 @@ class _Parts:
             {name: centre[some] for name, centre in centres.items()},
             {"true": known.rope_length[some], "read": told[some]},
             np.sqrt(np.mean(sd**2, axis=-1))[some],
-            {"true": true_camera(rows[0], run.calibration), "nominal": run.calibration},
+            {"true": true_camera(rows[0], run.calibration), "nominal": run.calibration}, _given(run),
         )  # fmt: skip
 
     def swing(self, stage: Stage, estimator: Estimator) -> tuple[float | None, Array]:
@@ -146,6 +153,8 @@ class _Parts:
         if stage.tilt == "constant":
             tilt = steady(self.rows, camera)
             return tilt.beta_deg, follow(tilt, pixels, camera, rope_length=rope)[0]
+        if self.given is not None and estimator.name != PaperIteration.name:
+            return self.given.beta_deg, follow(self.given, pixels, camera, rope_length=rope)[0]
         found = estimator.estimate(pixels, camera, rope_length=rope, time=self.time, pixel_sd=self.sd)
         if found.alpha is None or found.beta is None:
             return None, np.full(len(rope), np.nan)
@@ -154,8 +163,8 @@ class _Parts:
     def drawn(self, estimator: Estimator) -> dict[str, Any]:
         """Errors of all draws of the offset together, nothing being told."""
         nominal, true = self.camera["nominal"], np.array(self.camera["true"].offset_m)
-        off = []
-        for trial in range(DRAWS):
+        off = [np.zeros(0)]
+        for trial in range(DRAWS if self.given is None else 0):
             rng = stream(0, trial, "offset")
             x, y, z = (true + rng.normal(0, nominal.offset_sd_m, 3)).tolist()
             camera = msgspec.structs.replace(nominal, offset_m=(x, y, z))
@@ -165,11 +174,19 @@ class _Parts:
         return errors(together, np.zeros_like(together))
 
 
+def _given(run: Run) -> Known | None:
+    """Tilt of a run that was not found in all of its frames."""
+    if run.about["tilt"] is None:
+        return None
+    tilt = msgspec.convert(run.about["tilt"], Known)
+    return tilt if run.about["estimate"] is None or tilt.frames < np.isfinite(run.alpha).sum() else None
+
+
 def true_camera(row: Truth, nominal: Calibration) -> Calibration:
-    """Give the camera as it truly is: lens and offset of a row."""
+    """Give the camera as it truly is: lens, roll and offset of a row."""
     return msgspec.structs.replace(
         nominal, focal_length_px=row.fx_px, cx_px=row.cx_px, cy_px=row.cy_px,
-        k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3,
+        k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=row.roll_deg,
         offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_TOLD_SD_M,
     )  # fmt: skip
 

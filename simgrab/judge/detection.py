@@ -61,6 +61,11 @@ class Case:
         return self.labelled and found is not None and float(iou(found, _box(self))) >= HALF
 
     @property
+    def centre_only(self) -> bool:
+        """Whether a centre was told, and no box that could be right or wrong."""
+        return self.detection.box is None and self.detection.centre is not None
+
+    @property
     def half_visible(self) -> bool:
         """Whether at least half of the grab is seen, by what stands before it and by weather."""
         return self.truth.visible_fraction >= HALF and self.truth.weather_hidden_fraction <= HALF
@@ -103,7 +108,8 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
     dict
         Counts; COCO's ``map50_95`` and ``map50``, each frame giving at most one box; ``recall`` at an IoU of 0.5 and
         ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson; ``longest_miss``, frames
-        in a row; `centre_errors` of the hits; and `coverage`. None where there is nothing to count.
+        in a row; `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the hits. None
+        where there is nothing to count.
     """
     labelled = [case for case in some if case.labelled]
     empty = [case for case in some if case.empty]
@@ -119,7 +125,7 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
         "false_boxes": len(false),
         "false_share": len(false) / len(empty) if empty else None,
         "false_interval": clopper_pearson(len(false), len(empty)),
-        "centre": centre_errors(hits),
+        "centre": centre_errors([case for case in labelled if case.hit or case.centre_only]),
         "coverage": coverage(hits),
     }
 
@@ -231,7 +237,3 @@ def coverage(hits: Sequence[Case]) -> dict[str, float | None]:
             off = (d.yaw - labels.yaw(t) + math.pi / 2) % math.pi - math.pi / 2
             inside["yaw"].append(abs(off) <= _NORMAL * d.yaw_sd)
     return {name: float(np.mean(some)) if some else None for name, some in inside.items()}
-
-
-def _bin(low: float, high: float) -> str:
-    return f"{low:g} m and more" if math.isinf(high) else f"{low:g} to {high:g} m"

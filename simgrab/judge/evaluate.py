@@ -63,15 +63,27 @@ def rule_of(run: Run) -> Rule:
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score boxes and centres; None where the instrument tells neither, nor that it missed the grab."""
-    if all(m.box is None and m.centre is None and m.status != "missed" for m in run.measurements):
+    """Score boxes and centres; None where the instrument tells neither, though there are frames that it measured."""
+    boxes = any(m.box is not None for m in run.measurements)
+    centres = any(m.centre is not None for m in run.measurements)
+    if not (boxes or centres or any(m.status == "missed" for m in run.measurements)):
+        return None
+    if not (boxes or centres) and any(m.status == "ok" for m in run.measurements):
         return None
     some = [
         Case(row, bool(labelled), weather, _detection(m))
         for row, labelled, weather, m in zip(known.rows, known.labelled, known.weather, run.measurements, strict=True)
         if row is not None
     ]
-    return detection.figures(some) | {"jitter_px": jitter(run, known)}
+    found = detection.figures(some) | {"jitter_px": jitter(run, known)}
+    return found | dict.fromkeys(_OF_BOXES) if centres and not boxes else found
+
+
+UNREAD = "???? ????"
+# What there is nothing to say of where an instrument tells centres alone.
+_OF_BOXES = (
+    "map50_95", "map50", "recall", "recall_interval", "longest_miss", "false_boxes", "false_share", "false_interval",
+)  # fmt: skip
 
 
 def jitter(run: Run, known: Truths) -> float | None:
@@ -92,24 +104,24 @@ def _detection(m: Measurement) -> Detection:
 
 
 def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score readings of the display; None where there is none, or the instrument tells nothing of it."""
-    pairs = [
-        (str(i), m, row)
-        for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
-        if row is not None and row.rope_text is not None and m.rope_text is not None
-    ]
-    if not pairs:
-        return None
+    """Score readings of the display and lengths; None where the instrument tells neither.
+
+    Once it tells a text, a picture for which it tells none counts as refused.
+    """
+    texts = any(m.rope_text is not None for m in run.measurements)
     reads = [
-        Read(name, "all", row.rope_text or "", row.rope_text_below or row.rope_text or "", _reading(m))
-        for name, m, row in pairs
+        Read(str(i), "all", _digits(row.rope_text), _digits(row.rope_text_below or row.rope_text), _reading(m))
+        for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
+        if texts and row is not None and row.rope_text is not None and m.status != "lost"
     ]
-    (scores,) = reading.as_json([reading.score(reads)])
     length = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
     off = np.abs(length - known.rope_length)
     off = off[np.isfinite(off)]
+    if not reads and not len(off):
+        return None
+    (scores,) = reading.as_json([reading.score(reads)])
     return scores | {
-        "jumps": sum(m.rope_status == "jump" for _, m, _ in pairs),
+        "jumps": sum(m.rope_status == "jump" for m in run.measurements),
         "length": {
             "frames": len(off),
             "median_m": float(np.median(off)) if len(off) else None,
@@ -119,7 +131,13 @@ def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
     }
 
 
+def _digits(text: str) -> str:
+    """Both numbers of a display without the points that some show."""
+    return text.replace(".", "")
+
+
 def _reading(m: Measurement) -> Reading:
-    hoist, _, closing = (m.rope_text or "").partition(" ")
-    status = "refused" if "?" in (m.rope_text or "?") else "read"
+    text = _digits(m.rope_text or UNREAD)
+    hoist, _, closing = text.partition(" ")
+    status = "refused" if "?" in text else "read"
     return Reading(status, "", hoist, closing, np.ones(8), None, None, None)

@@ -116,7 +116,8 @@ def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
     return Table(
         f"Error budget of the swing angle, degrees ({f['estimator']})", ("what is told", *ERRORS, "β̂"), tuple(rows),
         "Each row down to the run itself is told one thing less than the row above it; all are of the same frames. "
-        f"What adds most: {f['limit']}.",
+        + ("The tilt is the one that was given, or found in a part of the frames. " if f["tilt"] == "given" else "")
+        + f"What adds most: {f['limit']}.",
     )  # fmt: skip
 
 

@@ -22,11 +22,12 @@ from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.pipeline import Pipeline
-from simgrab.instrument.source import Source, fitting, open_source
+from simgrab.instrument.source import Files, Source, fitting, open_source
 from simgrab.judge import runs
 from simgrab.judge.estimate import estimate_json
 from simgrab.judge.run_video import Film
 from simgrab.judge.runs import Progress, Run
+from simgrab.judge.subject import held
 from simgrab.records import Estimate
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
@@ -79,7 +80,7 @@ def run(
 
     Raises
     ------
-    SourceError, CalibrationError, DetectorError, ReaderError, RunError
+    SourceError, CalibrationError, DetectorError, ReaderError, InstrumentError, RunError
         In one line what is wrong; then nothing lies at ``out``.
     """
     options = options or Options()
@@ -89,6 +90,8 @@ def run(
         found, film = (_live if options.live or opened.live else _whole)(
             opened, calibration, instrument, options, folder, progress
         )
+        if isinstance(opened, Files) and opened.labels_sha256:
+            found.about["labels_sha256"] = opened.labels_sha256
         runs.save(found, folder)
         if found.about["tilt"] is not None:
             tilt = msgspec.convert(found.about["tilt"], Known)
@@ -113,9 +116,12 @@ def measure(
     ------
     SourceError
         If there is no frame, or the pictures are not of this camera.
+    InstrumentError
+        If the instrument breaks its contract, or raises.
     RunError
-        If the instrument does not give one measurement a frame.
+        If it does not give one measurement a frame.
     """
+    instrument = held(instrument)
     notes = _Notes()
     begun = time.perf_counter()
     passed = fitting(notes.of(frames), calibration)

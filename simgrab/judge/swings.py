@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array
-from simgrab.instrument.alarm import DANGER, Event, Rule, events
+from simgrab.instrument.alarm import DANGER, Event, Rule, danger, events
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.detection import ROPE_BINS_M
 
@@ -86,22 +86,25 @@ def alarms(
     -------
     dict
         ``events`` of the true swing, how many of them surely are (``sure``), and of these how many were ``missed``;
-        ``reported`` alarms, and how many of them were ``false``; ``delays`` of each event that was reported, in frames,
-        negative where the alarm came before, and their ``median_delay``; of single frames beyond 10° ``precision`` and
-        ``recall``, of frames that have an angle.
+        ``reported`` alarms, and how many of them were ``false``; of events that were reported how many found an alarm
+        ``already_on``, raised more than a second before, and of the others the ``delays`` in frames, negative where
+        the alarm came before, and their ``median_delay``; of single frames beyond 10° ``precision`` and ``recall``,
+        of frames that have an angle.
     """
     real = true_events(times, true, rule)
     sure = [e for e in real if e.alpha > SURELY]
-    delays = []
+    delays, already_on = [], 0
     for event in real:
         reports = [f for f in found if _meet(event, f)]
-        if reports:
+        if reports and reports[0].onset_s < event.onset_s - _SLACK_S:
+            already_on += 1
+        elif reports:
             delays.append(reports[0].first - event.first)
     false = [f for f in found if not _swings(times, true, f)]
-    said = np.array([m.danger is not None and m.danger >= rule.raised_at for m in measurements], bool)
+    said = np.array([danger(m) >= rule.raised_at for m in measurements], bool)
     given = np.array([m.alpha is not None for m in measurements], bool) & np.isfinite(true)
-    said, danger = said[given], true[given] > DANGER
-    both = int((said & danger).sum())
+    said, real_danger = said[given], true[given] > DANGER
+    both = int((said & real_danger).sum())
     return {
         "events": len(real),
         "sure": len(sure),
@@ -109,9 +112,10 @@ def alarms(
         "reported": len(found),
         "false": len(false),
         "delays": delays,
+        "already_on": already_on,
         "median_delay": float(np.median(delays)) if delays else None,
         "precision": both / int(said.sum()) if said.any() else None,
-        "recall": both / int(danger.sum()) if danger.any() else None,
+        "recall": both / int(real_danger.sum()) if real_danger.any() else None,
     }
 
 

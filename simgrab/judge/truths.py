@@ -104,6 +104,11 @@ def _of_dataset(run: Run, path: Path) -> Truths:
     dataset = datasets.read(path)
     by_name = {row.file: row for row in dataset.rows} | {Path(row.file).name: row for row in dataset.rows}
     rows = tuple(by_name.get(name) for name in run.names)
+    strange = [name for name, row in zip(run.names, rows, strict=True) if row is None]
+    if 0 < len(strange) < len(rows):
+        raise RunError(f"{path}: is not what the run was on: it has no {strange[0]} ({len(strange)} of {len(rows)} so)")
+    if run.about.get("labels_sha256", dataset.data.labels_sha256) != dataset.data.labels_sha256:
+        raise RunError(f"{path}: is not what the run was on, {run.source}: its labels are others")
     weather = tuple("" if row is None else dataset.weather(row) for row in rows)
     return Truths(rows, weather, dataset.least_visible_fraction)
 
@@ -123,9 +128,7 @@ def _of_video(run: Run, path: Path) -> Truths:
         ) from None
     if run.time is None:
         raise RunError(f"{path} is of a video, and the run on {run.source} is of independent frames")
-    nearest = (
-        np.abs(run.time[:, None] - stamps[None, :]).argmin(axis=1) if len(stamps) < 2 else _nearest(run.time, stamps)
-    )
+    nearest = _nearest(run.time, stamps)
     rows = tuple(
         table[k] if abs(stamps[k] - t) < _SAME_S and m.status != "lost" else None
         for k, t, m in zip(nearest.tolist(), run.time.tolist(), run.measurements, strict=True)

@@ -141,6 +141,8 @@ def test_a_folder_of_pictures_has_the_rate_it_is_given(tmp_path):
     assert [f.picture is None for f in frames] == [False, False, True, False, False]
     assert "2.png" in frames[2].reason
     assert frames[1].name == "1.png"
+    cv2.imwrite(str(tmp_path / "10.png"), picture(0))
+    assert [f.name for f in open_source(tmp_path)][-2:] == ["4.png", "10.png"]
     with pytest.raises(SourceError, match="times of its own"):
         open_source(film(tmp_path / "a.mp4", even(3)), rate_hz=9)
 

@@ -1,5 +1,6 @@
 """The gate lets a sound pipeline through and stops each planted fault; what it writes is whole."""
 
+import functools
 import json
 import sys
 from pathlib import Path
@@ -135,16 +136,32 @@ def test_a_baseline_of_another_instrument_or_version_is_stale(place, monkeypatch
 
 
 def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
-    told = check(place, baseline=tmp_path)
+    told = check(place, small=suite.load(write(tmp_path)), baseline=None)
     assert told.passed
+    assert "none is recorded" in told.notes[0]
     assert "limits only" in told.notes[0]
     tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.001}}))
-    assert "outside of ≤ 0.001" in failed(check(place, small=tight, baseline=tmp_path))["angle.overall.rmse_deg"]
+    assert "outside of ≤ 0.001" in failed(check(place, small=tight, baseline=None))["angle.overall.rmse_deg"]
+
+
+def test_a_baseline_that_is_named_must_be_there(place, tmp_path):
+    with pytest.raises(SuiteError, match=r"tpyo: no baseline is recorded there"):
+        check(place, baseline=tmp_path / "tpyo")
+
+
+def test_what_the_baseline_has_too_few_values_for_is_told(place, tmp_path):
+    small = suite.load(place / "small.toml")
+    gate.record(small, options(place, sound, baseline=tmp_path), seeds=1)
+    told = check(place, baseline=tmp_path, seed=2)
+    assert told.passed
+    assert "held by limits alone" in told.notes[0]
+    assert "swing angle.overall.rmse_deg" in told.notes[0]
+    assert not check(place, baseline=tmp_path).notes  # the very frames that were recorded
 
 
 def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
     limits = {"angle.by_weather.fog.rmse_deg": {"upper": 1}, "alarm.missed": {"upper": 0}}
-    problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=tmp_path))
+    problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
     assert "to measure it by" in problems["angle.by_weather.fog.rmse_deg"]
     assert "to measure it by" in problems["alarm.missed"]  # independent frames know no time
 
@@ -152,7 +169,7 @@ def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
 def test_an_instrument_that_misses_every_grab_has_no_recall(place, tmp_path):
     limits = {"detection.recall": {"lower": 0.5}}
     blind = Broken(lambda frames: [Measurement(status="missed", reason="dark") for _ in frames])
-    problems = failed(check(place, blind, small=suite.load(write(tmp_path, limits=limits)), baseline=tmp_path))
+    problems = failed(check(place, blind, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
     assert "0 is outside of ≥ 0.5" in problems["detection.recall"]
 
 
@@ -183,6 +200,22 @@ ACTS = {
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
     "gives a text": (lambda frames: [Measurement(status="ok", alpha="0.1") for _ in frames], "frame 0: alpha"),
     "gives nan": (lambda frames: [Measurement(status="ok", alpha=float("nan")) for _ in frames], "frame 0: alpha"),
+    "gives a centre of nan": (
+        lambda frames: [Measurement(status="ok", alpha=0.1, centre=(float("nan"), 1.0)) for _ in frames],
+        "centre: (nan, 1.0) is not finite",
+    ),
+    "gives a sure danger": (
+        lambda frames: [Measurement(status="ok", alpha=0.1, danger=1.5) for _ in frames],
+        "frame 0: danger",
+    ),
+    "gives an interval upside down": (
+        lambda frames: [Measurement(status="ok", alpha=0.1, alpha_low=0.2, alpha_high=0.1) for _ in frames],
+        "alpha_low: 0.2 rad is above",
+    ),
+    "gives one number of two": (
+        lambda frames: [Measurement(status="ok", alpha=0.1, rope_text="0615") for _ in frames],
+        "got '0615'",
+    ),
     "gives degrees": (lambda frames: [Measurement(status="ok", alpha=5.0) for _ in frames], "5 rad is beyond"),
     "gives a box upside down": (
         lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 9.0, 5.0, 4.0)) for _ in frames],
@@ -339,6 +372,15 @@ def test_a_report_with_odd_texts_is_still_xml(tmp_path):
     odd = report.Report("s", "i", 0, (report.Verdict(scene="", what="a<b", status="failed", message="\x00 <&\n"),))
     report.save(odd, tmp_path)
     assert ElementTree.parse(tmp_path / report.JUNIT).find(".//failure").get("message") == "  <& "
+
+
+def test_a_report_takes_away_its_own_pictures_alone(tmp_path):
+    picture = np.zeros((4, 12, 3), np.uint8)
+    save = functools.partial(report.save, out=tmp_path)
+    save(report.Report("s", "i", 0, scenes={"a": report.Outcome((), {}, 0.0, {"a-000000.png": picture})}))
+    (tmp_path / "golden" / "baseline.json").write_text("{}")
+    save(report.Report("s", "i", 0))
+    assert [path.name for path in (tmp_path / "golden").iterdir()] == ["baseline.json"]
 
 
 def test_the_answers_hang_on_the_picture_alone(place):

@@ -18,7 +18,7 @@ from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
-from simgrab.judge import runs, swings, truths
+from simgrab.judge import budget, runs, swings, truths
 from simgrab.judge.budget import CHAIN
 from simgrab.judge.check import metrics
 from simgrab.judge.check.trial import flat
@@ -124,12 +124,21 @@ def test_a_video_is_compared_through_its_table(clean, swinging, tmp_path):
 
 
 def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_path):
+    small = msgspec.structs.replace(clean.calibration, width_px=320, height_px=180)
+    smaller = dataclasses.replace(clean, calibration=small)
     with pytest.raises(RunError, match="none of the frames"):
         truths.of(dataclasses.replace(clean, names=("elsewhere.jpg",) * 60), swinging / "data")
     with pytest.raises(DatasetError, match="not the truth table"):
         truths.of(clean, tmp_path / "none.mp4")
-    with pytest.raises(RunError, match="480x270"):
+    with pytest.raises(RunError, match=r"it has no images/train/000005.jpg"):
         truths.of(clean, dataset)
+    with pytest.raises(RunError, match="its labels are others"):
+        truths.of(dataclasses.replace(clean, about=clean.about | {"labels_sha256": "of another"}), swinging / "data")
+    with pytest.raises(RunError, match="the run's are 320x180"):
+        truths.of(smaller, swinging / "data")
+    strange = dataclasses.replace(clean, names=(*clean.names[:-1], "elsewhere.jpg"))
+    with pytest.raises(RunError, match=r"it has no elsewhere\.jpg \(1 of 60 so\)"):
+        truths.of(strange, swinging / "data")
     with pytest.raises(RunError, match="not a run"):
         runs.load(tmp_path)
 
@@ -149,16 +158,16 @@ def test_errors_are_those_of_arithmetic():
     assert swings.errors(np.array([np.nan]), np.array([0.0]))["rmse_deg"] is None
 
 
-def said(degrees):
+def said(degrees, danger):
     alpha = np.radians(degrees)
-    return [Measurement(status="ok", alpha=a, danger=float(a > math.radians(10))) for a in alpha]
+    return [Measurement(status="ok", alpha=a, danger=float(a > math.radians(10)) if danger else None) for a in alpha]
 
 
-def compare(estimated, true):
+def compare(estimated, true, *, danger=True):
     from simgrab.instrument.alarm import events
 
     times, rule = np.arange(len(true)) / 9, Rule()
-    measurements = said(estimated)
+    measurements = said(estimated, danger)
     return swings.alarms(times, measurements, events(times, measurements, rule), np.radians(true), rule)
 
 
@@ -168,10 +177,15 @@ def test_alarms_are_judged_by_event():
     late, early = true.copy(), true.copy()
     late[50:53] = 9.0
     assert compare(true, true) == {
-        "events": 2, "sure": 1, "missed": 0, "reported": 2, "false": 0, "delays": [0, 0], "median_delay": 0.0,
-        "precision": 1.0, "recall": 1.0,
+        "events": 2, "sure": 1, "missed": 0, "reported": 2, "false": 0, "delays": [0, 0], "already_on": 0,
+        "median_delay": 0.0, "precision": 1.0, "recall": 1.0,
     }  # fmt: skip
     assert compare(late, true)["delays"] == [3, 0]
+    assert compare(true, true, danger=False) == compare(true, true)
+    between = true.copy()
+    between[60:200] = 9.05  # holds the first alarm until the second event
+    one = compare(between, true)
+    assert (one["reported"], one["delays"], one["already_on"], one["median_delay"]) == (1, [0], 1, 0.0)
     early[195:200] = 10.1
     assert compare(early, true)["delays"] == [0, -5]
     blind = compare(np.full(400, 2.0), true)
@@ -225,6 +239,68 @@ def test_an_instrument_that_tells_angles_alone_is_judged_by_them(clean, swinging
     assert found["interval"]["share"] is None
     assert [t.title for t in tables(found)] == ["Errors of the swing angle, degrees", "Alarms"]
     assert "Errors of the swing angle" in page(alone, known, found)
+
+
+def test_each_figure_needs_its_own_field_alone(clean, swinging):
+    known = truths.of(clean, swinging / "data")
+    whole = evaluate(clean, known)
+
+    def only(*fields):
+        kept = tuple(
+            Measurement(status=m.status, reason=m.reason, alpha=m.alpha, **{f: getattr(m, f) for f in fields})
+            for m in clean.measurements
+        )
+        return evaluate(dataclasses.replace(clean, measurements=kept), known)
+
+    centres = only("centre")["detection"]
+    assert centres["centre"] == whole["detection"]["centre"]
+    assert (centres["recall"], centres["map50"], centres["false_boxes"]) == (None, None, None)
+    lengths = only("rope_length_m")["reading"]
+    assert lengths["length"] == whole["reading"]["length"]
+    assert lengths["digits_right"]["value"] is None
+    assert only("rope_text")["reading"]["digits_right"] == whole["reading"]["digits_right"]
+    tables(only("centre"))
+    tables(only("rope_length_m"))
+
+
+def test_texts_with_points_are_compared_by_their_digits_and_silence_is_refusal(clean, swinging):
+    def with_texts(change):
+        told = [msgspec.structs.replace(m, rope_text=change(i, m.rope_text)) for i, m in enumerate(clean.measurements)]
+        return evaluate(dataclasses.replace(clean, measurements=tuple(told)), swinging / "data")["reading"]
+
+    before = with_texts(lambda _, text: text)
+    pointed = with_texts(lambda _, text: f"{text[:2]}.{text[2:7]}.{text[7:]}")
+    assert pointed == before
+    silent = with_texts(lambda i, text: None if i % 2 else text)
+    assert silent["frames_refused"]["count"] >= 30 - 3
+
+
+def test_a_roll_that_is_not_known_is_the_cameras_fault(clean, swinging):
+    turned = msgspec.structs.replace(clean.calibration, roll_deg=clean.calibration.roll_deg + 10)
+    chain = evaluate(dataclasses.replace(clean, calibration=turned), swinging / "data")["budget"]["chain"]
+    before = evaluate(clean, swinging / "data")["budget"]["chain"]
+    for now, then in zip(chain[:3], before, strict=False):
+        assert now["rmse_deg"] == pytest.approx(then["rmse_deg"])
+
+
+def test_a_refused_stage_is_the_limit():
+    names = [stage.name for stage in CHAIN]
+
+    def of(*rmse):
+        return budget.limit([{"stage": n, "rmse_deg": e} for n, e in zip(names, rmse, strict=True)])
+
+    assert of(0, 0.1, 0.3, 0.31, 0.32, 0.33) == "tilt estimated"
+    assert of(0, 0.05, 0.4, None, 0.31, 0.32) == "camera as nominally known (refused)"
+
+
+def test_a_tilt_that_was_given_is_given_to_the_chain_too(clean, swinging):
+    given = dataclasses.replace(clean, about=clean.about | {"estimate": None})
+    found = evaluate(given, swinging / "data")["budget"]
+    assert found["tilt"] == "given"
+    assert found["chain"][-1]["rmse_deg"] == pytest.approx(found["run"]["rmse_deg"], abs=1e-3)
+    assert found["drawn"]["frames"] == 0
+    tables(evaluate(given, swinging / "data"))
+    assert evaluate(clean, swinging / "data")["budget"]["tilt"] == "estimated"
 
 
 def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory):

@@ -1,5 +1,6 @@
 """`simgrab run` from end to end: a rendered clip, a detector that is told the labels, the bundled reader."""
 
+import itertools
 import json
 import re
 import sys
@@ -16,7 +17,7 @@ from click.testing import CliRunner
 from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
 from simgrab.cli import cli
-from simgrab.errors import RunError, SimgrabError, SourceError
+from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate.follow import load as load_tilt
@@ -272,6 +273,18 @@ def test_anybodys_instrument_runs(tmp_path):
         def __call__(self, frames, calibration):
             return super().__call__(frames, calibration)[1:]
 
+    class Early(Zero):
+        def __call__(self, frames, calibration):
+            return super().__call__(itertools.islice(frames, 4), calibration)
+
+    class Unlucky(Zero):
+        def __call__(self, frames, calibration):  # noqa: ARG002
+            raise FileNotFoundError(2, "No such file or directory", "weights.onnx")
+
+    with pytest.raises(RunError, match="4 measurements of 9 frames"):
+        run(path, CAMERA, tmp_path / "other", Early())
+    with pytest.raises(InstrumentError, match=r"zero: FileNotFoundError: .*weights\.onnx"):
+        run(path, CAMERA, tmp_path / "other", Unlucky())
     with pytest.raises(RunError, match="8 measurements of 9 frames"):
         run(path, CAMERA, tmp_path / "other", Short())
     with pytest.raises(RunError, match="frame by frame"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,10 @@ from simgrab.judge.check import baseline as base
 from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report, write
-from simgrab.judge.check.subject import held, open_instrument
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
+from simgrab.judge.subject import held, open_instrument
 
 Progress = Callable[[str, int, int], None]
 
@@ -85,7 +85,15 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
+    if recorded is not None and (blind := _uncompared(scenes)):
+        notes = (*notes, f"held by limits alone, for the baseline has too few values: {', '.join(blind)}")
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
+
+
+def _uncompared(scenes: Mapping[str, Outcome]) -> list[str]:
+    """Metrics for which there was nothing in the baseline to compare with."""
+    verdicts = [v for outcome in scenes.values() for v in outcome.verdicts]
+    return [f"{v.scene} {v.what}" for v in verdicts if v.limit and v.value is not None and v.reference is None]
 
 
 def record(suite: Suite, options: Options | None = None, seeds: int | None = None) -> Report:
@@ -154,6 +162,8 @@ def _compared(
 ) -> tuple[Baseline | None, tuple[Verdict, ...], tuple[str, ...]]:
     """Find the baseline to compare with; what there is to say of it, and a note where there is none."""
     recorded = base.load(folder)
+    if recorded is None and options.baseline is not None:
+        raise SuiteError(f"{folder}: no baseline is recorded there; record one by --update-baseline")
     if recorded is None or _foreign(suite, options):
         why = f"none is recorded in {folder}" if recorded is None else f"that in {folder} is of {recorded.instrument}"
         return None, (), (f"no baseline to compare with ({why}): limits only",)

@@ -17,7 +17,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
         "frames", "median_px", "p95_px", "median_share", "width_px",
         *(f"{way}_{name}" for way in ("u", "v", "radial", "box_radial") for name in _MEAN),
     ),
-    "detection.coverage": ("box", "centre", "yaw"),
+    "detection.coverage": ("centre",),
     **{
         f"reading.{what}_{how}": ("count", "of", "value")
         for what in ("digits", "frames", "torn") for how in ("right", "refused")
@@ -27,7 +27,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
     "angle.overall": _ERRORS, "angle.above_8_deg": _ERRORS,
     **{f"angle.by_rope.{name}": _ERRORS for name in ROPE_BINS_M},
     "interval": ("frames", "share", "width_deg"),
-    "alarm": ("events", "sure", "missed", "reported", "false", "median_delay", "precision", "recall"),
+    "alarm": ("events", "sure", "missed", "reported", "false", "already_on", "median_delay", "precision", "recall"),
     "budget.drawn": _ERRORS, "budget.run": _ERRORS,
 }  # fmt: skip
 NAMES = frozenset(f"{part}.{name}" for part, names in _PARTS.items() for name in names)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import os
-import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -126,13 +126,23 @@ def save(report: Report, out: Path) -> None:
         If nothing can be written there.
     """
     try:
-        shutil.rmtree(out / PICTURES, ignore_errors=True)  # of an earlier check
+        for name in _earlier(out / RESULT):
+            (out / name).unlink(missing_ok=True)
         for name, picture in report.pictures.items():
             write(out / PICTURES / name, cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes())
         write(out / JUNIT, as_junit(report))
         write(out / RESULT, as_json(report))
     except OSError as problem:
         raise SuiteError(f"cannot write {out}: {problem.strerror or problem}") from None
+
+
+def _earlier(result: Path) -> list[str]:
+    """Pictures that an earlier check left."""
+    try:
+        names = json.loads(result.read_text(encoding="utf-8"))["pictures"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    return [name for name in names if Path(name).parent == Path(PICTURES)]
 
 
 def write(path: Path, data: bytes) -> None:

@@ -12,9 +12,9 @@ from simgrab.datasets import Dataset
 from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.source import open_source
-from simgrab.judge.check.subject import held, told
 from simgrab.judge.evaluate import evaluate
 from simgrab.judge.run import measure
+from simgrab.judge.subject import held, told
 
 Metrics = Mapping[str, float | None]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,7 +21,8 @@ from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.pipeline import Pipeline, bundled
 
 BUNDLED = "bundled"
-PACKAGE = Path(__file__).parents[2]
+PACKAGE = Path(__file__).parents[1]
+_NUMBERS = re.compile(r"([0-9?]\.?){3}[0-9?] ([0-9?]\.?){3}[0-9?]")
 
 
 def open_instrument(name: str) -> Instrument:
@@ -84,11 +86,26 @@ class Held:
         except msgspec.ValidationError as problem:
             text, _, key = str(problem).replace("`", "").partition(" - at $.")
             raise InstrumentError(f"{self.name}: frame {i}: {key or 'measurement'}: {text}") from None
-        if plain.alpha is not None and plain.alpha > math.pi / 2:
-            raise InstrumentError(f"{self.name}: frame {i}: alpha: {plain.alpha:g} rad is beyond the horizontal")
-        if plain.box is not None and not (plain.box[0] < plain.box[2] and plain.box[1] < plain.box[3]):
-            raise InstrumentError(f"{self.name}: frame {i}: box: x0 < x1 and y0 < y1 are due, got {plain.box}")
+        if wrong := _problem(plain):
+            raise InstrumentError(f"{self.name}: frame {i}: {wrong}")
         return plain
+
+
+def _problem(m: Measurement) -> str:
+    """Say what is wrong with a measurement that its types do not tell; empty where nothing is."""
+    for name, value in msgspec.structs.asdict(m).items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):
+            return f"{name}: {value} is not finite; leave out what is not known"
+    if m.alpha is not None and m.alpha > math.pi / 2:
+        return f"alpha: {m.alpha:g} rad is beyond the horizontal"
+    if m.alpha_low is not None and m.alpha_high is not None and m.alpha_low > m.alpha_high:
+        return f"alpha_low: {m.alpha_low:g} rad is above alpha_high, {m.alpha_high:g}"
+    if m.box is not None and not (m.box[0] < m.box[2] and m.box[1] < m.box[3]):
+        return f"box: x0 < x1 and y0 < y1 are due, got {m.box}"
+    if m.rope_text is not None and not _NUMBERS.fullmatch(m.rope_text):
+        return f"rope_text: four digits, a blank and four digits are due, as in '0615 09??', got {m.rope_text!r}"
+    return ""
 
 
 def _number(value: Any) -> Any:
