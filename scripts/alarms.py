@@ -22,6 +22,7 @@ COUNTS = ("events", "sure", "missed", "reported", "false")
 # Half the size, and the same view.
 SMALL = {
     "camera.width_px": 960, "camera.height_px": 540, "camera.focal": {"model": "pixels", "focal_length_px": 822.4},
+    "image.shadow_map_px": 2048,
 }  # fmt: skip
 
 
@@ -47,17 +48,22 @@ def show(found: dict[str, list[dict[str, Any]]]) -> None:
 @click.command()
 @click.option("--minutes", default=5.0, show_default=True, help="Of each clip.")
 @click.option("--rate", default=9.0, show_default=True, help="Frames a second.")
+@click.option("--only", multiple=True, type=click.Choice(list(CLIPS)), help="One kind of clip.  [default: all]")
 @click.option("--clips", type=int, help="Of each kind, in place of 6, 3 and 3.")
 @click.option("--full-size", is_flag=True, help="1920x1080 in place of 960x540.")
 @click.option("--seed", default=21, show_default=True, help="Of the first clip of each kind.")
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/alarms"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
-def main(minutes: float, rate: float, clips: int | None, full_size: bool, seed: int, work: Path, workers: int) -> None:
+def main(
+    minutes: float, rate: float, only: tuple[str, ...], clips: int | None, full_size: bool, seed: int, work: Path, workers: int,
+) -> None:  # fmt: skip
     """Print the table."""
     work.mkdir(parents=True, exist_ok=True)
     common = {"frames": round(60 * minutes * rate), "clip.frame_rate_hz": rate, **({} if full_size else SMALL)}
     found: dict[str, list[dict[str, Any]]] = {}
     for name, usual in CLIPS.items():
+        if only and name not in only:
+            continue
         for one in range(seed, seed + (clips or usual)):
             out = work / f"{folder(name)}-{one}"
             found.setdefault(name, []).append(budget(name, out, common | {"seed": one}, workers))
