@@ -55,7 +55,8 @@ def show(found: dict[str, list[dict[str, Any]]]) -> None:
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/alarms"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
 def main(
-    minutes: float, rate: float, only: tuple[str, ...], clips: int | None, full_size: bool, seed: int, work: Path, workers: int,
+    minutes: float, rate: float, only: tuple[str, ...], clips: int | None, full_size: bool, seed: int, work: Path,
+    workers: int,
 ) -> None:  # fmt: skip
     """Print the table."""
     work.mkdir(parents=True, exist_ok=True)
