@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -52,11 +53,25 @@ def held(run: Run) -> list[tuple[str, str]]:
     if estimate is not None:
         told = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
         rows.append(("estimator", estimate["estimator"] + told))
+        rows += _intervals(estimate, timed=run.time is not None)
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     rows.append(("speed", f"{speed['frames_per_s']:.1f} frames/s"))
     if "latency_p99_s" in speed:
         rows.append(("latency, 99 %", f"{1e3 * speed['latency_p99_s']:.0f} ms"))
     return rows
+
+
+def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, str]]:
+    """Tell what the intervals of a whole record take for independent."""
+    stated = {i["kind"]: i for i in estimate["intervals"] if i["beta_deg"] is not None}
+    if "posterior" in stated or not stated:
+        return []
+    if "blocks" in stated:
+        return [("95 % intervals by", f"{stated['blocks']['blocks']} stretches of the record")]
+    if not timed:
+        return [("95 % intervals by", "frames")]
+    few = next((i["note"] for i in estimate["intervals"] if i["kind"] == "blocks"), "")
+    return [("95 % intervals by", "frames, and too narrow: these are not independent" + (f" ({few})" if few else ""))]
 
 
 def _number(value: Any) -> str:
