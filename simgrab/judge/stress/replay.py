@@ -91,7 +91,8 @@ def parse_point(study: Study, at: Sequence[str]) -> tuple[Value, ...]:
     for point in study.points:
         if len(at) == len(point) and all(_same(a, v) for a, v in zip(at, point, strict=True)):
             return point
-    raise StressError(f"--at: {list(at)} is no point of {study.name}; one of: {', '.join(map(str, study.points))}")
+    points = "; ".join(" ".join(f"--at {value}" for value in point) for point in study.points)
+    raise StressError(f"{' '.join(f'--at {value}' for value in at)}: no point of {study.name}; there are: {points}")
 
 
 def _same(text: str, value: Value) -> bool:
