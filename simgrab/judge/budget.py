@@ -81,7 +81,7 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         tells no centres, and where the true camera changes on the way.
     """
     parts = _Parts.of(run, known)
-    if parts is None or any(true_camera(row, run.calibration) != parts.camera["true"] for row in parts.rows):
+    if parts is None or len({_built(row) for row in parts.rows}) > 1:
         return None
     name = (run.about["estimate"] or run.about["tilt"] or {}).get("estimator", RopeAware.name)
     estimator = ESTIMATORS[name]() if name in ESTIMATORS else RopeAware()
@@ -142,7 +142,7 @@ class _Parts:
             {name: centre[some] for name, centre in centres.items()},
             {"true": known.rope_length[some], "read": told[some]},
             np.sqrt(np.mean(sd**2, axis=-1))[some],
-            {"true": true_camera(rows[0], run.calibration), "nominal": run.calibration}, _given(run),
+            {"true": true_camera(rows, run.calibration), "nominal": run.calibration}, _given(run),
         )  # fmt: skip
 
     def swing(self, stage: Stage, estimator: Estimator) -> tuple[float | None, Array]:
@@ -182,11 +182,20 @@ def _given(run: Run) -> Known | None:
     return tilt if run.about["estimate"] is None or tilt.frames < np.isfinite(run.alpha).sum() else None
 
 
-def true_camera(row: Truth, nominal: Calibration) -> Calibration:
-    """Give the camera as it truly is: lens, roll and offset of a row."""
+def _built(row: Truth) -> tuple[float, ...]:
+    """Lens and place of a row's camera, which do not change in a record; a mount may turn it."""
+    return (
+        row.fx_px, row.cx_px, row.cy_px, row.k1, row.k2, row.p1, row.p2, row.k3,
+        row.offset_x_m, row.offset_y_m, row.offset_z_m,
+    )  # fmt: skip
+
+
+def true_camera(rows: Sequence[Truth], nominal: Calibration) -> Calibration:
+    """Give the camera as it truly is: lens and offset, and the mean roll."""
+    row, roll = rows[0], np.angle(np.mean(np.exp(1j * np.deg2rad([row.roll_deg for row in rows]))))
     return msgspec.structs.replace(
         nominal, focal_length_px=row.fx_px, cx_px=row.cx_px, cy_px=row.cy_px,
-        k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=row.roll_deg,
+        k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=float(np.rad2deg(roll)),
         offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_TOLD_SD_M,
     )  # fmt: skip
 
@@ -194,7 +203,7 @@ def true_camera(row: Truth, nominal: Calibration) -> Calibration:
 def by_pose(rows: tuple[Truth, ...], pixels: Array, rope: Array) -> Array:
     r"""Swing of a grab seen at pixels (n, 2) by cameras of known pose, \|OA\| being rope (n,): rad, shape (n,)."""
     pose = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)
-    camera = true_camera(rows[0], _any_camera(rows[0])).intrinsics
+    camera = true_camera(rows, _any_camera(rows[0])).intrinsics
     ray = np.einsum("nij,nj->ni", pose[:, :, :3], camera.rays(pixels))
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     origin = pose[:, :, 3]

@@ -283,6 +283,18 @@ def test_a_roll_that_is_not_known_is_the_cameras_fault(clean, swinging):
         assert now["rmse_deg"] == pytest.approx(then["rmse_deg"])
 
 
+def test_a_mount_may_turn_the_camera_and_nothing_may_change_it(clean, swinging):
+    known = truths.of(clean, swinging / "data")
+
+    def of(**changes):
+        rows = [msgspec.structs.replace(row, **changes) if i % 2 else row for i, row in enumerate(known.rows)]
+        return budget.budget(clean, dataclasses.replace(known, rows=tuple(rows)))
+
+    assert of(roll_deg=known.rows[0].roll_deg + 0.1)["chain"][2]["rmse_deg"] is not None
+    assert of(offset_y_m=0.3) is None
+    assert of(fx_px=500.0) is None
+
+
 def test_a_refused_stage_is_the_limit():
     names = [stage.name for stage in CHAIN]
 
