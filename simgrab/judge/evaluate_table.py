@@ -60,7 +60,7 @@ def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
     length = f["length"]
 
     def share(name: str) -> str:
-        return f"{f[name]['count']} of {f[name]['of']} ({percent(f[name]['value'], 3)})"
+        return f"{f[name]['count']} of {f[name]['of']} ({percent(f[name]['value'], 3)})" if f[name]["of"] else "none"
 
     rows = (
         ("digits right", share("digits_right")),
@@ -87,14 +87,14 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
 def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
     if f is None:
         return None
-    delay = "" if f["median_delay"] is None else f"{f['median_delay']:g} ({', '.join(map(str, f['delays']))})"
+    delay = "no alarm" if f["median_delay"] is None else f"{f['median_delay']:g} ({', '.join(map(str, f['delays']))})"
     rows = (
         ("true swings beyond 10°, events", str(f["events"])),
         ("of these beyond 10.5°", str(f["sure"])),
         ("of these missed", str(f["missed"])),
         ("alarms", str(f["reported"])),
         ("of these false (true swing below 9.5°)", str(f["false"])),
-        ("median delay (frames)", delay),
+        ("median delay, and each (frames)", delay),
         (
             "frames beyond 10°: precision, recall",
             f"{text(f['precision']) or 'no alarm'}, {text(f['recall']) or 'no such frame'}",
