@@ -6,7 +6,6 @@ metric stopped it. Exits with 1 if a fault passes, or the sound instrument does 
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -63,10 +62,10 @@ def faults(sound: Pipeline) -> dict[str, Instrument]:
     """Give the sound instrument and each fault of it."""
     return {
         "sound": sound,
-        f"detector {SHIFT_PX:g} px to the right": dataclasses.replace(sound, detector=Shifted(sound.detector)),
-        "3 read as 8": dataclasses.replace(sound, reader=Swapping()),
-        "h 5 % off": dataclasses.replace(sound, estimator=LongLens()),
-        "sign of gamma": dataclasses.replace(sound, estimator=Mirrored()),
+        f"detector {SHIFT_PX:g} px to the right": replace(sound, detector=Shifted(sound.detector)),
+        "3 read as 8": replace(sound, reader=Swapping()),
+        "h 5 % off": replace(sound, estimator=LongLens()),
+        "sign of gamma": replace(sound, estimator=Mirrored()),
     }
 
 

@@ -14,7 +14,7 @@ from simgrab.instrument.contract import Instrument
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate import evaluate
 from simgrab.judge.run import measure
-from simgrab.judge.subject import held, told
+from simgrab.judge.subject import told
 
 Metrics = Mapping[str, float | None]
 
@@ -61,7 +61,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     camera = calibration.load(dataset.path / "camera.toml")
     source = open_source(dataset.path)
     with told(instrument.name):
-        run = measure(source, camera, held(instrument), source=source.name)
+        run = measure(source, camera, instrument, source=source.name)
     with told(f"{instrument.name}: cannot be evaluated"):
         return flat(evaluate(run, dataset.path))
 
