@@ -60,8 +60,9 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> None:
           f"{1e3 * cpu / frames:.1f} ms of CPU a frame")  # fmt: skip
     if len(loop.memory) == 2:
         before, after = loop.memory
-        print(f"memory after {SETTLED} frames {before:.0f} MB, after {frames} {after:.0f} MB: {after - before:+.1f} MB")
-    print(f"peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+        print(f"memory after {SETTLED} frames {before:.0f} MB, after {frames} {after:.0f} MB: "
+              f"{1e3 * (after - before) / (frames - SETTLED):.1f} kB a frame")  # fmt: skip
+    print(f"peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3:.0f} MB")
     _live(pipeline, Loop(video, camera, live_frames), camera)
 
 

@@ -15,7 +15,7 @@ from simgrab.records import Detection, Reading
 
 
 class Sighting(msgspec.Struct, frozen=True, gc=False):
-    """One frame's sight. A few hundred bytes, for records of hours. Pixels and metres.
+    """One frame's sight. About a kilobyte, for records of hours. Pixels and metres.
 
     Attributes
     ----------
