@@ -72,7 +72,7 @@ def _leak(found: dict[str, Any]) -> str:
     same, other = (scores[name]["map50_95"] for name in ("frames of the same video", next(iter(OTHERS))))
     return f"""## What a random split of one video hides
 
-Both nets, learned from 80 % of the video's frames. Its other frames lie between those learned from, in the same light
+The whole detector, learned from 80 % of the video's frames. Its other frames lie between those learned from, in the same light
 and before the same ground: there mAP50-95 is {_percent(same)} %, in another video of the same crane
 {_percent(other)} %.
 
@@ -84,7 +84,7 @@ def _frames(found: dict[str, Any]) -> str:
     rows = [f"| {count} | {_row(found[count])} |" for count in sorted(found, key=int)]
     return f"""## How many frames
 
-Both nets by the quick recipe, which shows as many examples whatever the number of frames; learned from the first so
+The whole detector by the quick recipe, which shows as many examples whatever the number of frames; learned from the first so
 many of `scenes/training.toml` (eight frames of each world), tested on worlds that none of them learned from.
 
 {HEAD.replace("tested on", "frames learned from")}

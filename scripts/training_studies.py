@@ -179,12 +179,12 @@ def _some(cells: Cells, which: Indices) -> Cells:
 
 
 def leak(s: Settings) -> Iterator[Piece]:
-    """Find and refine, learned from one video: how they do on its other frames, and on other videos."""
+    """The whole detector, learned from one video: how it does on the other frames of it, and on other videos."""
 
     def one() -> dict[str, Any]:
         frames = all_frames(rendered(OWN, s))
         train_frames, test_frames = ([frames[i] for i in which] for which in at_random(len(frames), s.seed))
-        looks = _both(s, s.work / "leak", train_frames, test_frames)
+        looks = _detector(s, s.work / "leak", train_frames, test_frames)
         others = {name: all_frames(rendered(record, s)) for name, record in OTHERS.items()}
         sets = {"frames of the same video": test_frames} | others
         return {name: _scores(looks, some) for name, some in sets.items()}
@@ -193,21 +193,21 @@ def leak(s: Settings) -> Iterator[Piece]:
 
 
 def frames(s: Settings) -> Iterator[Piece]:
-    """Find and refine, learned from so many frames of many worlds, always for as long."""
+    """The whole detector, learned from so many frames of many worlds, always for as long."""
     if not s.wide:
         raise click.UsageError("frames: name datasets of scenes/training.toml with --wide")
     sets = datasets.read_all(s.wide, "train", "val", "test")
     learn, val, test = (cache.frames(sets, split) for split in ("train", "val", "test"))
 
     def one(count: int) -> dict[str, Any]:
-        return _scores(_both(s, s.work / "frames" / str(count), learn[:count], val), test)
+        return _scores(_detector(s, s.work / "frames" / str(count), learn[:count], val), test)
 
     for count in COUNTS:
         if count <= len(learn):
             yield str(count), lambda count=count: one(count)  # type: ignore[misc]
 
 
-def _both(s: Settings, out: Path, learn: Sequence[cache.Frame], val: Sequence[cache.Frame]) -> Bundled:
+def _detector(s: Settings, out: Path, learn: Sequence[cache.Frame], val: Sequence[cache.Frame]) -> Bundled:
     out.mkdir(parents=True, exist_ok=True)
     chosen = recipes(len(learn), quick=True, seed=s.seed, threads=s.threads)
     with board(shown=True) as shown:

@@ -1,4 +1,4 @@
-"""The two nets. Pictures go in as bytes, (n, height, width, channels): exported nets take them as they are."""
+"""The two nets; settle is built as refine is. Pictures go in as bytes, (n, height, width, channels): exported nets take them as they are."""
 
 from __future__ import annotations
 
