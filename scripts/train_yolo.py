@@ -1,6 +1,6 @@
 # /// script
 # requires-python = ">=3.11"
-# dependencies = ["libreyolo==1.6.0", "opencv-python", "onnx", "onnxscript", "onnxruntime"]
+# dependencies = ["libreyolo==1.6.0", "torch", "opencv-python", "onnx", "onnxscript", "onnxruntime"]
 # ///
 """Train a YOLOX on a dataset as it lies, and export it: ``uv run scripts/train_yolo.py DATASET --out yolox.onnx``.
 
@@ -15,6 +15,7 @@ import argparse
 import shutil
 from pathlib import Path
 
+import torch
 from libreyolo import LibreYOLOX  # type: ignore[import-not-found]
 
 
@@ -28,6 +29,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--px", type=int, default=416, help="side of its pictures")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--ram", action="store_true", help="keep shrunken pictures in memory, 0.3 MB each at 416 px")
     options = parser.parse_args()
     runs = options.out.parent / f"{options.out.stem}-training"
 
@@ -40,11 +42,12 @@ def main() -> None:
     (runs / "data.yaml").write_text(f"{lists}nc: 1\nnames: [grab]\n")
 
     net = LibreYOLOX(size=options.size, nb_classes=1)  # no model path: begins from chance, and needs no network
+    net.model.to(memory_format=torch.channels_last)  # takes two thirds of the time on CPUs
     # Mosaics and turned pictures teach boxes that are not tight.
     results = net.train(
         data=str(runs / "data.yaml"), epochs=options.epochs, batch=options.batch, imgsz=options.px,
         seed=options.seed, project=str(runs), name="yolox", exist_ok=True, pretrained=False, workers=2, patience=0,
-        mosaic_prob=0.0, mixup_prob=0.0, degrees=0.0,
+        cache=options.ram, mosaic_prob=0.0, mixup_prob=0.0, degrees=0.0,
     )  # fmt: skip
     trained = LibreYOLOX(str(runs / "yolox" / "weights" / "best.pt"), size=options.size, nb_classes=1)
     options.out.parent.mkdir(parents=True, exist_ok=True)
