@@ -96,7 +96,7 @@ def train(
     DatasetError, TrainingError
     """
     out = Path(out)
-    sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train", "val") if hard else ()
+    sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
     claim(out, resume=resume)
     frames, doubtful = Frames.of(sets), Frames.of(more)
     chosen = recipes(len(frames.train))
