@@ -1,4 +1,4 @@
-"""Make the bundled weights again, from nothing: ``python -m scripts.build_weights [--quick] [--out assets/weights]``.
+"""Make the bundled weights again, from nothing: ``python -m scripts.build_weights [--quick]``.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again. Needs ``simgrab[train]``.
@@ -17,6 +17,7 @@ import click
 import msgspec
 
 from simgrab import scenes
+from simgrab.cli import main as run
 from simgrab.cli._progress import bar
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
@@ -111,14 +112,15 @@ PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": det
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer frames, a quarter of the training.")
 @click.option("--only", type=click.Choice(list(PARTS)), help="Build one part.")
-@click.option("--out", type=click.Path(path_type=Path), default=ROOT / "assets" / "weights", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), help="[default: assets/weights; with --quick, in --work]")
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")
 @click.option("--threads", default=2, show_default=True, help="Of torch.")
-def main(quick: bool, only: str | None, out: Path, work: Path | None, workers: int, threads: int) -> None:
+def main(quick: bool, only: str | None, out: Path | None, work: Path | None, workers: int, threads: int) -> None:
     """Make the bundled weights again, from nothing."""
     need_torch()
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
+    out = out or (work / "weights" if quick else ROOT / "assets" / "weights")
     work.mkdir(parents=True, exist_ok=True)
     for name in [only] if only else PARTS:
         nets = PARTS[name](work, quick=quick, workers=workers, threads=threads)
@@ -130,4 +132,4 @@ def main(quick: bool, only: str | None, out: Path, work: Path | None, workers: i
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

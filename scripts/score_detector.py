@@ -16,7 +16,9 @@ from rich.console import Console
 from rich.table import Table
 
 from simgrab import datasets
+from simgrab.cli import main as run
 from simgrab.cli._progress import bar
+from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
 from simgrab.judge import detection, detections
 
@@ -30,10 +32,14 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
         dataset = datasets.read(path)
         if split:
             dataset = datasets.part(dataset, split)
+        elif any(row.split == "train" for row in dataset.rows):
+            click.echo(f"{path}: frames of the split train are scored too; --split test leaves them out", err=True)
         with bar(str(path), shown=True) as progress:
             watched = detections.watch([dataset.image(row) for row in dataset.rows], looks, progress)
         some += detection.cases(dataset, watched.detections)
         seconds += watched.seconds
+    if not some:
+        raise DatasetError(f"{', '.join(map(str, paths))}: no frames in the split {split!r}")
     times = {"median_ms": 1e3 * float(np.median(seconds)), "p95_ms": 1e3 * float(np.quantile(seconds, 0.95))}
     return {"detector": name, "datasets": [str(path) for path in paths], "time": times} | detection.score(some)
 
@@ -104,6 +110,8 @@ def _interval(interval: tuple[float, float] | None) -> str:
 @click.option("--json", "out", type=click.Path(path_type=Path), help="Where all figures go.")
 def main(paths: tuple[Path, ...], detector: str, split: str | None, out: Path | None) -> None:
     """Score a detector on datasets."""
+    if out:
+        out.parent.mkdir(parents=True, exist_ok=True)
     scores = measure(paths, detector, split)
     show(scores)
     if out:
@@ -111,4 +119,4 @@ def main(paths: tuple[Path, ...], detector: str, split: str | None, out: Path | 
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 
 from simgrab import layouts, scenes
+from simgrab.cli import main as run
 from simgrab.instrument.read import BUNDLED, Reader
 from simgrab.judge import reading, reading_trial
 from simgrab.judge.reading import Read
@@ -41,7 +42,7 @@ def trials(scene: str, digits: int, folder: Path, layout: Layout, reader: Reader
     """Read so many digits laid over a scene's pictures, and some torn displays beside."""
     scenario = scenes.load(scene)
     pictures = reading_trial.backdrops(scene, folder, BACKDROPS, BACKDROP_SEED)
-    filmed = round(digits * VIDEO_SHARE / 8 / len(RATES_MBIT_S))
+    filmed = max(round(digits * VIDEO_SHARE / 8 / len(RATES_MBIT_S)), 1)
     still = max(-(-digits // 8) - filmed * len(RATES_MBIT_S), 0)
     quality = scenario.image.quality
     shown = reading_trial.displays(layout, still, seed)
@@ -88,18 +89,23 @@ def milliseconds(reader: Reader, pictures: Sequence[reading_trial.Picture], roun
 
 @click.command()
 @click.argument("datasets", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--split", type=click.Choice(["train", "val", "test"]), help="Of the datasets, only frames of one split.")
 @click.option("--digits", default=100_000, show_default=True)
 @click.option("--model", type=click.Path(path_type=Path), default=BUNDLED, help="Another reader than the bundled one.")
 @click.option("--backdrops", type=click.Path(path_type=Path), default=Path("runs/backdrops"), show_default=True)
 @click.option("--seed", default=1, show_default=True, help="Of the digits.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the scores there as well.")
 def main(
-    datasets: tuple[Path, ...], digits: int, model: Path, backdrops: Path, seed: int, json_path: Path | None
-) -> None:
+    datasets: tuple[Path, ...], split: str | None, digits: int, model: Path, backdrops: Path, seed: int,
+    json_path: Path | None,
+) -> None:  # fmt: skip
     """Print the table; exit with 1 where less than 99.99 % are right or more than 0.1 % refused."""
     reader = Reader(model)
+    if json_path:
+        json_path.parent.mkdir(parents=True, exist_ok=True)
     if datasets:
-        scores = reading.by_group([read for path in datasets for read in reading.read_dataset(path, reader)])
+        reads = [read for path in datasets for read in reading.read_dataset(path, reader, split=split)]
+        scores = reading.by_group(reads)
     else:
         scores = score_trials(reader, digits, backdrops, seed)
         pictures = reading_trial.backdrops("calm-day", backdrops, BACKDROPS, BACKDROP_SEED)
@@ -112,4 +118,4 @@ def main(
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

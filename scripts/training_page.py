@@ -8,7 +8,10 @@ from typing import Any
 
 import click
 
-from scripts.training_studies import EPOCHS, FINALS, OPTIMISERS, OTHERS, OWN, RATES
+from scripts.training_studies import CROPS, EPOCHS, FINALS, OPTIMISERS, OTHERS, OWN, RATES
+from simgrab.cli import main as run
+from simgrab.errors import DatasetError
+from simgrab.judge.detection import clopper_pearson
 
 PAGE = Path(__file__).parents[1] / "docs" / "training-studies.md"
 # mAP50-95 in %, from the paper's table: by rate, SGD and Adam, each by the last rate of OneCycle.
@@ -59,11 +62,13 @@ share of the first), the paper's in brackets. As there, the best epoch is chosen
 
 def _digits(found: dict[str, Any]) -> str:
     of = found["digits"]
+    low, high = (100 * share for share in clopper_pearson(of["right"], of["tested"]) or (0, 1))
     return f"""## Digits
 
-LeNet-5 on 320 crops of that video, 256 learned from: {of["right"]} of {of["tested"]} test crops read right (the paper:
-64 of 64). So few tell little: with none wrong of 64, up to 4.6 % may be wrong (95 %). `scripts/score_reader.py` reads
-100,000."""
+LeNet-5 on {CROPS} crops of that video, {CROPS - of["tested"]} learned from: {of["right"]} of {of["tested"]} test crops
+read right (the paper: 64 of 64), the best epoch being chosen on them. So few tell little: the 95 % interval is
+{low:.1f} to {high:.1f} %.
+`scripts/score_reader.py` reads 100,000."""
 
 
 def _leak(found: dict[str, Any]) -> str:
@@ -72,9 +77,9 @@ def _leak(found: dict[str, Any]) -> str:
     same, other = (scores[name]["map50_95"] for name in ("frames of the same video", next(iter(OTHERS))))
     return f"""## What a random split of one video hides
 
-The whole detector, learned from 80 % of the video's frames. Its other frames lie between those learned from, in the same light
-and before the same ground: there mAP50-95 is {_percent(same)} %, in another video of the same crane
-{_percent(other)} %.
+The whole detector, learned from 80 % of the video's frames, an eighth of which choose the best epoch. The other 20 %
+lie between those, in the same light and before the same ground: there mAP50-95 is {_percent(same)} %, in another video
+of the same crane {_percent(other)} %.
 
 {HEAD}
 """ + "\n".join(rows)
@@ -84,8 +89,8 @@ def _frames(found: dict[str, Any]) -> str:
     rows = [f"| {count} | {_row(found[count])} |" for count in sorted(found, key=int)]
     return f"""## How many frames
 
-The whole detector by the quick recipe, which shows as many examples whatever the number of frames; learned from the first so
-many of `scenes/training.toml` (eight frames of each world), tested on worlds that none of them learned from.
+The whole detector by the quick recipe, which shows as many examples whatever the number of frames; learned from the
+first so many of `scenes/training.toml` (eight frames of each world), tested on worlds that none of them learned from.
 
 {HEAD.replace("tested on", "frames learned from")}
 """ + "\n".join(rows)
@@ -118,8 +123,11 @@ PARTS = {"table": _table, "digits": _digits, "leak": _leak, "frames": _frames}
 @click.option("--out", type=click.Path(path_type=Path), default=PAGE, show_default=True)
 def main(work: Path, out: Path) -> None:
     """Write the page."""
-    out.write_text(page(json.loads((work / "results.json").read_text(encoding="utf-8"))), encoding="utf-8")
+    kept = work / "results.json"
+    if not kept.exists():
+        raise DatasetError(f"{kept}: no such file; run python -m scripts.training_studies first")
+    out.write_text(page(json.loads(kept.read_text(encoding="utf-8"))["studies"]), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

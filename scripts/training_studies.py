@@ -20,7 +20,9 @@ import torch
 from numpy.typing import NDArray
 
 from simgrab import datasets, scenes
+from simgrab.cli import main as run
 from simgrab.cli._progress import bar
+from simgrab.errors import TrainingError
 from simgrab.instrument.detect.bundled import Bundled
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, whole
 from simgrab.instrument.read.reader import NO_DIGIT
@@ -29,9 +31,10 @@ from simgrab.records import Detection
 from simgrab.rng import stream
 from simgrab.training import loop
 from simgrab.training.checkpoint import write_whole
-from simgrab.training.detector import cache, evaluate, find, train
+from simgrab.training.detector import cache, evaluate, find
 from simgrab.training.detector.nets import Find
 from simgrab.training.detector.settings import has_half_units, recipes
+from simgrab.training.detector.train import Frames, fit
 from simgrab.training.progress import board
 from simgrab.training.reader.cells import Cells, gather
 from simgrab.training.reader.lenet import LeNet5
@@ -179,39 +182,43 @@ def _some(cells: Cells, which: Indices) -> Cells:
 
 
 def leak(s: Settings) -> Iterator[Piece]:
-    """The whole detector, learned from one video: how it does on the other frames of it, and on other videos."""
+    """Learn the whole detector from one video, and score it on other frames of that, and on other videos."""
 
     def one() -> dict[str, Any]:
-        frames = all_frames(rendered(OWN, s))
-        train_frames, test_frames = ([frames[i] for i in which] for which in at_random(len(frames), s.seed))
-        looks = _detector(s, s.work / "leak", train_frames, test_frames)
-        others = {name: all_frames(rendered(record, s)) for name, record in OTHERS.items()}
-        sets = {"frames of the same video": test_frames} | others
+        own = rendered(OWN, s)
+        frames = all_frames(own)
+        known, test_frames = ([frames[i] for i in which] for which in at_random(len(frames), s.seed))
+        judged = known[::8]
+        others = [frame for frame in known if frame not in judged]
+        looks = _detector(s, s.work / "leak", Frames(others, judged, f"{datasets.digest([own])} {s.seed}"))
+        sets = {"frames of the same video": test_frames}
+        sets |= {name: all_frames(rendered(record, s)) for name, record in OTHERS.items()}
         return {name: _scores(looks, some) for name, some in sets.items()}
 
     yield "leak", one
 
 
 def frames(s: Settings) -> Iterator[Piece]:
-    """The whole detector, learned from so many frames of many worlds, always for as long."""
+    """Learn the whole detector from so many frames of many worlds, always for as long."""
     if not s.wide:
         raise click.UsageError("frames: name datasets of scenes/training.toml with --wide")
     sets = datasets.read_all(s.wide, "train", "val", "test")
     learn, val, test = (cache.frames(sets, split) for split in ("train", "val", "test"))
 
     def one(count: int) -> dict[str, Any]:
-        return _scores(_detector(s, s.work / "frames" / str(count), learn[:count], val), test)
+        part = Frames(learn[:count], val, f"{datasets.digest(sets)} {count}")
+        return _scores(_detector(s, s.work / "frames" / str(count), part), test)
 
     for count in COUNTS:
         if count <= len(learn):
             yield str(count), lambda count=count: one(count)  # type: ignore[misc]
 
 
-def _detector(s: Settings, out: Path, learn: Sequence[cache.Frame], val: Sequence[cache.Frame]) -> Bundled:
+def _detector(s: Settings, out: Path, frames: Frames) -> Bundled:
     out.mkdir(parents=True, exist_ok=True)
-    chosen = recipes(len(learn), quick=True, seed=s.seed, threads=s.threads)
+    chosen = recipes(len(frames.train), quick=True, seed=s.seed, threads=s.threads)
     with board(shown=True) as shown:
-        train.fit(train.Frames(learn, val, f"{len(learn)} frames"), out, chosen, resume=True, report=shown.training)
+        fit(frames, out, chosen, resume=True, report=shown.training)
     return Bundled(out)
 
 
@@ -238,9 +245,13 @@ def main(studies: tuple[str, ...], work: Path, wide: tuple[Path, ...], workers: 
     """Repeat the paper's trainings, and what it could not see."""
     work.mkdir(parents=True, exist_ok=True)
     kept, settings = work / "results.json", Settings(work, workers, threads, seed, wide)
-    results: dict[str, dict[str, Any]] = json.loads(kept.read_text()) if kept.exists() else {}
+    of = {"seed": seed, "wide": datasets.digest(datasets.read_all(wide)) if wide else ""}
+    results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"of": of, "studies": {}}
+    if results["of"]["seed"] != seed or (wide and results["of"]["wide"] not in ("", of["wide"])):
+        raise TrainingError(f"{kept} is of another --seed or --wide; choose another --work")
+    results["of"]["wide"] = results["of"]["wide"] or of["wide"]
     for study in studies or STUDIES:
-        done = results.setdefault(study, {})
+        done = results["studies"].setdefault(study, {})
         for name, piece in STUDIES[study](settings):
             if name not in done:
                 done[name] = piece()
@@ -249,4 +260,4 @@ def main(studies: tuple[str, ...], work: Path, wide: tuple[Path, ...], workers: 
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -28,7 +28,7 @@ MAY = {
     "instrument": GROUND | {"instrument"},
     "world": GROUND | SCENARIO | {"world"},
     "judge": GROUND | SCENARIO | {"world", "instrument", "judge"},
-    "training": GROUND | {"instrument", "training"},
+    "training": GROUND | SCENARIO | {"instrument", "training"},
     "cli": GROUND | SCENARIO | {"world", "instrument", "judge", "training", "cli"},
 }
 FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender"}

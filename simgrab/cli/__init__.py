@@ -33,10 +33,10 @@ def cli() -> None:
     """Frames of a swinging crane grab in which the swing is known, because it was set."""
 
 
-def main() -> NoReturn:
+def main(command: click.Command = cli) -> NoReturn:
     """Run the command line. Exit status: 0 done, 1 a check failed, 2 bad input, 130 interrupted."""
     try:
-        status = cli(standalone_mode=False)
+        status = command(standalone_mode=False)
     except click.ClickException as problem:
         problem.show()
         sys.exit(problem.exit_code)
@@ -45,6 +45,9 @@ def main() -> NoReturn:
         sys.exit(130)
     except SimgrabError as problem:
         click.echo(f"simgrab: {problem}", err=True)
+        sys.exit(2)
+    except MemoryError as problem:
+        click.echo(f"simgrab: out of memory ({problem or 'no more could be had'})", err=True)
         sys.exit(2)
     except BrokenPipeError:
         sys.exit(1)

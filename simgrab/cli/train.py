@@ -47,6 +47,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
 @click.option("--quick", is_flag=True, help="A quarter of the time.")
 @click.option("--epochs", type=int, help="Passes over the frames, of each net.  [default: as time allows]")
+@click.option("--batch", type=int, help="Examples a step.  [default: 16 of the first net, 32 of the others]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
 @click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
 @click.option("--threads", default=2, show_default=True, help="Of torch; 1 where others use the cores too.")
@@ -56,7 +57,8 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def detector(
     datasets: tuple[Path, ...], out: Path, hard: tuple[Path, ...], seed: int, quick: bool, epochs: int | None,
-    patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
+    batch: int | None, patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool,
+    quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: what their split train shows, judged by val.
 
@@ -70,8 +72,9 @@ def detector(
     from simgrab.training.progress import board
 
     chosen = functools.partial(
-        recipes, quick=quick, epochs=epochs, half=half, seed=seed, patience=patience, device=device, threads=threads
-    )
+        recipes, quick=quick, epochs=epochs, batch=batch, half=half, seed=seed, patience=patience, device=device,
+        threads=threads,
+    )  # fmt: skip
     with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
         result = train(datasets, out, chosen, hard=hard, resume=resume, watch=shown.step, report=shown.training)
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
@@ -83,6 +86,7 @@ def detector(
 @click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
 @click.option("--quick", is_flag=True, help="Half of the time.")
 @click.option("--epochs", type=int, help="Passes over the digits.  [default: 16, or 6 with --quick]")
+@click.option("--batch", default=128, show_default=True, help="Digits a step.")
 @click.option("--patience", default=8, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
 @click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
 @click.option("--threads", default=1, show_default=True, help="Of torch; another number may round otherwise.")
@@ -90,8 +94,8 @@ def detector(
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def reader(
-    datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, patience: int, device: str,
-    threads: int, resume: bool, as_json: bool, quiet: bool,
+    datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, batch: int, patience: int,
+    device: str, threads: int, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the reader of the display's digits from DATASETS of `simgrab render` that show rope lengths.
 
@@ -105,7 +109,7 @@ def reader(
 
     recipe = dataclasses.replace(
         RECIPE, seed=seed, epochs=(QUICK_EPOCHS if quick else RECIPE.epochs) if epochs is None else epochs,
-        patience=patience, device=device, threads=threads,
+        batch=batch, patience=patience, device=device, threads=threads,
     )  # fmt: skip
     with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
         card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))

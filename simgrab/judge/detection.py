@@ -66,6 +66,11 @@ class Case:
         return self.detection.box is None and self.detection.centre is not None
 
     @property
+    def told(self) -> bool:
+        """Whether a labelled grab's centre was told, by a box that hits it or without one."""
+        return self.hit or (self.labelled and self.centre_only)
+
+    @property
     def half_visible(self) -> bool:
         """Whether at least half of the grab is seen, by what stands before it and by weather."""
         return self.truth.visible_fraction >= HALF and self.truth.weather_hidden_fraction <= HALF
@@ -94,7 +99,7 @@ def score(some: Sequence[Case]) -> dict[str, Any]:
         "half_visible": figures([case for case in some if case.empty or case.half_visible]),
         "by_weather": {name: figures([case for case in some if case.weather == name]) for name in weathers},
         "by_rope": {
-            name: centre_errors([c for c in some if c.hit and low <= c.truth.rope_length_m < high])
+            name: centre_errors([c for c in some if c.told and low <= c.truth.rope_length_m < high])
             for name, (low, high) in ROPE_BINS_M.items()
         },
     }
@@ -125,7 +130,7 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
         "false_boxes": len(false),
         "false_share": len(false) / len(empty) if empty else None,
         "false_interval": clopper_pearson(len(false), len(empty)),
-        "centre": centre_errors([case for case in labelled if case.hit or case.centre_only]),
+        "centre": centre_errors([case for case in labelled if case.told]),
         "coverage": coverage(hits),
     }
 
@@ -193,8 +198,8 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     -------
     dict
         ``median_px`` and ``p95_px`` of the distance; signed means in u, v and radially (away from the principal point)
-        with the standard error of the mean; the same means in shares of the box's width; ``box_centre_radial_px``
-        and ``box_centre_share``: what a perfect box would be off by, on average.
+        with the standard error of the mean; the same means in shares of the width, which is the box's longer side; and
+        ``box_radial_…``: what the centre of a perfect box would be off by.
     """
     kept = [c for c in hits if c.truth.grab_u_px is not None]
     if not kept:

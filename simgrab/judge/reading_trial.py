@@ -68,7 +68,9 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
     scenario = scenes.load(scene, {"display.layout": "none", "seed": seed})
     if count > scenario.frames:
         raise DatasetError(f"{scene} has {scenario.frames} frames, of which {count} cannot be taken")
-    taken = {folder / f"{scene}-{seed}-{frame:06d}.png": frame for frame in _spread(scenario.frames, count)}
+    taken = {
+        folder / f"{scene}-{scenario.digest()[:16]}-{frame:06d}.png": frame for frame in _spread(scenario.frames, count)
+    }
     missing = {path: frame for path, frame in taken.items() if not path.exists()}
     if missing:
         folder.mkdir(parents=True, exist_ok=True)

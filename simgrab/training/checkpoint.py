@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 from pathlib import Path
@@ -34,7 +35,26 @@ def write_whole(path: Path, data: bytes) -> None:
         finally:
             os.close(folder)
     except OSError as problem:
+        with contextlib.suppress(OSError):
+            draft.unlink()
         raise TrainingError(f"cannot write {path}: {problem.strerror or problem}") from None
+
+
+def claim(out: Path, *, resume: bool) -> None:
+    """Make the folder of a training, or refuse one that is in use.
+
+    Raises
+    ------
+    TrainingError
+    """
+    try:
+        if out.exists() and not out.is_dir():
+            raise TrainingError(f"{out} is not a folder; choose another --out")
+        if out.is_dir() and any(out.iterdir()) and not resume:
+            raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
 
 
 def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:

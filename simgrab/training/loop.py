@@ -79,6 +79,8 @@ class Trained:
         Loss and figures of each epoch.
     seconds : float
         Wall time, interruptions left out.
+    examples : int
+        Learned from in each epoch.
     """
 
     net: nn.Module
@@ -87,6 +89,7 @@ class Trained:
     epochs: int
     history: tuple[dict[str, float], ...]
     seconds: float
+    examples: int
 
 
 def train(
@@ -234,7 +237,9 @@ class _Run:
         self.average.load_state_dict(self.best)
         best = {name: value for name, value in self.history[self.best_epoch - 1].items() if name != "loss"}
         net = self.average.cpu().eval()
-        return Trained(net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds)
+        return Trained(
+            net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds, self.task.examples
+        )
 
 
 def blend(average: nn.Module, net: nn.Module, share: float) -> None:

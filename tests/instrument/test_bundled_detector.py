@@ -1,5 +1,6 @@
 """The bundled weights are small, what their cards say, and find the grab of a scene unseen in training."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -12,6 +13,12 @@ from simgrab.resources import ASSETS
 from simgrab.world.frames import Studio
 
 WEIGHTS = ASSETS / "weights"
+
+
+@pytest.mark.parametrize("name", ["find", "refine", "settle", "reader"])
+def test_weights_are_those_that_their_card_is_of(name):
+    card = json.loads((WEIGHTS / f"{name}.json").read_text(encoding="utf-8"))
+    assert hashlib.sha256((WEIGHTS / f"{name}.onnx").read_bytes()).hexdigest() == card["model_sha256"]
 
 
 def test_all_weights_together_are_small():

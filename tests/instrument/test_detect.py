@@ -18,6 +18,7 @@ from simgrab.instrument.detect.patches import (
     cut_with_mask,
     whole,
 )
+from simgrab.instrument.detect.session import KEY
 
 onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
@@ -199,7 +200,7 @@ def bright(size=(1080, 1920), at=(705, 405), half=24):  # fills the cell of find
 
 
 def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("simgrab.instrument.detect.ASSETS", tmp_path)
+    monkeypatch.setattr("simgrab.instrument.detect.WEIGHTS", tmp_path)
     with pytest.raises(DetectorError, match=r"build_weights --only detector"):
         detector()
 
@@ -330,6 +331,13 @@ def test_a_yolo_that_sees_nothing(tmp_path):
     none = detector(constant_yolo(tmp_path / "v5.onnx", rows(3 * CELLS, 6)))(np.zeros((64, 64, 3), np.uint8))
     assert none.status == "none"
     assert "0.25" in none.reason
+    out = rows(CELLS, 6)
+    out[0, 9] = [32, 4, 20, 6, 0.9, 0.9]  # in the grey above a picture that is twice as wide as high
+    beyond = Yolo(constant_yolo(tmp_path / "v8.onnx", out.transpose(0, 2, 1)))(np.zeros((64, 128, 3), np.uint8))
+    assert (beyond.status, beyond.reason) == ("none", "its box lies outside the picture")
+    out[0, 9] = [32, 24, np.nan, 10, 0.9, 0.9]
+    nan = Yolo(constant_yolo(tmp_path / "nan.onnx", out.transpose(0, 2, 1)))
+    assert nan(np.zeros((64, 64, 3), np.uint8)).score == 0
 
 
 def test_what_is_no_detector_is_refused(tmp_path):
@@ -342,6 +350,15 @@ def test_what_is_no_detector_is_refused(tmp_path):
         with pytest.raises(DetectorError, match="no detector: a detector takes floats 1 x 3 x height x width") as told:
             detector(path)
         assert "this has inputs images 1 x" in str(told.value), name
+    masks = rows(CELLS, 38)
+    masks[0, :, 6:] = 3.2  # coefficients
+    with pytest.raises(DetectorError, match="gives scores of"):
+        detector(constant_yolo(tmp_path / "m.onnx", masks.transpose(0, 2, 1)))
+    segments = onnx.load(constant_yolo(tmp_path / "s.onnx", rows(CELLS, 6).transpose(0, 2, 1)))
+    helper.set_model_props(segments, {"task": "segment"})
+    onnx.save(segments, tmp_path / "s.onnx")
+    with pytest.raises(DetectorError, match="no detector"):
+        detector(tmp_path / "s.onnx")
     with pytest.raises(DetectorError, match="multiples of 32"):
         detector(constant_yolo(tmp_path / "e.onnx", rows(CELLS, 6), shape=(1, 3, 60, 60)))
     (tmp_path / "text.onnx").write_text("no model")
@@ -354,3 +371,19 @@ def test_what_is_no_detector_is_refused(tmp_path):
     (tmp_path / "f").mkdir()
     with pytest.raises(DetectorError, match="not simgrab's refine-grab net"):
         detector(hand_made(tmp_path / "f", task="something"))
+    ours = hand_made(tmp_path / "g")
+    for facts, problem in {
+        "no JSON": "none that simgrab wrote",
+        "[1]": "none that simgrab wrote",
+        json.dumps({"task": REFINE, "settings": {"moon": 1}}): "another version",
+    }.items():
+        net = onnx.load(ours / "refine.onnx")
+        helper.set_model_props(net, {KEY: facts})
+        onnx.save(net, ours / "refine.onnx")
+        with pytest.raises(DetectorError, match=problem):
+            detector(ours)
+
+
+def test_a_detector_is_called_by_its_folder(tmp_path):
+    assert detector(hand_made(tmp_path / "mine") / "settle.onnx").name == "mine"
+    assert detector().name == "bundled"

@@ -15,8 +15,9 @@ from simgrab import datasets  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
+from simgrab.training.checkpoint import claim  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
-from simgrab.training.detector.train import NETS, claim, train  # noqa: E402
+from simgrab.training.detector.train import NETS, Frames, fit, train  # noqa: E402
 from simgrab.training.loop import Report  # noqa: E402
 
 
@@ -87,8 +88,19 @@ def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frame
     assert same == {"find": True, "settle": False}
     cards = {name: json.loads((out.folder / f"{name}.json").read_text()) for name in NETS}
     assert [len(cards[name]["data"]) for name in NETS] == [1, 1, 2]
-    assert [cards[name]["examples"] for name in NETS] == [4, 4, 8]
+    alone = json.loads((trained.folder / "settle.json").read_text())["examples"]
+    assert [cards[name]["examples"] for name in ("find", "refine")] == [4, 4]
+    assert cards["settle"]["examples"] > alone
     assert out.metrics["frames"] == trained.metrics["frames"] * (frames - 2) / 2
+
+
+def test_no_hard_dataset_is_needed_to_fit_and_one_that_shows_the_grab_is(trained, halves, tmp_path):
+    """Frames by hand, as `scripts.training_studies` takes them."""
+    frames = Frames.of([datasets.read(halves)])
+    fitted = fit(Frames(frames.train, frames.val, "by hand"), tmp_path, tiny(len(frames.train)))
+    assert fitted.metrics == trained.metrics
+    with pytest.raises(TrainingError, match="no validation frame shows the grab"):
+        fit(Frames(frames.train, frames.val[1:], ""), tmp_path, tiny(4))
 
 
 def run(*arguments):
@@ -103,7 +115,8 @@ def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeyp
         "not empty; go on with --resume": [halves, "--out", tmp_path / "full"],
         "not a dataset": [tmp_path, "--out", tmp_path / "a"],
         "no frames in the split 'val'": [_part(halves, tmp_path / "p", 4), "--out", tmp_path / "b"],
-        "epochs: must be 1 or more": [halves, "--out", tmp_path / "c", "--epochs", -1],
+        "epochs: must be 1 or more": [halves, "--out", tmp_path / "c", "--epochs", 0],
+        "batch: must be 1 or more": [halves, "--out", tmp_path / "d", "--batch", 0],
     }.items():
         error, _ = run(*arguments, "--quiet")
         assert isinstance(error, DatasetError | TrainingError), problem

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect.bundled import FIND, REFINE, Bundled
+from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, WEIGHTS, Bundled
 from simgrab.instrument.detect.contract import Detector
 from simgrab.instrument.detect.session import open_net
 from simgrab.instrument.detect.yolo import Yolo
-from simgrab.resources import ASSETS
 
 BUNDLED = "bundled"
 
@@ -34,7 +33,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     >>> detector()(np.zeros((1080, 1920, 3), np.uint8)).status  # doctest: +SKIP
     'none'
     """
-    path = ASSETS / "weights" if name == BUNDLED else Path(name)
+    path = WEIGHTS if name == BUNDLED else Path(name)
     if name == BUNDLED and not (path / "find.onnx").exists():
         raise DetectorError(
             "no detector's weights are bundled: make them by `python -m scripts.build_weights --only detector`, "
@@ -43,7 +42,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     if path.is_dir():
         return Bundled(path)
     net = open_net(path)
-    if net.facts.get("task") in (FIND, REFINE):
+    if net.facts.get("task") in (FIND, REFINE, SETTLE):
         return Bundled(path.parent)
     return Yolo(net)
 

@@ -36,10 +36,11 @@ from simgrab.instrument.detect.patches import (
 )  # fmt: skip
 from simgrab.instrument.detect.session import Net, open_net
 from simgrab.records import Detection
+from simgrab.resources import ASSETS
 
+WEIGHTS = ASSETS / "weights"  # those that are bundled
 # Tasks that the files' metadata names.
 FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
-COLUMNS = 16  # of refine's and settle's output
 _STRIDE = 8
 _MOST = 3  # candidates that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
@@ -125,17 +126,23 @@ class Bundled:
     """
 
     def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
-        self._find = _opened(Path(folder) / "find.onnx", FIND)
-        self._refine = _opened(Path(folder) / "refine.onnx", REFINE)
-        self._settle = _opened(Path(folder) / "settle.onnx", SETTLE)
+        folder = Path(folder)
+        self._find = _opened(folder / "find.onnx", FIND, (FIND_HEIGHT, FIND_WIDTH, 3), 2)
+        crop = (REFINE_SIZE, REFINE_SIZE, 4)
+        self._refine, self._settle = (_opened(folder / f"{name}.onnx", task, crop, 1)
+                                      for name, task in (("refine", REFINE), ("settle", SETTLE)))  # fmt: skip
         facts = self._refine.facts
-        self.settings = settings or Settings(**facts.get("settings", {}))
-        self.trust = Trust(**facts.get("trust", {}))
+        try:
+            self.settings = settings or Settings(**facts.get("settings", {}))
+            self.trust = Trust(**facts.get("trust", {}))
+        except TypeError:
+            raise DetectorError(f"{self._refine.path}: its settings are of another version of simgrab") from None
+        self._name = "bundled" if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
-        return "bundled"
+        """What it is called in reports: ``"bundled"``, or the folder's name."""
+        return self._name
 
     def __call__(self, picture: Picture) -> Detection:
         """Look at a picture."""
@@ -255,9 +262,10 @@ def _detection(refined: Refined, presence: float, picture: Picture, trust: Trust
     )  # fmt: skip
 
 
-def _opened(path: Path, task: str) -> Net:
+def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: int) -> Net:
     net = open_net(path)
     found: Any = net.facts.get("task")
-    if found != task:
+    shapes = [shape[1:] for shape in net.inputs.values()]
+    if found != task or shapes != [picture] or len(net.outputs) != outputs:
         raise DetectorError(f"{path} is not simgrab's {task} net (its task is {found!r}; {net})")
     return net

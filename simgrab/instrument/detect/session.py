@@ -35,6 +35,8 @@ class Net:
         Of the inputs, as onnxruntime names them.
     facts : dict
         What simgrab wrote into the file's metadata; empty in others.
+    metadata : dict of str to str
+        The file's, whoever wrote it.
     """
 
     path: Path
@@ -43,6 +45,7 @@ class Net:
     outputs: Mapping[str, tuple[int | None, ...]]
     types: tuple[str, ...]
     facts: dict[str, Any]
+    metadata: Mapping[str, str]
 
     def __call__(self, pictures: NDArray[np.generic]) -> list[NDArray[np.float32]]:
         """Run a batch."""
@@ -75,13 +78,19 @@ def open_net(path: str | Path) -> Net:
         session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as problem:  # its errors have no common base
         raise DetectorError(f"{path} is no ONNX model that can be run ({_line(problem)})") from None
-    ours = session.get_modelmeta().custom_metadata_map.get(KEY)
+    metadata = session.get_modelmeta().custom_metadata_map
+    try:
+        facts = json.loads(metadata.get(KEY, "{}"))
+    except ValueError:
+        facts = None
+    if not isinstance(facts, dict):
+        raise DetectorError(f"{path}: its metadata {KEY!r} is none that simgrab wrote")
     inputs, outputs = (
         {one.name: tuple(s if isinstance(s, int) else None for s in one.shape) for one in ends}
         for ends in (session.get_inputs(), session.get_outputs())
     )
     types = tuple(one.type for one in session.get_inputs())
-    return Net(path, session, inputs, outputs, types, json.loads(ours) if ours else {})
+    return Net(path, session, inputs, outputs, types, facts, metadata)
 
 
 def _line(problem: Exception) -> str:

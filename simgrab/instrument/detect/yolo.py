@@ -69,9 +69,12 @@ class Yolo:
         except Exception as problem:  # onnxruntime's errors have no common base
             raise DetectorError(f"{self._net.path} does not run: {str(problem).splitlines()[0][:160]}") from None
         found = layout(blank, self.height, self.width)
-        if found is None:
+        if found is None or not _detects(self._net, self.height, self.width):
             raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")
         self.layout = found
+        highest = decode(blank, found, self.height, self.width)[1].max()
+        if not 0 <= highest <= 1:
+            raise DetectorError(f"{self._net.path} gives scores of {highest:.3g}, which is no detector's: {EXPECTED}")
 
     @property
     def name(self) -> str:
@@ -87,12 +90,22 @@ class Yolo:
         pixels = small[..., ::-1].astype(np.float32) if yolox else small.astype(np.float32) / 255
         out = self._net(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))[0]
         boxes, scores = decode(out, self.layout, self.height, self.width)
+        scores = np.where(np.isfinite(boxes).all(axis=1) & np.isfinite(scores), scores, 0.0)
         best = int(scores.argmax())
         score = float(scores[best])
         if score < self.least_score:
             return Detection("none", f"no box scores {self.least_score} or more", score)
         corners = patch.to_picture(boxes[best].reshape(2, 2) / (self.width, self.height))
-        return Detection("found", "", score, box=np.clip(corners, 0, [picture.shape[1], picture.shape[0]]).ravel())
+        x0, y0, x1, y1 = np.clip(corners, 0, [picture.shape[1], picture.shape[0]]).ravel()
+        if x0 >= x1 or y0 >= y1:
+            return Detection("none", "its box lies outside the picture", score)
+        return Detection("found", "", score, box=np.array([x0, y0, x1, y1]))
+
+
+def _detects(net: Net, height: int, width: int) -> bool:
+    """Whether it tells boxes and nothing else, whose numbers would pass for class scores: no masks, no key points."""
+    masks = any(shape[2:] == (height // 4, width // 4) for shape in net.outputs.values() if len(shape) == 4)
+    return net.metadata.get("task", "detect") == "detect" and not masks
 
 
 def layout(out: NDArray[np.generic], height: int, width: int) -> Layout | None:

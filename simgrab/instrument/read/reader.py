@@ -72,7 +72,10 @@ class Reader:
                 f"{model} is no reader of digits: it takes {inputs} and gives {outputs}; "
                 "simgrab train reader writes one"
             )
-        self.threshold = float(json.loads(known)["threshold"])
+        try:
+            self.threshold = float(json.loads(known)["threshold"])
+        except (ValueError, KeyError, TypeError):
+            raise ReaderError(f"{model}: its metadata {METADATA!r} is none that simgrab wrote") from None
         self._input = self._session.get_inputs()[0].name
 
     def read(self, picture: Picture, layout: Layout | None, *, display_constant_m: float = 0.0) -> Reading:

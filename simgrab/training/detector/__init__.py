@@ -1,1 +1,1 @@
-"""The bundled detector: a net that finds the grab in the whole picture, and one that refines where it is."""
+"""The bundled detector: nets that find the grab in the whole picture, refine where it is, and settle that it is it."""

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.datasets import Dataset
-from simgrab.errors import DatasetError, TrainingError
+from simgrab.errors import TrainingError
 from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.records import Truth
+from simgrab.training import pictures
 
 Progress = Callable[[int, int], None]
 _WORKERS = 2  # decoding lets go of Python's lock
@@ -43,15 +42,7 @@ class Frame:
         ------
         DatasetError
         """
-        picture = cv2.imread(str(self.file), cv2.IMREAD_COLOR_RGB)
-        if picture is None:
-            raise DatasetError(f"{self.file} cannot be read as a picture")
-        if picture.shape[:2] != (self.row.height_px, self.row.width_px):
-            raise DatasetError(
-                f"{self.file} is {picture.shape[1]}x{picture.shape[0]}, its labels are of "
-                f"{self.row.width_px}x{self.row.height_px}"
-            )
-        return np.asarray(picture, np.uint8)
+        return pictures.picture(self.file, self.row)
 
 
 def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
@@ -93,8 +84,11 @@ def build(
     """
     if not (folder / "patches.json").exists():
         _make(folder, chosen, shape, make, progress)
-    patches = [[Patch(*p) for p in row] for row in json.loads((folder / "patches.json").read_text())]
-    return np.load(folder / "bytes.npy", mmap_mode="r"), patches
+    try:
+        patches = [[Patch(*p) for p in row] for row in json.loads((folder / "patches.json").read_text())]
+        return np.load(folder / "bytes.npy", mmap_mode="r"), patches
+    except (OSError, ValueError, TypeError) as problem:
+        raise TrainingError(f"{folder} is damaged ({type(problem).__name__}); delete it, and it is made anew") from None
 
 
 def _make(
@@ -104,8 +98,9 @@ def _make(
     make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
     progress: Progress | None,
 ) -> None:
-    draft = folder.with_name(f"{folder.name}.draft-{os.getpid()}")
+    draft = folder.with_name(f"{folder.name}.draft")
     try:
+        shutil.rmtree(draft, ignore_errors=True)  # of a training that was killed
         draft.mkdir(parents=True)
         needed, free = len(chosen) * int(np.prod(shape)), shutil.disk_usage(draft).free
         if needed > free:  # a mapped file would end the process where the disk does

@@ -1,4 +1,4 @@
-"""The two nets; settle is built as refine is. Pictures go in as bytes, (n, height, width, channels): exported nets take them as they are."""
+"""The nets; settle is built as refine is. Pictures go in as bytes, (n, height, width, channels), as they are."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Set
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.training import loop
 from simgrab.training.card import Card
+from simgrab.training.checkpoint import claim
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
@@ -44,23 +45,6 @@ class Result:
 
     folder: Path
     metrics: dict[str, Any]
-
-
-def claim(out: Path, *, resume: bool) -> None:
-    """Make the folder of a training, or refuse one that is in use.
-
-    Raises
-    ------
-    TrainingError
-    """
-    try:
-        if out.exists() and not out.is_dir():
-            raise TrainingError(f"{out} is not a folder; choose another --out")
-        if out.is_dir() and any(out.iterdir()) and not resume:
-            raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
 
 
 def train(
@@ -105,9 +89,8 @@ def train(
         also = name == "settle"
         Card(
             name=name, task=TASKS[name], data=tuple(one.data for one in (*sets, *(more if also else ()))),
-            examples=len(frames.train) + also * len(doubtful.train),
-            recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
-            metrics={"alone": trained.figures} | fitted.metrics,
+            examples=trained.examples, recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs,
+            seconds=trained.seconds, metrics={"alone": trained.figures} | fitted.metrics,
         ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
 
@@ -141,8 +124,9 @@ def fit(
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
     hard = hard or Frames((), (), "")
     digest, train_frames, val_frames = frames.digest, frames.train, frames.val
-    if not any(frame.labelled for frame in train_frames):
-        raise TrainingError("no training frame shows the grab")
+    for name, some in (("training", train_frames), ("validation", val_frames)):
+        if not any(frame.labelled for frame in some):
+            raise TrainingError(f"no {name} frame shows the grab; render more frames")
     step = watch or (lambda _: lambda _done, _total: None)
     follow = report or (lambda _: lambda _report: None)
     folder = out / "cache" / digest[:16]
@@ -168,9 +152,9 @@ def fit(
     export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
 
     learned, judged = ([one] for one in crops)
-    aside = folder.with_name(hard.digest[:16])
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
         if some:
+            aside = folder.with_name(hard.digest[:16])
             pictures = find.pictures(aside / f"small-{name}", some, step(f"shrinking hard {name} pictures"))
             sets.append(cut(aside, f"hard-{name}", some, pictures))
     digest += hard.digest + hashlib.sha256((out / "refine.onnx").read_bytes()).hexdigest()[:16]

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import layouts
+from simgrab import scenes
 from simgrab.datasets import Dataset
-from simgrab.errors import DatasetError, LayoutError
+from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
 from simgrab.layouts import Layout, Rectangle
-from simgrab.records import Truth
 from simgrab.rng import stream
-from simgrab.strict import convert
+from simgrab.scenario import variant
+from simgrab.training.pictures import picture
 
-KEY, JOINT = "display.layout", "+"
 SPARE_PX = 3  # around a cell's margin, for shifts
 ELSEWHERE = 3  # boxes of each picture that lie off the display
 HALVES = 2  # boxes of each picture that lie half off a digit
@@ -73,13 +69,15 @@ def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
     frames: list[int] = []
     weather: list[str] = []
     for dataset in datasets:
-        scenario = _scenario(dataset)
+        scenario = scenes.load(dataset.path / "manifest.json")
         for row in dataset.rows:
             if row.split != split or row.rope_text is None or row.torn_row_px is not None:
                 continue
-            layout = layout_of(scenario, row)
+            layout = variant(scenario, row.frame).scenario.display_layout
+            assert layout is not None  # it shows lengths
             rng = stream(seed, len(weather), "cells")
-            found, shown = _cells(_picture(dataset, row), layout, row.rope_text, rng)
+            grey = picture(dataset.image(row), row, cv2.IMREAD_GRAYSCALE)
+            found, shown = _cells(grey, layout, row.rope_text, rng)
             boxes += found
             digits += shown
             frames += [len(weather)] * len(shown)
@@ -122,28 +120,3 @@ def _elsewhere(layout: Layout, rng: np.random.Generator) -> list[Rectangle]:
         if len(found) == ELSEWHERE:
             break
     return found
-
-
-def layout_of(scenario: Mapping[str, Any], row: Truth) -> Layout:
-    """Layout of a row's display, fitted to its picture, by the manifest's scenario and what varied for the row."""
-    layout: Any = scenario["display"]["layout"]
-    drawn = json.loads(row.varied) if row.varied else {}
-    for key, factor in scenario.get("vary", {}).items():
-        if KEY in key.split(JOINT):
-            names = list(factor.get("names", ()))
-            value = factor["values"][names.index(drawn[key])] if names else drawn[key]
-            layout = value[KEY] if JOINT in key else value
-    whole = layouts.load(layout) if isinstance(layout, str) else convert(layout, Layout, LayoutError)
-    return whole.scaled(row.width_px, row.height_px)
-
-
-def _scenario(dataset: Dataset) -> dict[str, Any]:
-    return dict(msgspec.json.decode((dataset.path / "manifest.json").read_bytes())["scenario"])
-
-
-def _picture(dataset: Dataset, row: Truth) -> Picture:
-    path = dataset.image(row)
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise DatasetError(f"{path} is not a picture")
-    return np.asarray(picture, np.uint8)

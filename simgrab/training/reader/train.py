@@ -18,7 +18,7 @@ from simgrab.instrument.read.crops import INPUT_PX, MARGIN
 from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
 from simgrab.training import loop
 from simgrab.training.card import Card
-from simgrab.training.checkpoint import write_whole
+from simgrab.training.checkpoint import claim, write_whole
 from simgrab.training.device import out_of_memory
 from simgrab.training.graph import traced
 from simgrab.training.reader.cells import gather
@@ -64,9 +64,9 @@ def train_reader(
     DatasetError, TrainingError
     """
     found = data.read_all(paths, "train", "val")
+    claim(out, resume=resume)
     with out_of_memory(recipe):
         task = Digits(gather(found, "train", recipe.seed), gather(found, "val", recipe.seed), recipe.seed)
-    out.mkdir(parents=True, exist_ok=True)
     trained = loop.train(LeNet5, task, recipe, out, data=data.digest(found), resume=resume, report=report)
     probabilities = torch.cat([trained.net(torch.from_numpy(part)) for part in np.array_split(task.crops, 16)])
     least = threshold(probabilities.softmax(1).detach().numpy(), task.digits)
