@@ -11,7 +11,7 @@ import click
 from scripts.training_studies import CROPS, EPOCHS, FINALS, OPTIMISERS, OTHERS, OWN, RATES
 from simgrab.cli import main as run
 from simgrab.errors import DatasetError
-from simgrab.judge.detection import clopper_pearson
+from simgrab.judge.intervals import clopper_pearson
 
 PAGE = Path(__file__).parents[1] / "docs" / "training-studies.md"
 # mAP50-95 in %, from the paper's table: by rate, SGD and Adam, each by the last rate of OneCycle.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from simgrab import geometry
@@ -40,3 +42,8 @@ def yaw(row: Truth) -> float:
 def _intrinsics(row: Truth) -> Intrinsics:
     lens = Distortion(row.k1, row.k2, row.p1, row.p2, row.k3)
     return Intrinsics(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px, lens)
+
+
+def half_turn(angle: float) -> float:
+    """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
+    return (angle + math.pi / 2) % math.pi - math.pi / 2

@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
-from scipy import stats
 
 from simgrab import labels
 from simgrab.datasets import Dataset
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.judge.detections import centre
+from simgrab.judge.intervals import clopper_pearson
 from simgrab.records import Detection, Truth
 
-LEVEL = 0.95
 _NORMAL = 1.96
 ROPE_BINS_M = {
     f"{low:g} m and more" if math.isinf(high) else f"{low:g} to {high:g} m": (low, high)
@@ -174,14 +173,6 @@ def _xywh(box: Array) -> list[float]:
     return [float(box[0]), float(box[1]), float(box[2] - box[0]), float(box[3] - box[1])]
 
 
-def clopper_pearson(count: int, of: int, level: float = LEVEL) -> tuple[float, float] | None:
-    """Exact interval of a share (Clopper & Pearson 1934); None where there is nothing to count."""
-    if not of:
-        return None
-    interval = stats.binomtest(count, of).proportion_ci(level, method="exact")
-    return float(interval.low), float(interval.high)
-
-
 def longest_miss(labelled: Sequence[Case]) -> int:
     """Most labelled frames in a row in which the grab was not found where it is."""
     longest = run = 0
@@ -239,6 +230,5 @@ def coverage(hits: Sequence[Case]) -> dict[str, float | None]:
         if d.centre is not None and d.centre_sd_px is not None and t.grab_u_px is not None:
             inside["centre"] += list(np.abs(d.centre - labels.centre(t)) <= _NORMAL * d.centre_sd_px)
         if d.yaw is not None and d.yaw_sd is not None:
-            off = (d.yaw - labels.yaw(t) + math.pi / 2) % math.pi - math.pi / 2
-            inside["yaw"].append(abs(off) <= _NORMAL * d.yaw_sd)
+            inside["yaw"].append(abs(labels.half_turn(d.yaw - labels.yaw(t))) <= _NORMAL * d.yaw_sd)
     return {name: float(np.mean(some)) if some else None for name, some in inside.items()}

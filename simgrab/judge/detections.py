@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import time
 from collections.abc import Callable, Sequence
@@ -122,7 +123,7 @@ def _filled(values: Any, names: Sequence[str]) -> Any:
 
 
 def save(watched: Watched, path: str | Path) -> None:
-    """Write the rows to ``.parquet``, or else CSV, which `simgrab estimate` reads as it is.
+    """Write the rows to ``.parquet``, or else CSV, which `simgrab estimate` reads as it is; all of them or no file.
 
     Raises
     ------
@@ -130,15 +131,19 @@ def save(watched: Watched, path: str | Path) -> None:
         If it cannot be written.
     """
     path = Path(path)
+    draft = path.with_name(f"{path.name}.draft")
     table = rows(watched)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".parquet":
-            pq.write_table(pa.Table.from_pylist(table), path)
+            pq.write_table(pa.Table.from_pylist(table), draft)
         else:
-            with path.open("w", newline="", encoding="utf-8") as file:
+            with draft.open("w", newline="", encoding="utf-8") as file:
                 writer = csv.DictWriter(file, table[0].keys())
                 writer.writeheader()
                 writer.writerows(table)
+        draft.replace(path)
     except OSError as problem:
+        with contextlib.suppress(OSError):
+            draft.unlink()
         raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-from scipy import stats
 
 from simgrab import datasets, scenes
 from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
+from simgrab.judge.intervals import clopper_pearson
 from simgrab.records import Reading, Truth
 from simgrab.scenario import Scenario, variant
 
-LEVEL = 0.95
 LARGEST_LIST = 20  # of wrong frames in a table; the JSON has all of them
 
 
@@ -69,12 +68,7 @@ class Share:
     @property
     def interval(self) -> tuple[float, float]:
         """Clopper and Pearson's exact interval (1934) at 95 %, for independent trials."""
-        if not self.of:
-            return 0.0, 1.0
-        k, n, tail = self.count, self.of, (1 - LEVEL) / 2
-        low = float(stats.beta.ppf(tail, k, n - k + 1)) if k else 0.0
-        high = float(stats.beta.ppf(1 - tail, k + 1, n - k)) if k < n else 1.0
-        return low, high
+        return clopper_pearson(self.count, self.of) or (0.0, 1.0)
 
 
 @dataclass(frozen=True)

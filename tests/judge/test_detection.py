@@ -11,6 +11,7 @@ from simgrab import datasets, labels
 from simgrab.cli import cli
 from simgrab.errors import DatasetError
 from simgrab.judge import detection, detections
+from simgrab.judge.intervals import clopper_pearson
 from simgrab.records import Detection
 
 NONE = Detection("none", "nothing found", 0.1)
@@ -124,9 +125,9 @@ def test_runs_of_misses(known):
 
 
 def test_intervals_are_exact():
-    assert detection.clopper_pearson(0, 500) == pytest.approx((0, 0.00735), abs=1e-5)
-    assert detection.clopper_pearson(998, 1000) == pytest.approx((0.99279, 0.99976), abs=1e-5)
-    assert detection.clopper_pearson(0, 0) is None
+    assert clopper_pearson(0, 500) == pytest.approx((0, 0.00735), abs=1e-5)
+    assert clopper_pearson(998, 1000) == pytest.approx((0.99279, 0.99976), abs=1e-5)
+    assert clopper_pearson(0, 0) is None
 
 
 def test_yaw_is_the_direction_of_the_grabs_x_axis(crooked_dataset):

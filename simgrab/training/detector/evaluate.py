@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -105,13 +104,8 @@ def errors_over_sd(seen: Sequence[Seen]) -> dict[str, Array]:
         ratios["box"].append((found.box - labels.box(row)) / found.box_sd_px)  # type: ignore[operator]
         ratios["centre"].append((found.centre - labels.centre(row)) / found.centre_sd_px)
         if found.yaw is not None and found.yaw_sd is not None:
-            ratios["yaw"].append(np.array([half_turn(found.yaw - labels.yaw(row)) / found.yaw_sd]))
+            ratios["yaw"].append(np.array([labels.half_turn(found.yaw - labels.yaw(row)) / found.yaw_sd]))
     return {name: np.abs(np.concatenate(some)) if some else np.zeros(0) for name, some in ratios.items()}
-
-
-def half_turn(angle: float) -> float:
-    """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
-    return (angle + math.pi / 2) % math.pi - math.pi / 2
 
 
 def _factor(ratios: Array) -> float:

@@ -100,7 +100,7 @@ def _apart(patch: Patch, truth: Array) -> bool:
 
 
 def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.random.Generator) -> Patch:
-    """Draw a patch, of the size that a grab's would have, that does not show the grab."""
+    """Draw a patch, of the size that a grab's would have, that is not about the grab, though it may show some of it."""
     h, w = picture.shape[:2]
     for _ in range(50):
         half = float(rng.choice(longest)) / 2
