@@ -46,12 +46,12 @@ class Source:
 SNOW = ("light snow", "heavy snow", "snow on the ground", "night, light snow")
 # Most frames show the grab; the second set teaches what none looks like, the third a grab that snow lies on.
 DETECTOR = (
-    Source("training", "training", {}, 2880, 480, 0),
-    Source("empty", "training", {"swing.absent": 0.9}, 480, 120, 1),
-    Source("snow", "training", {}, 720, 120, 2, SNOW),
+    Source("training", "training", {}, 2880, 1440, 0),
+    Source("empty", "training", {"swing.absent": 0.9}, 480, 240, 1),
+    Source("snow", "training", {}, 720, 240, 2, SNOW),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
-HARD = Source("hard", "training", {"swing.absent": 0.9}, 1200, 120, 3)
+HARD = Source("hard", "training", {"swing.absent": 0.9}, 1200, 240, 3)
 
 READER = Source("digits", "digits", {}, 2400, 960, 0)
 

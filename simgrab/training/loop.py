@@ -23,13 +23,13 @@ from torch import Tensor, nn
 from simgrab.errors import TrainingError
 from simgrab.rng import stream
 from simgrab.training import checkpoint
+from simgrab.training.copies import Batch, Copies
 from simgrab.training.device import named, out_of_memory, to_device
 from simgrab.training.recipe import MOMENTUM, Recipe
 
 CHECKPOINT = "checkpoint.pt"
 SCORE = "score"
 
-Batch = dict[str, Tensor]
 _AHEAD = 2  # batches made while one is learned from
 
 
@@ -147,6 +147,7 @@ class _Run:
         self.device = named(recipe.device)
         self.net = build().to(self.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.net).eval().requires_grad_(False)
+        self.copies = Copies(self.net, recipe.threads if self.device.type == "cpu" else 1)
         self.optimiser = _optimiser(self.net, recipe)
         self.steps = max(task.examples // recipe.batch, 1)  # an epoch; what is left over waits for another order
         self.history: list[dict[str, float]] = []
@@ -199,18 +200,18 @@ class _Run:
         recipe = self.recipe
         for group in self.optimiser.param_groups:
             group["lr"] = recipe.rate_at(number / (self.steps * recipe.epochs))
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=recipe.half):
-            loss = self.task.loss(self.net, batch)
-        value = float(loss.detach())
+        value = self.copies.gradients(self._loss, batch)
         if not np.isfinite(value):
             raise TrainingError(f"the loss of step {number} is {value}: lower the learning rate ({recipe.rate})")
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.net.parameters(), recipe.clip)
         self.optimiser.step()
         # Early averages forget faster, so that the first weights do not linger.
         blend(self.average, self.net, 1 - min(recipe.average, (1 + number) / (10 + number)))
         return value
+
+    def _loss(self, net: nn.Module, batch: Batch) -> Tensor:
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.recipe.half):
+            return self.task.loss(net, batch)
 
     def save(self) -> None:
         checkpoint.save(

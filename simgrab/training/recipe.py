@@ -41,8 +41,8 @@ class Recipe:
     patience : int
         Stop after so many epochs without a better validation score; 0 never stops early.
     threads : int
-        Of torch; another number may round otherwise. On cores that others use as well, two threads spend most of the
-        time waiting for each other: one took a ninth of the time there.
+        Of torch, each of which learns from its part of a batch (`simgrab.training.copies`): another number gives other
+        weights. On cores that others use as well, choose fewer.
     device : str
         ``"cpu"``, ``"cuda"``, …
     half : bool

@@ -16,10 +16,11 @@ from simgrab import labels
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, Patch, Picture, cut, whole
+from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import STRIDE
-from simgrab.training.loop import SCORE, Batch
+from simgrab.training.loop import SCORE
 
 _SIZE = np.array([FIND_WIDTH, FIND_HEIGHT], float)
 _LEFT = 0.4  # share of a box that a shift must leave in the picture

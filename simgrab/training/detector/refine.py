@@ -17,6 +17,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
 from simgrab.rng import stream
+from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import (
@@ -31,7 +32,7 @@ from simgrab.training.detector.nets import (
     YAW_SCALE,
     Refine,
 )  # fmt: skip
-from simgrab.training.loop import SCORE, Batch
+from simgrab.training.loop import SCORE
 
 CROP = 320  # px of a cached crop
 ROOM = 2.2  # its side over the box's longer one

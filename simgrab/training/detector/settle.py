@@ -21,10 +21,11 @@ from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import Settings, read
 from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, Patch, Picture, around, mask, turned
 from simgrab.rng import stream
+from simgrab.training.copies import Batch
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import CENTRE, PRESENCE, YAW
 from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, lost, stack
-from simgrab.training.loop import SCORE, Batch
+from simgrab.training.loop import SCORE
 
 # How far refine may be off: centre in shares of the box's longer side, yaw in rad, side as a logarithm; mostly little,
 # at times much.

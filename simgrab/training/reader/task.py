@@ -12,7 +12,8 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import INPUT_PX, Crops
 from simgrab.instrument.read.reader import HIGHEST_THRESHOLD, NO_DIGIT
 from simgrab.rng import stream
-from simgrab.training.loop import SCORE, Batch
+from simgrab.training.copies import Batch
+from simgrab.training.loop import SCORE
 from simgrab.training.reader.augment import altered, plain, torn
 from simgrab.training.reader.cells import Cells
 
