@@ -1,4 +1,5 @@
 import dataclasses
+import hashlib
 from types import SimpleNamespace
 
 import cv2
@@ -105,7 +106,8 @@ def frame_of(row, box, path, width=640, height=360):
     cv2.imwrite(str(path), rectangle(box, width, height))
     edges = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), map(int, box), strict=True))
     centre = {"grab_u_px": float(box[0] + 20), "grab_v_px": float(box[1] + 10)}
-    row = msgspec.structs.replace(row, width_px=width, height_px=height, **edges, **centre)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    row = msgspec.structs.replace(row, width_px=width, height_px=height, image_sha256=digest, **edges, **centre)
     return cache.Frame(row, path, True, "")
 
 
@@ -392,5 +394,5 @@ def test_the_recipe_shows_as_many_examples_whatever_the_frames():
     assert few.find.epochs * 500 == pytest.approx(many.find.epochs * 5000, rel=0.1)
     quick = settings.recipes(3000, quick=True, half=False)
     assert quick.find.epochs * 2 < settings.recipes(3000, half=False).find.epochs
-    assert quick.refine.epochs * 3.5 < settings.recipes(3000, half=False).refine.epochs
+    assert quick.refine.epochs * 2 < settings.recipes(3000, half=False).refine.epochs
     assert settings.recipes(8, epochs=3, half=False).refine.epochs == 3

@@ -13,7 +13,7 @@ from click.testing import CliRunner  # noqa: E402
 
 from simgrab import datasets, layouts, scenes  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
-from simgrab.errors import DatasetError  # noqa: E402
+from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.read import Reader  # noqa: E402
 from simgrab.instrument.read.crops import around, crops, cut  # noqa: E402
 from simgrab.instrument.read.reader import NO_DIGIT  # noqa: E402
@@ -37,7 +37,7 @@ def dataset(tmp_path_factory):
     change = {
         "camera.width_px": 480, "camera.height_px": 270, "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
         "place": {"model": "plain"}, "image.samples": 0, "image.shadow_map_px": 0, "frames": 24,
-        "display.constant_m": 7.6, "swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 17.0},
+        "swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 17.0},
         "clip.clip_frames": 12, "seed": 5,
         "vary": {"display": {"dist": "one-of", "names": ["a", "b"],
                              "values": [{"layout": layout, "constant_m": 7.6} for layout in values]}},
@@ -174,5 +174,7 @@ def test_one_clear_message(dataset, tmp_path):
     with pytest.raises(DatasetError, match="changed or damaged"):
         train_reader([broken], tmp_path / "out", FAST)
     with pytest.raises(DatasetError, match="not a dataset"):
-        train_reader([tmp_path], tmp_path / "out", FAST)
-    assert not (tmp_path / "out").exists()
+        train_reader([tmp_path], tmp_path / "none", FAST)
+    assert not (tmp_path / "none").exists()
+    with pytest.raises(TrainingError, match="not empty; go on with --resume"):
+        train_reader([dataset], broken, FAST)
