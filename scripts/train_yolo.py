@@ -12,7 +12,6 @@ files lie where simgrab's ``opencv-python-headless`` has its own. ``simgrab dete
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 
 import torch
@@ -29,6 +28,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--px", type=int, default=416, help="side of its pictures")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--resume", action="store_true", help="go on with an interrupted training")
     parser.add_argument("--ram", action="store_true", help="keep shrunken pictures in memory, 0.3 MB each at 416 px")
     options = parser.parse_args()
     runs = options.out.parent / f"{options.out.stem}-training"
@@ -41,17 +41,21 @@ def main() -> None:
     lists = f"train: {(runs / 'train.txt').resolve()}\nval: {(runs / 'val.txt').resolve()}\n"
     (runs / "data.yaml").write_text(f"{lists}nc: 1\nnames: [grab]\n")
 
-    net = LibreYOLOX(size=options.size, nb_classes=1)  # no model path: begins from chance, and needs no network
+    weights = (runs / "yolox" / "weights").resolve()
+    resumed = options.resume and (weights / "last.pt").exists()
+    # No model path: begins from chance, and needs no network.
+    net = LibreYOLOX(str(weights / "last.pt") if resumed else None, size=options.size, nb_classes=1)
     net.model.to(memory_format=torch.channels_last)  # takes two thirds of the time on CPUs
     # Mosaics and turned pictures teach boxes that are not tight.
     results = net.train(
         data=str(runs / "data.yaml"), epochs=options.epochs, batch=options.batch, imgsz=options.px,
-        seed=options.seed, project=str(runs), name="yolox", exist_ok=True, pretrained=False, workers=2, patience=0,
+        seed=options.seed, project=str(runs), name="yolox", exist_ok=True, workers=2, patience=0,
         cache=options.ram, mosaic_prob=0.0, mixup_prob=0.0, degrees=0.0,
+        **({"resume": True} if resumed else {"pretrained": False}),
     )  # fmt: skip
-    trained = LibreYOLOX(str(runs / "yolox" / "weights" / "best.pt"), size=options.size, nb_classes=1)
+    trained = LibreYOLOX(str(weights / "best.pt"), size=options.size, nb_classes=1)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(trained.export("onnx", imgsz=options.px, simplify=False), options.out)
+    trained.export("onnx", output_path=str(options.out), imgsz=options.px, simplify=False)
     print(f"{options.out}: best mAP50-95 on validation frames {results.get('best_mAP50_95')}")
 
 
