@@ -45,7 +45,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     help="Dataset, mostly of no grab, to learn what none is from once the grab is found; as often as wanted.",
 )
 @click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
-@click.option("--quick", is_flag=True, help="A quarter of the time.")
+@click.option("--quick", is_flag=True, help="About a fifth of the time.")
 @click.option("--epochs", type=int, help="Passes over the frames, of each net.  [default: as time allows]")
 @click.option("--batch", type=int, help="Examples a step.  [default: 16 of the first net, 32 of the others]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
