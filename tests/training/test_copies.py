@@ -1,5 +1,8 @@
 """A batch learned from in parts gives the gradients of the whole, whatever the threads are doing."""
 
+import subprocess
+import sys
+
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -56,6 +59,20 @@ def test_the_same_threads_give_the_same_bytes():
     first, second = learned(), learned()
     assert all(torch.equal(first[name], second[name]) for name in first)
     assert first["1.running_mean"].abs().sum() > 0
+
+
+def test_this_thread_keeps_its_threads():
+    """In a process of its own: torch settles a thread's number once, at its first work."""
+    code = """
+import torch
+from simgrab.training.copies import Copies
+torch.set_num_threads(2)
+copies = Copies(torch.nn.Linear(4, 1), 2)
+copies.gradients(lambda net, part: net(part["x"]).mean(), {"x": torch.ones(16, 4)})
+print(torch.get_num_threads())
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert told.stdout.split() == ["2"]
 
 
 def test_what_goes_wrong_in_a_part_is_told():
