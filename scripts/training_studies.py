@@ -47,6 +47,7 @@ COUNTS = (50, 100, 200, 400, 800, 1600, 3200, 10_000)
 EPOCHS = 30  # of the table's trainings
 LEARNED = 0.8  # share of the paper's splits
 CROPS = 320
+SPLITS = ("train", "val", "test")
 
 Indices = NDArray[np.int64]
 Piece = tuple[str, Callable[[], Any]]
@@ -80,7 +81,7 @@ class Settings:
     workers: int
     threads: int
     seed: int
-    wide: tuple[Path, ...]
+    wide: tuple[datasets.Dataset, ...]
 
     def recipe(self, **changes: Any) -> Recipe:
         """Return a recipe for this machine."""
@@ -99,7 +100,7 @@ def rendered(record: Record, s: Settings) -> datasets.Dataset:
 
 def all_frames(dataset: datasets.Dataset) -> list[cache.Frame]:
     """All frames of a dataset, whatever its own split, in order."""
-    frames = [frame for split in ("train", "val", "test") for frame in cache.frames([dataset], split)]
+    frames = [frame for split in SPLITS for frame in cache.frames([dataset], split)]
     return sorted(frames, key=lambda frame: frame.row.frame)
 
 
@@ -202,11 +203,10 @@ def frames(s: Settings) -> Iterator[Piece]:
     """Learn the whole detector from so many frames of many worlds, always for as long."""
     if not s.wide:
         raise click.UsageError("frames: name datasets of scenes/training.toml with --wide")
-    sets = datasets.read_all(s.wide, "train", "val", "test")
-    learn, val, test = (cache.frames(sets, split) for split in ("train", "val", "test"))
+    learn, val, test = (cache.frames(s.wide, split) for split in SPLITS)
 
     def one(count: int) -> dict[str, Any]:
-        part = Frames(learn[:count], val, f"{datasets.digest(sets)} {count}")
+        part = Frames(learn[:count], val, f"{datasets.digest(s.wide)} {count}")
         return _scores(_detector(s, s.work / "frames" / str(count), part), test)
 
     for count in COUNTS:
@@ -244,8 +244,9 @@ STUDIES: dict[str, Callable[[Settings], Iterator[Piece]]] = {
 def main(studies: tuple[str, ...], work: Path, wide: tuple[Path, ...], workers: int, threads: int, seed: int) -> None:
     """Repeat the paper's trainings, and what it could not see."""
     work.mkdir(parents=True, exist_ok=True)
-    kept, settings = work / "results.json", Settings(work, workers, threads, seed, wide)
-    of = {"seed": seed, "wide": datasets.digest(datasets.read_all(wide)) if wide else ""}
+    sets = datasets.read_all(wide, *SPLITS) if wide else ()
+    kept, settings = work / "results.json", Settings(work, workers, threads, seed, sets)
+    of = {"seed": seed, "wide": datasets.digest(sets) if sets else ""}
     results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"of": of, "studies": {}}
     if results["of"]["seed"] != seed or (wide and results["of"]["wide"] not in ("", of["wide"])):
         raise TrainingError(f"{kept} is of another --seed or --wide; choose another --work")

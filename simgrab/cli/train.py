@@ -89,7 +89,7 @@ def detector(
 @click.option("--batch", default=128, show_default=True, help="Digits a step.")
 @click.option("--patience", default=8, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
 @click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
-@click.option("--threads", default=1, show_default=True, help="Of torch; another number may round otherwise.")
+@click.option("--threads", default=1, show_default=True, help="Of torch; another number gives other weights.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted training.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")

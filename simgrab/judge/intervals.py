@@ -7,9 +7,9 @@ from scipy import stats
 LEVEL = 0.95
 
 
-def clopper_pearson(count: int, of: int, level: float = LEVEL) -> tuple[float, float] | None:
-    """Exact interval of a share (Clopper & Pearson 1934), for independent trials; None where nothing is counted."""
+def clopper_pearson(count: int, of: int) -> tuple[float, float] | None:
+    """Exact 95 % interval of a share (Clopper & Pearson 1934), of independent trials; None of nothing."""
     if not of:
         return None
-    interval = stats.binomtest(count, of).proportion_ci(level, method="exact")
+    interval = stats.binomtest(count, of).proportion_ci(LEVEL, method="exact")
     return float(interval.low), float(interval.high)

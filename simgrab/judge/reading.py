@@ -15,7 +15,7 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
 from simgrab.judge.intervals import clopper_pearson
 from simgrab.records import Reading, Truth
-from simgrab.scenario import Scenario, variant
+from simgrab.scenario import Scenario, variants
 
 LARGEST_LIST = 20  # of wrong frames in a table; the JSON has all of them
 
@@ -149,14 +149,14 @@ def read_dataset(path: str | Path, reader: Reader, *, split: str | None = None) 
     shown = [row for row in dataset.rows if row.rope_text is not None and split in (None, row.split)]
     if not shown:
         raise DatasetError(f"{path}: no frame shows rope lengths; render with a display.layout")
-    return tuple(_read(dataset, scenario, row, reader) for row in shown)
+    own = {frame: one.scenario for one, span in variants(scenario) for frame in span}
+    return tuple(_read(dataset, own[row.frame], row, reader) for row in shown)
 
 
-def _read(dataset: Dataset, scenario: Scenario, row: Truth, reader: Reader) -> Read:
+def _read(dataset: Dataset, own: Scenario, row: Truth, reader: Reader) -> Read:
     picture = cv2.imread(str(dataset.image(row)), cv2.IMREAD_COLOR)
     if picture is None:
         raise DatasetError(f"{dataset.image(row)} is not a picture")
-    own = variant(scenario, row.frame).scenario
     assert own.display_layout is not None
     assert row.rope_text is not None
     reading = reader.read(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), own.display_layout,

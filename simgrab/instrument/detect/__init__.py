@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, WEIGHTS, Bundled
+from simgrab.instrument.detect.bundled import BUNDLED, FIND, REFINE, SETTLE, WEIGHTS, Bundled
 from simgrab.instrument.detect.contract import Detector
 from simgrab.instrument.detect.session import open_net
 from simgrab.instrument.detect.yolo import Yolo
-
-BUNDLED = "bundled"
 
 
 def detector(name: str | Path = BUNDLED) -> Detector:

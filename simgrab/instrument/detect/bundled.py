@@ -38,9 +38,10 @@ from simgrab.instrument.detect.session import Net, open_net
 from simgrab.records import Detection
 from simgrab.resources import ASSETS
 
-WEIGHTS = ASSETS / "weights"  # those that are bundled
+BUNDLED, WEIGHTS = "bundled", ASSETS / "weights"
 # Tasks that the files' metadata names.
 FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
+_CROP = (REFINE_SIZE, REFINE_SIZE, 4)
 _STRIDE = 8
 _MOST = 3  # candidates that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
@@ -119,6 +120,11 @@ class Bundled:
     settings : Settings, optional
         In place of those in the file.
 
+    Attributes
+    ----------
+    name : str
+        What it is called in reports: ``"bundled"``, or the folder's name.
+
     Raises
     ------
     DetectorError
@@ -128,21 +134,15 @@ class Bundled:
     def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
         folder = Path(folder)
         self._find = _opened(folder / "find.onnx", FIND, (FIND_HEIGHT, FIND_WIDTH, 3), 2)
-        crop = (REFINE_SIZE, REFINE_SIZE, 4)
-        self._refine, self._settle = (_opened(folder / f"{name}.onnx", task, crop, 1)
-                                      for name, task in (("refine", REFINE), ("settle", SETTLE)))  # fmt: skip
+        self._refine = _opened(folder / "refine.onnx", REFINE, _CROP, 1)
+        self._settle = _opened(folder / "settle.onnx", SETTLE, _CROP, 1)
         facts = self._refine.facts
         try:
             self.settings = settings or Settings(**facts.get("settings", {}))
             self.trust = Trust(**facts.get("trust", {}))
         except TypeError:
             raise DetectorError(f"{self._refine.path}: its settings are of another version of simgrab") from None
-        self._name = "bundled" if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
-
-    @property
-    def name(self) -> str:
-        """What it is called in reports: ``"bundled"``, or the folder's name."""
-        return self._name
+        self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
         """Look at a picture."""

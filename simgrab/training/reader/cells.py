@@ -16,7 +16,7 @@ from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
 from simgrab.layouts import Layout, Rectangle
 from simgrab.rng import stream
-from simgrab.scenario import variant
+from simgrab.scenario import variants
 from simgrab.training.pictures import picture
 
 SPARE_PX = 3  # around a cell's margin, for shifts
@@ -69,11 +69,12 @@ def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
     frames: list[int] = []
     weather: list[str] = []
     for dataset in datasets:
-        scenario = scenes.load(dataset.path / "manifest.json")
+        drawn = variants(scenes.load(dataset.path / "manifest.json"))
+        layouts = {frame: one.scenario.display_layout for one, span in drawn for frame in span}
         for row in dataset.rows:
             if row.split != split or row.rope_text is None or row.torn_row_px is not None:
                 continue
-            layout = variant(scenario, row.frame).scenario.display_layout
+            layout = layouts[row.frame]
             assert layout is not None  # it shows lengths
             rng = stream(seed, len(weather), "cells")
             grey = picture(dataset.image(row), row, cv2.IMREAD_GRAYSCALE)
