@@ -127,7 +127,9 @@ def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
     visual.quality.offsamples = scenario.image.samples
     visual.quality.shadowsize = scenario.image.shadow_map_px
     visual.headlight.active = 0
-    _add_lights(spec, scenario.light, centre, shadows=scenario.image.shadow_map_px > 0)
+    # A shadow map takes half of a picture's time, even of a sun that is not there.
+    shadows = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
+    _add_lights(spec, scenario.light, centre, shadows=shadows)
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bool) -> None:

@@ -6,6 +6,7 @@ import types
 import mujoco
 import numpy as np
 import pytest
+from conftest import small_scene
 
 from simgrab import geometry
 from simgrab.world.frames import Studio
@@ -143,3 +144,15 @@ def test_no_opengl_says_what_to_install(monkeypatch, scene):
     monkeypatch.setattr(f"mujoco.{os.environ['MUJOCO_GL']}.GLContext", broken)
     with pytest.raises(RendererError, match="apt-get install"):
         Renderer(types.SimpleNamespace(model=mujoco.MjSpec().compile()), scene)
+
+
+def test_a_sun_that_does_not_shine_casts_no_shadows_and_none_are_missed():
+    with Studio(small_scene(light={"sun": 0.0, "sky": 0.5})) as studio:
+        studio.aim(0)
+        lights = studio.world.model.light_castshadow
+        assert not lights.any()
+        without = studio.renderer.rgb()
+        lights[studio.world.model.light("sun").id] = True
+        np.testing.assert_array_equal(studio.renderer.rgb(), without)
+    with Studio(small_scene(light={"sun": 0.5})) as studio:
+        assert studio.world.model.light_castshadow.any()
