@@ -30,11 +30,11 @@ from simgrab.judge import detection
 from simgrab.records import Detection
 from simgrab.rng import stream
 from simgrab.training import loop
-from simgrab.training.checkpoint import write_whole
 from simgrab.training.detector import cache, evaluate, find
 from simgrab.training.detector.nets import Find
 from simgrab.training.detector.settings import has_half_units, recipes
 from simgrab.training.detector.train import Frames, fit
+from simgrab.training.folder import write
 from simgrab.training.progress import board
 from simgrab.training.reader.cells import Cells, gather
 from simgrab.training.reader.lenet import LeNet5
@@ -256,7 +256,7 @@ def main(studies: tuple[str, ...], work: Path, wide: tuple[Path, ...], workers: 
         for name, piece in STUDIES[study](settings):
             if name not in done:
                 done[name] = piece()
-                write_whole(kept, json.dumps(results, indent=1).encode())
+                write(kept, json.dumps(results, indent=1).encode())
             click.echo(f"{study}, {name}: {done[name]}")
 
 

@@ -17,6 +17,7 @@ GROUND = {
     "strict",
     "rng",
     "errors",
+    "files",
     "resources",
     "datasets",
     "labels",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import time
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ import pyarrow.parquet as pq
 
 from simgrab import datasets
 from simgrab.errors import DatasetError
+from simgrab.files import drafted
 from simgrab.instrument.detect import Detector
 from simgrab.records import Detection
 
@@ -131,19 +131,15 @@ def save(watched: Watched, path: str | Path) -> None:
         If it cannot be written.
     """
     path = Path(path)
-    draft = path.with_name(f"{path.name}.draft")
     table = rows(watched)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".parquet":
-            pq.write_table(pa.Table.from_pylist(table), draft)
-        else:
-            with draft.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, table[0].keys())
-                writer.writeheader()
-                writer.writerows(table)
-        draft.replace(path)
+        with drafted(path) as draft:
+            if path.suffix == ".parquet":
+                pq.write_table(pa.Table.from_pylist(table), draft)
+            else:
+                with draft.open("w", newline="", encoding="utf-8") as file:
+                    writer = csv.DictWriter(file, table[0].keys())
+                    writer.writeheader()
+                    writer.writerows(table)
     except OSError as problem:
-        with contextlib.suppress(OSError):
-            draft.unlink()
         raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from simgrab import scenes
 from simgrab.errors import DatasetError
+from simgrab.files import drafted
 from simgrab.layouts import Layout, Rectangle
 from simgrab.rng import stream
 from simgrab.scenario import Scenario
@@ -76,9 +77,8 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
         folder.mkdir(parents=True, exist_ok=True)
         with frames.Studio(scenario) as studio:
             for path, frame in missing.items():
-                draft = path.with_suffix(".draft")
-                draft.write_bytes(frames.encode(studio.draw(frame).rgb[..., ::-1], "png"))
-                draft.replace(path)
+                with drafted(path) as draft:
+                    draft.write_bytes(frames.encode(studio.draw(frame).rgb[..., ::-1], "png"))
     return [_read(path) for path in taken]
 
 

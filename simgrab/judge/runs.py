@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import pyarrow.parquet as pq
 from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
 from simgrab.errors import RunError
+from simgrab.files import drafted, drafted_folder
 from simgrab.geometry import Array
 from simgrab.instrument.alarm import Event
 from simgrab.instrument.contract import Measurement
@@ -182,16 +182,11 @@ def making(out: Path) -> Iterator[Path]:
     """
     if out.exists():
         raise RunError(f"{out} exists; choose another --out, or remove it")
-    draft = out.with_name(f".{out.name}.partial")
     try:
-        shutil.rmtree(draft, ignore_errors=True)
-        draft.mkdir(parents=True)
-        yield draft
-        draft.rename(out)
+        with drafted_folder(out) as draft:
+            yield draft
     except OSError as problem:
         raise RunError(f"cannot write {out}: {problem.strerror or problem}") from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
 
 
 def write(path: Path, text: str) -> None:
@@ -201,11 +196,9 @@ def write(path: Path, text: str) -> None:
     ------
     RunError
     """
-    draft = path.with_name(f".{path.name}.partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
+        with drafted(path) as draft:
+            draft.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise RunError(f"cannot write {path}: {problem.strerror or problem}") from None
 

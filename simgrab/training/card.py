@@ -14,7 +14,7 @@ from typing import Any
 
 from simgrab import __version__
 from simgrab.datasets import Data
-from simgrab.training.checkpoint import write_whole
+from simgrab.training.folder import write
 
 LICENCE = "Apache-2.0"
 PACKAGES = ("torch", "onnx", "onnxruntime", "numpy", "opencv-python-headless")
@@ -66,8 +66,8 @@ class Card:
         """Write the card beside a model: ``find.onnx`` gets ``find.json`` and ``find.md``. Returns the JSON's path."""
         content = self.to_dict(model.read_bytes())
         path = model.with_suffix(".json")
-        write_whole(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
-        write_whole(model.with_suffix(".md"), markdown(content).encode())
+        write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
+        write(model.with_suffix(".md"), markdown(content).encode())
         return path
 
 

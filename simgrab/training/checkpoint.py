@@ -2,59 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
-import os
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from simgrab.errors import TrainingError
+from simgrab.training.folder import write
 
 
 def save(path: Path, state: dict[str, Any]) -> None:
     """Write a checkpoint, replacing the one before only once the new one lies whole on the disk."""
     buffer = io.BytesIO()
     torch.save(state, buffer)
-    write_whole(path, buffer.getvalue())
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, whenever the process or the machine stops."""
-    draft = path.with_name(f"{path.name}.draft")
-    try:
-        with draft.open("wb") as handle:
-            handle.write(data)
-            handle.flush()
-            os.fsync(handle.fileno())
-        draft.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as problem:
-        with contextlib.suppress(OSError):
-            draft.unlink()
-        raise TrainingError(f"cannot write {path}: {problem.strerror or problem}") from None
-
-
-def claim(out: Path, *, resume: bool) -> None:
-    """Make the folder of a training, or refuse one that is in use.
-
-    Raises
-    ------
-    TrainingError
-    """
-    try:
-        if out.exists() and not out.is_dir():
-            raise TrainingError(f"{out} is not a folder; choose another --out")
-        if out.is_dir() and any(out.iterdir()) and not resume:
-            raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+    write(path, buffer.getvalue())
 
 
 def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:

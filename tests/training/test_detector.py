@@ -15,9 +15,9 @@ from simgrab import datasets  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
-from simgrab.training.checkpoint import claim  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Frames, fit, train  # noqa: E402
+from simgrab.training.folder import claim  # noqa: E402
 from simgrab.training.loop import Report  # noqa: E402
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import SuiteError
+from simgrab.files import drafted
 from simgrab.judge.check.trial import Metrics
 from simgrab.judge.check.verdicts import Verdict
 
@@ -147,13 +146,5 @@ def _earlier(result: Path) -> list[str]:
 
 def write(path: Path, data: bytes) -> None:
     """Write a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        Path(draft).chmod(0o644)  # a draft is for its owner alone
-        Path(draft).replace(path)
-    except BaseException:
-        Path(draft).unlink(missing_ok=True)
-        raise
+    with drafted(path) as draft:
+        draft.write_bytes(data)

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from simgrab import __version__
 from simgrab.errors import StressError
+from simgrab.files import drafted
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
@@ -134,20 +135,17 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
     (path / PARTIAL).mkdir(parents=True, exist_ok=True)
     for draft in (path / PARTIAL).glob("*.draft"):
         draft.unlink()
-    draft = identity.with_suffix(".draft")
-    draft.write_text(json.dumps(_identity(study), indent=1, ensure_ascii=False), encoding="utf-8")
-    draft.replace(identity)
+    with drafted(identity) as draft:
+        draft.write_text(json.dumps(_identity(study), indent=1, ensure_ascii=False), encoding="utf-8")
     return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]
 
 
 def _finish(out: Path, study: Study) -> None:
     """Join the parts of a study, one at a time, and drop them."""
     path = out / study.name
-    draft = path / f"{TRIALS}.draft"
-    with pq.ParquetWriter(draft, schema(study)) as writer:
+    with drafted(path / TRIALS) as draft, pq.ParquetWriter(draft, schema(study)) as writer:
         for part in parts(study):
             writer.write_table(pq.read_table(path / PARTIAL / part.file))
-    draft.replace(path / TRIALS)
     pyarrow.csv.write_csv(_summed(study, path).table(), path / SUMMARY)
     shutil.rmtree(path / PARTIAL)
 

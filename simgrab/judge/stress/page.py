@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simgrab.files import drafted
 from simgrab.judge.html import page, svg, table
 from simgrab.judge.stress import convergence_figures, figures
 from simgrab.judge.stress.score import MARGIN_DEG
@@ -29,9 +30,8 @@ Share = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 def write(findings: Sequence[Finding], path: Path, share: Share) -> None:
     """Write the page, which needs no other file; ``share`` spreads the drawing over processes."""
     sections = dict(share(_section, findings))
-    draft = path.with_suffix(".draft")
-    draft.write_text(_page(findings, sections), encoding="utf-8")
-    draft.replace(path)
+    with drafted(path) as draft:
+        draft.write_text(_page(findings, sections), encoding="utf-8")
 
 
 def _page(findings: Sequence[Finding], sections: dict[str, str]) -> str:

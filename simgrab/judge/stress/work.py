@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from simgrab.errors import StressError
+from simgrab.files import drafted
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import Study
@@ -108,10 +109,8 @@ def _table(
 
 def store(study: Study, folder: Path, part: Part) -> int:
     """Make a part and write it into a folder, whole or not at all; gives the number of its replications."""
-    path = folder / part.file
-    draft = path.with_suffix(f".{os.getpid()}.draft")
-    pq.write_table(make(study, part), draft)
-    draft.replace(path)
+    with drafted(folder / part.file) as draft:
+        pq.write_table(make(study, part), draft)
     return part.last - part.first
 
 

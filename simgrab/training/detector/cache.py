@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from simgrab.datasets import Dataset
 from simgrab.errors import TrainingError
+from simgrab.files import drafted_folder
 from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.records import Truth
 from simgrab.training import pictures
@@ -98,33 +99,28 @@ def _make(
     make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
     progress: Progress | None,
 ) -> None:
-    draft = folder.with_name(f"{folder.name}.draft")
     try:
-        shutil.rmtree(draft, ignore_errors=True)  # of a training that was killed
-        draft.mkdir(parents=True)
-        needed, free = len(chosen) * int(np.prod(shape)), shutil.disk_usage(draft).free
-        if needed > free:  # a mapped file would end the process where the disk does
-            raise TrainingError(f"{folder} needs {needed / 1e9:.1f} GB, and only {free / 1e9:.1f} GB are free")
-        target = np.lib.format.open_memmap(draft / "bytes.npy", "w+", np.uint8, (len(chosen), *shape))
-
-        def one(i: int) -> list[tuple[int, int, int, int]]:
-            target[i], patches = make(i, chosen[i].picture())
-            return [(p.x0, p.y0, p.x1, p.y1) for p in patches]
-
-        rows = []
-        pool = ThreadPoolExecutor(_WORKERS)
-        try:
-            for row in pool.map(one, range(len(chosen))):
-                rows.append(row)
-                if progress:
-                    progress(len(rows), len(chosen))
-        finally:
-            pool.shutdown(cancel_futures=True)  # at an error, leave what waits
-        target.flush()
-        (draft / "patches.json").write_text(json.dumps(rows))
         shutil.rmtree(folder, ignore_errors=True)
-        draft.rename(folder)
+        with drafted_folder(folder) as draft:
+            needed, free = len(chosen) * int(np.prod(shape)), shutil.disk_usage(draft).free
+            if needed > free:  # a mapped file would end the process where the disk does
+                raise TrainingError(f"{folder} needs {needed / 1e9:.1f} GB, and only {free / 1e9:.1f} GB are free")
+            target = np.lib.format.open_memmap(draft / "bytes.npy", "w+", np.uint8, (len(chosen), *shape))
+
+            def one(i: int) -> list[tuple[int, int, int, int]]:
+                target[i], patches = make(i, chosen[i].picture())
+                return [(p.x0, p.y0, p.x1, p.y1) for p in patches]
+
+            rows = []
+            pool = ThreadPoolExecutor(_WORKERS)
+            try:
+                for row in pool.map(one, range(len(chosen))):
+                    rows.append(row)
+                    if progress:
+                        progress(len(rows), len(chosen))
+            finally:
+                pool.shutdown(cancel_futures=True)  # at an error, leave what waits
+            target.flush()
+            (draft / "patches.json").write_text(json.dumps(rows))
     except OSError as problem:
         raise TrainingError(f"cannot write {folder}: {problem.strerror or problem}") from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)

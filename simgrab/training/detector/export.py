@@ -14,7 +14,7 @@ from onnx import helper, numpy_helper
 from torch import nn
 
 from simgrab.instrument.detect.session import KEY
-from simgrab.training.checkpoint import write_whole
+from simgrab.training.folder import write
 from simgrab.training.graph import traced
 
 _LEAST = 256  # numbers in a tensor from which on halves are worth it
@@ -39,14 +39,14 @@ def export(net: nn.Module, example: torch.Tensor, outputs: list[str], path: Path
     model.doc_string = ""
     helper.set_model_props(model, {KEY: json.dumps(facts)})
     onnx.checker.check_model(model)
-    write_whole(path, model.SerializeToString())
+    write(path, model.SerializeToString())
 
 
 def set_facts(path: Path, facts: Mapping[str, Any]) -> None:
     """Put other facts into a file's metadata."""
     model = onnx.load(path)
     helper.set_model_props(model, {KEY: json.dumps(facts)})
-    write_whole(path, model.SerializeToString())
+    write(path, model.SerializeToString())
 
 
 def halved(model: onnx.ModelProto) -> onnx.ModelProto:

@@ -20,10 +20,10 @@ from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Set
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.training import loop
 from simgrab.training.card import Card
-from simgrab.training.checkpoint import claim
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
+from simgrab.training.folder import claim
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # pictures find looks at at once

@@ -18,8 +18,8 @@ from simgrab.instrument.read.crops import INPUT_PX, MARGIN
 from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
 from simgrab.training import loop
 from simgrab.training.card import Card
-from simgrab.training.checkpoint import claim, write_whole
 from simgrab.training.device import out_of_memory
+from simgrab.training.folder import claim, write
 from simgrab.training.graph import traced
 from simgrab.training.reader.cells import gather
 from simgrab.training.reader.lenet import LeNet5
@@ -71,7 +71,7 @@ def train_reader(
     probabilities = torch.cat([trained.net(torch.from_numpy(part)) for part in np.array_split(task.crops, 16)])
     least = threshold(probabilities.softmax(1).detach().numpy(), task.digits)
     path = out / f"{NAME}.onnx"
-    write_whole(path, exported(trained.net, least))
+    write(path, exported(trained.net, least))
     card = Card(
         NAME, TASK, tuple(dataset.data for dataset in found), task.examples, vars(recipe), trained.epochs,
         trained.seconds, _metrics(Reader(path), task) | {"best_epoch": trained.epoch},

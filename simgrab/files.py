@@ -1,0 +1,86 @@
+"""Files and folders that appear whole or not at all, whenever the process or the machine stops.
+
+What is being written is called a draft: it lies beside the place it will take, hidden, under the name of its process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+
+@contextlib.contextmanager
+def drafted(path: Path) -> Iterator[Path]:
+    """Give a file to write to, which takes the place of ``path`` once it lies whole on the disk.
+
+    Left with an error, the draft is gone and what lay at ``path`` is untouched. Folders that lack are made.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    with _draft(path) as draft:
+        yield draft
+        _to_disk(draft)
+        draft.replace(path)
+        _to_disk(path.parent)
+
+
+@contextlib.contextmanager
+def drafted_folder(path: Path) -> Iterator[Path]:
+    """Give a folder to write into, which takes the name ``path`` at the end; a full folder there is in its way.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    with _draft(path) as draft:
+        draft.mkdir()
+        yield draft
+        draft.replace(path)
+
+
+@contextlib.contextmanager
+def _draft(path: Path) -> Iterator[Path]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.draft"):
+        if not _runs(left.suffixes[-2].lstrip(".")):
+            _remove(left)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
+    try:
+        yield draft
+    finally:
+        _remove(draft)
+
+
+def _runs(process: str) -> bool:
+    """Whether a process of this number runs; a name that is no number is not ours to judge."""
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return False
+    except (ValueError, OverflowError, PermissionError):
+        return True
+    return True
+
+
+def _remove(draft: Path) -> None:
+    with contextlib.suppress(OSError):
+        if draft.is_dir():
+            shutil.rmtree(draft, ignore_errors=True)
+        else:
+            draft.unlink()
+
+
+def _to_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

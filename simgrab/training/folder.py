@@ -1,0 +1,39 @@
+"""The folder of a training: claimed by one, its files written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from simgrab.errors import TrainingError
+from simgrab.files import drafted
+
+
+def claim(out: Path, *, resume: bool) -> None:
+    """Make the folder of a training, or refuse one that is in use.
+
+    Raises
+    ------
+    TrainingError
+    """
+    try:
+        if out.exists() and not out.is_dir():
+            raise TrainingError(f"{out} is not a folder; choose another --out")
+        if out.is_dir() and any(out.iterdir()) and not resume:
+            raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    TrainingError
+    """
+    try:
+        with drafted(path) as draft:
+            draft.write_bytes(data)
+    except OSError as problem:
+        raise TrainingError(f"cannot write {path}: {problem.strerror or problem}") from None

@@ -1,0 +1,67 @@
+"""Files appear whole or not at all."""
+
+import os
+import subprocess
+import sys
+from contextlib import suppress
+
+import pytest
+
+from simgrab.files import drafted, drafted_folder
+
+CUT_OFF = """
+import os, pathlib, sys
+from simgrab.files import {kind}
+with {kind}(pathlib.Path(sys.argv[1])) as draft:
+    {write}
+    os._exit(9)
+"""
+WRITE = {"drafted": "draft.write_text('half')", "drafted_folder": "(draft / 'half').write_text('half')"}
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_takes_its_place_at_the_end(tmp_path):
+    path = tmp_path / "new" / "a.txt"
+    with drafted(path) as draft:
+        draft.write_text("whole")
+        assert not path.exists()
+    assert path.read_text() == "whole"
+    assert names(path.parent) == ["a.txt"]
+
+
+def test_what_was_there_outlives_an_error(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    with suppress(KeyboardInterrupt), drafted(path) as draft:
+        draft.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_text() == "before"
+    assert names(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("kind", WRITE)
+def test_what_a_killed_process_left_goes_when_the_next_one_writes(tmp_path, kind):
+    path = tmp_path / "[a].x"
+    code = CUT_OFF.format(kind=kind, write=WRITE[kind])
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 9
+    assert not path.exists()
+    assert len(names(tmp_path)) == 1
+    alive, foreign = tmp_path / f".[a].x.{os.getppid()}.draft", tmp_path / ".[a].x.notes.draft"
+    alive.touch()
+    foreign.touch()
+    with {"drafted": drafted, "drafted_folder": drafted_folder}[kind](path) as draft:
+        draft.touch() if kind == "drafted" else (draft / "whole").touch()
+    assert names(tmp_path) == sorted([alive.name, foreign.name, path.name])
+
+
+def test_a_full_folder_is_in_the_way(tmp_path):
+    path = tmp_path / "run"
+    path.mkdir()
+    (path / "theirs").touch()
+    with pytest.raises(OSError, match="not empty"), drafted_folder(path) as draft:
+        (draft / "mine").touch()
+    assert names(path) == ["theirs"]
+    assert names(tmp_path) == ["run"]
