@@ -112,8 +112,8 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
     dict
         Counts; COCO's ``map50_95`` and ``map50``, each frame giving at most one box; ``recall`` at an IoU of 0.5 and
         ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson; ``longest_miss``, frames
-        in a row; `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the hits. None
-        where there is nothing to count.
+        in a row of a clip; `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the
+        hits. None where there is nothing to count.
     """
     labelled = [case for case in some if case.labelled]
     empty = [case for case in some if case.empty]
@@ -174,12 +174,18 @@ def _xywh(box: Array) -> list[float]:
 
 
 def longest_miss(labelled: Sequence[Case]) -> int:
-    """Most labelled frames in a row in which the grab was not found where it is."""
+    """Most labelled frames in a row, of one clip or world, in which the grab was not found where it is."""
     longest = run = 0
+    before: Truth | None = None
     for case in labelled:
-        run = 0 if case.hit else run + 1
-        longest = max(longest, run)
+        run = 0 if case.hit else 1 + (run if before and _follows(case.truth, before) else 0)
+        longest, before = max(longest, run), case.truth
     return longest
+
+
+def _follows(row: Truth, before: Truth) -> bool:
+    """Whether a row comes later in the same clip and world, rather than in another dataset."""
+    return row.frame > before.frame and (row.clip, row.variant) == (before.clip, before.variant)
 
 
 def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:

@@ -124,6 +124,17 @@ def test_runs_of_misses(known):
     assert f["recall"] == 0.5
 
 
+def test_runs_of_misses_end_with_a_clip_a_world_and_a_dataset(known):
+    def longest(*rows):
+        return detection.figures([detection.Case(row, True, "", NONE) for row in rows])["longest_miss"]
+
+    first, second, third = known.rows[:3]
+    assert longest(first, third) == 2
+    assert longest(first, second, first) == 2
+    assert longest(first, second, msgspec.structs.replace(third, clip=1)) == 2
+    assert longest(first, second, msgspec.structs.replace(third, variant=1)) == 2
+
+
 def test_intervals_are_exact():
     assert clopper_pearson(0, 500) == pytest.approx((0, 0.00735), abs=1e-5)
     assert clopper_pearson(998, 1000) == pytest.approx((0.99279, 0.99976), abs=1e-5)
