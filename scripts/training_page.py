@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from scripts.training_studies import CROPS, EPOCHS, FINALS, OPTIMISERS, OTHERS, OWN, RATES
+from scripts.training_studies import CROPS, EPOCHS, FINALS, OPTIMISERS, OTHERS, OWN, RATES, WORLDS
 from simgrab.cli import main as run
 from simgrab.errors import DatasetError
 from simgrab.judge.intervals import clopper_pearson
@@ -87,10 +87,12 @@ of the same crane {_percent(other)} %.
 
 def _frames(found: dict[str, Any]) -> str:
     rows = [f"| {count} | {_row(found[count])} |" for count in sorted(found, key=int)]
+    size, each = f"{WORLDS['camera.width_px']}×{WORLDS['camera.height_px']}", WORLDS["clip.clip_frames"]
     return f"""## How many frames
 
-The whole detector by the quick recipe, which shows as many examples whatever the number of frames; learned from the
-first so many of `scenes/training.toml` (eight frames of each world), tested on worlds that none of them learned from.
+The whole detector by the quick recipe, which shows as many examples whatever the number of frames, learned from frames
+of `scenes/training.toml` in {size} px, {each} of each world, of which so many are taken evenly; tested on worlds that
+none of them is of.
 
 {HEAD.replace("tested on", "frames learned from")}
 """ + "\n".join(rows)

@@ -23,6 +23,7 @@ from simgrab import datasets, scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import bar
 from simgrab.errors import TrainingError
+from simgrab.geometry import PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect.bundled import Bundled
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, whole
 from simgrab.instrument.read.reader import NO_DIGIT
@@ -43,7 +44,7 @@ from simgrab.training.recipe import Recipe
 from simgrab.world.dataset import render
 
 RATES, OPTIMISERS, FINALS = (0.0005, 0.001, 0.005, 0.01), ("sgd", "adam"), (0.001, 0.005, 0.01)
-COUNTS = (50, 100, 200, 400, 800, 1600, 3200, 10_000)
+COUNTS = (50, 200, 800, 3200, 10_000)
 EPOCHS = 30  # of the table's trainings
 LEARNED = 0.8  # share of the paper's splits
 CROPS = 320
@@ -71,28 +72,37 @@ OTHERS = {
     "the same crane, heavy snow": Record("qingdao-heavy-snow", 80, 2.0, 14),
     "another place and another camera": Record("windy-day", 80, 1.0, 15),
 }
+# Small pictures and forty of each world: so many frames are drawn in an hour.
+WORLDS: dict[str, Any] = {
+    "frames": 12_600, "seed": 16, "clip.clip_frames": 40, "image.samples": 2,
+    "camera.width_px": 960, "camera.height_px": 540, "camera.focal.pixels_per_mm": PAPER_PIXELS_PER_MM / 2,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Where a study works, how it is drawn and trained, and what it may learn from besides."""
+    """Where a study works, and how it is drawn and trained."""
 
     work: Path
     workers: int
     threads: int
     seed: int
-    wide: tuple[datasets.Dataset, ...]
 
     def recipe(self, **changes: Any) -> Recipe:
         """Return a recipe for this machine."""
         return Recipe(seed=self.seed, threads=self.threads, half=has_half_units("cpu"), **changes)
 
 
-def rendered(record: Record, s: Settings) -> datasets.Dataset:
-    """Render a record, or what is missing of it."""
-    changes: dict[str, Any] = {"frames": record.frames, "seed": record.seed}
-    scenario = scenes.load(record.scene, changes | {"clip.frame_rate_hz": 1 / record.step_s})
-    out = s.work / f"{record.scene}-{record.seed}"
+def filmed(record: Record, s: Settings) -> datasets.Dataset:
+    """Render a record."""
+    changes = {"frames": record.frames, "seed": record.seed, "clip.frame_rate_hz": 1 / record.step_s}
+    return rendered(record.scene, changes, s)
+
+
+def rendered(scene: str, changes: dict[str, Any], s: Settings) -> datasets.Dataset:
+    """Render a dataset, or what is missing of it."""
+    scenario = scenes.load(scene, changes)
+    out = s.work / f"{scene}-{scenario.seed}"
     with bar(f"drawing {out.name}", shown=True) as progress:
         render(scenario, out, workers=s.workers, resume=True, progress=progress)
     return datasets.read(out)
@@ -137,7 +147,7 @@ def learned(build: Callable[[], torch.nn.Module], task: loop.Task, recipe: Recip
 
 def table(s: Settings) -> Iterator[Piece]:
     """Measure find alone (mAP) on the grid of rates and optimisers; the best epoch on the tested frames, as there."""
-    frames = all_frames(rendered(OWN, s))
+    frames = all_frames(filmed(OWN, s))
     whole_set = find.pictures(s.work / "small", frames)
     train_part, test_part = (
         find.Pictures(whole_set.pictures[which], whole_set.boxes[which]) for which in at_random(len(frames), s.seed)
@@ -162,7 +172,7 @@ def digits(s: Settings) -> Iterator[Piece]:
     """LeNet-5 on 320 crops of digits."""
 
     def one() -> dict[str, int]:
-        dataset = rendered(OWN, s)
+        dataset = filmed(OWN, s)
         rows = tuple(msgspec.structs.replace(row, split="train") for row in dataset.rows)
         cells = gather([replace(dataset, rows=rows)], "train", s.seed)
         shown = stream(s.seed, 0, "crops").choice(np.flatnonzero(cells.digits != NO_DIGIT), CROPS, replace=False)
@@ -186,32 +196,31 @@ def leak(s: Settings) -> Iterator[Piece]:
     """Learn the whole detector from one video, and score it on other frames of that, and on other videos."""
 
     def one() -> dict[str, Any]:
-        own = rendered(OWN, s)
+        own = filmed(OWN, s)
         frames = all_frames(own)
         known, test_frames = ([frames[i] for i in which] for which in at_random(len(frames), s.seed))
         judged = known[::8]
         others = [frame for frame in known if frame not in judged]
         looks = _detector(s, s.work / "leak", Frames(others, judged, f"{datasets.digest([own])} {s.seed}"))
         sets = {"frames of the same video": test_frames}
-        sets |= {name: all_frames(rendered(record, s)) for name, record in OTHERS.items()}
+        sets |= {name: all_frames(filmed(record, s)) for name, record in OTHERS.items()}
         return {name: _scores(looks, some) for name, some in sets.items()}
 
     yield "leak", one
 
 
 def frames(s: Settings) -> Iterator[Piece]:
-    """Learn the whole detector from so many frames of many worlds, always for as long."""
-    if not s.wide:
-        raise click.UsageError("frames: name datasets of scenes/training.toml with --wide")
-    learn, val, test = (cache.frames(s.wide, split) for split in SPLITS)
+    """Learn the whole detector from so many frames, of as many worlds as there are, always for as long."""
 
     def one(count: int) -> dict[str, Any]:
-        part = Frames(learn[:count], val, f"{datasets.digest(s.wide)} {count}")
+        dataset = rendered("training", WORLDS, s)
+        learn, val, test = (cache.frames([dataset], split) for split in SPLITS)
+        some = [learn[i] for i in np.linspace(0, len(learn) - 1, count).round().astype(int)]
+        part = Frames(some, val, f"{datasets.digest([dataset])} {count}")
         return _scores(_detector(s, s.work / "frames" / str(count), part), test)
 
     for count in COUNTS:
-        if count <= len(learn):
-            yield str(count), lambda count=count: one(count)  # type: ignore[misc]
+        yield str(count), lambda count=count: one(count)  # type: ignore[misc]
 
 
 def _detector(s: Settings, out: Path, frames: Frames) -> Bundled:
@@ -237,20 +246,16 @@ STUDIES: dict[str, Callable[[Settings], Iterator[Piece]]] = {
 @click.command()
 @click.argument("studies", nargs=-1, type=click.Choice(list(STUDIES)))
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/training-studies"), show_default=True)
-@click.option("--wide", multiple=True, type=click.Path(path_type=Path), help="Datasets of many worlds, for 'frames'.")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")
 @click.option("--threads", default=2, show_default=True, help="Of torch.")
 @click.option("--seed", default=0, show_default=True)
-def main(studies: tuple[str, ...], work: Path, wide: tuple[Path, ...], workers: int, threads: int, seed: int) -> None:
+def main(studies: tuple[str, ...], work: Path, workers: int, threads: int, seed: int) -> None:
     """Repeat the paper's trainings, and what it could not see."""
     work.mkdir(parents=True, exist_ok=True)
-    sets = datasets.read_all(wide, *SPLITS) if wide else ()
-    kept, settings = work / "results.json", Settings(work, workers, threads, seed, sets)
-    of = {"seed": seed, "wide": datasets.digest(sets) if sets else ""}
-    results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"of": of, "studies": {}}
-    if results["of"]["seed"] != seed or (wide and results["of"]["wide"] not in ("", of["wide"])):
-        raise TrainingError(f"{kept} is of another --seed or --wide; choose another --work")
-    results["of"]["wide"] = results["of"]["wide"] or of["wide"]
+    kept, settings = work / "results.json", Settings(work, workers, threads, seed)
+    results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"seed": seed, "studies": {}}
+    if results["seed"] != seed:
+        raise TrainingError(f"{kept} is of another --seed; choose another --work")
     for study in studies or STUDIES:
         done = results["studies"].setdefault(study, {})
         for name, piece in STUDIES[study](settings):
