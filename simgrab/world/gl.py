@@ -5,10 +5,13 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import importlib
+import importlib.util
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simgrab.errors import RendererError
@@ -85,6 +88,18 @@ def fingerprint() -> Fingerprint:
     return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__)
 
 
+@cache
+def _load_triton() -> None:
+    """Load triton's library, where it is installed, before Mesa's.
+
+    torch's optimisers import it. It has an LLVM inside, whose symbols would be looked up in Mesa's if that came first:
+    the process would end in a segmentation fault.
+    """
+    spec = importlib.util.find_spec("triton")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        _loads(str(Path(folder) / "_C" / "libtriton.so"))
+
+
 @dataclass(frozen=True, eq=False)
 class Offscreen:
     """An offscreen buffer with a model's textures and meshes in it."""
@@ -108,6 +123,7 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     """
     import mujoco
 
+    _load_triton()
     try:
         # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.
         backend = os.environ["MUJOCO_GL"]

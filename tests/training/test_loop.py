@@ -1,5 +1,7 @@
 import dataclasses
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -169,3 +171,16 @@ def test_the_rate_rises_and_falls():
     assert rates[0] < RECIPE.rate / 20
     assert rates[-1] < RECIPE.rate / 500
     assert np.all(np.diff(rates[10:]) < 0)
+
+
+def test_drawing_leaves_room_for_torch():
+    """Mesa's LLVM and that in triton, which torch's optimisers import, do not bear each other in the wrong order."""
+    code = """
+import simgrab.world
+import mujoco, torch
+from simgrab.world import gl
+with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
+    gl.fingerprint()
+torch.optim.SGD([torch.zeros(1, requires_grad=True)], 0.1)
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
