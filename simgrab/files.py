@@ -1,6 +1,7 @@
-"""Files and folders that appear whole or not at all, whenever the process or the machine stops.
+"""Files and folders that appear whole or not at all.
 
-What is being written is called a draft: it lies beside the place it will take, hidden, under the name of its process.
+What is being written is called a draft: it lies beside the place it will take, hidden, under the number of its process.
+Each thread is to write to places of its own; processes that write to one place are to be of one machine.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from pathlib import Path
 def drafted(path: Path) -> Iterator[Path]:
     """Give a file to write to, which takes the place of ``path`` once it lies whole on the disk.
 
-    Left with an error, the draft is gone and what lay at ``path`` is untouched. Folders that lack are made.
+    So it does if the process or the machine stops at any time. Left with an error, the draft is gone and what lay at
+    ``path`` is untouched. Folders that lack are made.
 
     Raises
     ------
@@ -28,12 +30,15 @@ def drafted(path: Path) -> Iterator[Path]:
         yield draft
         _to_disk(draft)
         draft.replace(path)
-        _to_disk(path.parent)
+        with contextlib.suppress(OSError):  # not every file system does this, and the file is whole already
+            _to_disk(path.parent)
 
 
 @contextlib.contextmanager
 def drafted_folder(path: Path) -> Iterator[Path]:
     """Give a folder to write into, which takes the name ``path`` at the end; a full folder there is in its way.
+
+    So it does if the process stops at any time; what a stopping machine loses of its files is not looked after.
 
     Raises
     ------
@@ -49,10 +54,10 @@ def drafted_folder(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def _draft(path: Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.draft"):
-        if not _runs(left.suffixes[-2].lstrip(".")):
-            _remove(left)
     draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.draft"):
+        if left == draft or not _runs(left.suffixes[-2].lstrip(".")):
+            _remove(left)
     try:
         yield draft
     finally:

@@ -49,6 +49,9 @@ def test_what_a_killed_process_left_goes_when_the_next_one_writes(tmp_path, kind
     assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 9
     assert not path.exists()
     assert len(names(tmp_path)) == 1
+    mine = tmp_path / f".[a].x.{os.getpid()}.draft"  # of one that had our number
+    mine.mkdir()
+    (mine / "half").touch()
     alive, foreign = tmp_path / f".[a].x.{os.getppid()}.draft", tmp_path / ".[a].x.notes.draft"
     alive.touch()
     foreign.touch()

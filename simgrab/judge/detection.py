@@ -184,7 +184,7 @@ def longest_miss(labelled: Sequence[Case]) -> int:
 
 
 def _follows(row: Truth, before: Truth) -> bool:
-    """Whether a row comes later in the same clip and world, rather than in another dataset."""
+    """Whether a row comes later in the same clip and world; another dataset mostly begins anew."""
     return row.frame > before.frame and (row.clip, row.variant) == (before.clip, before.variant)
 
 

@@ -74,7 +74,6 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
     }
     missing = {path: frame for path, frame in taken.items() if not path.exists()}
     if missing:
-        folder.mkdir(parents=True, exist_ok=True)
         with frames.Studio(scenario) as studio:
             for path, frame in missing.items():
                 with drafted(path) as draft:

@@ -1,4 +1,4 @@
-"""The folder of a training: claimed by one, its files written whole or not at all."""
+"""The folder of a training, and files in it that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from simgrab.files import drafted
 
 
 def claim(out: Path, *, resume: bool) -> None:
-    """Make the folder of a training, or refuse one that is in use.
+    """Make the folder of a training; without ``resume`` refuse one that holds anything.
 
     Raises
     ------

@@ -133,8 +133,6 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
     elif path.exists() and any(path.iterdir()):
         raise StressError(f"{path} holds something else than a study; choose another --out")
     (path / PARTIAL).mkdir(parents=True, exist_ok=True)
-    for draft in (path / PARTIAL).glob("*.draft"):
-        draft.unlink()
     with drafted(identity) as draft:
         draft.write_text(json.dumps(_identity(study), indent=1, ensure_ascii=False), encoding="utf-8")
     return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]
