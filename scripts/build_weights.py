@@ -110,7 +110,7 @@ PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": det
 
 
 @click.command()
-@click.option("--quick", is_flag=True, help="Fewer frames, a fifth of the training.")
+@click.option("--quick", is_flag=True, help="Fewer frames, and about a fifth of the time in training.")
 @click.option("--only", type=click.Choice(list(PARTS)), help="Build one part.")
 @click.option("--out", type=click.Path(path_type=Path), help="[default: assets/weights; with --quick, in --work]")
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")

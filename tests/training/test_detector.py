@@ -97,10 +97,10 @@ def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frame
 def test_no_hard_dataset_is_needed_to_fit_and_one_that_shows_the_grab_is(trained, halves, tmp_path):
     """Frames by hand, as `scripts.training_studies` takes them."""
     frames = Frames.of([datasets.read(halves)])
-    fitted = fit(Frames(frames.train, frames.val, "by hand"), tmp_path, tiny(len(frames.train)))
+    fitted = fit(Frames(frames.train, frames.val), tmp_path, tiny(len(frames.train)))
     assert fitted.metrics == trained.metrics
     with pytest.raises(TrainingError, match="no validation frame shows the grab"):
-        fit(Frames(frames.train, frames.val[1:], ""), tmp_path, tiny(4))
+        fit(Frames(frames.train, frames.val[1:]), tmp_path, tiny(4))
 
 
 def run(*arguments):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import torch
 
@@ -97,16 +98,21 @@ def train(
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames to learn from and to judge by, and the digest that names them: a checkpoint of others is not taken up."""
+    """Frames to learn from and to judge by."""
 
     train: Sequence[cache.Frame]
     val: Sequence[cache.Frame]
-    digest: str
 
     @classmethod
     def of(cls, sets: Sequence[datasets.Dataset]) -> Frames:
         """Take the frames of datasets' splits."""
-        return cls(cache.frames(sets, "train"), cache.frames(sets, "val"), datasets.digest(sets))
+        return cls(cache.frames(sets, "train"), cache.frames(sets, "val"))
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """What names them, labels and all: a checkpoint or a cache of others is not taken up."""
+        rows = [[(frame.row, frame.labelled) for frame in some] for some in (self.train, self.val)]
+        return hashlib.sha256(msgspec.json.encode(rows)).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +128,7 @@ def fit(
     watch: Watch | None = None, report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
-    hard = hard or Frames((), (), "")
+    hard = hard or Frames((), ())
     digest, train_frames, val_frames = frames.digest, frames.train, frames.val
     for name, some in (("training", train_frames), ("validation", val_frames)):
         if not any(frame.labelled for frame in some):

@@ -1,0 +1,81 @@
+"""The recorded studies run to their end and make a page."""
+
+import dataclasses
+import json
+
+import msgspec
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+from scripts import training_page, training_studies  # noqa: E402
+from simgrab import datasets  # noqa: E402
+from simgrab.errors import TrainingError  # noqa: E402
+from simgrab.training.detector import settings  # noqa: E402
+
+
+@pytest.fixture
+def small(dataset, monkeypatch):
+    """Studies of six frames, of which three are learned from, in one epoch."""
+
+    def rendered(_scene, _changes, _settings):
+        found, splits = datasets.read(dataset), ["train", "train", "train", "val", "val", "test"]
+        rows = (msgspec.structs.replace(row, split=split) for row, split in zip(found.rows, splits, strict=True))
+        return dataclasses.replace(found, rows=tuple(rows))
+
+    def recipes(frames, **common):
+        common.pop("quick", None)
+        return settings.recipes(frames, epochs=1, half=False, **common)
+
+    changes = {
+        "rendered": rendered, "recipes": recipes, "LABELLED": 5, "LATER": 5, "COUNTS": (1, 3), "EPOCH": 3,
+        "SHOWN": dict.fromkeys(settings.SHOWN, 3), "RATES": (0.01,), "FINALS": (0.1,), "EPOCHS": 1,
+    }  # fmt: skip
+    for name, value in changes.items():
+        monkeypatch.setattr(training_studies, name, value)
+
+
+def study(work, *arguments):
+    result = CliRunner().invoke(
+        training_studies.main, [*arguments, "--work", str(work), "--threads", "1"], catch_exceptions=False
+    )
+    assert result.exit_code == 0, result.output
+    return json.loads((work / "results.json").read_text())["studies"]
+
+
+@pytest.mark.usefixtures("small")
+def test_studies_run_once_and_fill_a_page(tmp_path, monkeypatch):
+    found = study(tmp_path, "table", "leak", "counts")
+    assert set(found["table"]) == {"sgd 0.01 0.1", "adam 0.01 0.1"}
+    assert set(found["counts"]) == {"1", "3"}
+    assert list(found["leak"]["leak"])[:2] == ["frames in between", "later in the same video"]
+    for scores in [*found["leak"]["leak"].values(), *found["counts"].values()]:
+        assert 0 <= scores["map50_95"] <= 1
+    assert not list(tmp_path.rglob("cache"))
+    monkeypatch.setattr(training_studies, "fit", None)  # nothing is trained again
+    assert study(tmp_path, "leak", "counts") == {name: found[name] for name in ("table", "leak", "counts")}
+    page = training_page.page(found)
+    assert all(title in page for title in ("Learning rates", "random split", "How many frames"))
+    assert "## Digits" not in page
+
+
+@pytest.mark.usefixtures("small")
+def test_results_of_another_seed_are_not_gone_on_with(tmp_path):
+    (tmp_path / "results.json").write_text('{"of": {"seed": 0}, "studies": {}}')
+    with pytest.raises(TrainingError, match="another --seed"):
+        study(tmp_path, "table")
+
+
+@pytest.mark.usefixtures("small")
+def test_more_frames_than_there_are_cannot_be_learned_from(tmp_path, monkeypatch):
+    monkeypatch.setattr(training_studies, "COUNTS", (4,))
+    with pytest.raises(TrainingError, match="there are 3 frames"):
+        study(tmp_path, "counts")
+
+
+def test_the_papers_table_is_whole():
+    assert np.shape(list(training_page.PAPER.values())) == (4, 6)
+    assert tuple(training_page.PAPER) == training_studies.RATES
