@@ -1,48 +1,56 @@
-"""Write the tables that README and docs repeat from the code: ``python -m scripts.make_tables [--check]``."""
+"""Write the tables that docs repeat from the code: ``python -m scripts.make_tables [--check]``."""
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from simgrab import scenes
 from simgrab.judge.stress.axes import AXES
 from simgrab.records import columns
 
-README = Path(__file__).parents[1] / "README.md"
-STRESS = README.parent / "docs" / "stress.md"
+DOCS = Path(__file__).parents[1] / "docs"
 
 
-def tables() -> dict[str, str]:
-    """Return Markdown tables by the name of their place in the README."""
+def columns_table() -> str:
+    """Columns of ``labels.parquet``."""
     rows = [f"| `{name}` | {unit} | {text.replace('|', chr(92) + '|')} |" for name, (unit, text) in columns().items()]
-    described = [f"| `{name}` | {scenes.load(name).description} |" for name in scenes.names()]
-    return {
-        "columns": "\n".join(["| column | unit | what it is |", "|---|---|---|", *rows]),
-        "scenes": "\n".join(["| scene | what it shows |", "|---|---|", *described]),
-    }
+    return "\n".join(["| column | unit | what it is |", "|---|---|---|", *rows])
 
 
-def axes() -> dict[str, str]:
-    """Return the table of docs/stress.md."""
+def scenes_table() -> str:
+    """Bundled scenes."""
+    rows = [f"| `{name}` | {scenes.load(name).description} |" for name in scenes.names()]
+    return "\n".join(["| scene | what it shows |", "|---|---|", *rows])
+
+
+def axes_table() -> str:
+    """Axes of the stress laboratory."""
     rows = [f"| `{a.name}` | {a.unit} | {'' if a.holds is None else a.holds} | {a.says} |" for a in AXES.values()]
-    return {"axes": "\n".join(["| axis | unit | holds at | what it turns up |", "|---|---|---|---|", *rows])}
+    return "\n".join(["| axis | unit | holds at | what it turns up |", "|---|---|---|---|", *rows])
 
 
-def filled(text: str, given: Mapping[str, str] | None = None) -> str:
-    """Return the README's text, or another with the tables given, with its tables up to date."""
-    for name, table in (given or tables()).items():
-        place = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-        assert place.search(text), f"there is no place for {name}"
-        text = place.sub(lambda found, table=table: f"{found[1]}{table}\n{found[2]}", text)  # type: ignore[misc]
-    return text
+# Page: the name of the table's place in it, and the table.
+TABLES: dict[str, tuple[str, Callable[[], str]]] = {
+    "labels.md": ("columns", columns_table),
+    "scenes.md": ("scenes", scenes_table),
+    "stress.md": ("axes", axes_table),
+}
+
+
+def filled(page: str) -> str:
+    """Return a page's text with its table up to date."""
+    text, (name, table) = (DOCS / page).read_text(encoding="utf-8"), TABLES[page]
+    place = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
+    assert place.search(text), f"there is no place for {name} in {page}"
+    return place.sub(lambda found: f"{found[1]}{table()}\n{found[2]}", text)
 
 
 if __name__ == "__main__":
-    for path, given in ((README, tables()), (STRESS, axes())):
-        old = path.read_text(encoding="utf-8")
-        if "--check" in sys.argv and filled(old, given) != old:
+    for page in TABLES:
+        path, text = DOCS / page, filled(page)
+        if "--check" in sys.argv and text != path.read_text(encoding="utf-8"):
             sys.exit(f"{path.name} is out of date: run python -m scripts.make_tables")
-        path.write_text(filled(old, given), encoding="utf-8")
+        path.write_text(text, encoding="utf-8")

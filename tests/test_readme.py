@@ -1,16 +1,18 @@
-"""What the README says is so."""
+"""What README and docs say is so."""
 
+import importlib.util
 import os
 import re
 import shlex
 import tomllib
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from scripts.make_tables import filled
+from scripts.make_tables import DOCS, TABLES, filled
 from simgrab import calibration
 from simgrab.calibration import Calibration
 from simgrab.cli import cli
@@ -22,43 +24,51 @@ from simgrab.scenes import load
 from simgrab.strict import convert
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-INSTRUMENT = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
+TEXTS = {path.name: path.read_text(encoding="utf-8") for path in PAGES}
+README, INSTRUMENT = TEXTS["README.md"], TEXTS["instrument.md"]
 
 
 def blocks(language, text=README):
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
-def test_tables_are_current():
-    assert filled(README) == README
+def commands(text):
+    lines = [line.split(" #")[0] for block in blocks("bash", text) for line in block.splitlines() if line.strip()]
+    return [shlex.split(line) for line in lines]
 
 
-def test_commands_parse():
-    lines = [line.split("#")[0] for block in blocks("bash") for line in block.splitlines() if line.strip()]
-    verbs = [shlex.split(line) for line in lines]
-    assert verbs[0][:2] == ["scripts/simgrab", "render"]
-    assert verbs[1] == ["scripts/test"]
-    for program, *arguments in verbs:
+@pytest.mark.parametrize("page", TABLES)
+def test_tables_are_current(page):
+    assert filled(page) == TEXTS[page]
+
+
+def test_two_commands_come_first():
+    first, second, *_ = commands(README)
+    assert first[:2] == ["scripts/simgrab", "render"]
+    assert second == ["scripts/test"]
+
+
+@pytest.mark.parametrize("page", TEXTS)
+def test_commands_parse(page):
+    for program, *arguments in commands(TEXTS[page]):
         if program == "scripts/simgrab":
             assert CliRunner().invoke(cli, [*arguments, "--help"]).exit_code == 0
         elif "/" in program:
             assert os.access(ROOT / program, os.X_OK)
+        elif program == "python":
+            assert importlib.util.find_spec(arguments[1])
 
 
-def test_options_named_in_the_table_exist():
-    for row in re.findall(r"^\| `simgrab (\w+)([^|]*(?:\\\|[^|]*)*)` \|", README, re.MULTILINE):
-        verb, rest = row
-        sub = re.findall(r"^ ([a-z]+) ", rest)  # as in `train detector`
-        help_text = CliRunner().invoke(cli, [verb, *sub, "--help"]).output
-        for option in re.findall(r"--[a-z-]+", rest):
-            assert option in help_text, (verb, option)
+def test_the_table_names_every_command():
+    named = set(re.findall(r"^\| `simgrab (\w+)", README, re.MULTILINE))
+    assert named == set(cli.list_commands(click.Context(cli)))
 
 
 def test_scene_files_and_suites_read():
-    for block in blocks("toml"):
+    found = [*blocks("toml"), *blocks("toml", TEXTS["scenes.md"])]
+    assert len(found) == 3
+    for block in found:
         data = tomllib.loads(block)
         if "scenes" in data:
             assert set(convert(data, Suite, SuiteError).scenes) == {"calm", "snow"}
@@ -67,9 +77,20 @@ def test_scene_files_and_suites_read():
         assert convert(merged(base.to_dict(), data), Scenario).name == data["name"]
 
 
-def test_linked_files_exist():
-    for target in re.findall(r"\]\(((?!https?:)[^)#]+)\)", README):
+@pytest.mark.parametrize("path", PAGES, ids=str)
+def test_linked_files_exist(path):
+    for target in re.findall(r"\]\(((?!https?:)[^)#]+)[^)]*\)", TEXTS[path.name]):
+        assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", TEXTS)
+def test_named_files_exist(page):
+    for target in re.findall(r"`((?:scripts|simgrab|tests|assets|scenes)/[\w/.-]+)`", TEXTS[page]):
         assert (ROOT / target).exists(), target
+
+
+def test_the_readme_names_every_page():
+    assert {path.name for path in DOCS.glob("*.md")} == set(re.findall(r"\(docs/([\w-]+\.md)\)", README))
 
 
 def test_code_runs_as_far_as_it_needs_no_drawing():

@@ -6,7 +6,6 @@ import re
 import pytest
 from stress_runs import small
 
-from scripts.make_tables import STRESS, axes, filled
 from simgrab.judge.stress import laboratory, words
 from simgrab.judge.stress.laboratory import REPORT, SUMMARY
 
@@ -69,8 +68,3 @@ def test_the_summary_is_what_the_figures_are(run):
 def test_progress_ends_with_all_replications(run):
     assert run[2][0][0] == 0
     assert run[2][-1] == (2 * 10 + 4 * 4 + 6 * 3 + 8 * 3,) * 2
-
-
-def test_the_table_of_axes_is_current():
-    text = STRESS.read_text(encoding="utf-8")
-    assert filled(text, axes()) == text
