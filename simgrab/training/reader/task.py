@@ -71,16 +71,15 @@ class Digits:
         return functional.cross_entropy(net(batch["crops"]), batch["digits"])
 
     def validate(self, net: nn.Module) -> dict[str, float]:
-        """Share of altered digits read right, and the score: less the mean cross entropy."""
+        """Shares of altered cells with and without a digit read right, and the score: less the mean cross entropy."""
         device = next(net.parameters()).device
         logits = torch.cat([net(torch.from_numpy(part).to(device)).cpu() for part in _parts(self.crops)])
         digits = torch.from_numpy(self.digits)
         right = (logits.argmax(1) == digits).numpy()
         shown = self.digits != NO_DIGIT
-        return {
-            SCORE: -float(functional.cross_entropy(logits, digits)),
-            "digits_right": float(right[shown].mean()),
-            "no_digits_right": float(right[~shown].mean()),
+        shares = {"digits_right": right[shown], "no_digits_right": right[~shown]}
+        return {SCORE: -float(functional.cross_entropy(logits, digits))} | {
+            name: float(some.mean()) for name, some in shares.items() if len(some)
         }
 
 
