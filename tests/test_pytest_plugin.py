@@ -1,4 +1,4 @@
-"""The plugin in somebody else's tests: the README's example, limits that hold and do not, a cache between runs."""
+"""The plugin in somebody else's tests: the documented example, limits that hold and do not, a cache between runs."""
 
 import re
 import subprocess
@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README, CHECKING = ((ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/checking.md"))
 # Where simgrab was installed before it had the plugin, pytest does not find it by itself.
 LOADED = [] if entry_points(group="pytest11", name="simgrab") else ["-p", "simgrab.pytest_plugin"]
 SMALL = """{
@@ -112,8 +112,8 @@ def test_limits_that_hold_pass(outcomes):
     assert outcomes["test_holds"] == ""
 
 
-def test_the_example_in_the_readme_works(tmp_path, cache):
-    codes = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+def test_the_documented_example_works(tmp_path, cache):
+    codes = re.findall(r"```python\n(.*?)```", README + CHECKING, re.DOTALL)
     (example,) = (code for code in codes if "simgrab_record" in code)
     (mine,) = (code for code in codes if "class Mine" in code)
     # Smaller pictures, for time's sake.
