@@ -294,10 +294,9 @@ def test_others_stop_when_a_clip_fails(rough, tmp_path):
         rough, frames=8000, clip=msgspec.structs.replace(rough.clip, clip_frames=4000, drop_share=0.0)
     )
     (tmp_path / ".swing.mp4.partial" / "001.mp4").mkdir(parents=True)  # clip 1 cannot be written
-    begun = time.monotonic()
     with pytest.raises(DatasetError, match="cannot write"):
         render_video(scenario, tmp_path / "swing.mp4", workers=2, resume=True)
-    assert time.monotonic() - begun < 30
+    assert not (tmp_path / "swing-000.mp4").exists()  # which the other process would have ended with
 
 
 def test_memory_does_not_grow_with_the_clip(tmp_path):
