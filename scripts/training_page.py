@@ -19,7 +19,7 @@ from scripts.training_studies import (
     SHOWN,
     VIDEO,
     WORLDS,
-)  # fmt: skip
+)
 from simgrab.cli import main as run
 from simgrab.errors import DatasetError
 from simgrab.judge.intervals import clopper_pearson
