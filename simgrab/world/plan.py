@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -35,8 +35,8 @@ class Plan:
         What stands below, in the place's frame.
     jib : sequence of Part
         The jib head, in the jib frame.
-    bodies : mapping of str to sequence of Part
-        The grab, each body in its own frame.
+    painted : callable
+        Gives `bodies`; to see whether a world can be, no grab is painted.
     heaps : sequence of Part
         Cargo that the grab may hold, one for each of `grab.CARGO_LEVELS`, in the grab's frame.
     straight : bool
@@ -47,15 +47,20 @@ class Plan:
 
     place: Sequence[Part]
     jib: Sequence[Part]
-    bodies: Mapping[str, Sequence[Part]]
+    painted: Callable[[], Mapping[str, Sequence[Part]]]
     heaps: Sequence[Part]
     straight: bool
     reach_m: float
 
     @cached_property
+    def bodies(self) -> Mapping[str, Sequence[Part]]:
+        """The grab, each body in its own frame."""
+        return self.painted()
+
+    @cached_property
     def shapes(self) -> dict[str, trimesh.Trimesh]:
         """Steel of each grab body, in the body's frame, and each cargo heap (``cargo_0`` …), in the grab frame."""
-        bodies = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in self.bodies.items()}
+        bodies = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in grab.steel().items()}
         return bodies | {f"cargo_{level}": heap.mesh for level, heap in enumerate(self.heaps)}
 
     @cached_property
@@ -112,17 +117,17 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
     place += parked_grabs(
         scenario.clutter.other_grabs, place, head_height=head_height, rng=stream(seed, number, "clutter.grabs")
     )
-    bodies = grab.grab_parts(
-        paint=look.paint_rgb,
-        wear=look.wear,
-        residue=look.residue,
-        cargo=look.cargo,
-        rng=stream(seed, number, "grab"),
-    )
+
+    def painted() -> Mapping[str, Sequence[Part]]:
+        rng = stream(seed, number, "grab")
+        return grab.grab_parts(
+            paint=look.paint_rgb, wear=look.wear, residue=look.residue, cargo=look.cargo, rng=rng,
+        )  # fmt: skip
+
     return Plan(
         place,
         jib.jib_parts(),
-        bodies,
+        painted,
         grab.cargo_parts(look.cargo, stream(seed, number, "cargo")),
         straight=scenario.camera.intrinsics.distortion.is_null,
         reach_m=_reach(scenario),

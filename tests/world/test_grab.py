@@ -7,10 +7,16 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from simgrab import scenes
 from simgrab.scenario import Cargo
+from simgrab.world import model
+from simgrab.world.frames import vet
 from simgrab.world.meshes import grab, linkage
 from simgrab.world.meshes.part import Part
 from simgrab.world.meshes.shells import back_curve
+from simgrab.world.places import fittings
+from simgrab.world.places.ship import HATCH, coaming
+from simgrab.world.plan import draw_up
 
 JAWS = np.linspace(0.0, grab.MAX_JAW, 23)
 
@@ -139,12 +145,35 @@ def test_masses() -> None:
     assert sum(grab.MASSES_KG.values()) == pytest.approx(10_500.0)
 
 
-def test_shapes_do_not_depend_on_the_paint(parts: dict[str, list[Part]]) -> None:
+def test_another_paint_changes_no_shape(parts: dict[str, list[Part]]) -> None:
     other = make(9, paint=(0.1, 0.4, 0.6), wear=0.7)
     for body in grab.BODIES:
         for a, b in zip(parts[body], other[body], strict=True):
-            np.testing.assert_array_equal(a.mesh.vertices, b.mesh.vertices)
+            np.testing.assert_array_equal(a.corners[0], b.corners[0])
     assert not np.array_equal(parts["head"][0].material.texture, other["head"][0].material.texture)
+
+
+def test_a_world_leaves_the_shared_steel_as_it_was() -> None:
+    def every_byte() -> list[bytes]:
+        meshes = [part.mesh for parts in grab.steel().values() for part in parts]
+        meshes += [
+            coaming(is_open=False),
+            fittings.cover(HATCH[0] + 0.6, HATCH[1] / 2 + 0.28),
+            fittings.bitts(),
+            *fittings.winch(),
+        ]
+        return [np.asarray(v).tobytes() for mesh in meshes for v in (mesh.vertices, mesh.faces, mesh.face_normals)]
+
+    before = every_byte()
+    scenario = scenes.load("quay-day", {"clutter.other_grabs": 3})
+    model.build(scenario, draw_up(scenario))
+    assert every_byte() == before
+
+
+def test_nothing_of_the_grab_is_painted_to_see_whether_its_world_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grab, "finish", lambda *_: pytest.fail("painted"))
+    seen, _ = vet(scenes.load("quay-day", {"frames": 3}))
+    assert seen == 3
 
 
 def test_paint_repeats_with_its_stream(parts: dict[str, list[Part]]) -> None:

@@ -6,6 +6,10 @@ z up along the ropes, x across the closing line of the jaws, y along it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from functools import cache
+
 import numpy as np
 
 from simgrab.world.meshes import beam, head
@@ -22,8 +26,8 @@ from simgrab.world.meshes.linkage import (
     linkage,
     pins,
 )
-from simgrab.world.meshes.paint import Colour, finish
-from simgrab.world.meshes.part import Part
+from simgrab.world.meshes.paint import Colour, Finish, finish
+from simgrab.world.meshes.part import Material, Part
 from simgrab.world.meshes.shells import arms_parts, lip_corners, shell_parts
 
 __all__ = [
@@ -43,6 +47,7 @@ __all__ = [
     "joint_positions",
     "linkage",
     "pins",
+    "steel",
 ]
 
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -113,13 +118,23 @@ def grab_parts(
     Returns
     -------
     dict of str to list of Part
-        One entry for each of `BODIES`.
+        One entry for each of `BODIES`. All grabs share their meshes: copy one before changing it.
     """
     look = finish(paint, wear, residue, cargo, rng)
-    shell, arms = shell_parts(look), arms_parts(look)
     return {
-        "head": head_parts(look),
-        "beam": beam_parts(look),
+        body: [replace(part, material=getattr(look, part.material.name)) for part in parts]
+        for body, parts in steel().items()
+    }
+
+
+@cache
+def steel() -> Mapping[str, Sequence[Part]]:
+    """Parts of every body as `grab_parts` returns them, but unpainted: materials have a name in `Finish` alone."""
+    bare = Finish(**{field.name: Material(field.name) for field in fields(Finish)})
+    shell, arms = shell_parts(bare), arms_parts(bare)
+    return {
+        "head": head_parts(bare),
+        "beam": beam_parts(bare),
         "shell_outer": shell,
         "shell_inner": [part.moved(_HALF_TURN) for part in shell],
         "arms_outer": arms,

@@ -1,6 +1,11 @@
-"""Deck fittings of a bulk carrier: hatch covers, bitts, pipes, winches, ventilators."""
+"""Deck fittings of a bulk carrier: hatch covers, bitts, pipes, winches, ventilators.
+
+Each is made once, and the same mesh returned ever after: copy it before changing it.
+"""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 import trimesh
@@ -9,6 +14,7 @@ from simgrab.world.places import shapes
 from simgrab.world.places.clutter import turned
 
 
+@cache
 def cover(length: float, width: float) -> trimesh.Trimesh:
     """One hatch-cover panel lying flat about the origin, top at z = 0.85: edge skirt, lifting eyes, wheels."""
     top = [
@@ -33,6 +39,7 @@ def cover(length: float, width: float) -> trimesh.Trimesh:
     return shapes.join(solids)
 
 
+@cache
 def folded(width: float) -> trimesh.Trimesh:
     """Stand a pair of folding panels on edge: x across the fold, y along the hinge, 4.6 m high, foot at z = 0."""
     solids = []
@@ -53,6 +60,7 @@ def folded(width: float) -> trimesh.Trimesh:
     return shapes.join(solids)
 
 
+@cache
 def bitts() -> trimesh.Trimesh:
     """Double mooring bitts on a bed plate, 1.6 m long along x."""
     post = [(0.24, -0.02), (0.24, 0.08), (0.19, 0.12), (0.19, 0.70), (0.25, 0.74), (0.25, 0.80), (0.20, 0.83)]
@@ -60,6 +68,7 @@ def bitts() -> trimesh.Trimesh:
     return shapes.join([bed, *(shapes.placed(turned(post), x, 0) for x in (-0.5, 0.5))])
 
 
+@cache
 def ventilator() -> trimesh.Trimesh:
     """Mushroom ventilator, 1.3 m."""
     return turned(
@@ -77,6 +86,7 @@ def ventilator() -> trimesh.Trimesh:
     )
 
 
+@cache
 def manhole() -> trimesh.Trimesh:
     """Make a raised oval access cover with its nuts."""
     angle = np.linspace(0, 2 * np.pi, 20, endpoint=False)
@@ -91,6 +101,7 @@ def manhole() -> trimesh.Trimesh:
     return shapes.join([shapes.loft(ring), *nuts])
 
 
+@cache
 def access_hatch() -> trimesh.Trimesh:
     """Hold access hatch: a small coaming with a domed lid and hinge, 1 m square."""
     lid = shapes.loft(
@@ -105,6 +116,7 @@ def access_hatch() -> trimesh.Trimesh:
     )
 
 
+@cache
 def winch() -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     """Mooring winch along x, 3.4 m, and the rope on its drum."""
     frame = [shapes.box((x - 0.06, -0.55, -0.02), (x + 0.06, 0.55, 0.75)) for x in (-1.5, -0.2, 1.0)]
@@ -131,6 +143,7 @@ def winch() -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     return shapes.join(frame), shapes.join(coils)
 
 
+@cache
 def pipes(x0: float, x1: float, y: float) -> trimesh.Trimesh:
     """Three pipes along the deck from x0 to x1, with flanges and supports."""
     solids = []

@@ -6,6 +6,7 @@ Ship frame: x along the ship, y across, z up from the deck; the origin is the mi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -105,8 +106,12 @@ def _scatter(canvas: Canvas, wear: float, rng: np.random.Generator) -> None:
     canvas.spill(cover, (-24, -24), (24, 24))
 
 
+@cache
 def coaming(*, is_open: bool) -> trimesh.Trimesh:
-    """Hatch coaming about the origin with flange, stiffener and brackets; an open one reaches below the deck."""
+    """Hatch coaming about the origin with flange, stiffener and brackets; an open one reaches below the deck.
+
+    It is made once, and the same mesh returned ever after: copy it before changing it.
+    """
     foot = -1.3 if is_open else -0.02
     solids = [
         shapes.prism(ring(0.03).difference(ring(0.0)), foot, COAMING),
