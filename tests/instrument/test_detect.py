@@ -140,11 +140,11 @@ def test_reading_refine_is_exact():
     assert read(out, [Patch(-200, 200, 0, 400)], 1920, 1080).boxes[0, 0] == 0  # clipped to the picture
 
 
-def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0, glow=0.0):
+def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0, glow=0.0, outward=0.0):
     """Nets that see a grab in the brightest part of find's picture, and refine it to the middle of the crop.
 
-    ``yaw`` is what refine says, rad, ``aside`` by which share of the level crop settle moves the centre along x, and
-    ``glow`` by how much more settle believes in a crop that is all light.
+    ``yaw`` is what refine says, rad, ``aside`` by which share of the level crop settle moves the centre along x,
+    ``glow`` by how much more settle believes in a crop that is all light, and ``outward`` what validation showed.
     """
     folder.mkdir(exist_ok=True)
     told = np.zeros((1, 16), np.float32)
@@ -179,7 +179,7 @@ def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0
         helper.make_node("Mul", ["u", "light"], ["z"]),
         helper.make_node("Add", ["z", "rows"], ["told"]),
     ]
-    facts = {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0}}
+    facts = {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0, "outward": outward}}
     light = np.zeros((1, 16), np.float32)
     for name, rows, said in (("refine", told, facts), ("settle", told + settle_more, {"task": SETTLE})):
         light[0, 15] = glow / 255 if name == "settle" else 0
@@ -203,6 +203,14 @@ def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr("simgrab.instrument.detect.WEIGHTS", tmp_path)
     with pytest.raises(DetectorError, match=r"build_weights --only detector"):
         detector()
+
+
+def test_centres_are_drawn_in_by_what_validation_showed(tmp_path):
+    told, drawn = (detector(hand_made(tmp_path / f"{far}", outward=far))(bright()) for far in (0.0, 0.02))
+    side = float((told.box[2:] - told.box[:2]).max())
+    inward = 0.02 * side * (told.centre - (960, 540)) / 1920
+    np.testing.assert_allclose(drawn.centre, told.centre - inward, atol=1e-6)
+    np.testing.assert_array_equal(drawn.box, told.box)
 
 
 def test_the_bundled_detector_puts_its_nets_together(tmp_path):

@@ -12,6 +12,7 @@ pytest.importorskip("onnx")
 
 from simgrab import datasets, labels  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
+from simgrab.instrument.detect.bundled import lean  # noqa: E402
 from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
 from simgrab.records import Detection  # noqa: E402
 from simgrab.rng import stream  # noqa: E402
@@ -369,6 +370,23 @@ def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
     trust = evaluate.trust(seen)
     assert (trust.box, trust.centre, trust.yaw) == pytest.approx((2.0, 0.5, 3.0), rel=0.08)
     assert evaluate.trust(seen[:3]).centre == 1.0
+
+
+def test_how_far_out_centres_are_told_is_measured_and_taken_back(dataset, tmp_path):
+    row, rng, seen = datasets.read(dataset).rows[0], np.random.default_rng(0), []
+    for _ in range(400):
+        centre, sd = rng.uniform((0, 0), (row.width_px, row.height_px)), float(rng.uniform(0.2, 2.0))
+        box = np.array([*(centre - 30), *(centre + (30, 10))])
+        named = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), box.tolist(), strict=True))
+        shown = msgspec.structs.replace(row, grab_u_px=float(centre[0]), grab_v_px=float(centre[1]), **named)
+        told = centre + 0.05 * lean(centre, box, row.width_px, row.height_px) + rng.normal(0, sd, 2)
+        found = Detection("found", "", 1.0, box, told, 0.0, np.ones(4), np.full(2, sd), 0.1)
+        seen.append(evaluate.Seen(cache.Frame(shown, tmp_path, True, ""), found))
+    trust = evaluate.trust(seen)
+    assert trust.outward == pytest.approx(0.05, abs=0.01)
+    assert trust.centre == pytest.approx(1.0, abs=0.08)
+    assert evaluate.outward(evaluate.drawn_in(seen, trust.outward)) == pytest.approx(0.0, abs=0.002)
+    assert evaluate.outward(seen[:3]) == 0.0
 
 
 def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):

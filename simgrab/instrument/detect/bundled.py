@@ -73,11 +73,21 @@ class Settings:
 
 @dataclass(frozen=True)
 class Trust:
-    """By what the stated standard deviations are multiplied, as validation frames showed: edges, centre, yaw."""
+    """What validation frames showed of what the nets tell.
+
+    Attributes
+    ----------
+    box, centre, yaw : float
+        By what stated standard deviations are multiplied.
+    outward : float
+        How far out told centres lie: in longer sides of the box, a picture's width from its middle. Crops do not show
+        from how far aside the grab is seen, and so the nets tell too little of the parallax.
+    """
 
     box: float = 1.0
     centre: float = 1.0
     yaw: float = 1.0
+    outward: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -253,13 +263,20 @@ def _sound(box: Array) -> Array:
 
 
 def _detection(refined: Refined, presence: float, picture: Picture, trust: Trust) -> Detection:
-    limits = np.array([picture.shape[1], picture.shape[0]] * 2, float)
+    height, width = picture.shape[:2]
+    box, centre = np.clip(_sound(refined.boxes[0]), 0, [width, height] * 2), refined.centres[0]
     return Detection(
         status="found", reason="", score=presence,
-        box=np.clip(_sound(refined.boxes[0]), 0, limits), centre=refined.centres[0], yaw=float(refined.yaw[0]),
+        box=box, centre=centre - trust.outward * lean(centre, box, width, height), yaw=float(refined.yaw[0]),
         box_sd_px=refined.box_sd[0] * trust.box, centre_sd_px=refined.centre_sd[0] * trust.centre,
         yaw_sd=float(refined.yaw_sd[0]) * trust.yaw,
     )  # fmt: skip
+
+
+def lean(centre: Array, box: Array, width: int, height: int) -> Array:
+    """Way (2,) from a picture's middle to a centre, in its widths, by the box's longer side: like the parallax, px."""
+    side = float((box[2:] - box[:2]).max())
+    return np.asarray((centre - np.array([width, height]) / 2) * side / width)
 
 
 def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: int) -> Net:

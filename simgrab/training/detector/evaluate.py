@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.special import expit, logit
 from simgrab import labels
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import Trust
+from simgrab.instrument.detect.bundled import Trust, lean
 from simgrab.records import Detection
 from simgrab.training.detector import cache
 
@@ -43,6 +43,14 @@ class Seen:
     def hit(self) -> bool:
         """Whether the grab was found where it is."""
         return self.overlap >= 0.5
+
+    @property
+    def lean(self) -> Array:
+        """`bundled.lean` of what was found."""
+        found, row = self.detection, self.frame.row
+        assert found.centre is not None
+        assert found.box is not None
+        return lean(found.centre, found.box, row.width_px, row.height_px)
 
 
 def watch(
@@ -90,8 +98,31 @@ def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
 
 
 def trust(seen: Sequence[Seen]) -> Trust:
-    """Factors on stated deviations, by which ±1.96 of them hold 95 % of the errors seen."""
-    return Trust(**{name: _factor(ratios) for name, ratios in errors_over_sd(seen).items()})
+    """Measure how far out centres are told, and the factors by which ±1.96 deviations then hold 95 % of the errors."""
+    far = outward(seen)
+    ratios = errors_over_sd(drawn_in(seen, far))
+    return Trust(outward=far, **{name: _factor(some) for name, some in ratios.items()})
+
+
+def outward(seen: Sequence[Seen]) -> float:
+    """Fit `Trust.outward` to the centres of hits, the surest counting most; 0 where there are few."""
+    parts = []
+    for one in seen:
+        centre, sd = one.detection.centre, one.detection.centre_sd_px
+        if one.hit and centre is not None and sd is not None:
+            error, way = centre - labels.centre(one.frame.row), one.lean
+            parts.append((way @ (error / sd**2), way @ (way / sd**2)))
+    sums = np.array([part for part in parts if np.isfinite(part).all()])
+    return float(sums[:, 0].sum() / sums[:, 1].sum()) if len(sums) >= _FEWEST else 0.0
+
+
+def drawn_in(seen: Sequence[Seen], far: float) -> list[Seen]:
+    """Tell what would have been seen with centres drawn in by `Trust.outward`."""
+    return [
+        one if one.detection.centre is None
+        else replace(one, detection=replace(one.detection, centre=one.detection.centre - far * one.lean))
+        for one in seen
+    ]  # fmt: skip
 
 
 def errors_over_sd(seen: Sequence[Seen]) -> dict[str, Array]:

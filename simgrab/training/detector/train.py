@@ -174,9 +174,10 @@ def fit(
     presence = round(evaluate.least_presence(seen), 4)
     seen = evaluate.by(presence, seen)
     settings = dataclasses.asdict(Settings(least_presence=presence))
-    trust = evaluate.as_dict(evaluate.trust(seen))
-    export.set_facts(out / "refine.onnx", facts | {"settings": settings, "trust": trust})
-    return Fitted({"find": found, "refine": refined, "settle": settled}, evaluate.metrics(seen))
+    trust = evaluate.trust(seen)
+    export.set_facts(out / "refine.onnx", facts | {"settings": settings, "trust": evaluate.as_dict(trust)})
+    figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
+    return Fitted({"find": found, "refine": refined, "settle": settled}, figures)
 
 
 def _learn(
