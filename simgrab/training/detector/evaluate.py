@@ -20,7 +20,7 @@ LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that hold LEVEL of a normal law
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
-_UP = 0.75  # how far up the range of equally good ones it lies, in logits
+_UP = 0.9  # how far up the range of equally good ones it lies, in logits
 _FEWEST = 20  # detections from which on a factor is measured
 
 
@@ -66,7 +66,7 @@ def watch(
 
 
 def least_presence(seen: Sequence[Seen]) -> float:
-    """Presence from which on a grab is one: that which errs least often, three quarters up the widest range of such.
+    """Presence from which on a grab is one: that which errs least often, nine tenths up the widest range of such.
 
     Nearer to the grabs than to the rest: what is none has no end, and validation shows little of it.
 
