@@ -90,12 +90,13 @@ def _leak(found: dict[str, Any]) -> str:
     rows = [f"| {name} | {_row(s)} |" for name, s in scores.items()]
     between, later = (_percent(scores[name]["map50_95"]) for name in ("frames in between", "later in the same video"))
     worst = min(scores, key=lambda name: float(scores[name]["map50_95"]))
+    lowest, found_there = (_percent(scores[worst][key]) for key in ("map50_95", "recall"))
     return f"""## What a random split of one video hides
 
 The whole detector, learned from 80 % of the video's frames, an eighth of which choose the best epoch. The other 20 %
 lie between those, in the same light and before the same ground: there mAP50-95 is {between} %, on what comes after
 them in the same video {later} %. Neither tells of another weather or place; worst is "{worst}", with
-{_percent(scores[worst]["map50_95"])} % and {_percent(scores[worst]["recall"])} % of the grabs found. All frames show a grab.
+{lowest} % and {found_there} % of the grabs found. All frames show a grab.
 
 {HEAD}
 """ + "\n".join(rows)
