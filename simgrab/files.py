@@ -7,6 +7,7 @@ Each thread is to write to places of its own; processes that write to one place 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import glob
 import os
 import shutil
@@ -49,6 +50,22 @@ def drafted_folder(path: Path) -> Iterator[Path]:
         draft.mkdir()
         yield draft
         draft.replace(path)
+
+
+@contextlib.contextmanager
+def held(lock: Path) -> Iterator[None]:
+    """Hold a lock, which is a file, against other processes and threads, until left or the process stops.
+
+    Raises
+    ------
+    BlockingIOError
+        If another holds it.
+    OSError
+        If it cannot be written.
+    """
+    with lock.open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
 
 
 @contextlib.contextmanager

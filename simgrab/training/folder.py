@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from simgrab.errors import TrainingError
-from simgrab.files import drafted
+from simgrab.files import drafted, held
+
+LOCK = ".lock"
 
 
-def claim(out: Path, *, resume: bool) -> None:
-    """Make the folder of a training; without ``resume`` refuse one that holds anything.
+@contextmanager
+def claim(out: Path, *, resume: bool) -> Iterator[None]:
+    """Make the folder of a training and hold it against another; without ``resume`` refuse one that holds anything.
 
     Raises
     ------
     TrainingError
     """
-    try:
-        if out.exists() and not out.is_dir():
-            raise TrainingError(f"{out} is not a folder; choose another --out")
-        if out.is_dir() and any(out.iterdir()) and not resume:
-            raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+    with ExitStack() as stack:
+        try:
+            if out.exists() and not out.is_dir():
+                raise TrainingError(f"{out} is not a folder; choose another --out")
+            if out.is_dir() and any(path.name != LOCK for path in out.iterdir()) and not resume:
+                raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(held(out / LOCK))
+        except BlockingIOError:
+            raise TrainingError(f"{out} is being written by another training") from None
+        except OSError as problem:
+            raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+        yield
 
 
 def write(path: Path, data: bytes) -> None:

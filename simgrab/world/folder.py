@@ -6,12 +6,11 @@ A frame counts as done once its record lies in ``.partial/rows``; pictures and r
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from typing import Any
 import msgspec
 
 from simgrab.errors import DatasetError
+from simgrab.files import held
 from simgrab.world.frames import Frame, Record
 
 MANIFEST = "manifest.json"
@@ -151,9 +151,9 @@ class Folder:
 @contextmanager
 def locked(partial: Path, path: Path) -> Iterator[None]:
     """Hold what is being made in ``partial`` and will lie at ``path`` against a second writer."""
-    with writing(path), (partial / "lock").open("w") as handle:
+    with writing(path), ExitStack() as stack:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stack.enter_context(held(partial / "lock"))
         except BlockingIOError:
             raise DatasetError(f"{path} is being written by another simgrab") from None
         yield

@@ -121,11 +121,20 @@ def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeyp
         error, _ = run(*arguments, "--quiet")
         assert isinstance(error, DatasetError | TrainingError), problem
         assert problem in str(error)
-    with pytest.raises(TrainingError, match="not a folder"):
-        claim(tmp_path / "full" / "file", resume=True)
+    with pytest.raises(TrainingError, match="not a folder"), claim(tmp_path / "full" / "file", resume=True):
+        pass
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "torch" else object())
     error, _ = run(dataset, "--out", tmp_path / "d")
     assert "pip install 'simgrab[train]'" in str(error)
+
+
+@pytest.mark.parametrize("more", [(), ("--resume",)])
+def test_two_trainings_do_not_share_a_folder(more, halves, tmp_path):
+    with claim(tmp_path / "out", resume=False):
+        error, _ = run(halves, "--out", tmp_path / "out", "--quiet", *more)
+    assert str(error) == f"{tmp_path / 'out'} is being written by another training"
+    with claim(tmp_path / "out", resume=False):  # nothing was written, so nothing is in the way
+        pass
 
 
 def _part(source, target, frames):

@@ -82,17 +82,17 @@ def train(
     """
     out = Path(out)
     sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
-    claim(out, resume=resume)
     frames, doubtful = Frames.of(sets), Frames.of(more)
     chosen = recipes(len(frames.train))
-    fitted = fit(frames, out, chosen, hard=doubtful, resume=resume, watch=watch, report=report)
-    for name, trained in fitted.nets.items():
-        also = name == "settle"
-        Card(
-            name=name, task=TASKS[name], data=tuple(one.data for one in (*sets, *(more if also else ()))),
-            examples=trained.examples, recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs,
-            seconds=trained.seconds, metrics={"alone": trained.figures} | fitted.metrics,
-        ).save(out / f"{name}.onnx")  # fmt: skip
+    with claim(out, resume=resume):
+        fitted = fit(frames, out, chosen, hard=doubtful, resume=resume, watch=watch, report=report)
+        for name, trained in fitted.nets.items():
+            also = name == "settle"
+            Card(
+                name=name, task=TASKS[name], data=tuple(one.data for one in (*sets, *(more if also else ()))),
+                examples=trained.examples, recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs,
+                seconds=trained.seconds, metrics={"alone": trained.figures} | fitted.metrics,
+            ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
 
 

@@ -64,20 +64,20 @@ def train_reader(
     DatasetError, TrainingError
     """
     found = data.read_all(paths, "train", "val")
-    claim(out, resume=resume)
-    with out_of_memory(recipe):
-        task = Digits(gather(found, "train", recipe.seed), gather(found, "val", recipe.seed), recipe.seed)
-    trained = loop.train(LeNet5, task, recipe, out, data=data.digest(found), resume=resume, report=report)
-    probabilities = torch.cat([trained.net(torch.from_numpy(part)) for part in np.array_split(task.crops, 16)])
-    least = threshold(probabilities.softmax(1).detach().numpy(), task.digits)
-    path = out / f"{NAME}.onnx"
-    write(path, exported(trained.net, least))
-    card = Card(
-        NAME, TASK, tuple(dataset.data for dataset in found), task.examples, vars(recipe), trained.epochs,
-        trained.seconds, _metrics(Reader(path), task) | {"best_epoch": trained.epoch},
-    )  # fmt: skip
-    card.save(path)
-    return card
+    with claim(out, resume=resume):
+        with out_of_memory(recipe):
+            task = Digits(gather(found, "train", recipe.seed), gather(found, "val", recipe.seed), recipe.seed)
+        trained = loop.train(LeNet5, task, recipe, out, data=data.digest(found), resume=resume, report=report)
+        probabilities = torch.cat([trained.net(torch.from_numpy(part)) for part in np.array_split(task.crops, 16)])
+        least = threshold(probabilities.softmax(1).detach().numpy(), task.digits)
+        path = out / f"{NAME}.onnx"
+        write(path, exported(trained.net, least))
+        card = Card(
+            NAME, TASK, tuple(dataset.data for dataset in found), task.examples, vars(recipe), trained.epochs,
+            trained.seconds, _metrics(Reader(path), task) | {"best_epoch": trained.epoch},
+        )  # fmt: skip
+        card.save(path)
+        return card
 
 
 def exported(net: nn.Module, least: float) -> bytes:
