@@ -140,11 +140,12 @@ def test_reading_refine_is_exact():
     assert read(out, [Patch(-200, 200, 0, 400)], 1920, 1080).boxes[0, 0] == 0  # clipped to the picture
 
 
-def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0, glow=0.0, outward=0.0):
+def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0, glow=(0.0, 0.0), outward=0.0):
     """Nets that see a grab in the brightest part of find's picture, and refine it to the middle of the crop.
 
     ``yaw`` is what refine says, rad, ``aside`` by which share of the level crop settle moves the centre along x,
-    ``glow`` by how much more settle believes in a crop that is all light, and ``outward`` what validation showed.
+    ``glow`` by how much more refine and settle believe in a crop that is all light, and ``outward`` what validation
+    showed.
     """
     folder.mkdir(exist_ok=True)
     told = np.zeros((1, 16), np.float32)
@@ -181,8 +182,8 @@ def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0
     ]
     facts = {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0, "outward": outward}}
     light = np.zeros((1, 16), np.float32)
-    for name, rows, said in (("refine", told, facts), ("settle", told + settle_more, {"task": SETTLE})):
-        light[0, 15] = glow / 255 if name == "settle" else 0
+    both = (("refine", told, facts), ("settle", told + settle_more, {"task": SETTLE}))
+    for (name, rows, said), light[0, 15] in zip(both, np.array(glow) / 255, strict=True):
         save(
             folder / f"{name}.onnx", refine, [("pictures", TensorProto.UINT8, ["n", 160, 160, 4])],
             [("told", ["n", 16])],
@@ -226,12 +227,23 @@ def test_the_bundled_detector_puts_its_nets_together(tmp_path):
 
 def test_a_doubtful_grab_is_looked_at_again_from_where_it_was_seen(tmp_path):
     sure = detector(hand_made(tmp_path / "sure"))(bright())
-    doubtful = detector(hand_made(tmp_path / "doubt", presence=-3.0, glow=9.0))(bright())
+    doubtful = detector(hand_made(tmp_path / "doubt", presence=-3.0, glow=(0.0, 9.0)))(bright())
     # Refine says 0.6 of its crop, which is 1.5 boxes: each look sees a box of 0.9 of the one before.
     for found, looks in ((sure, 1), (doubtful, 4)):
         assert found.found
         assert found.box[2] - found.box[0] == pytest.approx(150 * 0.9**looks, abs=2)
     assert 0.5 < doubtful.score < 0.9
+
+
+def test_a_grab_is_found_behind_three_hotter_places(tmp_path):
+    picture = np.maximum.reduce([bright(at=(u, 405)) for u in (255, 705, 1155)])
+    three = detector(hand_made(tmp_path, presence=-3.4, glow=(10.0, 6.5)))
+    assert not three(picture).found
+    picture = np.maximum(picture, bright(at=(705, 795), half=65) // 255 * 150)
+    assert [round(place.heat, 2) for place in three.candidates(picture)[:4]] == [0.98, 0.98, 0.98, 0.28]
+    found = three(picture)
+    assert found.found
+    np.testing.assert_allclose(found.centre, [705, 795], atol=65)
 
 
 def test_what_settle_says_is_turned_back_into_the_picture(tmp_path):

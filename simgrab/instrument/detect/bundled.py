@@ -43,10 +43,11 @@ BUNDLED, WEIGHTS = "bundled", ASSETS / "weights"
 FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
 _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
 _STRIDE = 8
-_MOST = 3  # candidates that are looked at closely
+_MOST = 3  # candidates, the hottest, that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
 _SURE = 0.9  # presence from which on nothing is looked at again
 _AGAIN_HEAT, _LOOKS = 0.015, 4  # from which heat on, and how often, candidates are looked at then
+_LIKELY = 0.5  # presence at the first of these looks that makes a place after the hottest worth the others
 
 
 @dataclass(frozen=True)
@@ -173,9 +174,13 @@ class Bundled:
         return _detection(found, presence, picture, self.trust)
 
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
-        """Look at more candidates more often, each time from where the grab was seen, and settle them all."""
-        boxes = [candidate.box for candidate in candidates[:_MOST] if candidate.heat >= _AGAIN_HEAT]
-        for _ in range(_LOOKS):
+        """Look at more candidates more often, each time from where the grab was seen, and settle them all.
+
+        The hottest are not enough: where other grabs stand about, the one that is meant may come after them.
+        """
+        refined = self.refine(picture, [candidate.box for candidate in candidates if candidate.heat >= _AGAIN_HEAT])
+        boxes = [box for i, box in enumerate(refined.boxes) if i < _MOST or refined.presence[i] >= _LIKELY]
+        for _ in range(_LOOKS - 1):
             refined = self.refine(picture, boxes)
             boxes = list(refined.boxes)
         return [self.settle(picture, refined.one(i)) for i in range(len(boxes))]
