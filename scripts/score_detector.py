@@ -1,7 +1,8 @@
 """Score a detector on datasets: ``python -m scripts.score_detector DATASET... [--detector …] [--json FILE]``.
 
-Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals, the centre's error and bias with
-the box centre's bias beside it, and how often stated intervals hold; then the centre by rope length, and the time.
+Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals and in how many worlds nothing was
+missed or any box was false, the centre's error and bias with the box centre's bias beside it, and how often stated
+intervals hold; then the centre by rope length, and the time.
 """
 
 from __future__ import annotations
@@ -64,12 +65,15 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
 def _found(name: str, groups: dict[str, Any]) -> Table:
     table = _table(
         f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
-        ("", "grab", "mAP50-95", "mAP50", "recall", "longest miss", "empty", "false boxes", "box", "centre", "yaw"),
-    )
+        ("", "grab", "mAP50-95", "mAP50", "recall", "of worlds", "longest miss", "empty", "false boxes", "of worlds",
+         "box", "centre", "yaw"),
+    )  # fmt: skip
     for group, f in groups.items():
         table.add_row(
             group, str(f["labelled"]), _n(f["map50_95"]), _n(f["map50"]), _share(f["recall"], f["recall_interval"]),
-            str(f["longest_miss"]), str(f["empty"]), f"{f['false_boxes']}{_interval(f['false_interval'])}",
+            f"{f['labelled_worlds'] - f['missed_worlds']}/{f['labelled_worlds']}", str(f["longest_miss"]),
+            str(f["empty"]), f"{f['false_boxes']}{_interval(f['false_interval'])}",
+            f"{f['false_worlds']}/{f['empty_worlds']}",
             *(_n(f["coverage"][key]) for key in ("box", "centre", "yaw")),
         )  # fmt: skip
     return table

@@ -19,7 +19,7 @@ from simgrab.datasets import Dataset
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.judge.detections import centre
-from simgrab.judge.intervals import clopper_pearson
+from simgrab.judge.intervals import clopper_pearson, standard_error
 from simgrab.records import Detection, Truth
 
 _NORMAL = 1.96
@@ -41,12 +41,20 @@ class Case:
         Whether detection labels hold a box.
     weather : str
     detection : Detection
+    dataset : str
+        What tells its worlds from those of others judged with it.
     """
 
     truth: Truth
     labelled: bool
     weather: str
     detection: Detection
+    dataset: str = ""
+
+    @property
+    def world(self) -> tuple[str, int | None]:
+        """What names its world, whose frames are much alike."""
+        return self.dataset, self.truth.variant
 
     @property
     def empty(self) -> bool:
@@ -78,7 +86,7 @@ class Case:
 def cases(dataset: Dataset, detections: Sequence[Detection]) -> list[Case]:
     """Join a dataset's rows with what was said of them, in the rows' order."""
     return [
-        Case(row, dataset.is_labelled(row), dataset.weather(row), found)
+        Case(row, dataset.is_labelled(row), dataset.weather(row), found, str(dataset.path))
         for row, found in zip(dataset.rows, detections, strict=True)
     ]
 
@@ -111,9 +119,11 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
     -------
     dict
         Counts; COCO's ``map50_95`` and ``map50``, each frame giving at most one box; ``recall`` at an IoU of 0.5 and
-        ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson; ``longest_miss``, frames
-        in a row of a clip; `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the
-        hits. None where there is nothing to count.
+        ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson, which take frames for
+        independent; ``labelled_worlds`` and ``empty_worlds``, of which those frames are, ``missed_worlds`` and
+        ``false_worlds``, in which any was missed or got a box; ``longest_miss``, frames in a row of a clip;
+        `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the hits. None where
+        there is nothing to count.
     """
     labelled = [case for case in some if case.labelled]
     empty = [case for case in some if case.empty]
@@ -125,13 +135,21 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
         **average_precision([case for case in some if case.labelled or case.empty]),
         "recall": len(hits) / len(labelled) if labelled else None,
         "recall_interval": clopper_pearson(len(hits), len(labelled)),
+        "labelled_worlds": _worlds(labelled),
+        "missed_worlds": _worlds([case for case in labelled if not case.hit]),
         "longest_miss": longest_miss(labelled),
         "false_boxes": len(false),
         "false_share": len(false) / len(empty) if empty else None,
         "false_interval": clopper_pearson(len(false), len(empty)),
+        "empty_worlds": _worlds(empty),
+        "false_worlds": _worlds(false),
         "centre": centre_errors([case for case in labelled if case.told]),
         "coverage": coverage(hits),
     }
+
+
+def _worlds(some: Sequence[Case]) -> int:
+    return len({case.world for case in some})
 
 
 def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
@@ -195,7 +213,8 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     -------
     dict
         ``median_px`` and ``p95_px`` of the distance; signed means in u, v and radially (away from the principal point)
-        with the standard error of the mean; the same means in shares of the width, which is the box's longer side; and
+        with their standard errors, by worlds (of one world alone, by frames); the same means in shares of the width,
+        which is the box's longer side; and
         ``box_radial_…``: what the centre of a perfect box would be off by.
     """
     kept = [c for c in hits if c.truth.grab_u_px is not None]
@@ -209,7 +228,7 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     outward = truth - [(c.truth.cx_px, c.truth.cy_px) for c in kept]
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
     along, of_box_along = (error * outward).sum(axis=1), (of_box * outward).sum(axis=1)
-    distance = np.linalg.norm(error, axis=1)
+    distance, worlds = np.linalg.norm(error, axis=1), [c.world for c in kept]
     result: dict[str, Any] = {
         "frames": len(kept),
         "median_px": float(np.median(distance)),
@@ -220,7 +239,7 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     for name, values in (("u", error[:, 0]), ("v", error[:, 1]), ("radial", along), ("box_radial", of_box_along)):
         result |= {
             f"{name}_mean_px": float(values.mean()),
-            f"{name}_se_px": float(values.std() / math.sqrt(len(kept))),
+            f"{name}_se_px": standard_error(values, worlds),
             f"{name}_mean_share": float((values / width).mean()),
         }
     return result

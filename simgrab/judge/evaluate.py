@@ -82,7 +82,8 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
 UNREAD = "???? ????"
 # What there is nothing to say of where an instrument tells centres alone.
 _OF_BOXES = (
-    "map50_95", "map50", "recall", "recall_interval", "longest_miss", "false_boxes", "false_share", "false_interval",
+    "map50_95", "map50", "recall", "recall_interval", "missed_worlds", "longest_miss",
+    "false_boxes", "false_share", "false_interval", "false_worlds",
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from simgrab import datasets, labels
 from simgrab.cli import cli
 from simgrab.errors import DatasetError
 from simgrab.judge import detection, detections
-from simgrab.judge.intervals import clopper_pearson
+from simgrab.judge.intervals import clopper_pearson, standard_error
 from simgrab.records import Detection
 
 NONE = Detection("none", "nothing found", 0.1)
@@ -133,6 +133,27 @@ def test_runs_of_misses_end_with_a_clip_a_world_and_a_dataset(known):
     assert longest(first, second, first) == 2
     assert longest(first, second, msgspec.structs.replace(third, clip=1)) == 2
     assert longest(first, second, msgspec.structs.replace(third, variant=1)) == 2
+
+
+def test_worlds_with_an_error_are_counted_and_those_of_datasets_kept_apart(known):
+    first, second, third = known.rows[:3]
+    rows = [(first, ""), (second, ""), (third, ""), (first, "other"), (msgspec.structs.replace(third, variant=1), "")]
+    f = detection.figures([detection.Case(row, True, "", NONE, name) for row, name in rows] +
+                          [detection.Case(third, True, "", perfect(third), "third")])  # fmt: skip
+    assert (f["labelled_worlds"], f["missed_worlds"], f["recall"]) == (4, 3, pytest.approx(1 / 6))
+    assert (f["empty_worlds"], f["false_worlds"]) == (0, 0)
+    empty = [detection.Case(gone(row), False, "", perfect(row) if name else NONE, name) for row, name in rows]
+    f = detection.figures(empty)
+    assert (f["empty_worlds"], f["false_worlds"], f["false_boxes"]) == (3, 1, 1)
+
+
+def test_a_means_error_is_that_of_groups():
+    values = np.random.default_rng(0).normal(size=40)
+    plain = values.std(ddof=1) / np.sqrt(40)
+    assert standard_error(values, range(40)) == pytest.approx(plain)
+    assert standard_error(np.repeat(values, 15), np.repeat(np.arange(40), 15).tolist()) == pytest.approx(plain)
+    assert standard_error(values, [0] * 40) == pytest.approx(plain)
+    assert standard_error(values[:1], [0]) == 0
 
 
 def test_intervals_are_exact():

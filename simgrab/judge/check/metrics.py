@@ -11,7 +11,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
     "frames": ("all", "known", "ok", "missed", "unread", "lost", "refused"),
     "detection": (
         "frames", "labelled", "empty", "map50_95", "map50", "recall", "longest_miss", "false_boxes", "false_share",
-        "jitter_px",
+        "labelled_worlds", "missed_worlds", "empty_worlds", "false_worlds", "jitter_px",
     ),
     "detection.centre": (
         "frames", "median_px", "p95_px", "median_share", "width_px",
