@@ -194,16 +194,17 @@ def _xywh(box: Array) -> list[float]:
 def longest_miss(labelled: Sequence[Case]) -> int:
     """Most labelled frames in a row, of one clip or world, in which the grab was not found where it is."""
     longest = run = 0
-    before: Truth | None = None
+    before: Case | None = None
     for case in labelled:
-        run = 0 if case.hit else 1 + (run if before and _follows(case.truth, before) else 0)
-        longest, before = max(longest, run), case.truth
+        run = 0 if case.hit else 1 + (run if before and _follows(case, before) else 0)
+        longest, before = max(longest, run), case
     return longest
 
 
-def _follows(row: Truth, before: Truth) -> bool:
-    """Whether a row comes later in the same clip and world; another dataset mostly begins anew."""
-    return row.frame > before.frame and (row.clip, row.variant) == (before.clip, before.variant)
+def _follows(case: Case, before: Case) -> bool:
+    """Whether a case comes later in the same clip and world."""
+    later = case.truth.frame > before.truth.frame
+    return later and (case.truth.clip, case.world) == (before.truth.clip, before.world)
 
 
 def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
@@ -214,8 +215,7 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     dict
         ``median_px`` and ``p95_px`` of the distance; signed means in u, v and radially (away from the principal point)
         with their standard errors, by worlds (of one world alone, by frames); the same means in shares of the width,
-        which is the box's longer side; and
-        ``box_radial_…``: what the centre of a perfect box would be off by.
+        which is the box's longer side; and ``box_radial_…``: what the centre of a perfect box would be off by.
     """
     kept = [c for c in hits if c.truth.grab_u_px is not None]
     if not kept:

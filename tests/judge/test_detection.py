@@ -133,6 +133,8 @@ def test_runs_of_misses_end_with_a_clip_a_world_and_a_dataset(known):
     assert longest(first, second, first) == 2
     assert longest(first, second, msgspec.structs.replace(third, clip=1)) == 2
     assert longest(first, second, msgspec.structs.replace(third, variant=1)) == 2
+    some = [detection.Case(row, True, "", NONE, name) for row, name in ((first, ""), (second, ""), (third, "other"))]
+    assert detection.figures(some)["longest_miss"] == 2
 
 
 def test_worlds_with_an_error_are_counted_and_those_of_datasets_kept_apart(known):
