@@ -1,7 +1,7 @@
 """Score a detector on datasets: ``python -m scripts.score_detector DATASET... [--detector …] [--json FILE]``.
 
-Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals and in how many worlds nothing was
-missed or any box was false, the centre's error and bias with the box centre's bias beside it, and how often stated
+Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals and in how many worlds any grab
+was missed or any box was false, the centre's error and bias with the box centre's bias beside it, and how often stated
 intervals hold; then the centre by rope length, and the time.
 """
 
@@ -23,7 +23,7 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
 from simgrab.judge import detection, detections
 
-_WIDTH = 160  # columns of text
+_WIDTH = 172  # columns of text
 
 
 def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, Any]:
@@ -65,13 +65,13 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
 def _found(name: str, groups: dict[str, Any]) -> Table:
     table = _table(
         f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
-        ("", "grab", "mAP50-95", "mAP50", "recall", "of worlds", "longest miss", "empty", "false boxes", "of worlds",
+        ("", "grab", "mAP50-95", "mAP50", "recall", "missed in", "longest miss", "empty", "false boxes", "false in",
          "box", "centre", "yaw"),
     )  # fmt: skip
     for group, f in groups.items():
         table.add_row(
             group, str(f["labelled"]), _n(f["map50_95"]), _n(f["map50"]), _share(f["recall"], f["recall_interval"]),
-            f"{f['labelled_worlds'] - f['missed_worlds']}/{f['labelled_worlds']}", str(f["longest_miss"]),
+            f"{f['missed_worlds']}/{f['labelled_worlds']}", str(f["longest_miss"]),
             str(f["empty"]), f"{f['false_boxes']}{_interval(f['false_interval'])}",
             f"{f['false_worlds']}/{f['empty_worlds']}",
             *(_n(f["coverage"][key]) for key in ("box", "centre", "yaw")),

@@ -1,4 +1,4 @@
-"""Intervals of counted shares."""
+"""How far counted shares and means of a sample are to be trusted."""
 
 from __future__ import annotations
 
