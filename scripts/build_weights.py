@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 class Source:
     """A dataset to render: a scene, what differs from it, how many frames (and how many in a hurry), and the seed.
 
-    ``weathers`` names those that a scene of many is kept to; all of them where it is empty.
+    ``kept`` names the weathers and places that a scene of many is kept to, each by the key that varies it.
     """
 
     name: str
@@ -40,18 +40,31 @@ class Source:
     frames: int
     quick: int
     seed: int
-    weathers: tuple[str, ...] = ()
+    kept: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
-SNOW = ("light snow", "heavy snow", "snow on the ground", "night, light snow")
+SNOW = {"weather": ("light snow", "heavy snow", "snow on the ground", "night, light snow")}
+# Other cranes' grabs are what is taken for the grab: they stand where there is room, and still, so that few frames are
+# of a world.
+CROWDED = {
+    "swing.absent": 0.9,
+    "clip.clip_frames": 4,
+    "vary": {"clutter.other_grabs": {"values": [1, 2, 3, 4], "weights": [1, 2, 2, 3]}},
+}
+ROOMY = {
+    "place": (
+        "quay, coal, hopper", "quay, ore, hopper", "quay, grain, hopper", "quay, coal, truck", "quay, ore, truck",
+        "quay, bare", "water", "yard",
+    )
+}  # fmt: skip
 # Most frames show the grab; the second set teaches what none looks like, the third a grab that snow lies on.
 DETECTOR = (
-    Source("training", "training", {}, 2880, 1440, 0),
-    Source("empty", "training", {"swing.absent": 0.9}, 480, 240, 1),
-    Source("snow", "training", {}, 720, 240, 2, SNOW),
+    Source("training", "training", {}, 3840, 1440, 0),
+    Source("empty", "training", CROWDED, 480, 240, 1, ROOMY),
+    Source("snow", "training", {}, 960, 240, 2, SNOW),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
-HARD = Source("hard", "training", {"swing.absent": 0.9}, 1200, 240, 3)
+HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 640, 240, 3, ROOMY)
 
 READER = Source("digits", "digits", {}, 2400, 960, 0)
 
@@ -60,23 +73,23 @@ def rendered(source: Source, work: Path, *, quick: bool, workers: int) -> Path:
     """Render a dataset, or what is missing of it."""
     frames = source.quick if quick else source.frames
     scenario = scenes.load(source.scene, {**source.changes, "frames": frames, "seed": source.seed})
-    if source.weathers:
-        scenario = only(scenario, source.weathers)
+    for key, names in source.kept.items():
+        scenario = only(scenario, key, names)
     out = work / source.name
     with bar(f"drawing {source.name}", shown=True) as progress:
         render(scenario, out, workers=workers, resume=True, progress=progress)
     return out
 
 
-def only(scenario: Scenario, weathers: Sequence[str]) -> Scenario:
-    """Keep a scene of many weathers to some of them, by their names."""
-    key = next(key for key in scenario.vary if "weather" in key.split("+"))
-    factor = scenario.vary[key]
+def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
+    """Keep what varies a key, with others, to some of its values, by their names."""
+    varied = next(keys for keys in scenario.vary if key in keys.split("+"))
+    factor = scenario.vary[varied]
     assert isinstance(factor, OneOf)
-    kept = [factor.names.index(name) for name in weathers]
+    kept = [factor.names.index(name) for name in names]
     values, weights = (tuple(part[i] for i in kept) for part in (factor.values, factor.weights))
-    fewer = msgspec.structs.replace(factor, values=values, weights=weights, names=tuple(weathers))
-    return msgspec.structs.replace(scenario, vary={**scenario.vary, key: fewer})
+    fewer = msgspec.structs.replace(factor, values=values, weights=weights, names=tuple(names))
+    return msgspec.structs.replace(scenario, vary={**scenario.vary, varied: fewer})
 
 
 def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:

@@ -87,6 +87,7 @@ def crops(
     def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
         rng, truth = stream(seed, i, "negatives"), boxes[i] if chosen[i].labelled else None
         others = [around(b, ROOM) for b in suspects[i] if truth is None or _apart(around(b, 1.0), truth)]
+        others = [others[k] for k in rng.permutation(len(others))]  # frames of a world suspect the same places
         while len(others) < 2:
             others.append(_anywhere(picture, longest, truth, rng))
         patches = [others[1] if truth is None else around(truth, ROOM), others[0]]

@@ -34,7 +34,7 @@ _LEAN, _ANY_LEAN, _ANY = 0.045, np.pi / 2, 0.05
 _SCALE = 0.03
 _AS_SAID = 0.5  # share of grabs that are turned as refine said, not as they are
 _WITHIN = 0.3  # shares of a level crop by which the grab's centre may lie off its middle
-_OTHERS = 0.5  # examples of something else, for each of the grab: those most like it
+_OTHERS = 0.8  # examples of something else, for each of the grab: those most like it
 _LOOK = 512  # crops that refine looks at at once
 
 
