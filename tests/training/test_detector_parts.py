@@ -17,7 +17,7 @@ from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
 from simgrab.records import Detection  # noqa: E402
 from simgrab.rng import stream  # noqa: E402
 from simgrab.training.detector import cache, evaluate, find, nets, refine, settings, settle  # noqa: E402
-from simgrab.training.detector.augment import Dirt, Turn  # noqa: E402
+from simgrab.training.detector.augment import Dirt, Turn, _hues  # noqa: E402
 
 
 def middle(light):
@@ -78,6 +78,14 @@ def test_dirt_keeps_the_shape_and_depends_on_its_stream_alone():
         assert a.shape == picture.shape
         assert a.dtype == np.uint8
         np.testing.assert_array_equal(a, b)
+
+
+def test_hues_turn_about_grey():
+    grey, red = (np.full((1, 1, 3), colour, np.uint8) for colour in (90, (160, 80, 80)))
+    hues = _hues(2 * np.pi / 3)
+    np.testing.assert_array_equal(cv2.transform(grey, hues), grey)
+    np.testing.assert_array_equal(cv2.transform(red, hues)[0, 0], [80, 160, 80])
+    assert cv2.transform(red, _hues(1.0)).sum(dtype=int) == pytest.approx(red.sum(dtype=int), abs=2)
 
 
 # Targets ---------------------------------------------------------------------------------------------------------

@@ -56,12 +56,12 @@ class Dirt:
         self._noise = np.random.default_rng(seed).normal(0, 1, _NOISE).astype(np.float32)
 
     def __call__(self, picture: Picture, rng: np.random.Generator) -> Picture:
-        """Spoil the colours of a picture (h, w, 3): light, gamma, tint, grey, blur, noise, and a patch cut out."""
+        """Spoil the colours of a picture (h, w, 3): light, gamma, tint, hue, grey, blur, noise, and a patch cut out."""
         result = np.ascontiguousarray(picture)
         if rng.random() < 0.15:
             result = cv2.cvtColor(cv2.cvtColor(result, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
-        elif rng.random() < 0.15:
-            result = np.ascontiguousarray(result[..., rng.permutation(3)])
+        elif rng.random() < 0.25:
+            result = cv2.transform(result, _hues(float(rng.uniform(-np.pi, np.pi))))
         result = cv2.LUT(result, _curves(rng))
         if rng.random() < 0.2:
             result = cv2.GaussianBlur(result, (0, 0), float(rng.uniform(0.4, 1.3)))
@@ -76,6 +76,11 @@ class Dirt:
         start = int(rng.integers(_NOISE - size))
         noise = (self._noise[start : start + size] * sd).astype(np.int16).reshape(picture.shape)
         return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def _hues(angle: float) -> Array:
+    """Turn all hues by an angle, rad: colours about the grey axis, (3, 3)."""
+    return np.asarray(cv2.Rodrigues(np.full(3, angle / np.sqrt(3.0)))[0])
 
 
 def _curves(rng: np.random.Generator) -> Picture:
