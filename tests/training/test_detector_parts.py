@@ -218,6 +218,31 @@ def test_settle_learns_what_refine_takes_for_the_grab_soonest(dataset, tmp_path)
     assert 0 <= figures["told_apart"] <= 1
 
 
+def test_a_centre_a_tenth_aside_costs_settle_as_much_as_a_wrong_answer(dataset, tmp_path, monkeypatch):
+    frames = [frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")]
+    some = [refine.crops(tmp_path / "crops", frames, [[]], seed=0)]
+    task = settle.Settling(some, some, Says())
+
+    def validated(aside, present):
+        def answers(_, batch):
+            out = torch.zeros(len(batch["present"]), nets.PRESENCE + 1)
+            out[:, :6], out[:, nets.YAW] = batch["places"], batch["turned"]
+            out[:, nets.CENTRE.start] += aside / settle.LEVEL_ROOM
+            out[:, nets.PRESENCE] = present(batch["present"])
+            return out
+
+        monkeypatch.setattr(settle, "answers", answers)
+        return task.validate(None)
+
+    right, aside, wrong = (
+        validated(0.0, lambda is_: 2 * is_ - 1), validated(0.1, lambda is_: 2 * is_ - 1),
+        validated(0.0, lambda is_: 1 - 2 * is_),
+    )  # fmt: skip
+    assert (right["told_apart"], aside["told_apart"], wrong["told_apart"]) == (1, 1, 0)
+    assert right["score"] == pytest.approx(2.0)
+    assert aside["score"] == pytest.approx(wrong["score"]) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("aside", [0.0, 60.0, 300.0])
 def test_a_level_part_of_a_crop_keeps_within_it(aside):
     patch, said = Patch(100, 100, 320, 320), Level(np.array([210.0 + aside, 210.0]), 190.0, 0.7)

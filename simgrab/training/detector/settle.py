@@ -34,6 +34,7 @@ _LEAN, _ANY_LEAN, _ANY = 0.045, np.pi / 2, 0.05
 _SCALE = 0.03
 _AS_SAID = 0.5  # share of grabs that are turned as refine said, not as they are
 _WITHIN = 0.3  # shares of a level crop by which the grab's centre may lie off its middle
+_OFF = 0.1  # a centre this share of the box's longer side aside is as bad as a wrong answer
 _OTHERS = 0.8  # examples of something else, for each of the grab: those most like it
 _LOOK = 512  # crops that refine looks at at once
 
@@ -98,7 +99,7 @@ class Settling:
         cosine = (normalize(out[there, YAW], dim=1) * batch["turned"][there]).sum(1).clamp(-1, 1)
         return {
             "told_apart": told, "centre_error": float(miss.median()), "centre_error_95": float(miss.quantile(0.95)),
-            "yaw_error": float(torch.arccos(cosine).median()) / 2, SCORE: told + 1 - float(miss.mean()),
+            "yaw_error": float(torch.arccos(cosine).median()) / 2, SCORE: told + 1 - float(miss.mean()) / _OFF,
         }  # fmt: skip
 
 
