@@ -47,6 +47,7 @@ _MOST = 3  # candidates, the hottest, that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
 _SURE = 0.9  # presence from which on nothing is looked at again
 _AGAIN_HEAT, _LOOKS = 0.015, 4  # from which heat on, and how often, candidates are looked at then
+_SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is looked at then too
 _LIKELY = 0.5  # presence at the first of these looks that makes a place after the hottest worth the others
 
 
@@ -176,10 +177,14 @@ class Bundled:
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
         """Look at more candidates more often, each time from where the grab was seen, and settle them all.
 
-        The hottest are not enough: where other grabs stand about, the one that is meant may come after them.
+        The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
+        hottest at its own size: find may mark the grab, and tell a box so much too great or small that refine is lost.
         """
-        refined = self.refine(picture, [candidate.box for candidate in candidates if candidate.heat >= _AGAIN_HEAT])
-        boxes = [box for i, box in enumerate(refined.boxes) if i < _MOST or refined.presence[i] >= _LIKELY]
+        places = [_scaled(candidates[0].box, by) for by in _SIZES]
+        surely = len(places) + _MOST
+        places += [candidate.box for candidate in candidates if candidate.heat >= _AGAIN_HEAT]
+        refined = self.refine(picture, places)
+        boxes = [box for i, box in enumerate(refined.boxes) if i < surely or refined.presence[i] >= _LIKELY]
         for _ in range(_LOOKS - 1):
             refined = self.refine(picture, boxes)
             boxes = list(refined.boxes)
@@ -265,6 +270,12 @@ def _sound(box: Array) -> Array:
     """Make sure that a box ends after it begins."""
     middle, half = (box[:2] + box[2:]) / 2, np.maximum((box[2:] - box[:2]) / 2, _LEAST_SIDE / 2)
     return np.concatenate([middle - half, middle + half])
+
+
+def _scaled(box: Array, by: float) -> Array:
+    """Scale a box about its middle."""
+    middle, half = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 2
+    return np.concatenate([middle - by * half, middle + by * half])
 
 
 def _detection(refined: Refined, presence: float, picture: Picture, trust: Trust) -> Detection:
