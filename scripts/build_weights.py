@@ -19,6 +19,7 @@ import msgspec
 from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import bar
+from simgrab.files import drafted
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
 from simgrab.training import need_torch
@@ -69,16 +70,23 @@ HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 640, 240, 3
 READER = Source("digits", "digits", {}, 2400, 960, 0)
 
 
-def rendered(source: Source, work: Path, *, quick: bool, workers: int) -> Path:
-    """Render a dataset, or what is missing of it."""
-    frames = source.quick if quick else source.frames
-    scenario = scenes.load(source.scene, {**source.changes, "frames": frames, "seed": source.seed})
-    for key, names in source.kept.items():
-        scenario = only(scenario, key, names)
-    out = work / source.name
-    with bar(f"drawing {source.name}", shown=True) as progress:
-        render(scenario, out, workers=workers, resume=True, progress=progress)
+def rendered(sources: Sequence[Source], work: Path, *, quick: bool, workers: int) -> list[Path]:
+    """Render datasets, or what is missing of them."""
+    scenarios = [scenario(source, quick=quick) for source in sources]  # all of them, before hours of drawing
+    out = [work / source.name for source in sources]
+    for drawn, path in zip(scenarios, out, strict=True):
+        with bar(f"drawing {path.name}", shown=True) as progress:
+            render(drawn, path, workers=workers, resume=True, progress=progress)
     return out
+
+
+def scenario(source: Source, *, quick: bool) -> Scenario:
+    """Return what is rendered."""
+    frames = source.quick if quick else source.frames
+    result = scenes.load(source.scene, {**source.changes, "frames": frames, "seed": source.seed})
+    for key, names in source.kept.items():
+        result = only(result, key, names)
+    return result
 
 
 def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
@@ -98,7 +106,7 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Pat
     from simgrab.training.detector.train import NETS, train
     from simgrab.training.progress import board
 
-    *datasets, hard = (rendered(source, work, quick=quick, workers=workers) for source in (*DETECTOR, HARD))
+    *datasets, hard = rendered([*DETECTOR, HARD], work, quick=quick, workers=workers)
     out = work / "detector"
     chosen = functools.partial(recipes, quick=quick, threads=threads)
     with board(shown=True) as shown:
@@ -111,11 +119,11 @@ def reader(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]
     from simgrab.training.progress import board
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
 
-    dataset = rendered(READER, work, quick=quick, workers=workers)
+    datasets = rendered([READER], work, quick=quick, workers=workers)
     out = work / "reader"
     recipe = replace(RECIPE, epochs=QUICK_EPOCHS) if quick else RECIPE
     with board(shown=True) as shown:
-        train_reader([dataset], out, recipe, resume=True, report=shown.training("reader"))
+        train_reader(datasets, out, recipe, resume=True, report=shown.training("reader"))
     return [out / "reader.onnx"]
 
 
@@ -137,10 +145,10 @@ def main(quick: bool, only: str | None, out: Path | None, work: Path | None, wor
     work.mkdir(parents=True, exist_ok=True)
     for name in [only] if only else PARTS:
         nets = PARTS[name](work, quick=quick, workers=workers, threads=threads)
-        out.mkdir(parents=True, exist_ok=True)
         for net in nets:
             for suffix in (".onnx", ".json", ".md"):
-                shutil.copyfile(net.with_suffix(suffix), out / net.with_suffix(suffix).name)
+                with drafted(out / f"{net.stem}{suffix}") as draft:
+                    shutil.copyfile(net.with_suffix(suffix), draft)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")
 
 

@@ -108,7 +108,7 @@ def _counts(found: dict[str, Any]) -> str:
     shown = ", ".join(f"{name} {examples}" for name, examples in SHOWN.items())
     return f"""## How many frames
 
-The whole detector, shown as many examples whatever the number of frames ({shown}: a hurried training), learned from
+The whole detector, shown as many frames however many there are ({shown}: a hurried training), learned from
 frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: the first two rows
 are of as many worlds as frames, the others of the same worlds, ever more of each. Another 230 frames choose epochs and
 thresholds. Tested on 1,000 frames of 25 worlds that none of these is of; differences of a per cent are within chance.

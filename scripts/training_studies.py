@@ -35,7 +35,7 @@ from simgrab.rng import stream
 from simgrab.training import loop
 from simgrab.training.detector import cache, evaluate, find
 from simgrab.training.detector.nets import Find
-from simgrab.training.detector.settings import Recipes, has_half_units, recipes
+from simgrab.training.detector.settings import SHOWN_QUICK, Recipes, has_half_units, recipes
 from simgrab.training.detector.train import Frames, fit
 from simgrab.training.folder import write
 from simgrab.training.progress import board
@@ -47,7 +47,7 @@ from simgrab.world.dataset import render
 
 RATES, OPTIMISERS, FINALS = (0.0005, 0.001, 0.005, 0.01), ("sgd", "adam"), (0.001, 0.005, 0.01)
 COUNTS = (50, 200, 800, 3200, 10_000)
-# Whatever the count: pictures in an epoch at least, and examples of each net in all.
+# Whatever the count: pictures in an epoch at least, and frames shown to each net in all.
 EPOCH, SHOWN = 3200, {"find": 20_000, "refine": 70_000, "settle": 10_000}
 JUDGES = 5  # of so many validation frames one is looked at
 EPOCHS = 30  # of the table's trainings
@@ -102,6 +102,15 @@ class Settings:
     def recipe(self, **changes: Any) -> Recipe:
         """Return a recipe for this machine."""
         return Recipe(half=has_half_units("cpu"), **self.common, **changes)
+
+
+def identity(s: Settings) -> dict[str, Any]:
+    """Tell, as plain data, what all results depend on, the training's own code left out."""
+    recipe = {"epochs": EPOCHS, "shown": SHOWN, "quick": SHOWN_QUICK, "epoch": EPOCH, "judges": JUDGES}
+    drawn = {"video": VIDEO, "others": OTHERS, "worlds": WORLDS}
+    taken = {"labelled": LABELLED, "later": LATER, "learned": LEARNED, "crops": CROPS}
+    plain: dict[str, Any] = msgspec.to_builtins({"seed": s.seed} | recipe | drawn | taken)
+    return plain
 
 
 def filmed(record: Record, s: Settings) -> datasets.Dataset:
@@ -271,9 +280,10 @@ def main(studies: tuple[str, ...], work: Path, workers: int, threads: int, seed:
     """Repeat the paper's trainings, and what it could not see."""
     work.mkdir(parents=True, exist_ok=True)
     kept, settings = work / "results.json", Settings(work, workers, threads, seed)
-    results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"seed": seed, "studies": {}}
-    if results.get("seed") != seed:
-        raise TrainingError(f"{kept} is of another --seed; choose another --work")
+    of = identity(settings)
+    results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"of": of, "studies": {}}
+    if results.get("of") != of:
+        raise TrainingError(f"{kept} is of another seed or recipe; choose another --work")
     for study in studies or STUDIES:
         done = results["studies"].setdefault(study, {})
         for name, piece in STUDIES[study](settings):

@@ -76,3 +76,9 @@ class InstrumentError(SimgrabError):
 
 class StressError(SimgrabError):
     """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""
+
+
+def first_line(problem: BaseException) -> str:
+    """Say in one line, of 160 characters at most, what an error of another library says."""
+    text = str(getattr(problem, "strerror", None) or problem).strip()
+    return (text or type(problem).__name__).splitlines()[0][:160]

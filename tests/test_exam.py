@@ -40,6 +40,15 @@ def test_there_is_an_exam_for_each_weather():
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
 
 
+@pytest.mark.parametrize("quick", [False, True])
+def test_what_weights_are_built_of_can_be_drawn(quick):
+    for source in (*build_weights.DETECTOR, build_weights.HARD, build_weights.READER):
+        drawn = build_weights.scenario(source, quick=quick)
+        assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)
+        for key, names in source.kept.items():
+            assert len(values(drawn, key)) == len(names) < len(values(load(source.scene), key))
+
+
 @pytest.mark.parametrize("name", EXAMS)
 def test_an_exam_shares_no_paint_cargo_place_or_display_with_training(name):
     exam, training = load(name), load("training")

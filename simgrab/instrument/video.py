@@ -14,7 +14,7 @@ from av.container import InputContainer
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
-from simgrab.errors import SourceError
+from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
 
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
@@ -67,7 +67,7 @@ def _opened(name: str) -> InputContainer:
     try:
         container = av.open(name, timeout=PATIENCE_S)
     except (av.error.FFmpegError, OSError, ValueError) as problem:
-        raise SourceError(f"{name}: not a video that can be opened ({_line(problem)})") from None
+        raise SourceError(f"{name}: not a video that can be opened ({first_line(problem)})") from None
     if not container.streams.video or container.format.name in _NO_VIDEO:
         container.close()
         raise SourceError(f"{name}: it has no pictures")
@@ -86,13 +86,13 @@ def _decoded(container: InputContainer) -> Iterator[Frame]:
         except StopIteration:
             return
         except (av.error.FFmpegError, OSError) as problem:
-            yield Frame(None, clock.next(None), f"the video breaks off here ({_line(problem)})")
+            yield Frame(None, clock.next(None), f"the video breaks off here ({first_line(problem)})")
             return
         try:
             for picture in packet.decode():
                 yield _frame(picture, clock)
         except av.error.FFmpegError as problem:
-            yield Frame(None, clock.next(None), f"cannot be decoded ({_line(problem)})")
+            yield Frame(None, clock.next(None), f"cannot be decoded ({first_line(problem)})")
 
 
 def _frame(picture: VideoFrame, clock: _Clock) -> Frame:
@@ -135,7 +135,3 @@ def _with_gaps(frames: Iterator[Frame]) -> Iterator[Frame]:
                     yield Frame(None, last + gap * k / (missing + 1), f"lost: {gap:.2f} s without a picture")
         last = frame.time_s
         yield frame
-
-
-def _line(problem: Exception) -> str:
-    return (getattr(problem, "strerror", None) or str(problem) or type(problem).__name__).splitlines()[0]

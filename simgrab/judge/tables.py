@@ -11,7 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from simgrab.calibration import Calibration
-from simgrab.errors import RecordError
+from simgrab.errors import RecordError, first_line
 from simgrab.geometry import Array
 
 # A grab centre may lie outside of the picture by its own size, no more.
@@ -119,8 +119,7 @@ def _table(path: Path) -> pa.Table:
     except (OSError, UnicodeDecodeError, pa.ArrowException) as problem:
         if isinstance(problem, pa.ArrowInvalid) and "Empty CSV" in str(problem):
             return pa.table({name: pa.array([], pa.string()) for name in names})
-        first_line = str(problem).splitlines()[0]
-        raise RecordError(f"cannot read {path}: {first_line}") from None
+        raise RecordError(f"cannot read {path}: {first_line(problem)}") from None
 
 
 def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -41,6 +41,8 @@ class Card:
         Wall time of the training.
     metrics : mapping
         On validation data: overall, and ``by_weather``.
+    judged_by : tuple of Data
+        Of whose validation frames the metrics are, besides those of `data`.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Card:
     epochs: int
     seconds: float
     metrics: Mapping[str, Any]
+    judged_by: tuple[Data, ...] = ()
 
     def to_dict(self, model: bytes) -> dict[str, Any]:
         """Plain data, with the digest of the model's bytes, the versions and the machine."""
@@ -89,12 +92,15 @@ def machine() -> dict[str, Any]:
 
 def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
-    lines = [f"# {content['name']}", "", content["task"], ""]
-    lines += [
-        f"Trained on {content['examples']} examples from "
-        + "; ".join(f"{d['frames']} frames of `{d['scenario']}`, seed {d['seed']}" for d in content["data"])
-        + f" in {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
-        + f" on {content['machine']['cores']} cores.",
+    judged = f" Judged by {_sets(content['judged_by'])} too." if content["judged_by"] else ""
+    lines = [
+        f"# {content['name']}",
+        "",
+        content["task"],
+        "",
+        f"Trained on {content['examples']} examples from {_sets(content['data'])}"
+        f" in {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
+        f" on {content['machine']['cores']} cores.{judged}",
         "",
         "| validation | |",
         "|---|---|",
@@ -106,6 +112,10 @@ def markdown(content: Mapping[str, Any]) -> str:
             lines += ["", *_table(title, table)]
     lines += ["", f"Licence: {content['licence']}. SHA-256 of the model: `{content['model_sha256']}`.", ""]
     return "\n".join(lines)
+
+
+def _sets(data: Sequence[Mapping[str, Any]]) -> str:
+    return "; ".join(f"{d['frames']} frames of `{d['scenario']}`, seed {d['seed']}" for d in data)
 
 
 def _table(title: str, table: Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import torch
 from torch import Tensor
 
-from simgrab.errors import TrainingError
+from simgrab.errors import TrainingError, first_line
 from simgrab.training.recipe import Recipe
 
 
@@ -24,7 +24,7 @@ def named(name: str) -> torch.device:
         device = torch.device(name)
         torch.empty(1, device=device)
     except (RuntimeError, AssertionError) as problem:
-        raise TrainingError(f"device {name!r} cannot be used: {str(problem).splitlines()[0]}") from None
+        raise TrainingError(f"device {name!r} cannot be used: {first_line(problem)}") from None
     return device
 
 

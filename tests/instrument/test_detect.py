@@ -5,7 +5,7 @@ import pytest
 
 from simgrab.errors import DetectorError
 from simgrab.instrument.detect import Bundled, Yolo, detector
-from simgrab.instrument.detect.boxes import iou
+from simgrab.instrument.detect.boxes import covered, iou
 from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Settings, peaks, read
 from simgrab.instrument.detect.patches import (
     GREY,
@@ -108,6 +108,13 @@ def test_around_is_square_and_centred():
     np.testing.assert_allclose(patch.to_picture([0.5, 0.5]), [150, 70], atol=0.5)
 
 
+def test_what_the_smaller_box_shares_is_covered():
+    boxes = [[0, 0, 2, 2], [0, 0, 4, 4], [0, 0, 1, 1], [0, 0, 2, 0]]
+    others = [[1, 0, 3, 2], [1, 1, 2, 3], [2, 2, 3, 3], [0, 0, 2, 2]]
+    np.testing.assert_allclose(covered(boxes, others), [0.5, 1, 0, 0])
+    np.testing.assert_array_equal(covered(boxes, others), covered(others, boxes))
+
+
 def test_iou():
     np.testing.assert_allclose(
         iou([[0, 0, 2, 2], [0, 0, 2, 2], [0, 0, 1, 1]], [[0, 0, 2, 2], [1, 0, 3, 2], [2, 2, 3, 3]]), [1, 1 / 3, 0]
@@ -180,9 +187,9 @@ def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0
         helper.make_node("Mul", ["u", "light"], ["z"]),
         helper.make_node("Add", ["z", "rows"], ["told"]),
     ]
-    facts = {"task": task, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0, "outward": outward}}
+    facts = {"task": SETTLE, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0, "outward": outward}}
     light = np.zeros((1, 16), np.float32)
-    both = (("refine", told, facts), ("settle", told + settle_more, {"task": SETTLE}))
+    both = (("refine", told, {"task": task}), ("settle", told + settle_more, facts))
     for (name, rows, said), light[0, 15] in zip(both, np.array(glow) / 255, strict=True):
         save(
             folder / f"{name}.onnx", refine, [("pictures", TensorProto.UINT8, ["n", 160, 160, 4])],
@@ -238,6 +245,12 @@ def test_a_doubtful_grab_is_looked_at_again_from_where_it_was_seen_and_at_other_
         assert found.found
         assert (found.score >= 0.9) == (name == "sure")
         assert found.box[2] - found.box[0] == pytest.approx(150 * side, abs=3), name
+
+
+def test_what_is_not_sure_enough_is_looked_at_again_first(tmp_path):
+    folder = hand_made(tmp_path, presence=2.2, glow=(0.0, 1.5))
+    assert 0.9 < Bundled(folder)(bright()).score < 0.95
+    assert Bundled(folder, Settings(least_heat=0.2, least_presence=0.95))(bright()).found
 
 
 def test_a_grab_is_found_behind_three_hotter_places(tmp_path):
@@ -400,11 +413,12 @@ def test_what_is_no_detector_is_refused(tmp_path):
     for facts, problem in {
         "no JSON": "none that simgrab wrote",
         "[1]": "none that simgrab wrote",
-        json.dumps({"task": REFINE, "settings": {"moon": 1}}): "another version",
+        json.dumps({"task": SETTLE, "settings": {"moon": 1}}): "another version",
+        json.dumps({"task": SETTLE}): "holds no settings",
     }.items():
-        net = onnx.load(ours / "refine.onnx")
+        net = onnx.load(ours / "settle.onnx")
         helper.set_model_props(net, {KEY: facts})
-        onnx.save(net, ours / "refine.onnx")
+        onnx.save(net, ours / "settle.onnx")
         with pytest.raises(DetectorError, match=problem):
             detector(ours)
 

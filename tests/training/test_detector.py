@@ -13,8 +13,9 @@ pytest.importorskip("onnx")
 from scripts import score_detector  # noqa: E402
 from simgrab import datasets  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
-from simgrab.errors import DatasetError, TrainingError  # noqa: E402
+from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
+from simgrab.instrument.detect.session import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Frames, fit, train  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
@@ -46,11 +47,11 @@ def trained(halves, tmp_path_factory):
 
 
 def test_training_ends_in_a_detector_with_cards(trained, halves):
-    looks = detector(trained.folder)
-    known = datasets.read(halves)
+    looks, known = detector(trained.folder), datasets.read(halves)
+    assert {"settings", "trust"} <= set(open_net(trained.folder / "settle.onnx").facts)
     for row in known.rows[:2]:
-        picture = cv2.imread(str(known.image(row)), cv2.IMREAD_COLOR_RGB)
-        assert looks(picture).status in ("found", "none")
+        found = looks(cv2.imread(str(known.image(row)), cv2.IMREAD_COLOR_RGB))
+        assert found.found == (found.score >= looks.settings.least_presence)
     for name in NETS:
         card = json.loads((trained.folder / f"{name}.json").read_text())
         assert card["recipe"]["epochs"] == 2
@@ -80,6 +81,22 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, 
         assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
 
 
+def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, halves, tmp_path):
+    def watch(name):
+        if name == "looking at val pictures":
+            raise KilledError
+        return lambda _done, _total: None
+
+    with pytest.raises(KilledError):
+        train([halves], tmp_path / "out", tiny, watch=watch)
+    with pytest.raises(DetectorError, match=r"settle\.onnx: no such file"):
+        detector(tmp_path / "out")
+    shutil.copytree(trained.folder, tmp_path / "done")
+    with pytest.raises(KilledError):
+        train([halves], tmp_path / "done", tiny, resume=True, watch=watch)
+    assert (tmp_path / "done" / "settle.onnx").read_bytes() == (trained.folder / "settle.onnx").read_bytes()
+
+
 @pytest.mark.parametrize("frames", [4, 6])  # of the hard dataset: four to learn from, none or two to judge by
 def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frames):
     out = train([halves], tmp_path / "out", tiny, hard=[_part(halves, tmp_path / "hard", frames)])
@@ -88,6 +105,7 @@ def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frame
     assert same == {"find": True, "settle": False}
     cards = {name: json.loads((out.folder / f"{name}.json").read_text()) for name in NETS}
     assert [len(cards[name]["data"]) for name in NETS] == [1, 1, 2]
+    assert [len(cards[name]["judged_by"]) for name in NETS] == [1, 1, 0]
     alone = json.loads((trained.folder / "settle.json").read_text())["examples"]
     assert [cards[name]["examples"] for name in ("find", "refine")] == [4, 4]
     assert cards["settle"]["examples"] > alone

@@ -10,6 +10,8 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
+from scipy.special import logit  # noqa: E402
+
 from simgrab import datasets, labels  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect.bundled import lean  # noqa: E402
@@ -157,16 +159,55 @@ def test_what_find_suspects_becomes_a_hard_example(dataset, tmp_path):
     np.testing.assert_allclose(other.to_picture([0.5, 0.5]), [450, 250], atol=1)
 
 
+def test_no_hard_example_is_of_the_grab(dataset, tmp_path):
+    row, box = datasets.read(dataset).rows[0], (200, 100, 300, 160)
+    frames = [frame_of(row, box, tmp_path / "a.png")] * 8
+    grab = [np.array(one, float) for one in (box, (0, 0, 500, 330), (240, 120, 260, 140), (120, 60, 220, 160))]
+    beside, far = np.array([300.0, 80, 400, 180]), np.array([400.0, 200, 500, 300])
+    crops = refine.crops(tmp_path / "crops", frames, [[*grab, beside, far] for _ in frames], seed=0)
+    middles = [tuple(other.to_picture([0.5, 0.5]).round()) for _, other in crops.patches]
+    assert set(middles) == {(350, 130), (450, 250)}  # and not of all frames the same
+    anywhere = refine.crops(tmp_path / "more", frames, [grab for _ in frames], seed=0)
+    for _, other in anywhere.patches:
+        half = other.size / refine.ROOM / 2
+        middle = other.to_picture([0.5, 0.5])
+        assert refine.apart(np.concatenate([middle - half, middle + half]), np.array(box, float))
+    full = [frame_of(row, (0, 0, 640, 360), tmp_path / "b.png")]
+    ((_, other),) = refine.crops(tmp_path / "full", full, [[]], seed=0).patches
+    np.testing.assert_array_less([640, 360], other.to_picture([0.5, 0.5]))
+
+
+def test_refine_is_judged_by_the_places_that_are_known(dataset, tmp_path, monkeypatch):
+    row = datasets.read(dataset).rows[0]
+    frames = [frame_of(row, BOXES[0], tmp_path / "0.png")]
+    far = msgspec.structs.replace(frames[0].row, grab_u_px=5000.0)  # the centre of a grab cut by a corner
+    frames.append(dataclasses.replace(frames[0], row=far))
+    some = refine.crops(tmp_path / "crops", frames, [[], []], seed=0)
+    task = refine.Refining(some, some)
+
+    def answers(_, batch):
+        out = torch.zeros(len(batch["present"]), nets.PRESENCE + 1)
+        out[:, :6], out[:, nets.PRESENCE] = batch["places"], 2 * batch["present"] - 1
+        out[:, nets.CENTRE.start] += 0.01
+        return out
+
+    monkeypatch.setattr(refine, "answers", answers)
+    figures = task.validate(None)
+    assert (figures["mean_iou"], figures["told_apart"]) == (pytest.approx(1.0), 1.0)
+    assert 0.005 < figures["centre_error"] < 0.02  # the crop is up to 1.9 boxes
+
+
 class Says(torch.nn.Module):
-    """A refine that sees the grab in the middle of every crop, lying level, and the sooner the lighter it is."""
+    """A refine that sees the grab in the middle of a crop, or left of it, level, and the sooner the lighter that is."""
 
     def __init__(self):
         super().__init__()
-        self.weight = torch.nn.Parameter(torch.zeros(1))
+        self.weight, self.left = torch.nn.Parameter(torch.zeros(1)), 0.0
 
     def forward(self, crops):
         out = torch.tensor([0.25, 0.25, 0.75, 0.75, 0.5, 0.5, *[-4.0] * 6, 1.0, 0.0, -3.0, 0.0]).repeat(len(crops), 1)
         out[:, nets.PRESENCE] = crops[..., :3].float().mean((1, 2, 3)) / 64 - 1
+        out[:, [0, 2, 4]] -= self.left
         return out
 
 
@@ -215,10 +256,20 @@ def test_settle_learns_what_refine_takes_for_the_grab_soonest(dataset, tmp_path)
     assert nothing["present"] == 0
     assert not nothing["known"].any()
     figures = task.validate(Says().eval())
-    assert 0 <= figures["told_apart"] <= 1
+    assert figures["told_apart"] == pytest.approx(4 / 5)  # all but that rectangle
 
 
-def test_a_centre_a_tenth_aside_costs_settle_as_much_as_a_wrong_answer(dataset, tmp_path, monkeypatch):
+def test_settle_does_not_learn_that_the_grab_beside_is_none(dataset, tmp_path):
+    frame = frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")
+    beside = np.array([300.0, 80, 400, 180])
+    crops = refine.crops(tmp_path / "crops", [frame], [[beside]], seed=0)
+    assert [example.there for example in settle._looked_at(crops, Says())] == [True, False]
+    finds = Says()
+    finds.left = 0.5
+    assert [example.there for example in settle._looked_at(crops, finds)] == [True]
+
+
+def test_centres_a_tenth_aside_cost_settle_as_much_as_wrong_answers(dataset, tmp_path, monkeypatch):
     frames = [frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")]
     some = [refine.crops(tmp_path / "crops", frames, [[]], seed=0)]
     task = settle.Settling(some, some, Says())
@@ -431,7 +482,7 @@ def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
         )
 
     grabs, empty = [seen(p, True) for p in (0.12, 0.7, 0.95, 0.99)], [seen(p, False) for p in (0.02, 0.2, 0.3, 0.97)]
-    assert 0.3 < evaluate.least_presence(grabs + empty) < 0.7
+    assert logit(evaluate.least_presence(grabs + empty)) == pytest.approx(0.1 * logit(0.3) + 0.9 * logit(0.7))
     assert evaluate.least_presence(grabs) < 0.12
     assert evaluate.least_presence(empty) == 0.9
     assert evaluate.least_presence([]) == 0.5
@@ -440,10 +491,12 @@ def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
     assert kept[0].detection.score == 0.12
 
 
-def test_the_recipe_shows_as_many_examples_whatever_the_frames():
+def test_the_recipe_shows_as_many_frames_however_many_there_are():
     few, many = (settings.recipes(frames, half=False) for frames in (500, 5000))
-    assert few.find.epochs * 500 == pytest.approx(many.find.epochs * 5000, rel=0.1)
+    for name in settings.SHOWN:
+        assert getattr(few, name).epochs * 500 == pytest.approx(getattr(many, name).epochs * 5000, rel=0.1)
     quick = settings.recipes(3000, quick=True, half=False)
     assert quick.find.epochs * 2 < settings.recipes(3000, half=False).find.epochs
     assert quick.refine.epochs * 2 < settings.recipes(3000, half=False).refine.epochs
+    assert quick.settle.epochs * 2 < settings.recipes(3000, half=False).settle.epochs
     assert settings.recipes(8, epochs=3, half=False).refine.epochs == 3

@@ -1,4 +1,4 @@
-"""The recorded studies run to their end and make a page."""
+"""The recorded studies run to their end and make a page; that of digits is in `tests.training.test_reader`."""
 
 import dataclasses
 import json
@@ -53,20 +53,25 @@ def test_studies_run_once_and_fill_a_page(tmp_path, monkeypatch):
     assert set(found["counts"]) == {"1", "3"}
     assert list(found["leak"]["leak"])[:2] == ["frames in between", "later in the same video"]
     for scores in [*found["leak"]["leak"].values(), *found["counts"].values()]:
-        assert 0 <= scores["map50_95"] <= 1
+        assert {"map50_95", "recall", "centre_median_px", "false_boxes", "empty_frames"} <= set(scores)
     assert not list(tmp_path.rglob("cache"))
     monkeypatch.setattr(training_studies, "fit", None)  # nothing is trained again
-    assert study(tmp_path, "leak", "counts") == {name: found[name] for name in ("table", "leak", "counts")}
+    assert study(tmp_path, "leak", "counts") == found
     page = training_page.page(found)
     assert all(title in page for title in ("Learning rates", "random split", "How many frames"))
     assert "## Digits" not in page
 
 
 @pytest.mark.usefixtures("small")
-def test_results_of_another_seed_are_not_gone_on_with(tmp_path):
-    (tmp_path / "results.json").write_text('{"of": {"seed": 0}, "studies": {}}')
-    with pytest.raises(TrainingError, match="another --seed"):
+def test_results_of_another_seed_or_recipe_are_not_gone_on_with(tmp_path, monkeypatch):
+    of = training_studies.identity(training_studies.Settings(tmp_path, 1, 1, seed=1))
+    (tmp_path / "results.json").write_text(json.dumps({"of": of, "studies": {}}))
+    with pytest.raises(TrainingError, match="of another seed or recipe"):
         study(tmp_path, "table")
+    assert study(tmp_path, "table", "--seed", "1")["table"]
+    monkeypatch.setattr(training_studies, "EPOCHS", 2)
+    with pytest.raises(TrainingError, match="of another seed or recipe"):
+        study(tmp_path, "table", "--seed", "1")
 
 
 @pytest.mark.usefixtures("small")

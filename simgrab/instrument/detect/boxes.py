@@ -10,14 +10,26 @@ from simgrab.geometry import Array
 
 def iou(a: ArrayLike, b: ArrayLike) -> Array:
     """Intersection over union of boxes (..., 4), by pairs; 0 where both are empty."""
+    common = overlap(a, b)
+    return _share(common, area(a) + area(b) - common)
+
+
+def covered(a: ArrayLike, b: ArrayLike) -> Array:
+    """Share of the smaller of boxes (..., 4) that the other covers, by pairs: 1 where one lies in the other."""
+    return _share(overlap(a, b), np.minimum(area(a), area(b)))
+
+
+def overlap(a: ArrayLike, b: ArrayLike) -> Array:
+    """Area that boxes (..., 4) have in common, by pairs."""
     p, q = np.asarray(a, float), np.asarray(b, float)
-    sides = np.minimum(p[..., 2:], q[..., 2:]) - np.maximum(p[..., :2], q[..., :2])
-    overlap = np.prod(np.maximum(sides, 0), axis=-1)
-    both = area(p) + area(q) - overlap
-    return np.asarray(np.divide(overlap, both, out=np.zeros_like(both), where=both > 0))
+    return area(np.concatenate([np.maximum(p[..., :2], q[..., :2]), np.minimum(p[..., 2:], q[..., 2:])], axis=-1))
 
 
 def area(box: ArrayLike) -> Array:
     """Area of boxes (..., 4); 0 of those that end before they begin."""
     p = np.asarray(box, float)
     return np.asarray(np.prod(np.maximum(p[..., 2:] - p[..., :2], 0), axis=-1))
+
+
+def _share(part: Array, whole: Array) -> Array:
+    return np.asarray(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0))

@@ -45,7 +45,7 @@ _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
 _STRIDE = 8
 _MOST = 3  # candidates, the hottest, that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
-_SURE = 0.9  # presence from which on nothing is looked at again
+_SURE = 0.9  # presence from which on nothing that is taken for the grab is looked at again
 _AGAIN_HEAT, _LOOKS = 0.015, 4  # from which heat on, and how often, candidates are looked at then
 _SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is looked at then too
 _LIKELY = 0.5  # presence at the first of these looks that makes a place after the hottest worth the others
@@ -94,7 +94,7 @@ class Trust:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A place that may be the grab: box, px, and heat."""
+    """A place that may be the grab: box, shape (4,), px of the picture, and heat, 0 to 1."""
 
     box: Array
     heat: float
@@ -102,7 +102,19 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What is said of crops: everything in px of the picture, and the probability that the grab is there."""
+    """What is said of n crops.
+
+    Attributes
+    ----------
+    boxes, box_sd : ndarray, shape (n, 4)
+        Edges, px of the picture, and the standard deviations of each.
+    centres, centre_sd : ndarray, shape (n, 2)
+        Of the grab, px of the picture.
+    yaw, yaw_sd : ndarray, shape (n,)
+        Of the grab, rad, from 0 to π.
+    presence : ndarray, shape (n,)
+        Probability that the grab is there.
+    """
 
     boxes: Array
     centres: Array
@@ -148,12 +160,14 @@ class Bundled:
         self._find = _opened(folder / "find.onnx", FIND, (FIND_HEIGHT, FIND_WIDTH, 3), 2)
         self._refine = _opened(folder / "refine.onnx", REFINE, _CROP, 1)
         self._settle = _opened(folder / "settle.onnx", SETTLE, _CROP, 1)
-        facts = self._refine.facts
+        facts = self._settle.facts
+        if not settings and "settings" not in facts:
+            raise DetectorError(f"{self._settle.path} holds no settings: train it again")
         try:
             self.settings = settings or Settings(**facts.get("settings", {}))
             self.trust = Trust(**facts.get("trust", {}))
         except TypeError:
-            raise DetectorError(f"{self._refine.path}: its settings are of another version of simgrab") from None
+            raise DetectorError(f"{self._settle.path}: its settings are of another version of simgrab") from None
         self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
@@ -167,7 +181,7 @@ class Bundled:
         refined = self.refine(picture, [candidate.box for candidate in close])
         best = refined.one(int(np.argmax(refined.presence * [candidate.heat for candidate in close])))
         found = self.settle(picture, best)
-        if found.presence[0] < _SURE:
+        if found.presence[0] < max(_SURE, self.settings.least_presence):
             found = max([found, *self._again(picture, candidates)], key=lambda one: float(one.presence[0]))
         presence = float(found.presence[0])
         if presence < self.settings.least_presence:
@@ -202,13 +216,13 @@ class Bundled:
         ]
 
     def refine(self, picture: Picture, boxes: list[Array]) -> Refined:
-        """Look closely at crops around boxes."""
+        """Look closely at crops around n boxes, each of shape (4,), px of the picture."""
         patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
         return read(self._refine(crops)[0], patches, picture.shape[1], picture.shape[0])
 
     def settle(self, picture: Picture, refined: Refined) -> Refined:
-        """Tell presence, centre and yaw of one refined box anew."""
+        """Tell presence, centre and yaw of one refined box (n = 1) anew."""
         level = refined.level()
         return settled(refined, self._settle(cut_level(picture, level, REFINE_SIZE)[None])[0], level)
 

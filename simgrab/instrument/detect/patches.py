@@ -42,6 +42,11 @@ class Patch:
         """Width and height, px."""
         return np.array([self.x1 - self.x0, self.y1 - self.y0], float)
 
+    @property
+    def box(self) -> Array:
+        """Its first and last corner, px: (4,)."""
+        return np.array([self.x0, self.y0, self.x1, self.y1], float)
+
     def to_picture(self, shares: ArrayLike) -> Array:
         """Picture's pixels of points (..., 2) in shares of the patch."""
         return np.asarray(self.corner + np.asarray(shares, float) * self.size)

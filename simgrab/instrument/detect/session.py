@@ -16,7 +16,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from simgrab.errors import DetectorError
+from simgrab.errors import DetectorError, first_line
 
 THREADS = 2
 KEY = "simgrab"  # of the metadata in our own files
@@ -48,7 +48,7 @@ class Net:
     metadata: Mapping[str, str]
 
     def __call__(self, pictures: NDArray[np.generic]) -> list[NDArray[np.float32]]:
-        """Run a batch."""
+        """Run a batch, of the shape in `inputs`; returns the outputs in the order of `outputs`."""
         return list(self.session.run(None, {next(iter(self.inputs)): pictures}))
 
     def __str__(self) -> str:
@@ -77,7 +77,7 @@ def open_net(path: str | Path) -> Net:
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as problem:  # its errors have no common base
-        raise DetectorError(f"{path} is no ONNX model that can be run ({_line(problem)})") from None
+        raise DetectorError(f"{path} is no ONNX model that can be run ({first_line(problem)})") from None
     metadata = session.get_modelmeta().custom_metadata_map
     try:
         facts = json.loads(metadata.get(KEY, "{}"))
@@ -91,7 +91,3 @@ def open_net(path: str | Path) -> Net:
     )
     types = tuple(one.type for one in session.get_inputs())
     return Net(path, session, inputs, outputs, types, facts, metadata)
-
-
-def _line(problem: Exception) -> str:
-    return str(problem).strip().splitlines()[0][:160] if str(problem).strip() else type(problem).__name__

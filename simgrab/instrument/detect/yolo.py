@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import DetectorError
+from simgrab.errors import DetectorError, first_line
 from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.patches import Picture, cut, whole
@@ -67,7 +67,7 @@ class Yolo:
         try:  # on a blank picture: tells shapes that the file leaves free, and whether places are decoded
             blank = self._net(np.full((1, 3, self.height, self.width), 0.5, np.float32))[0]
         except Exception as problem:  # onnxruntime's errors have no common base
-            raise DetectorError(f"{self._net.path} does not run: {str(problem).splitlines()[0][:160]}") from None
+            raise DetectorError(f"{self._net.path} does not run: {first_line(problem)}") from None
         found = layout(blank, self.height, self.width)
         if found is None or not _detects(self._net, self.height, self.width):
             raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")

@@ -42,13 +42,6 @@ def export(net: nn.Module, example: torch.Tensor, outputs: list[str], path: Path
     write(path, model.SerializeToString())
 
 
-def set_facts(path: Path, facts: Mapping[str, Any]) -> None:
-    """Put other facts into a file's metadata."""
-    model = onnx.load(path)
-    helper.set_model_props(model, {KEY: json.dumps(facts)})
-    write(path, model.SerializeToString())
-
-
 def halved(model: onnx.ModelProto) -> onnx.ModelProto:
     """Keep a model's large weights in half precision; it multiplies in single as before."""
     result = onnx.ModelProto()

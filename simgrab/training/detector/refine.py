@@ -14,7 +14,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab import labels
 from simgrab.geometry import Array
-from simgrab.instrument.detect.boxes import iou
+from simgrab.instrument.detect.boxes import covered, iou
 from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
 from simgrab.rng import stream
 from simgrab.training.copies import Batch
@@ -39,6 +39,8 @@ ROOM = 2.2  # its side over the box's longer one
 _ZOOM = (1.1, 1.9)  # a learned crop's side over the box's longer one
 _SHIFT = 0.25  # of the longer side, at most
 _OTHERS = 0.3  # share of examples that show something else than the grab
+_TRIES = 50  # to draw a place of something else
+_APART = 0.1  # of the smaller of two boxes, covered by the other: from there on both show the same
 FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be told
 
 
@@ -86,7 +88,7 @@ def crops(
 
     def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
         rng, truth = stream(seed, i, "negatives"), boxes[i] if chosen[i].labelled else None
-        others = [around(b, ROOM) for b in suspects[i] if truth is None or _apart(around(b, 1.0), truth)]
+        others = [around(b, ROOM) for b in suspects[i] if truth is None or apart(around(b, 1.0).box, truth)]
         others = [others[k] for k in rng.permutation(len(others))]  # frames of a world suspect the same places
         while len(others) < 2:
             others.append(_anywhere(picture, longest, truth, rng))
@@ -97,20 +99,21 @@ def crops(
     return Crops(cut_out, patches, chosen)
 
 
-def _apart(patch: Patch, truth: Array) -> bool:
-    return float(iou([patch.x0, patch.y0, patch.x1, patch.y1], truth)) < 0.1
+def apart(box: Array, truth: Array) -> bool:
+    """Whether a box is of something else than a labelled one; that of a place too great holds the grab, and is not."""
+    return float(covered(box, truth)) < _APART
 
 
 def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.random.Generator) -> Patch:
     """Draw a patch, of the size that a grab's would have, that is not about the grab, though it may show some of it."""
     h, w = picture.shape[:2]
-    for _ in range(50):
+    for _ in range(_TRIES):
         half = float(rng.choice(longest)) / 2
         u, v = rng.uniform(0, w), rng.uniform(0, h)
         box = np.array([u - half, v - half, u + half, v + half])
-        if truth is None or float(iou(box, truth)) < 0.02:
-            break
-    return around(box, ROOM)
+        if truth is None or apart(box, truth):
+            return around(box, ROOM)
+    return around([w, h, w + 2 * half, h + 2 * half], ROOM)  # beyond a corner of a picture that the grab fills
 
 
 class Refining:
@@ -142,16 +145,16 @@ class Refining:
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Overlap and centre error where there is a grab, and how well its presence is told."""
-        batch = self._validation
-        out = answers(net, batch).numpy()
-        there = batch["present"].numpy() == 1
-        told = (out[:, PRESENCE] > 0) == there
-        edges = batch["places"].numpy()[there, :4]
-        overlap = iou(out[there, EDGES], edges)
-        miss = np.linalg.norm(out[there, CENTRE] - batch["places"].numpy()[there, 4:], axis=-1)
-        width = (edges[:, 2:] - edges[:, :2]).max(axis=-1)
-        error = float(np.nanmedian(miss / width)) if there.any() else 1.0
-        mean = float(overlap.mean()) if there.any() else 0.0
+        out = answers(net, self._validation).numpy()
+        places, known, present = (self._validation[name].numpy() for name in ("places", "known", "present"))
+        told = (out[:, PRESENCE] > 0) == (present == 1)
+        whole = known[:, EDGES].all(axis=1)
+        overlap = iou(out[whole, EDGES], places[whole, EDGES])
+        both = known.all(axis=1)
+        sides = places[both, 2:4] - places[both, :2]
+        miss = np.linalg.norm(out[both, CENTRE] - places[both, CENTRE], axis=-1) / sides.max(axis=-1)
+        error = float(np.median(miss)) if both.any() else 1.0
+        mean = float(overlap.mean()) if whole.any() else 0.0
         score = mean + float(told.mean()) - min(error, 1.0)
         return {"mean_iou": mean, "centre_error": error, "told_apart": float(told.mean()), SCORE: score}
 
@@ -179,20 +182,16 @@ def loss(out: Tensor, batch: Batch) -> Tensor:
     miss = (out[:, :6] - batch["places"]).abs() * known
     scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
     unsure = (miss.detach() * torch.exp(-scales) + scales) * known
-    turned, yaw = batch["turned"], batch["present"]
+    turned, there = batch["turned"], batch["present"]
     unit = normalize(out[:, YAW], dim=1, eps=1e-3)
-    off = (1 - (unit * turned).sum(1)) * yaw
+    off = (1 - (unit * turned).sum(1)) * there
     # 1 − cos δ gives |δ| where it is small, and stays finite where it is not.
     delta = torch.sqrt((2 * off).clamp(min=0.0)).detach()
-    lean = (delta * torch.exp(-out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * yaw
-    people = yaw.sum().clamp(min=1.0)
-    presence = binary_cross_entropy_with_logits(out[:, PRESENCE], batch["present"])
+    lean = (delta * torch.exp(-out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * there
+    grabs = there.sum().clamp(min=1.0)
+    presence = binary_cross_entropy_with_logits(out[:, PRESENCE], there)
     return (
-        40 * miss.sum() / count
-        + 0.2 * unsure.sum() / count
-        + off.sum() / people
-        + 0.05 * lean.sum() / people
-        + presence
+        40 * miss.sum() / count + 0.2 * unsure.sum() / count + off.sum() / grabs + 0.05 * lean.sum() / grabs + presence
     )
 
 

@@ -21,8 +21,8 @@ class Recipes:
     settle: Recipe
 
 
-# Examples shown in all, whatever the number of frames; in a hurry 14.5 minutes' worth on two cores, most of it where
-# mAP comes from.
+# Frames shown in all, however many there are to learn from; of settle with about 1.6 crops each. In a hurry 14.5
+# minutes' worth on two cores, most of it where mAP comes from.
 SHOWN = {"find": 50_000, "refine": 180_000, "settle": 150_000}
 SHOWN_QUICK = {"find": 14_000, "refine": 72_000, "settle": 10_000}
 
@@ -38,9 +38,9 @@ def recipes(
     frames : int
         To learn from.
     quick : bool
-        A quarter of the examples, in about a fifth of the time.
+        A quarter of the frames, in about a fifth of the time.
     epochs : int, optional
-        Of each; by default as many as show the usual number of examples.
+        Of each; by default as many as show the usual number of frames.
     batch : int, optional
         Examples a step of each; by default 16 of find, 32 of the others.
     half : bool, optional

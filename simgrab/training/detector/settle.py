@@ -24,7 +24,7 @@ from simgrab.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import CENTRE, PRESENCE, YAW
-from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, lost, stack
+from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, apart, lost, stack
 from simgrab.training.loop import SCORE
 
 # How far refine may be off: centre in shares of the box's longer side, yaw in rad, side as a logarithm; mostly little,
@@ -34,7 +34,7 @@ _LEAN, _ANY_LEAN, _ANY = 0.045, np.pi / 2, 0.05
 _SCALE = 0.03
 _AS_SAID = 0.5  # share of grabs that are turned as refine said, not as they are
 _WITHIN = 0.3  # shares of a level crop by which the grab's centre may lie off its middle
-_OFF = 0.1  # a centre this share of the box's longer side aside is as bad as a wrong answer
+_OFF = 0.1  # centres so far aside in the mean, in the box's longer side, are as bad as wrong answers alone
 _OTHERS = 0.8  # examples of something else, for each of the grab: those most like it
 _LOOK = 512  # crops that refine looks at at once
 
@@ -112,7 +112,10 @@ def _chosen(sets: Sequence[Crops], refined: nn.Module) -> list[_Example]:
 
 
 def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
-    """Let refine look at the crops of each frame as at work, around a box much like find's."""
+    """Let refine look at the crops of each frame as at work, around a box much like find's.
+
+    Where it comes upon the grab from beside it, that is no example of something else.
+    """
     result: list[_Example] = []
     places = [(i, slot) for i in range(len(crops.frames)) for slot in (0, 1)]
     for start in range(0, len(places), _LOOK):
@@ -127,12 +130,20 @@ def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
             if there and not np.isfinite(labels.centre(frame.row)).all():
                 continue
             one = read(out[None], [window], frame.row.width_px, frame.row.height_px)
-            said = one.level()
+            said, box = one.level(), labels.box(frame.row) if frame.labelled else None
+            if not there and box is not None and not apart(_seen(said), box):
+                continue
             result.append(
                 _Example(crops, i, slot, there, float(one.presence[0]),
                          said if there else _within(said, crops.patches[i][slot]))
             )  # fmt: skip
     return result
+
+
+def _seen(level: Level) -> Array:
+    """Box that a level part is about, upright."""
+    half = level.side / LEVEL_ROOM / 2
+    return np.concatenate([level.middle - half, level.middle + half])
 
 
 def _window(crops: Crops, i: int, slot: int) -> Patch:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
+import shutil
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,11 +89,12 @@ def train(
     with claim(out, resume=resume):
         fitted = fit(frames, out, chosen, hard=doubtful, resume=resume, watch=watch, report=report)
         for name, trained in fitted.nets.items():
-            also = name == "settle"
+            learned, others = ((*sets, *more), ()) if name == "settle" else (sets, more)
             Card(
-                name=name, task=TASKS[name], data=tuple(one.data for one in (*sets, *(more if also else ()))),
-                examples=trained.examples, recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs,
-                seconds=trained.seconds, metrics={"alone": trained.figures} | fitted.metrics,
+                name=name, task=TASKS[name], data=tuple(one.data for one in learned), examples=trained.examples,
+                recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
+                metrics={"alone": trained.figures, "best_epoch": trained.epoch} | fitted.metrics,
+                judged_by=tuple(one.data for one in others),
             ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
 
@@ -145,17 +148,17 @@ def fit(
     example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
     export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
-    key = hashlib.sha256((out / "find.onnx").read_bytes()).hexdigest()[:16]
+    key = _digest(out / "find.onnx")
 
     def cut(place: Path, name: str, some: Sequence[cache.Frame], pictures: find.Pictures) -> refine.Crops:
         boxes, progress = suspects(found.net, pictures, some), step(f"cutting {name} crops")
         return refine.crops(place / f"crops-{name}-{key}", some, boxes, seed=recipes.refine.seed, progress=progress)
 
     crops = [cut(folder, "train", train_frames, small[0]), cut(folder, "val", val_frames, small[1])]
+    digest += key
     refined = _learn(Refine, refine.Refining(*crops), recipes.refine, out / "refine", digest, resume, follow("refine"))
-    facts: dict[str, Any] = {"task": REFINE}
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
-    export.export(refined.net, example, ["told"], out / "refine.onnx", facts)
+    export.export(refined.net, example, ["told"], out / "refine.onnx", {"task": REFINE})
 
     learned, judged = ([one] for one in crops)
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
@@ -163,19 +166,23 @@ def fit(
             aside = folder.with_name(hard.digest[:16])
             pictures = find.pictures(aside / f"small-{name}", some, step(f"shrinking hard {name} pictures"))
             sets.append(cut(aside, f"hard-{name}", some, pictures))
-    digest += hard.digest + hashlib.sha256((out / "refine.onnx").read_bytes()).hexdigest()[:16]
+    digest += hard.digest + _digest(out / "refine.onnx")
     start = functools.partial(settle.learner, refined.net)
     task = settle.Settling(learned, judged, refined.net)
     settled = _learn(start, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
-    export.export(settled.net, example, ["told"], out / "settle.onnx", {"task": SETTLE})
+    write = functools.partial(export.export, settled.net, example, ["told"])
 
-    looks = Bundled(out, Settings(least_presence=0.0))
+    with tempfile.TemporaryDirectory() as draft:  # a folder with settle.onnx in it is a detector, settings and all
+        for name in ("find.onnx", "refine.onnx"):
+            shutil.copyfile(out / name, Path(draft) / name)
+        write(Path(draft) / "settle.onnx", {"task": SETTLE})
+        looks = Bundled(draft, Settings(least_presence=0.0))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("looking at val pictures"))
     presence = round(evaluate.least_presence(seen), 4)
     seen = evaluate.by(presence, seen)
     settings = dataclasses.asdict(Settings(least_presence=presence))
     trust = evaluate.trust(seen)
-    export.set_facts(out / "refine.onnx", facts | {"settings": settings, "trust": evaluate.as_dict(trust)})
+    write(out / "settle.onnx", {"task": SETTLE, "settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
     return Fitted({"find": found, "refine": refined, "settle": settled}, figures)
 
@@ -186,6 +193,10 @@ def _learn(
 ) -> loop.Trained:  # fmt: skip
     out.mkdir(exist_ok=True)
     return loop.train(build, task, recipe, out, data=digest, resume=resume, report=report)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def suspects(net: torch.nn.Module, pictures: find.Pictures, frames: Sequence[cache.Frame]) -> list[list[Array]]:
