@@ -70,9 +70,8 @@ mAP50-95 in % of `find` alone (one net of a million weights, one look, {EPOCHS} 
 OneCycle; columns: optimiser, and the last rate as a share of the highest), the paper's in brackets. The best epoch is
 chosen on the tested frames, here by IoU and recall. Ours were measured before augmentation turned hues.
 
-Best: {best}, {_percent(found[best])} %. From the lowest rate to
-the highest SGD goes from {sgd}, Adam from {adam} (means of the three last rates; in the paper from 84.7 to 94.2 % and
-from 92.8 to 90.4 %).
+Best: {best}, {_percent(found[best])} %. From the lowest rate to the highest SGD goes from {sgd}, Adam from {adam}
+(means of the three last rates; in the paper from 84.7 to 94.2 % and from 92.8 to 90.4 %).
 
 """ + "\n".join(rows)
 

@@ -31,5 +31,10 @@ def area(box: ArrayLike) -> Array:
     return np.asarray(np.prod(np.maximum(p[..., 2:] - p[..., :2], 0), axis=-1))
 
 
+def about(middle: Array, half: float | Array) -> Array:
+    """Box (4,) about its middle (2,), given half its width and height, or half its side."""
+    return np.concatenate([middle - half, middle + half])
+
+
 def _share(part: Array, whole: Array) -> Array:
     return np.asarray(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from simgrab.errors import DetectorError
 from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
+from simgrab.instrument.detect.boxes import about
 from simgrab.instrument.detect.patches import (
     FIND_HEIGHT,
     FIND_WIDTH,
@@ -283,13 +284,12 @@ def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined
 def _sound(box: Array) -> Array:
     """Make sure that a box ends after it begins."""
     middle, half = (box[:2] + box[2:]) / 2, np.maximum((box[2:] - box[:2]) / 2, _LEAST_SIDE / 2)
-    return np.concatenate([middle - half, middle + half])
+    return about(middle, half)
 
 
 def _scaled(box: Array, by: float) -> Array:
     """Scale a box about its middle."""
-    middle, half = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 2
-    return np.concatenate([middle - by * half, middle + by * half])
+    return about((box[:2] + box[2:]) / 2, by * (box[2:] - box[:2]) / 2)
 
 
 def _detection(refined: Refined, presence: float, picture: Picture, trust: Trust) -> Detection:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgrab.geometry import Array
+from simgrab.instrument.detect.boxes import about
 
 Picture = NDArray[np.uint8]
 
@@ -137,7 +138,7 @@ def cut_with_mask(picture: Picture, patch: Patch, size: int) -> Picture:
 def cut_level(picture: Picture, level: Level, size: int) -> Picture:
     """Cut a level part of a picture; its fourth channel says how much of a pixel lies in the picture."""
     half = level.side / 2
-    upright = around(np.concatenate([level.middle - half, level.middle + half]), math.sqrt(2))
+    upright = around(about(level.middle, half), math.sqrt(2))
     return turned(cut_with_mask(picture, upright, round(math.sqrt(2) * size)), upright, level, size)
 
 

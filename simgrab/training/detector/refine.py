@@ -14,7 +14,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab import labels
 from simgrab.geometry import Array
-from simgrab.instrument.detect.boxes import covered, iou
+from simgrab.instrument.detect.boxes import about, covered, iou
 from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
 from simgrab.rng import stream
 from simgrab.training.copies import Batch
@@ -109,8 +109,7 @@ def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.ran
     h, w = picture.shape[:2]
     for _ in range(_TRIES):
         half = float(rng.choice(longest)) / 2
-        u, v = rng.uniform(0, w), rng.uniform(0, h)
-        box = np.array([u - half, v - half, u + half, v + half])
+        box = about(np.array([rng.uniform(0, w), rng.uniform(0, h)]), half)
         if truth is None or apart(box, truth):
             return around(box, ROOM)
     return around([w, h, w + 2 * half, h + 2 * half], ROOM)  # beyond a corner of a picture that the grab fills

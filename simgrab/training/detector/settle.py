@@ -18,6 +18,7 @@ from torch.nn.functional import normalize
 
 from simgrab import labels
 from simgrab.geometry import Array
+from simgrab.instrument.detect.boxes import about
 from simgrab.instrument.detect.bundled import Settings, read
 from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, Patch, Picture, around, mask, turned
 from simgrab.rng import stream
@@ -142,8 +143,7 @@ def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
 
 def _seen(level: Level) -> Array:
     """Box that a level part is about, upright."""
-    half = level.side / LEVEL_ROOM / 2
-    return np.concatenate([level.middle - half, level.middle + half])
+    return about(level.middle, level.side / LEVEL_ROOM / 2)
 
 
 def _window(crops: Crops, i: int, slot: int) -> Patch:
@@ -151,8 +151,7 @@ def _window(crops: Crops, i: int, slot: int) -> Patch:
     rng, frame, patch = stream(slot, i, "windows"), crops.frames[i], crops.patches[i][slot]
     box = labels.box(frame.row) if frame.labelled and slot == 0 else None
     if box is None:
-        half = patch.size / ROOM / 2
-        box = np.concatenate([patch.corner + patch.size / 2 - half, patch.corner + patch.size / 2 + half])
+        box = about(patch.corner + patch.size / 2, patch.size / ROOM / 2)
     longest = float((box[2:] - box[:2]).max())
     return around(
         box + np.tile(rng.normal(0, 0.04, 2) * longest, 2), Settings().room * float(np.exp(rng.normal(0, 0.06)))
