@@ -1,5 +1,6 @@
 """A replication is the same alone, in a batch, on any worker, and after a kill."""
 
+import functools
 import os
 import signal
 import subprocess
@@ -24,7 +25,7 @@ name = "small"
 title = "Everything at once"
 estimators = ["paper-iteration", "mean-ray", "geometric-median", "rope-aware", "zero-tilt"]
 n = 6000
-replications = 100
+replications = 60
 [given]
 noise = 1.0
 noise-slow = 1.0
@@ -41,6 +42,11 @@ values = [0.0, 0.3]
 """
 
 
+@functools.cache
+def bundled():
+    return [catalogue.load(name) for name in catalogue.names()]
+
+
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "small.toml"
@@ -50,7 +56,7 @@ def file(tmp_path):
 
 @pytest.mark.parametrize("name", [n for n, a in AXES.items() if n not in ("motion", "mount")])
 def test_a_replication_depends_on_its_number_alone(name):
-    study = next(s for s in map(catalogue.load, catalogue.names()) if any(x.axis == name for x in s.axes))
+    study = next(s for s in bundled() if any(x.axis == name for x in s.axes))
     for point in (study.points[0], study.points[-1]):
         here = situation(small(study, n=30), point)
         together, alone = geometric.draw(here, 3, [4, 11, 2]), geometric.draw(here, 3, [11])
@@ -109,7 +115,7 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     assert (two / "small" / TRIALS).read_bytes() == expected
     assert (killed / "small" / TRIALS).read_bytes() == expected
     table = pq.read_table(one / "small" / TRIALS)
-    assert table.num_rows == 6 * 100 * 5
+    assert table.num_rows == 6 * 60 * 5
     assert (one / "small" / "summary.csv").read_bytes() == (killed / "small" / "summary.csv").read_bytes()
 
 
