@@ -1,4 +1,7 @@
-"""Write ``docs/training-studies.md`` of what `scripts.training_studies` kept: ``python -m scripts.training_page``."""
+"""Write ``docs/training-studies.md`` of what `scripts.training_studies` found: ``python -m scripts.training_page``.
+
+``docs/training-studies.json`` keeps the figures; studies found in ``--work`` take the place of those it has.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,19 @@ from scripts.training_studies import (
     LABELLED,
     OPTIMISERS,
     RATES,
+    RESULTS,
     SHOWN,
     VIDEO,
     WORLDS,
+    Settings,
+    results,
 )
 from simgrab.cli import main as run
-from simgrab.errors import DatasetError
 from simgrab.judge.intervals import clopper_pearson
+from simgrab.training.folder import write as keep
 
 PAGE = Path(__file__).parents[1] / "docs" / "training-studies.md"
+RECORD = PAGE.with_suffix(".json")
 # mAP50-95 in %, from the paper's table: by rate, SGD and Adam, each by the last rate of OneCycle.
 PAPER = {
     0.0005: (85.0, 84.6, 84.6, 93.1, 92.7, 92.6),
@@ -34,10 +41,10 @@ PAPER = {
 }
 
 
-def page(results: dict[str, dict[str, Any]]) -> str:
-    """Return the page; what was not studied is left out."""
+def page(known: dict[str, dict[str, Any]]) -> str:
+    """Return the page of what `training_studies.results` gives; what was not studied is left out."""
     parts = [_head()]
-    parts += [write(results[name]) for name, write in PARTS.items() if results.get(name)]
+    parts += [write(known[name]["found"]) for name, write in PARTS.items() if known.get(name, {}).get("found")]
     return "\n\n".join(parts) + "\n"
 
 
@@ -147,13 +154,13 @@ PARTS = {"table": _table, "digits": _digits, "leak": _leak, "counts": _counts}
 
 @click.command()
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/training-studies"), show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), default=PAGE, show_default=True)
-def main(work: Path, out: Path) -> None:
-    """Write the page."""
-    kept = work / "results.json"
-    if not kept.exists():
-        raise DatasetError(f"{kept}: no such file; run python -m scripts.training_studies first")
-    out.write_text(page(json.loads(kept.read_text(encoding="utf-8"))["studies"]), encoding="utf-8")
+@click.option("--seed", default=0, show_default=True, help="Of the studies.")
+def main(work: Path, seed: int) -> None:
+    """Keep the figures, and write the page."""
+    settings = Settings(work, 1, 1, seed)
+    known = results(RECORD, settings) | results(work / RESULTS, settings)
+    keep(RECORD, (json.dumps(known, indent=1) + "\n").encode())
+    keep(PAGE, page(known).encode())
 
 
 if __name__ == "__main__":

@@ -48,12 +48,13 @@ from simgrab.world.dataset import render
 RATES, OPTIMISERS, FINALS = (0.0005, 0.001, 0.005, 0.01), ("sgd", "adam"), (0.001, 0.005, 0.01)
 COUNTS = (50, 200, 800, 3200, 10_000)
 # Whatever the count: pictures in an epoch at least, and frames shown to each net in all.
-EPOCH, SHOWN = 3200, {"find": 20_000, "refine": 70_000, "settle": 10_000}
+EPOCH, SHOWN = 3200, {"find": 14_000, "refine": 42_000, "settle": 10_000}
 JUDGES = 5  # of so many validation frames one is looked at
 EPOCHS = 30  # of the table's trainings
 LEARNED = 0.8  # share of the paper's splits
 CROPS = 320
 SPLITS = ("train", "val", "test")
+RESULTS = "results.json"
 
 Indices = NDArray[np.int64]
 Piece = tuple[str, Callable[[], Any]]
@@ -77,11 +78,11 @@ OTHERS = {
     "the same in heavy snow": Record("qingdao-heavy-snow", 80, 2.0, 14),
     "another place, independent frames": Record("windy-day", 80, 1.0, 15),
 }
-# Small pictures and forty of each world, so that so many are drawn within two hours; the blur shrinks with them.
+# Small pictures and forty of each world, so that so many are drawn within the hour; the blur shrinks with them.
 WORLDS: dict[str, Any] = {
     "frames": 12_600, "seed": 16, "clip.clip_frames": 40, "image.samples": 2,
-    "camera.width_px": 960, "camera.height_px": 540, "camera.focal.pixels_per_mm": PAPER_PIXELS_PER_MM / 2,
-    "optics.defocus_px": 0.75, "optics.chromatic_px": 0.0,
+    "camera.width_px": 640, "camera.height_px": 360, "camera.focal.pixels_per_mm": PAPER_PIXELS_PER_MM / 3,
+    "optics.defocus_px": 0.5, "optics.chromatic_px": 0.0,
 }  # fmt: skip
 
 
@@ -104,13 +105,32 @@ class Settings:
         return Recipe(half=has_half_units("cpu"), **self.common, **changes)
 
 
-def identity(s: Settings) -> dict[str, Any]:
-    """Tell, as plain data, what all results depend on, the training's own code left out."""
-    recipe = {"epochs": EPOCHS, "shown": SHOWN, "quick": SHOWN_QUICK, "epoch": EPOCH, "judges": JUDGES}
-    drawn = {"video": VIDEO, "others": OTHERS, "worlds": WORLDS}
-    taken = {"labelled": LABELLED, "later": LATER, "learned": LEARNED, "crops": CROPS}
-    plain: dict[str, Any] = msgspec.to_builtins({"seed": s.seed} | recipe | drawn | taken)
+def identity(study: str, s: Settings) -> dict[str, Any]:
+    """Tell, as plain data, what a study's results depend on, the training's own code left out."""
+    video = {"video": VIDEO, "labelled": LABELLED, "learned": LEARNED}
+    depends: dict[str, dict[str, Any]] = {
+        "table": video | {"epochs": EPOCHS},
+        "digits": video | {"crops": CROPS},
+        "leak": video | {"later": LATER, "others": OTHERS, "quick": SHOWN_QUICK},
+        "counts": {"worlds": WORLDS, "shown": SHOWN, "epoch": EPOCH, "judges": JUDGES},
+    }
+    plain: dict[str, Any] = msgspec.to_builtins({"seed": s.seed} | depends[study])
     return plain
+
+
+def results(kept: Path, s: Settings) -> dict[str, Any]:
+    """Return what a file keeps of each study: ``of`` what it is, and what was ``found``, piece by piece.
+
+    Raises
+    ------
+    TrainingError
+        If a study in it is of another seed or recipe.
+    """
+    known: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    for name, study in known.items():
+        if study["of"] != identity(name, s):
+            raise TrainingError(f"{kept}: {name} is of another seed or recipe; choose another --work, or take it out")
+    return known
 
 
 def filmed(record: Record, s: Settings) -> datasets.Dataset:
@@ -279,17 +299,14 @@ STUDIES: dict[str, Callable[[Settings], Iterator[Piece]]] = {
 def main(studies: tuple[str, ...], work: Path, workers: int, threads: int, seed: int) -> None:
     """Repeat the paper's trainings, and what it could not see."""
     work.mkdir(parents=True, exist_ok=True)
-    kept, settings = work / "results.json", Settings(work, workers, threads, seed)
-    of = identity(settings)
-    results: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"of": of, "studies": {}}
-    if results.get("of") != of:
-        raise TrainingError(f"{kept} is of another seed or recipe; choose another --work")
+    kept, settings = work / RESULTS, Settings(work, workers, threads, seed)
+    known = results(kept, settings)
     for study in studies or STUDIES:
-        done = results["studies"].setdefault(study, {})
+        done = known.setdefault(study, {"of": identity(study, settings), "found": {}})["found"]
         for name, piece in STUDIES[study](settings):
             if name not in done:
                 done[name] = piece()
-                write(kept, json.dumps(results, indent=1).encode())
+                write(kept, json.dumps(known, indent=1).encode())
             click.echo(f"{study}, {name}: {done[name]}")
 
 

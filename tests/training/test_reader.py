@@ -189,4 +189,4 @@ def test_the_papers_digits_are_learned(dataset, tmp_path, monkeypatch):
     found = {name: piece()}
     assert found["digits"]["tested"] == 20
     assert found["digits"]["right"] >= 18
-    assert "of 20 test crops" in training_page.page({"digits": found}).replace("\n", " ")
+    assert "of 20 test crops" in training_page.page({"digits": {"found": found}}).replace("\n", " ")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -43,12 +44,13 @@ def study(work, *arguments):
         training_studies.main, [*arguments, "--work", str(work), "--threads", "1"], catch_exceptions=False
     )
     assert result.exit_code == 0, result.output
-    return json.loads((work / "results.json").read_text())["studies"]
+    return json.loads((work / training_studies.RESULTS).read_text())
 
 
 @pytest.mark.usefixtures("small")
 def test_studies_run_once_and_fill_a_page(tmp_path, monkeypatch):
-    found = study(tmp_path, "table", "leak", "counts")
+    known = study(tmp_path / "work", "table", "leak", "counts")
+    found = {name: one["found"] for name, one in known.items()}
     assert set(found["table"]) == {"sgd 0.01 0.1", "adam 0.01 0.1"}
     assert set(found["counts"]) == {"1", "3"}
     assert list(found["leak"]["leak"])[:2] == ["frames in between", "later in the same video"]
@@ -56,22 +58,50 @@ def test_studies_run_once_and_fill_a_page(tmp_path, monkeypatch):
         assert {"map50_95", "recall", "centre_median_px", "false_boxes", "empty_frames"} <= set(scores)
     assert not list(tmp_path.rglob("cache"))
     monkeypatch.setattr(training_studies, "fit", None)  # nothing is trained again
-    assert study(tmp_path, "leak", "counts") == found
-    page = training_page.page(found)
+    assert study(tmp_path / "work", "leak", "counts") == known
+    page = recorded(tmp_path, monkeypatch)
     assert all(title in page for title in ("Learning rates", "random split", "How many frames"))
     assert "## Digits" not in page
 
 
 @pytest.mark.usefixtures("small")
-def test_results_of_another_seed_or_recipe_are_not_gone_on_with(tmp_path, monkeypatch):
-    of = training_studies.identity(training_studies.Settings(tmp_path, 1, 1, seed=1))
-    (tmp_path / "results.json").write_text(json.dumps({"of": of, "studies": {}}))
-    with pytest.raises(TrainingError, match="of another seed or recipe"):
-        study(tmp_path, "table")
-    assert study(tmp_path, "table", "--seed", "1")["table"]
+def test_a_page_keeps_the_studies_that_are_not_made_anew(tmp_path, monkeypatch):
+    study(tmp_path / "work", "table")
+    recorded(tmp_path, monkeypatch)
+    (tmp_path / "work" / training_studies.RESULTS).unlink()
+    monkeypatch.setattr(training_studies, "LATER", 4)  # nothing that the table depends on
+    study(tmp_path / "work", "leak")
+    page = recorded(tmp_path, monkeypatch)
+    assert "Learning rates" in page
+    assert "random split" in page
     monkeypatch.setattr(training_studies, "EPOCHS", 2)
-    with pytest.raises(TrainingError, match="of another seed or recipe"):
+    with pytest.raises(TrainingError, match="table is of another seed or recipe"):
+        recorded(tmp_path, monkeypatch)
+
+
+def recorded(folder, monkeypatch):
+    monkeypatch.setattr(training_page, "PAGE", folder / "page.md")
+    monkeypatch.setattr(training_page, "RECORD", folder / "page.json")
+    arguments = ["--work", str(folder / "work")]
+    assert CliRunner().invoke(training_page.main, arguments, catch_exceptions=False).exit_code == 0
+    return (folder / "page.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("small")
+def test_results_of_another_seed_or_recipe_are_not_gone_on_with(tmp_path, monkeypatch):
+    of = training_studies.identity("table", training_studies.Settings(tmp_path, 1, 1, seed=1))
+    (tmp_path / training_studies.RESULTS).write_text(json.dumps({"table": {"of": of, "found": {}}}))
+    with pytest.raises(TrainingError, match="table is of another seed or recipe"):
+        study(tmp_path, "table")
+    assert study(tmp_path, "table", "--seed", "1")["table"]["found"]
+    monkeypatch.setattr(training_studies, "EPOCHS", 2)
+    with pytest.raises(TrainingError, match="table is of another seed or recipe"):
         study(tmp_path, "table", "--seed", "1")
+
+
+def test_the_page_is_of_the_recorded_figures():
+    known = training_studies.results(training_page.RECORD, training_studies.Settings(Path(), 1, 1, 0))
+    assert training_page.PAGE.read_text(encoding="utf-8") == training_page.page(known)
 
 
 @pytest.mark.usefixtures("small")
