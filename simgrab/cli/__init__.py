@@ -47,8 +47,12 @@ def main(command: click.Command = cli) -> NoReturn:
         click.echo(f"simgrab: {problem}", err=True)
         sys.exit(2)
     except MemoryError as problem:
-        click.echo(f"simgrab: out of memory ({problem or 'no more could be had'})", err=True)
+        click.echo(f"simgrab: out of memory ({str(problem) or 'no more could be had'})", err=True)
         sys.exit(2)
     except BrokenPipeError:
         sys.exit(1)
+    except OSError as problem:  # the disk is full, or a folder is gone
+        where = "" if problem.filename is None else f"{problem.filename}: "
+        click.echo(f"simgrab: {where}{problem.strerror or problem}", err=True)
+        sys.exit(2)
     sys.exit(status or 0)

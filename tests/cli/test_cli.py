@@ -1,7 +1,9 @@
+import errno
 import json
 import subprocess
 import sys
 
+import click
 import pytest
 from click.testing import CliRunner
 from conftest import SMALL, as_options
@@ -67,6 +69,28 @@ def test_main_turns_errors_into_status_2(monkeypatch, capsys):
         main()
     assert ended.value.code == 2
     assert capsys.readouterr().err.startswith("simgrab: no scene or file 'nowhere'")
+
+
+@pytest.mark.parametrize(
+    ("problem", "status", "line"),
+    [
+        (OSError(errno.ENOSPC, "No space left", "out/find.onnx"), 2, "out/find.onnx: No space left"),
+        (OSError(errno.ENOSPC, "No space left"), 2, "No space left"),
+        (OSError("no such thing"), 2, "no such thing"),
+        (MemoryError(), 2, "out of memory (no more could be had)"),
+        (BrokenPipeError(), 1, None),
+    ],
+)
+def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkeypatch, capsys):
+    @click.command()
+    def fails():
+        raise problem
+
+    monkeypatch.setattr(sys, "argv", ["simgrab"])
+    with pytest.raises(SystemExit) as ended:
+        main(fails)
+    assert ended.value.code == status
+    assert capsys.readouterr().err == (f"simgrab: {line}\n" if line else "")
 
 
 def test_render_prints_a_summary(tmp_path):
