@@ -1,12 +1,12 @@
 """Measure simgrab on this machine. Ratios are taken pair by pair within one run, so that a noisy machine cancels.
 
-scripts/bench.py render [--pairs 30] [--memory-frames 2000]
-scripts/bench.py estimate
-scripts/bench.py motion
-scripts/bench.py stress
-scripts/bench.py world
-scripts/bench.py detect [--yolo FILE.onnx]
-scripts/bench.py run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
+python -m scripts.bench render [--pairs 30] [--memory-frames 2000]
+python -m scripts.bench estimate
+python -m scripts.bench motion
+python -m scripts.bench stress
+python -m scripts.bench world
+python -m scripts.bench detect [--yolo FILE.onnx]
+python -m scripts.bench run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How long an instrument takes from a 1080p picture to box, centre and rope length; see ``scripts/bench.py detect``."""
+"""How long an instrument takes from a 1080p picture to box, centre and rope length; see `scripts.bench`."""
 
 from __future__ import annotations
 

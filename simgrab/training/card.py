@@ -92,15 +92,16 @@ def machine() -> dict[str, Any]:
 
 def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
-    judged = f" Judged by {_sets(content['judged_by'])} too." if content["judged_by"] else ""
+    others = f" and of {_sets(content['judged_by'])}" if content.get("judged_by") else ""
+    together = " “alone” is of this net, the rest of all the nets together." if "alone" in content["metrics"] else ""
     lines = [
         f"# {content['name']}",
         "",
         content["task"],
         "",
-        f"Trained on {content['examples']} examples from {_sets(content['data'])}"
-        f" in {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
-        f" on {content['machine']['cores']} cores.{judged}",
+        f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])},"
+        f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
+        f" on {content['machine']['cores']} cores. Judged by the split `val` of these{others}.{together}",
         "",
         "| validation | |",
         "|---|---|",

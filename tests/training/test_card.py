@@ -1,8 +1,11 @@
 import hashlib
 import json
 
+import pytest
+
 from simgrab.datasets import Data
-from simgrab.training.card import Card
+from simgrab.instrument.detect.bundled import WEIGHTS
+from simgrab.training.card import Card, markdown
 
 
 def test_a_card_says_what_it_is_of(tmp_path):
@@ -20,7 +23,14 @@ def test_a_card_says_what_it_is_of(tmp_path):
     assert content["licence"] == "Apache-2.0"
     assert content["versions"]["simgrab"]
     text = model.with_suffix(".md").read_text()
-    assert "800 frames of `training`, seed 0 in 1.5 minutes (3 epochs)" in text
-    assert "Judged by 64 frames of `training`, seed 3 too." in text
+    assert "640 examples, the split `train` of 800 frames of `training`, seed 0, for 1.5 minutes (3 epochs)" in text
+    assert "Judged by the split `val` of these and of 64 frames of `training`, seed 3.\n" in text
     assert "| fog | 0.9 | 10 |" in text
     assert "| rain | 1 |  |" in text
+    content["metrics"]["alone"] = {"recall": 0.98}
+    assert "“alone” is of this net" in markdown(content)
+
+
+@pytest.mark.parametrize("card", sorted(WEIGHTS.glob("*.json")), ids=lambda path: path.stem)
+def test_the_bundled_cards_are_both_of_one_training(card):
+    assert card.with_suffix(".md").read_text(encoding="utf-8") == markdown(json.loads(card.read_text(encoding="utf-8")))
