@@ -101,8 +101,8 @@ def _leak(found: dict[str, Any]) -> str:
     lowest, found_there = (_percent(scores[worst][key]) for key in ("map50_95", "recall"))
     return f"""## What a random split of one video hides
 
-The whole detector, by the hurried recipe (`--quick`), learned from 80 % of the video's frames, an eighth of which choose
-the best epoch. The other 20 % lie between those, in the same light and before the same ground: there mAP50-95 is
+The whole detector, by the hurried recipe (`--quick`), learned from 80 % of the video's frames, an eighth of which
+choose the best epoch. The other 20 % lie between those, in the same light and before the same ground: there mAP50-95 is
 {between} %, on what comes after them in the same video {later} %. Neither tells of another weather or place; worst is
 "{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a grab.
 

@@ -42,7 +42,7 @@ def save(path, nodes, inputs, outputs, weights=(), facts=None):
     return path
 
 
-def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT):
+def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT, metadata=None):
     """A net that says the same of every picture."""
     out = np.asarray(out, np.float32)
     nodes = [
@@ -51,7 +51,12 @@ def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT
         helper.make_node("Add", ["rows", "z"], ["output"]),
     ]
     weights = [("zero", np.float32(0)), ("rows", out)]
-    return save(path, nodes, [("images", kind, list(shape))], [("output", list(out.shape))], weights)
+    save(path, nodes, [("images", kind, list(shape))], [("output", list(out.shape))], weights)
+    if metadata:
+        net = onnx.load(path)
+        helper.set_model_props(net, metadata)
+        onnx.save(net, path)
+    return path
 
 
 def rows(count, columns):
@@ -335,7 +340,7 @@ def test_any_size_of_picture_will_do(tmp_path, size):
 def test_yolov5_layout(tmp_path):
     out = rows(3 * CELLS, 7)
     out[0, 100] = [32, 24, 20, 10, 0.9, 0.1, 0.8]
-    looks = detector(constant_yolo(tmp_path / "v5.onnx", out))
+    looks = detector(constant_yolo(tmp_path / "v5.onnx", out, metadata={"names": "['truck', 'grab']"}))
     assert looks.layout.family == "yolov5"
     found = looks(np.zeros((128, 128, 3), np.uint8))
     np.testing.assert_allclose(found.box, [44, 38, 84, 58])
@@ -343,9 +348,84 @@ def test_yolov5_layout(tmp_path):
     assert found.centre is None
 
 
-def test_yolov8_layout(tmp_path):
+def test_of_several_classes_the_grab_alone_counts(tmp_path):
     out = rows(CELLS, 6)
-    out[0, 9] = [32, 24, 20, 10, 0.3, 0.8]
+    out[0, 9] = [32, 24, 20, 10, 0.9, 0.3]
+    out[0, 30] = [12, 24, 20, 10, 0.1, 0.8]
+    picture, turned = np.zeros((64, 64, 3), np.uint8), out.transpose(0, 2, 1)
+    for names, score in {"{0: 'truck', 1: 'grab'}": 0.8, "{0: 'grab', 1: 'truck'}": 0.9}.items():
+        looks = Yolo(constant_yolo(tmp_path / "two.onnx", turned, metadata={"names": names}))
+        assert looks(picture).score == pytest.approx(score)
+    for names, problem in {
+        "{0: 'truck', 1: 'crane'}": r"tells 2 classes \(truck, crane\), of which one must be called 'grab'",
+        "no literal": "no names",
+        "{0: 'grab'}": "names 1 classes and tells 2",
+    }.items():
+        with pytest.raises(DetectorError, match=problem):
+            Yolo(constant_yolo(tmp_path / "bad.onnx", turned, metadata={"names": names}))
+
+
+FAMILIES = {"yolov5": (3 * CELLS, False), "yolov6": (CELLS, False), "yolox": (CELLS, False), "yolov8": (CELLS, True)}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_pictures_go_in_as_the_trainers_feed_them(family, tmp_path, monkeypatch):
+    count, turned = FAMILIES[family]
+    out = rows(count, 5 if turned else 6)
+    out[0, :, 4] = 1 if family == "yolov6" else 0.5
+    looks = Yolo(constant_yolo(tmp_path / "any.onnx", out.transpose(0, 2, 1) if turned else out))
+    assert looks.layout.family == family
+    fed = []
+    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures: fed.append(pictures) or [looks_like(out)])
+
+    def looks_like(rows):
+        return rows.transpose(0, 2, 1) if turned else rows
+
+    picture = np.full((64, 128, 3), (200, 100, 50), np.uint8)  # RGB, twice as wide as high
+    looks(picture)
+    ((pixels,),) = fed
+    assert pixels.shape == (3, SIDE, SIDE)
+    assert pixels.dtype == np.float32
+    if family == "yolox":
+        inside, grey, colour, bare = pixels[:, :32], pixels[:, 33:], (50, 100, 200), GREY
+    else:
+        inside, grey, colour, bare = (
+            pixels[:, 17:47],
+            pixels[:, [*range(15), *range(49, 64)]],
+            (200, 100, 50),
+            GREY / 255,
+        )
+        colour = np.array(colour) / 255
+    np.testing.assert_allclose(inside, np.broadcast_to(np.reshape(colour, (3, 1, 1)), inside.shape), rtol=1e-6)
+    np.testing.assert_allclose(grey, bare, rtol=1e-6)
+
+
+def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
+    free = (1, 3, "height", "width")
+    out = rows(4 * CELLS, 5).transpose(0, 2, 1)
+    looks = Yolo(constant_yolo(tmp_path / "free.onnx", out, shape=free, metadata={"imgsz": "[128, 128]"}))
+    assert (looks.height, looks.width) == (128, 128)
+    with pytest.raises(DetectorError, match="no detector"):  # 640 then, of which it tells too few cells
+        Yolo(constant_yolo(tmp_path / "none.onnx", out, shape=free))
+    with pytest.raises(DetectorError, match=r"640 x 640 of tensor\(float16\)"):
+        Yolo(half_precision(tmp_path / "half.onnx"))
+
+
+def half_precision(path):
+    kind = TensorProto.FLOAT16
+    graph = helper.make_graph(
+        [helper.make_node("Identity", ["images"], ["output"])],
+        "g",
+        [helper.make_tensor_value_info("images", kind, [1, 3, 640, 640])],
+        [helper.make_tensor_value_info("output", kind, [1, 3, 640, 640])],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10), path)
+    return path
+
+
+def test_yolov8_layout(tmp_path):
+    out = rows(CELLS, 5)
+    out[0, 9] = [32, 24, 20, 10, 0.8]
     looks = Yolo(constant_yolo(tmp_path / "v8.onnx", out.transpose(0, 2, 1)))
     assert looks.layout.family == "yolov8"
     # Letterboxed: a picture twice as wide as high has a quarter of the square above and below it.
@@ -369,11 +449,11 @@ def test_a_yolo_that_sees_nothing(tmp_path):
     none = detector(constant_yolo(tmp_path / "v5.onnx", rows(3 * CELLS, 6)))(np.zeros((64, 64, 3), np.uint8))
     assert none.status == "none"
     assert "0.25" in none.reason
-    out = rows(CELLS, 6)
-    out[0, 9] = [32, 4, 20, 6, 0.9, 0.9]  # in the grey above a picture that is twice as wide as high
+    out = rows(CELLS, 5)
+    out[0, 9] = [32, 4, 20, 6, 0.9]  # in the grey above a picture that is twice as wide as high
     beyond = Yolo(constant_yolo(tmp_path / "v8.onnx", out.transpose(0, 2, 1)))(np.zeros((64, 128, 3), np.uint8))
     assert (beyond.status, beyond.reason) == ("none", "its box lies outside the picture")
-    out[0, 9] = [32, 24, np.nan, 10, 0.9, 0.9]
+    out[0, 9] = [32, 24, np.nan, 10, 0.9]
     nan = Yolo(constant_yolo(tmp_path / "nan.onnx", out.transpose(0, 2, 1)))
     assert nan(np.zeros((64, 64, 3), np.uint8)).score == 0
 
@@ -390,8 +470,12 @@ def test_what_is_no_detector_is_refused(tmp_path):
         assert "this has inputs images 1 x" in str(told.value), name
     masks = rows(CELLS, 38)
     masks[0, :, 6:] = 3.2  # coefficients
-    with pytest.raises(DetectorError, match="gives scores of"):
+    with pytest.raises(DetectorError, match="tells 34 classes"):
         detector(constant_yolo(tmp_path / "m.onnx", masks.transpose(0, 2, 1)))
+    logits = rows(CELLS, 5)
+    logits[0, :, 4] = 3.2
+    with pytest.raises(DetectorError, match="gives scores of"):
+        detector(constant_yolo(tmp_path / "l.onnx", logits.transpose(0, 2, 1)))
     segments = onnx.load(constant_yolo(tmp_path / "s.onnx", rows(CELLS, 6).transpose(0, 2, 1)))
     helper.set_model_props(segments, {"task": "segment"})
     onnx.save(segments, tmp_path / "s.onnx")

@@ -55,7 +55,8 @@ class Net:
         def listed(shapes: Mapping[str, tuple[int | None, ...]]) -> str:
             return ", ".join(f"{name} {' x '.join(str(s or '?') for s in shape)}" for name, shape in shapes.items())
 
-        return f"inputs {listed(self.inputs)}; outputs {listed(self.outputs)}"
+        kinds = "" if set(self.types) == {"tensor(float)"} else f" of {', '.join(self.types)}"
+        return f"inputs {listed(self.inputs)}{kinds}; outputs {listed(self.outputs)}"
 
 
 def open_net(path: str | Path) -> Net:

@@ -1,18 +1,21 @@
 """A user's own YOLO, as its exporter wrote it.
 
-Layouts, told from each other by their shapes; of several classes the best counts:
+Layouts, told from each other by their shapes:
 
 - YOLOv5 (three anchors a cell): 1 x n x (5 + classes), a row being centre, size, objectness, class scores;
 - YOLOX, of Megvii or libreyolo (one a cell): the same, decoded to pixels or raw, in which case a row's place and the
   logarithm of its size count in strides of its cell;
+- YOLOv6: as YOLOX decoded, with an objectness of 1 everywhere (that of its first release looks like a YOLOX);
 - YOLOv8 and those after it: 1 x (4 + classes) x n, without objectness.
 
-Pictures go in as the trainers feed them: letterboxed with grey in the middle, RGB from 0 to 1; for YOLOX at the top
-left, BGR from 0 to 255.
+Of several classes the one that the file's metadata call ``grab`` counts. Pictures go in as the trainers feed them:
+letterboxed with grey in the middle, RGB from 0 to 1; for YOLOX at the top left, BGR from 0 to 255. They are shrunk by
+area, where trainers interpolate.
 """
 
 from __future__ import annotations
 
+import ast
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -29,7 +32,8 @@ from simgrab.records import Detection
 
 LEAST_SCORE = 0.25
 _STRIDES = (8, 16, 32)
-_SIZE = 640  # px of a picture, where the file leaves it free
+_SIZE = 640  # px of a picture, where the file leaves it free and names none
+GRAB = "grab"  # the class, of several
 _ANCHORS = 3  # a cell, in YOLOv5
 EXPECTED = (
     "a detector takes floats 1 x 3 x height x width and gives 1 x n x (5 + classes), as YOLOv5 and YOLOX do, or "
@@ -41,8 +45,13 @@ EXPECTED = (
 class Layout:
     """How an output is to be read: whose it is, and whether places must be decoded still."""
 
-    family: Literal["yolov5", "yolox", "yolov8"]
+    family: Literal["yolov5", "yolov6", "yolox", "yolov8"]
     raw: bool = False
+
+    @property
+    def columns(self) -> int:
+        """What a row tells before its classes."""
+        return 4 if self.family == "yolov8" else 5
 
 
 class Yolo:
@@ -72,7 +81,8 @@ class Yolo:
         if found is None or not _detects(self._net, self.height, self.width):
             raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")
         self.layout = found
-        highest = decode(blank, found, self.height, self.width)[1].max()
+        self.column = _column(self._net, blank.shape[1 if found.family == "yolov8" else 2] - found.columns)
+        highest = decode(blank, found, self.column, self.height, self.width)[1].max()
         if not 0 <= highest <= 1:
             raise DetectorError(f"{self._net.path} gives scores of {highest:.3g}, which is no detector's: {EXPECTED}")
 
@@ -89,7 +99,7 @@ class Yolo:
         small = cut(picture, patch, self.width, self.height)
         pixels = small[..., ::-1].astype(np.float32) if yolox else small.astype(np.float32) / 255
         out = self._net(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))[0]
-        boxes, scores = decode(out, self.layout, self.height, self.width)
+        boxes, scores = decode(out, self.layout, self.column, self.height, self.width)
         scores = np.where(np.isfinite(boxes).all(axis=1) & np.isfinite(scores), scores, 0.0)
         best = int(scores.argmax())
         score = float(scores[best])
@@ -121,17 +131,20 @@ def layout(out: NDArray[np.generic], height: int, width: int) -> Layout | None:
     if rows == _ANCHORS * cells:
         return Layout("yolov5")
     if rows == cells:  # decoded, centres lie all over the picture
-        return Layout("yolox", raw=bool(np.median(np.abs(out[0, :, :2])) < _STRIDES[0]))
+        raw = bool(np.median(np.abs(out[0, :, :2])) < _STRIDES[0])
+        return Layout("yolov6" if not raw and (out[0, :, 4] == 1).all() else "yolox", raw)
     return None
 
 
-def decode(out: NDArray[np.generic], how: Layout, height: int, width: int) -> tuple[Array, Array]:
+def decode(out: NDArray[np.generic], how: Layout, column: int, height: int, width: int) -> tuple[Array, Array]:
     """Read an output.
 
     Parameters
     ----------
     out : ndarray, shape (1, n, 5 + classes) or (1, 4 + classes, n)
     how : Layout
+    column : int
+        The grab's among the classes.
     height, width : int
         Of the net's picture.
 
@@ -146,8 +159,37 @@ def decode(out: NDArray[np.generic], how: Layout, height: int, width: int) -> tu
     if how.raw:
         grid, stride = _grid(height, width)
         centre, size = (centre + grid) * stride, np.exp(size) * stride
-    scores = rows[:, 4:].max(axis=1) if how.family == "yolov8" else rows[:, 4] * rows[:, 5:].max(axis=1)
+    scores = rows[:, how.columns + column]
+    if how.family != "yolov8":
+        scores = rows[:, 4] * scores
     return np.concatenate([centre - size / 2, centre + size / 2], axis=1), scores
+
+
+def _column(net: Net, classes: int) -> int:
+    """Which of the classes is the grab: the only one, or that of its name.
+
+    Raises
+    ------
+    DetectorError
+    """
+    told = _literal(net, "names")
+    names = list(told.values()) if isinstance(told, dict) else told if isinstance(told, list) else []
+    if names and len(names) != classes:
+        raise DetectorError(f"{net.path} is no detector: it names {len(names)} classes and tells {classes}")
+    if classes == 1:
+        return 0
+    if names.count(GRAB) != 1:
+        listed = ", ".join(str(name) for name in names[:10]) or "no names"
+        raise DetectorError(f"{net.path} tells {classes} classes ({listed}), of which one must be called {GRAB!r}")
+    return names.index(GRAB)
+
+
+def _literal(net: Net, key: str) -> object:
+    """Read what ultralytics and others write into metadata as Python prints it; None where it is none or missing."""
+    try:
+        return ast.literal_eval(net.metadata.get(key, "None"))
+    except (ValueError, SyntaxError):
+        return None
 
 
 def _grid(height: int, width: int) -> tuple[Array, Array]:
@@ -172,7 +214,9 @@ def _input(net: Net) -> tuple[int, int]:
     fits = len(net.inputs) == 1 and net.types[0] == "tensor(float)" and len(shape) == 4
     if not fits or shape[0] not in (1, None) or shape[1] not in (3, None):
         raise DetectorError(f"{net.path} is no detector: {EXPECTED}; this has {net}")
-    height, width = (_SIZE if size is None else size for size in shape[2:])
+    told = _literal(net, "imgsz")
+    usual = told if isinstance(told, list) and len(told) == 2 and all(isinstance(n, int) for n in told) else [_SIZE] * 2
+    height, width = (own or size for own, size in zip(shape[2:], usual, strict=True))
     if height % _STRIDES[-1] or width % _STRIDES[-1]:
         raise DetectorError(f"{net.path} takes pictures of {width}x{height}; sides must be multiples of {_STRIDES[-1]}")
     return height, width
