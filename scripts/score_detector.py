@@ -22,6 +22,7 @@ from simgrab.cli._progress import bar
 from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
 from simgrab.judge import detection, detections
+from simgrab.judge.runs import write
 
 _WIDTH = 172  # columns of text
 
@@ -119,7 +120,7 @@ def main(paths: tuple[Path, ...], detector: str, split: str | None, out: Path | 
     scores = measure(paths, detector, split)
     show(scores)
     if out:
-        out.write_text(json.dumps(scores, indent=1), encoding="utf-8")
+        write(out, json.dumps(scores, indent=1) + "\n")
 
 
 if __name__ == "__main__":

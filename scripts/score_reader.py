@@ -22,6 +22,7 @@ from simgrab.cli import main as run
 from simgrab.instrument.read import BUNDLED, Reader
 from simgrab.judge import reading, reading_trial
 from simgrab.judge.reading import Read
+from simgrab.judge.runs import write
 from simgrab.layouts import Layout
 from simgrab.scenario import Iid
 
@@ -112,7 +113,7 @@ def main(
         click.echo(f"eight digits of 1080p in {milliseconds(reader, pictures):.2f} ms (median, one thread)", err=True)
     click.echo(reading.table(scores))
     if json_path:
-        json_path.write_text(json.dumps(reading.as_json(scores), indent=1) + "\n", encoding="utf-8")
+        write(json_path, json.dumps(reading.as_json(scores), indent=1) + "\n")
     right, refused = scores[-1].digits_right.value or 0.0, scores[-1].digits_refused.value or 0.0
     raise SystemExit(0 if right >= 0.9999 and refused <= 0.001 else 1)
 

@@ -1,6 +1,6 @@
 """Write ``docs/training-studies.md`` of what `scripts.training_studies` found: ``python -m scripts.training_page``.
 
-``docs/training-studies.json`` keeps the figures; studies found in ``--work`` take the place of those it has.
+``docs/training-studies.json`` keeps the figures; those found in ``--work`` take the place of those it has.
 """
 
 from __future__ import annotations
@@ -113,13 +113,15 @@ choose the best epoch. The other 20 % lie between those, in the same light and b
 def _counts(found: dict[str, Any]) -> str:
     rows = [f"| {count} | {_row(found[count])} |" for count in sorted(found, key=int)]
     size, each = f"{WORLDS['camera.width_px']}×{WORLDS['camera.height_px']}", WORLDS["clip.clip_frames"]
-    shown = ", ".join(f"{name} {examples}" for name, examples in SHOWN.items())
+    shown = ", ".join(f"{name} {examples:,}" for name, examples in SHOWN.items())
+    tested = max(scores["frames"] for scores in found.values())
     return f"""## How many frames
 
 The whole detector, shown as many frames however many there are ({shown}: a hurried training), learned from
 frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: the first two rows
-are of as many worlds as frames, the others of the same worlds, ever more of each. Another 230 frames choose epochs and
-thresholds. Tested on 1,000 frames of 25 worlds that none of these is of; differences of a per cent are within chance.
+are of as many worlds as frames, the others of the same worlds, ever more of each. Frames of other worlds choose epochs
+and thresholds. Tested on {tested} frames of about {tested // each} worlds that none of these is of; differences of a
+per cent are within chance.
 
 {HEAD.replace("tested on", "frames learned from")}
 """ + "\n".join(rows)
@@ -158,7 +160,9 @@ PARTS = {"table": _table, "digits": _digits, "leak": _leak, "counts": _counts}
 def main(work: Path, seed: int) -> None:
     """Keep the figures, and write the page."""
     settings = Settings(work, 1, 1, seed)
-    known = results(RECORD, settings) | results(work / RESULTS, settings)
+    known = results(RECORD, settings)
+    for name, study in results(work / RESULTS, settings).items():
+        known.setdefault(name, study)["found"] |= study["found"]
     keep(RECORD, (json.dumps(known, indent=1) + "\n").encode())
     keep(PAGE, page(known).encode())
 

@@ -37,7 +37,7 @@ from simgrab.training.detector import cache, evaluate, find
 from simgrab.training.detector.nets import Find
 from simgrab.training.detector.settings import SHOWN_QUICK, Recipes, has_half_units, recipes
 from simgrab.training.detector.train import Frames, fit
-from simgrab.training.folder import write
+from simgrab.training.folder import claim, write
 from simgrab.training.progress import board
 from simgrab.training.reader.cells import Cells, gather
 from simgrab.training.reader.lenet import LeNet5
@@ -298,16 +298,16 @@ STUDIES: dict[str, Callable[[Settings], Iterator[Piece]]] = {
 @click.option("--seed", default=0, show_default=True)
 def main(studies: tuple[str, ...], work: Path, workers: int, threads: int, seed: int) -> None:
     """Repeat the paper's trainings, and what it could not see."""
-    work.mkdir(parents=True, exist_ok=True)
     kept, settings = work / RESULTS, Settings(work, workers, threads, seed)
-    known = results(kept, settings)
-    for study in studies or STUDIES:
-        done = known.setdefault(study, {"of": identity(study, settings), "found": {}})["found"]
-        for name, piece in STUDIES[study](settings):
-            if name not in done:
-                done[name] = piece()
-                write(kept, json.dumps(known, indent=1).encode())
-            click.echo(f"{study}, {name}: {done[name]}")
+    with claim(work, resume=True):
+        known = results(kept, settings)
+        for study in studies or STUDIES:
+            done = known.setdefault(study, {"of": identity(study, settings), "found": {}})["found"]
+            for name, piece in STUDIES[study](settings):
+                if name not in done:
+                    done[name] = piece()
+                    write(kept, json.dumps(known, indent=1).encode())
+                click.echo(f"{study}, {name}: {done[name]}")
 
 
 if __name__ == "__main__":

@@ -36,7 +36,10 @@ class Copies:
         self._pool = ThreadPoolExecutor(count, "copy", torch.set_num_threads, (1,)) if count > 1 else None
 
     def gradients(self, loss: Loss, batch: Batch) -> float:
-        """Leave the gradients of a batch's mean loss in the net, in place of those before; return the loss."""
+        """Leave the gradients of a batch's mean loss in the net, in place of those before; return the loss.
+
+        A loss that divides by something else than the number of examples, such as that of grabs, does so part by part.
+        """
         size = len(next(iter(batch.values())))
         parts = max(min(len(self._nets), size // _FEWEST), 1)
 

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from simgrab import __version__
 from simgrab.errors import TrainingError
 from simgrab.rng import stream
 from simgrab.training import checkpoint
@@ -44,7 +45,7 @@ class Task(Protocol):
         """Make the batch of the chosen examples; all chance from ``rng``. Runs beside the learning, in a thread."""
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
-        """Mean loss over a batch, a scalar."""
+        """Mean loss over a batch, or over a part of it (`simgrab.training.copies`), a scalar."""
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Figures on validation data; ``"score"`` among them says how good the net is, more being better."""
@@ -104,7 +105,8 @@ def train(
 ) -> Trained:
     """Train a net.
 
-    On one machine the same recipe and examples give the same weights, however often the training was killed.
+    On the cores of one machine the same recipe, examples and versions give the same weights, however often the training
+    was killed; a GPU may sum in another order.
 
     Parameters
     ----------
@@ -143,7 +145,8 @@ class _Run:
         torch.set_num_threads(recipe.threads)
         torch.manual_seed(recipe.seed)
         self.task, self.recipe, self.path = task, recipe, path
-        self.identity = dataclasses.asdict(recipe) | {"data": data}
+        versions = {"simgrab": __version__, "torch": str(torch.__version__)}
+        self.identity = dataclasses.asdict(recipe) | {"data": data} | versions
         self.device = named(recipe.device)
         self.net = build().to(self.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.net).eval().requires_grad_(False)

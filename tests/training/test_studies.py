@@ -15,6 +15,7 @@ pytest.importorskip("onnx")
 from scripts import training_page, training_studies  # noqa: E402
 from simgrab import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
+from simgrab.training import folder  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 
 
@@ -79,12 +80,29 @@ def test_a_page_keeps_the_studies_that_are_not_made_anew(tmp_path, monkeypatch):
         recorded(tmp_path, monkeypatch)
 
 
-def recorded(folder, monkeypatch):
-    monkeypatch.setattr(training_page, "PAGE", folder / "page.md")
-    monkeypatch.setattr(training_page, "RECORD", folder / "page.json")
-    arguments = ["--work", str(folder / "work")]
+def recorded(path, monkeypatch):
+    monkeypatch.setattr(training_page, "PAGE", path / "page.md")
+    monkeypatch.setattr(training_page, "RECORD", path / "page.json")
+    arguments = ["--work", str(path / "work")]
     assert CliRunner().invoke(training_page.main, arguments, catch_exceptions=False).exit_code == 0
-    return (folder / "page.md").read_text(encoding="utf-8")
+    return (path / "page.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("small")
+def test_a_study_broken_off_takes_no_figures_away(tmp_path, monkeypatch):
+    whole = study(tmp_path / "work", "table")["table"]["found"]
+    recorded(tmp_path, monkeypatch)
+    kept = tmp_path / "work" / training_studies.RESULTS
+    some = json.loads(kept.read_text())
+    some["table"]["found"] = {"sgd 0.01 0.1": 0.5}
+    kept.write_text(json.dumps(some))
+    recorded(tmp_path, monkeypatch)
+    assert json.loads((tmp_path / "page.json").read_text())["table"]["found"] == whole | {"sgd 0.01 0.1": 0.5}
+
+
+def test_two_do_not_study_in_one_folder(tmp_path):
+    with folder.claim(tmp_path, resume=True), pytest.raises(TrainingError, match="another training"):
+        study(tmp_path, "table")
 
 
 @pytest.mark.usefixtures("small")

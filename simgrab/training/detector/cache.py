@@ -83,7 +83,7 @@ def build(
     patches : list of list of Patch
         Of each frame.
     """
-    if not (folder / "patches.json").exists():
+    if not all((folder / name).exists() for name in ("patches.json", "bytes.npy")):  # or half removed
         _make(folder, chosen, shape, make, progress)
     try:
         patches = [[Patch(*p) for p in row] for row in json.loads((folder / "patches.json").read_text())]

@@ -86,8 +86,8 @@ class Digits:
 def threshold(probabilities: Crops, digits: NDArray[np.int64]) -> float:
     """Confidence below which a digit is refused.
 
-    It refuses 1 in 10,000 of the altered validation digits that are read right, and is one half at least: such a digit
-    is the likelier reading.
+    It refuses 1 in 10,000 of the validation digits, most of them altered, that are read right, and is one half at
+    least: such a digit is the likelier reading.
 
     Parameters
     ----------
