@@ -422,6 +422,8 @@ def test_a_cache_is_made_once_and_whole_or_not_at_all(dataset, tmp_path):
     assert len(made) == count
     np.testing.assert_array_equal(first, again)
     assert patches == same == [[Patch(i, 0, 1, 1)] for i in range(len(frames))]
+    (tmp_path / "c" / "bytes.npy").unlink()  # killed while it was removed
+    np.testing.assert_array_equal(cache.build(tmp_path / "c", frames, (8, 16, 3), shrink)[0], first)
 
 
 def test_a_cache_that_does_not_fit_is_refused(dataset, tmp_path, monkeypatch):

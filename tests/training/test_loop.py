@@ -120,7 +120,7 @@ def test_a_checkpoint_is_never_half_written(tmp_path, monkeypatch, where):
     assert checkpoint.load(path, {})["value"] == 1
 
 
-def test_another_trainings_checkpoint_is_refused(tmp_path):
+def test_another_trainings_checkpoint_is_refused(tmp_path, monkeypatch):
     loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="one")
     with pytest.raises(TrainingError, match="epochs 1 became 6"):
         loop.train(build, Line(), RECIPE, tmp_path, data="one", resume=True)
@@ -129,6 +129,9 @@ def test_another_trainings_checkpoint_is_refused(tmp_path):
     one = dataclasses.replace(RECIPE, epochs=1)
     with pytest.raises(TrainingError, match="holds another net"):
         loop.train(lambda: torch.nn.Linear(1, 1), Line(), one, tmp_path, data="one", resume=True)
+    monkeypatch.setattr(loop, "__version__", "99")
+    with pytest.raises(TrainingError, match=r"simgrab '.+' became '99'"):
+        loop.train(build, Line(), one, tmp_path, data="one", resume=True)
     (tmp_path / "checkpoint.pt").write_bytes(b"torn")
     with pytest.raises(TrainingError, match="no checkpoint"):
         loop.train(build, Line(), RECIPE, tmp_path, resume=True)
