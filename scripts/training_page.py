@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -111,17 +112,23 @@ choose the best epoch. The other 20 % lie between those, in the same light and b
 
 
 def _counts(found: dict[str, Any]) -> str:
-    rows = [f"| {count} | {_row(found[count])} |" for count in sorted(found, key=int)]
+    rows = [f"| {int(count):,} | {_row(found[count])} |" for count in sorted(found, key=int)]
     size, each = f"{WORLDS['camera.width_px']}×{WORLDS['camera.height_px']}", WORLDS["clip.clip_frames"]
     shown = ", ".join(f"{name} {examples:,}" for name, examples in SHOWN.items())
-    tested = max(scores["frames"] for scores in found.values())
+    fewest, *_, most = ordered = sorted(found, key=int)
+    best, tested = (max(ordered, key=lambda n: found[n][key]) for key in ("map50_95", "frames"))
+    few, best_of_all, many = (_percent(found[n]["map50_95"]) for n in (fewest, best, most))
+    text = f"""
+        The whole detector, shown as many frames however many there are ({shown}: a hurried training), learned from
+        frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: while
+        there are fewer frames than worlds each is of a world of its own, then come ever more of each. Frames of other
+        worlds choose epochs and thresholds. Tested on {found[tested]["frames"]:,} frames of worlds that none of these
+        is of; differences of a per cent are within chance. mAP50-95 is {few} % with {int(fewest):,} frames, at its
+        best {best_of_all} % with {int(best):,}, and {many} % with {int(most):,}: of {WORLDS["frames"] // each:,}
+        worlds, test and validation among them, more frames of each teach little, at least in so short a training."""
     return f"""## How many frames
 
-The whole detector, shown as many frames however many there are ({shown}: a hurried training), learned from
-frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: the first two rows
-are of as many worlds as frames, the others of the same worlds, ever more of each. Frames of other worlds choose epochs
-and thresholds. Tested on {tested} frames of about {tested // each} worlds that none of these is of; differences of a
-per cent are within chance.
+{textwrap.fill(" ".join(text.split()), 120)}
 
 {HEAD.replace("tested on", "frames learned from")}
 """ + "\n".join(rows)
