@@ -24,7 +24,6 @@ from scripts.training_studies import (
     SHOWN,
     VIDEO,
     WORLDS,
-    Settings,
     results,
 )
 from simgrab.cli import main as run
@@ -115,14 +114,13 @@ def _counts(found: dict[str, Any]) -> str:
     rows = [f"| {int(count):,} | {_row(found[count])} |" for count in sorted(found, key=int)]
     size, each = f"{WORLDS['camera.width_px']}×{WORLDS['camera.height_px']}", WORLDS["clip.clip_frames"]
     shown = ", ".join(f"{name} {examples:,}" for name, examples in SHOWN.items())
-    fewest, *_, most = ordered = sorted(found, key=int)
-    best, tested = (max(ordered, key=lambda n: found[n][key]) for key in ("map50_95", "frames"))
+    fewest, most, best = min(found, key=int), max(found, key=int), max(found, key=lambda n: float(found[n]["map50_95"]))
     few, best_of_all, many = (_percent(found[n]["map50_95"]) for n in (fewest, best, most))
     text = f"""
         The whole detector, shown as many frames however many there are ({shown}: a hurried training), learned from
         frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: while
         there are fewer frames than worlds each is of a world of its own, then come ever more of each. Frames of other
-        worlds choose epochs and thresholds. Tested on {found[tested]["frames"]:,} frames of worlds that none of these
+        worlds choose epochs and thresholds. Tested on {found[most]["frames"]:,} frames of worlds that none of these
         is of; differences of a per cent are within chance. mAP50-95 is {few} % with {int(fewest):,} frames, at its
         best {best_of_all} % with {int(best):,}, and {many} % with {int(most):,}: of {WORLDS["frames"] // each:,}
         worlds, test and validation among them, more frames of each teach little, at least in so short a training."""
@@ -166,9 +164,8 @@ PARTS = {"table": _table, "digits": _digits, "leak": _leak, "counts": _counts}
 @click.option("--seed", default=0, show_default=True, help="Of the studies.")
 def main(work: Path, seed: int) -> None:
     """Keep the figures, and write the page."""
-    settings = Settings(work, 1, 1, seed)
-    known = results(RECORD, settings)
-    for name, study in results(work / RESULTS, settings).items():
+    known = results(RECORD, seed)
+    for name, study in results(work / RESULTS, seed).items():
         known.setdefault(name, study)["found"] |= study["found"]
     keep(RECORD, (json.dumps(known, indent=1) + "\n").encode())
     keep(PAGE, page(known).encode())

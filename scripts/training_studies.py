@@ -105,7 +105,7 @@ class Settings:
         return Recipe(half=has_half_units("cpu"), **self.common, **changes)
 
 
-def identity(study: str, s: Settings) -> dict[str, Any]:
+def identity(study: str, seed: int) -> dict[str, Any]:
     """Tell, as plain data, what a study's results depend on, the training's own code left out."""
     video = {"video": VIDEO, "labelled": LABELLED, "learned": LEARNED}
     depends: dict[str, dict[str, Any]] = {
@@ -114,11 +114,11 @@ def identity(study: str, s: Settings) -> dict[str, Any]:
         "leak": video | {"later": LATER, "others": OTHERS, "quick": SHOWN_QUICK},
         "counts": {"worlds": WORLDS, "shown": SHOWN, "epoch": EPOCH, "judges": JUDGES},
     }
-    plain: dict[str, Any] = msgspec.to_builtins({"seed": s.seed} | depends[study])
+    plain: dict[str, Any] = msgspec.to_builtins({"seed": seed} | depends[study])
     return plain
 
 
-def results(kept: Path, s: Settings) -> dict[str, Any]:
+def results(kept: Path, seed: int) -> dict[str, Any]:
     """Return what a file keeps of each study: ``of`` what it is, and what was ``found``, piece by piece.
 
     Raises
@@ -128,7 +128,7 @@ def results(kept: Path, s: Settings) -> dict[str, Any]:
     """
     known: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
     for name, study in known.items():
-        if study["of"] != identity(name, s):
+        if study["of"] != identity(name, seed):
             raise TrainingError(f"{kept}: {name} is of another seed or recipe; choose another --work, or take it out")
     return known
 
@@ -300,9 +300,9 @@ def main(studies: tuple[str, ...], work: Path, workers: int, threads: int, seed:
     """Repeat the paper's trainings, and what it could not see."""
     kept, settings = work / RESULTS, Settings(work, workers, threads, seed)
     with claim(work, resume=True):
-        known = results(kept, settings)
+        known = results(kept, seed)
         for study in studies or STUDIES:
-            done = known.setdefault(study, {"of": identity(study, settings), "found": {}})["found"]
+            done = known.setdefault(study, {"of": identity(study, seed), "found": {}})["found"]
             for name, piece in STUDIES[study](settings):
                 if name not in done:
                     done[name] = piece()

@@ -26,7 +26,7 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
     ----------
     path : Path
     identity : dict
-        What makes the training what it is: recipe and data.
+        What makes the training what it is: recipe, data and versions.
 
     Raises
     ------

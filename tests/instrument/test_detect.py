@@ -27,7 +27,7 @@ SIDE = 64  # px of the hand-made YOLOs' pictures
 CELLS = 64 + 16 + 4
 
 
-def save(path, nodes, inputs, outputs, weights=(), facts=None):
+def save(path, nodes, inputs, outputs, weights=(), facts=None, metadata=None):
     graph = helper.make_graph(
         nodes,
         "g",
@@ -36,8 +36,7 @@ def save(path, nodes, inputs, outputs, weights=(), facts=None):
         [numpy_helper.from_array(value, name) for name, value in weights],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
-    if facts:
-        helper.set_model_props(model, {"simgrab": json.dumps(facts)})
+    helper.set_model_props(model, (metadata or {}) | ({KEY: json.dumps(facts)} if facts else {}))
     onnx.save(model, path)
     return path
 
@@ -51,12 +50,8 @@ def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT
         helper.make_node("Add", ["rows", "z"], ["output"]),
     ]
     weights = [("zero", np.float32(0)), ("rows", out)]
-    save(path, nodes, [("images", kind, list(shape))], [("output", list(out.shape))], weights)
-    if metadata:
-        net = onnx.load(path)
-        helper.set_model_props(net, metadata)
-        onnx.save(net, path)
-    return path
+    inputs, outputs = [("images", kind, list(shape))], [("output", list(out.shape))]
+    return save(path, nodes, inputs, outputs, weights, metadata=metadata)
 
 
 def rows(count, columns):
@@ -373,31 +368,24 @@ def test_pictures_go_in_as_the_trainers_feed_them(family, tmp_path, monkeypatch)
     count, turned = FAMILIES[family]
     out = rows(count, 5 if turned else 6)
     out[0, :, 4] = 1 if family == "yolov6" else 0.5
-    looks = Yolo(constant_yolo(tmp_path / "any.onnx", out.transpose(0, 2, 1) if turned else out))
+    out = out.transpose(0, 2, 1) if turned else out
+    looks = Yolo(constant_yolo(tmp_path / "any.onnx", out))
     assert looks.layout.family == family
     fed = []
-    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures: fed.append(pictures) or [looks_like(out)])
-
-    def looks_like(rows):
-        return rows.transpose(0, 2, 1) if turned else rows
-
+    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures: fed.append(pictures) or [out])
     picture = np.full((64, 128, 3), (200, 100, 50), np.uint8)  # RGB, twice as wide as high
     looks(picture)
     ((pixels,),) = fed
     assert pixels.shape == (3, SIDE, SIDE)
     assert pixels.dtype == np.float32
     if family == "yolox":
-        inside, grey, colour, bare = pixels[:, :32], pixels[:, 33:], (50, 100, 200), GREY
+        inside, around, colour, white = pixels[:, :32], pixels[:, 33:], (50, 100, 200), 1
     else:
-        inside, grey, colour, bare = (
-            pixels[:, 17:47],
-            pixels[:, [*range(15), *range(49, 64)]],
-            (200, 100, 50),
-            GREY / 255,
-        )
-        colour = np.array(colour) / 255
-    np.testing.assert_allclose(inside, np.broadcast_to(np.reshape(colour, (3, 1, 1)), inside.shape), rtol=1e-6)
-    np.testing.assert_allclose(grey, bare, rtol=1e-6)
+        inside, around = pixels[:, 17:47], pixels[:, [*range(15), *range(49, 64)]]
+        colour, white = (200, 100, 50), 255
+    colours = np.broadcast_to(np.reshape(colour, (3, 1, 1)), inside.shape)
+    np.testing.assert_allclose(inside * white, colours, rtol=1e-6)
+    np.testing.assert_allclose(around * white, GREY, rtol=1e-6)
 
 
 def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
@@ -412,15 +400,8 @@ def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
 
 
 def half_precision(path):
-    kind = TensorProto.FLOAT16
-    graph = helper.make_graph(
-        [helper.make_node("Identity", ["images"], ["output"])],
-        "g",
-        [helper.make_tensor_value_info("images", kind, [1, 3, 640, 640])],
-        [helper.make_tensor_value_info("output", kind, [1, 3, 640, 640])],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10), path)
-    return path
+    cast, shape = helper.make_node("Cast", ["images"], ["output"], to=TensorProto.FLOAT), [1, 3, 640, 640]
+    return save(path, [cast], [("images", TensorProto.FLOAT16, shape)], [("output", shape)])
 
 
 def test_yolov8_layout(tmp_path):
