@@ -145,6 +145,7 @@ def main(quick: bool, only: str | None, out: Path | None, work: Path | None, wor
     work.mkdir(parents=True, exist_ok=True)
     for name in [only] if only else PARTS:
         nets = PARTS[name](work, quick=quick, workers=workers, threads=threads)
+        (out / nets[-1].name).unlink(missing_ok=True)  # settle, without which a detector is refused
         for net in nets:
             for suffix in (".onnx", ".json", ".md"):
                 with drafted(out / f"{net.stem}{suffix}") as draft:
