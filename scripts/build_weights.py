@@ -18,7 +18,7 @@ import msgspec
 
 from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.cli._progress import bar
+from simgrab.cli._progress import drawing
 from simgrab.files import drafted
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
@@ -75,8 +75,8 @@ def rendered(sources: Sequence[Source], work: Path, *, quick: bool, workers: int
     scenarios = [scenario(source, quick=quick) for source in sources]  # all of them, before hours of drawing
     out = [work / source.name for source in sources]
     for drawn, path in zip(scenarios, out, strict=True):
-        with bar(f"drawing {path.name}", shown=True) as progress:
-            render(drawn, path, workers=workers, resume=True, progress=progress)
+        with drawing(f"drawing {path.name}", shown=True) as (progress, checking):
+            render(drawn, path, workers=workers, resume=True, progress=progress, checking=checking)
     return out
 
 

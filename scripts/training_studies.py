@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from simgrab import datasets, scenes
 from simgrab.cli import main as run
-from simgrab.cli._progress import bar
+from simgrab.cli._progress import drawing
 from simgrab.errors import TrainingError
 from simgrab.geometry import PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect.bundled import Bundled
@@ -143,8 +143,8 @@ def rendered(scene: str, changes: dict[str, Any], s: Settings) -> datasets.Datas
     """Render a dataset, or what is missing of it."""
     scenario = scenes.load(scene, changes)
     out = s.work / f"{scene}-{scenario.seed}-{scenario.frames}"
-    with bar(f"drawing {out.name}", shown=True) as progress:
-        render(scenario, out, workers=s.workers, resume=True, progress=progress)
+    with drawing(f"drawing {out.name}", shown=True) as (progress, checking):
+        render(scenario, out, workers=s.workers, resume=True, progress=progress, checking=checking)
     return datasets.read(out)
 
 

@@ -6,27 +6,48 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 SPEED_OVER_S = 600.0  # a step may take minutes, and the time left is to be told all the same
 
+Counts = Callable[[int, int | None], None]
+
 
 @contextmanager
-def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Callable[[int, int | None], None]]:
+def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Counts]:
     """Show a progress bar on stderr; gives what takes frames (or another unit) done and, where known, in all."""
+    with _bars(shown=shown) as shows:
+        yield _counted(shows, shows.add_task(what, total=None, rate=""), unit)
+
+
+@contextmanager
+def drawing(what: str = "drawing", *, shown: bool) -> Iterator[tuple[Counts, Counts]]:
+    """Show a progress bar of frames, and of a scene's many worlds while they are checked; gives what takes each."""
+    with _bars(shown=shown) as shows:
+        checks = shows.add_task("checking worlds", total=None, rate="", visible=False)
+        counted = _counted(shows, checks, "worlds")
+
+        def checked(done: int, total: int | None) -> None:
+            counted(done, total)
+            shows.update(checks, visible=done != total)
+
+        yield _counted(shows, shows.add_task(what, total=None, rate=""), "frames"), checked
+
+
+def _bars(*, shown: bool) -> Progress:
     columns = (
-        TextColumn(what),
+        TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    console = Console(stderr=True, quiet=not shown)
-    with Progress(*columns, console=console, speed_estimate_period=SPEED_OVER_S) as shows:
-        task = shows.add_task("", total=None, rate="")
+    return Progress(*columns, console=Console(stderr=True, quiet=not shown), speed_estimate_period=SPEED_OVER_S)
 
-        def progress(done: int, total: int | None) -> None:
-            speed = shows.tasks[0].speed
-            shows.update(task, completed=done, total=total, rate=f"{speed:.1f} {unit}/s" if speed else "")
 
-        yield progress
+def _counted(shows: Progress, task: TaskID, unit: str) -> Counts:
+    def progress(done: int, total: int | None) -> None:
+        speed = next(one for one in shows.tasks if one.id == task).speed
+        shows.update(task, completed=done, total=total, rate=f"{speed:.1f} {unit}/s" if speed else "")
+
+    return progress

@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from simgrab.cli._progress import bar
+from simgrab.cli._progress import drawing
 from simgrab.cli._scene import load_scene, scene_options
 
 
@@ -40,12 +40,16 @@ def command(
 
     summary: Summary | VideoSummary
     try:
-        with bar("drawing", shown=not (quiet or as_json)) as progress:
+        with drawing(shown=not (quiet or as_json)) as (progress, checking):
             if out is not None:
-                summary = render(scenario, out, video=video, workers=workers, resume=resume, progress=progress)
+                summary = render(
+                    scenario, out, video=video, workers=workers, resume=resume, progress=progress, checking=checking
+                )
             else:
                 assert video is not None
-                summary = render_video(scenario, video, workers=workers, resume=resume, progress=progress)
+                summary = render_video(
+                    scenario, video, workers=workers, resume=resume, progress=progress, checking=checking
+                )
     except KeyboardInterrupt:
         places = [f" --{name} {path}" for name, path in (("out", out), ("video", video)) if path is not None]
         click.echo(f"simgrab: interrupted; go on with --resume{''.join(places)}", err=True)

@@ -32,23 +32,26 @@ def check(workers: int) -> None:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
 
 
-def vetted(scenario: Scenario, workers: int) -> Plan | None:
+def vetted(scenario: Scenario, workers: int, checking: Progress | None = None) -> Plan | None:
     """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab.
 
-    Returns the plan of its world, or None where it has many: those are drawn up for nothing else, among the workers.
+    Returns the plan of its world, or None where it has many: those are drawn up for nothing else, among the workers,
+    and ``checking`` is told how many of how many.
     """
     if not scenario.vary:
         seen, plan = vet(scenario)
         refuse_unseen(scenario, seen)
         return plan
     clips = range(scenario.clip.count(scenario.frames))
-    refuse_unseen(scenario, sum(share(scenario, None, clips, _vet, workers=workers, progress=lambda _: None)))
+    told = report(checking, 0, len(clips))
+    refuse_unseen(scenario, sum(share(scenario, None, clips, _vet, workers=workers, progress=told)))
     return None
 
 
 def _vet(studio: Studio, clip: int, tick: Tick) -> int:
+    seen, _ = vet(studio.scenario, clip)
     tick()
-    return vet(studio.scenario, clip)[0]
+    return seen
 
 
 def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int], None]:

@@ -71,6 +71,7 @@ def render(
     workers: int = 1,
     resume: bool = False,
     progress: Progress | None = None,
+    checking: Progress | None = None,
 ) -> Summary:
     """Render a scenario's frames and labels into a folder.
 
@@ -90,6 +91,8 @@ def render(
         Go on with an unfinished dataset.
     progress : callable, optional
         Called with (frames done, frames in all).
+    checking : callable, optional
+        Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
 
     Returns
     -------
@@ -106,7 +109,7 @@ def render(
     """
     crew.check(workers)
     folder = Folder(Path(out))
-    plan = None if folder.begun else crew.vetted(scenario, workers)
+    plan = None if folder.begun else crew.vetted(scenario, workers, checking)
     reels = Reels(scenario, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
     made = 0

@@ -225,6 +225,14 @@ def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_many_worlds_are_counted_while_they_are_checked(workers):
+    told = []
+    crew.vetted(scene(frames=6), workers, lambda *counts: told.append(counts))
+    assert (told[0], told[-1]) == ((0, 3), (3, 3))
+    assert told == sorted(told)
+
+
 def test_frames_that_were_found_possible_are_not_looked_at_again(tmp_path, monkeypatch):
     scenario = small_scene(frames=2)
     render(scenario, tmp_path / "out")

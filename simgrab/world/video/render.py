@@ -55,6 +55,7 @@ def render_video(
     workers: int = 1,
     resume: bool = False,
     progress: Progress | None = None,
+    checking: Progress | None = None,
 ) -> VideoSummary:
     """Render a scenario into an H.264 video with a truth table beside it, or one of each for every clip.
 
@@ -73,6 +74,8 @@ def render_video(
         Go on where an interrupted run stopped; unfinished clips are made anew.
     progress : callable, optional
         Called with (frames done, frames in all).
+    checking : callable, optional
+        Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
 
     Returns
     -------
@@ -91,7 +94,7 @@ def render_video(
     reels = Reels(scenario, Path(path))
     clips = reels.unfinished(resume=resume)
     if clips or reels.partial.exists():
-        plan = crew.vetted(scenario, workers)
+        plan = crew.vetted(scenario, workers, checking)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = crew.report(progress, ahead, scenario.frames)
         with reels.claim():
