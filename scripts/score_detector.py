@@ -37,11 +37,11 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
         elif any(row.split == "train" for row in dataset.rows):
             click.echo(f"{path}: frames of the split train are scored too; --split test leaves them out", err=True)
         with bar(str(path), shown=True) as progress:
-            watched = detections.watch([dataset.image(row) for row in dataset.rows], looks, progress)
+            watched = detections.watch_dataset(dataset, looks, progress)
         some += detection.cases(dataset, watched.detections)
         seconds += watched.seconds
     if not some:
-        raise DatasetError(f"{', '.join(map(str, paths))}: no frames in the split {split!r}")
+        raise DatasetError(f"{', '.join(map(str, paths))}: no frames in the split {split!r}; render more frames")
     times = {"median_ms": 1e3 * float(np.median(seconds)), "p95_ms": 1e3 * float(np.quantile(seconds, 0.95))}
     return {"detector": name, "datasets": [str(path) for path in paths], "time": times} | detection.score(some)
 

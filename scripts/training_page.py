@@ -32,6 +32,7 @@ from simgrab.training.folder import write as keep
 
 PAGE = Path(__file__).parents[1] / "docs" / "training-studies.md"
 RECORD = PAGE.with_suffix(".json")
+NAMES = {"sgd": "SGD", "adam": "Adam"}
 # mAP50-95 in %, from the paper's table: by rate, SGD and Adam, each by the last rate of OneCycle.
 PAPER = {
     0.0005: (85.0, 84.6, 84.6, 93.1, 92.7, 92.6),
@@ -60,7 +61,7 @@ training."""
 def _table(found: dict[str, float]) -> str:
     columns = [(optimiser, final) for optimiser in OPTIMISERS for final in FINALS]
     rows = [
-        "| rate | " + " | ".join(f"{o.upper() if o == 'sgd' else 'Adam'} {f:g}" for o, f in columns) + " |",
+        "| rate | " + " | ".join(f"{NAMES[o]} {f:g}" for o, f in columns) + " |",
         "|---" * (1 + len(columns)) + "|",
     ]
     for rate in RATES:
@@ -70,6 +71,7 @@ def _table(found: dict[str, float]) -> str:
         ]
         rows.append(f"| {rate:g} | {' | '.join(cells)} |")
     best = max(found, key=lambda name: found[name])
+    of, at, last = best.split()
     sgd, adam = (f"{_mean(found, one, RATES[0])} to {_mean(found, one, RATES[-1])} %" for one in OPTIMISERS)
     return f"""## Learning rates and optimisers
 
@@ -77,8 +79,9 @@ mAP50-95 in % of `find` alone (one net of a million weights, one look, {EPOCHS} 
 OneCycle; columns: optimiser, and the last rate as a share of the highest), the paper's in brackets. The best epoch is
 chosen on the tested frames, here by IoU and recall. Ours were measured before augmentation turned hues.
 
-Best: {best}, {_percent(found[best])} %. From the lowest rate to the highest SGD goes from {sgd}, Adam from {adam}
-(means of the three last rates; in the paper from 84.7 to 94.2 % and from 92.8 to 90.4 %).
+Best: {_percent(found[best])} %, by {NAMES[of]} {last} at a rate of {at}. From the lowest rate to the highest
+SGD goes from {sgd}, Adam from {adam} (means of the three last
+rates; in the paper from 84.7 to 94.2 % and from 92.8 to 90.4 %).
 
 """ + "\n".join(rows)
 
@@ -104,7 +107,8 @@ def _leak(found: dict[str, Any]) -> str:
 The whole detector, by the hurried recipe (`--quick`), learned from 80 % of the video's frames, an eighth of which
 choose the best epoch. The other 20 % lie between those, in the same light and before the same ground: there mAP50-95 is
 {between} %, on what comes after them in the same video {later} %. Neither tells of another weather or place; worst is
-"{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a grab.
+"{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a grab, so that none
+tests false boxes.
 
 {HEAD}
 """ + "\n".join(rows)
@@ -121,9 +125,10 @@ def _counts(found: dict[str, Any]) -> str:
         frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: while
         there are fewer frames than worlds each is of a world of its own, then come ever more of each. Frames of other
         worlds choose epochs and thresholds. Tested on {found[most]["frames"]:,} frames of worlds that none of these
-        is of; differences of a per cent are within chance. mAP50-95 is {few} % with {int(fewest):,} frames, at its
-        best {best_of_all} % with {int(best):,}, and {many} % with {int(most):,}: of {WORLDS["frames"] // each:,}
-        worlds, test and validation among them, more frames of each teach little, at least in so short a training."""
+        is of, but of the same scene: of a place, paint or camera beyond it they tell nothing. Differences of a per cent
+        are within chance. mAP50-95 is {few} % with {int(fewest):,} frames, at its best {best_of_all} % with
+        {int(best):,}, and {many} % with {int(most):,}: of {WORLDS["frames"] // each:,} worlds, test and validation
+        among them, more frames of each teach little, at least in so short a training."""
     return f"""## How many frames
 
 {textwrap.fill(" ".join(text.split()), 120)}
@@ -137,7 +142,7 @@ HEAD = """| tested on | mAP50-95 % | recall % | centre, median px | centre, 95 %
 
 
 def _row(s: dict[str, Any]) -> str:
-    false = f"{s['false_boxes']} of {s['empty_frames']}"
+    false = f"{s['false_boxes']} of {s['empty_frames']}" if s["empty_frames"] else "–"
     return " | ".join(
         [_percent(s["map50_95"]), _percent(s["recall"]), _px(s["centre_median_px"]), _px(s["centre_95_px"]), false]
     )

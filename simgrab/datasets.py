@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import msgspec
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from simgrab import labels
 from simgrab.errors import DatasetError
@@ -80,13 +83,15 @@ def read(path: str | Path) -> Dataset:
         If it is none, is unfinished or empty, or lacks a picture.
     """
     path = Path(path)
-    table = path / "labels.parquet"
-    if not table.is_file():
+    file = path / "labels.parquet"
+    if not file.is_file():
         state = "unfinished; go on with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         raise DatasetError(f"{path} is {state}: it has no labels.parquet")
     try:
-        content = table.read_bytes()
-        rows = tuple(msgspec.convert(row, Truth) for row in pq.read_table(pa.BufferReader(content)).to_pylist())
+        content = file.read_bytes()
+        # In this thread: one of Arrow's would give up Python's bytes when it likes, and abort a process that is ending.
+        table = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
+        rows = tuple(msgspec.convert(row, Truth) for row in table.to_pylist())
         manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
         scenario = manifest["scenario"]
         data = Data(
@@ -129,3 +134,34 @@ def part(dataset: Dataset, split: str) -> Dataset:
 def digest(datasets: Sequence[Dataset]) -> str:
     """One digest of several datasets' labels, and through them of their pictures."""
     return hashlib.sha256("".join(dataset.data.labels_sha256 for dataset in datasets).encode()).hexdigest()
+
+
+def picture(file: Path, row: Truth, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+    """Decode the picture of a row.
+
+    Parameters
+    ----------
+    file : Path
+    row : Truth
+    mode : int
+        OpenCV's ``IMREAD_…``.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3), or (height, width) where ``mode`` is grey
+
+    Raises
+    ------
+    DatasetError
+        If it is damaged, or not the labels' picture.
+    """
+    try:
+        data = file.read_bytes()
+    except OSError as problem:
+        raise DatasetError(f"{file} cannot be read: {problem.strerror or problem}") from None
+    if hashlib.sha256(data).hexdigest() != row.image_sha256:
+        raise DatasetError(f"{file} is not the picture that its labels are of: it was changed or damaged")
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
+    if found is None:
+        raise DatasetError(f"{file} is not a picture")
+    return np.asarray(found, np.uint8)

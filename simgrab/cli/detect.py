@@ -15,7 +15,7 @@ import click
     "--detector", "name", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx."
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Table of detections, .parquet or .csv.")
-@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture.")
+@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture: what is where.")
 def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     """Find the grab in SOURCE: a picture, a folder of pictures, or a dataset.
 
@@ -25,6 +25,8 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     from simgrab.instrument.detect import detector
     from simgrab.judge import detections
 
+    if out:
+        detections.check_table(out)
     files, looks = detections.pictures(source), detector(name)
     with bar("looking", shown=not as_json and len(files) > 1) as progress:
         watched = detections.watch(files, looks, progress)

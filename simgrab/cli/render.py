@@ -51,8 +51,8 @@ def command(
                     scenario, video, workers=workers, resume=resume, progress=progress, checking=checking
                 )
     except KeyboardInterrupt:
-        places = [f" --{name} {path}" for name, path in (("out", out), ("video", video)) if path is not None]
-        click.echo(f"simgrab: interrupted; go on with --resume{''.join(places)}", err=True)
+        places = " and ".join(str(path) for path in (out, video) if path is not None)
+        click.echo(f"simgrab: interrupted; the same command with --resume goes on in {places}", err=True)
         sys.exit(130)
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))

@@ -24,7 +24,7 @@ def _interruptible(out: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        click.echo(f"simgrab: interrupted; go on with --resume --out {out}", err=True)
+        click.echo(f"simgrab: interrupted; the same command with --resume goes on in {out}", err=True)
         sys.exit(130)
 
 
@@ -32,7 +32,9 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     if as_json:
         click.echo(json.dumps(metrics))
     elif not quiet:
-        click.echo(card.read_text(encoding="utf-8"))
+        click.echo(f"{card.read_text(encoding='utf-8')}\nnets and cards: {card.parent}")
+    if metrics.get("recall") == 0:
+        click.echo("it finds none of the validation frames' grabs: learn from more frames, or for longer", err=True)
 
 
 @command.command()

@@ -112,10 +112,10 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     return _timed(Video(str(path)), rate_hz)
 
 
-def _by_number(path: Path) -> tuple[tuple[int, str], ...]:
-    """Order frame2 before frame10."""
+def _by_number(path: Path) -> tuple[tuple[bool, int, str], ...]:
+    """Order frame2 before frame10, and numbers before letters, as text would."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
-    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
+    return tuple((False, int(part), "") if part.isdigit() else (True, 0, part) for part in parts)
 
 
 def _timed(source: Source, rate_hz: float | None) -> Source:
@@ -169,7 +169,7 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
             if given != size:
                 told = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
                 if not seen:
-                    raise SourceError(f"{told}: not of this camera")
+                    raise SourceError(f"{f'{frame.name} is ' if frame.name else ''}{told}: not of this camera")
                 frame = Frame(None, frame.time_s, told, frame.name)
             seen = True
         yield frame

@@ -15,13 +15,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from simgrab import datasets
-from simgrab.errors import DatasetError
+from simgrab.errors import DatasetError, DetectorError
 from simgrab.files import drafted
 from simgrab.instrument.detect import Detector
+from simgrab.instrument.detect.patches import Picture
 from simgrab.records import Detection
 
 Progress = Callable[[int, int], None]
+Read = Callable[[Path], Picture]
 KINDS = (".jpg", ".jpeg", ".png")
+TABLES = (".parquet", ".csv")
 
 
 @dataclass(frozen=True)
@@ -43,25 +46,51 @@ class Watched:
     seconds: tuple[float, ...]
 
 
-def watch(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Watched:
+def watch(
+    files: Sequence[Path], detector: Detector, progress: Progress | None = None, *, read: Read | None = None
+) -> Watched:
     """Let a detector look at picture files.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    detector : Detector
+    progress : callable, optional
+        Called with (pictures done, pictures in all).
+    read : callable, optional
+        Gives the picture of a file, uint8, (height, width, 3), RGB.
 
     Raises
     ------
-    DatasetError
-        If one cannot be read.
+    DatasetError, DetectorError
+        If one cannot be read, or looked at; says which.
     """
+    read = read or _read
     detections, seconds = [], []
     for path in files:
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        if picture is None:
-            raise DatasetError(f"{path} cannot be read as a picture")
+        picture = read(path)
         start = time.perf_counter()
-        detections.append(detector(np.asarray(picture, np.uint8)))
+        try:
+            detections.append(detector(picture))
+        except DetectorError as problem:
+            raise DetectorError(f"{path}: {problem}") from None
         seconds.append(time.perf_counter() - start)
         if progress:
             progress(len(detections), len(files))
     return Watched(detector.name, tuple(files), tuple(detections), tuple(seconds))
+
+
+def watch_dataset(dataset: datasets.Dataset, detector: Detector, progress: Progress | None = None) -> Watched:
+    """Let a detector look at a dataset's pictures, which must be those that its labels are of; see `watch`."""
+    rows = {dataset.image(row): row for row in dataset.rows}
+    return watch(tuple(rows), detector, progress, read=lambda file: datasets.picture(file, rows[file]))
+
+
+def _read(path: Path) -> Picture:
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise DatasetError(f"{path} cannot be read as a picture")
+    return np.asarray(picture, np.uint8)
 
 
 def pictures(source: str | Path) -> tuple[Path, ...]:
@@ -73,14 +102,16 @@ def pictures(source: str | Path) -> tuple[Path, ...]:
         If there is none.
     """
     source = Path(source)
-    if (source / "labels.parquet").is_file() or (source / ".partial").is_dir():
+    if any((source / name).exists() for name in ("labels.parquet", ".partial", "manifest.json")):
         found = datasets.read(source)
         return tuple(found.image(row) for row in found.rows)
     if source.is_file():
         return (source,)
+    if not source.exists():
+        raise DatasetError(f"{source}: there is no such file or folder")
     files = tuple(sorted(p for p in source.glob("*") if p.suffix.lower() in KINDS))
     if not files:
-        raise DatasetError(f"{source} is neither a dataset nor a picture, and holds no {', '.join(KINDS)}")
+        raise DatasetError(f"{source} is no dataset, and holds no {', '.join(KINDS)}")
     return files
 
 
@@ -122,8 +153,21 @@ def _filled(values: Any, names: Sequence[str]) -> Any:
     return np.zeros(len(names)) if values is None else values
 
 
+def check_table(path: Path) -> None:
+    """Refuse, before pictures are looked at, where no table can be written.
+
+    Raises
+    ------
+    DatasetError
+    """
+    if path.suffix not in TABLES:
+        raise DatasetError(f"{path}: a table of detections ends in {' or '.join(TABLES)}")
+    if path.is_dir():
+        raise DatasetError(f"cannot write {path}: it is a folder")
+
+
 def save(watched: Watched, path: str | Path) -> None:
-    """Write the rows to ``.parquet``, or else CSV, which `simgrab estimate` reads as it is; all of them or no file.
+    """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads as they are; all of them or no file.
 
     Raises
     ------
@@ -131,6 +175,7 @@ def save(watched: Watched, path: str | Path) -> None:
         If it cannot be written.
     """
     path = Path(path)
+    check_table(path)
     table = rows(watched)
     try:
         with drafted(path) as draft:

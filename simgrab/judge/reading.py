@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
-
 from simgrab import datasets, scenes
 from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError
@@ -154,13 +152,10 @@ def read_dataset(path: str | Path, reader: Reader, *, split: str | None = None) 
 
 
 def _read(dataset: Dataset, own: Scenario, row: Truth, reader: Reader) -> Read:
-    picture = cv2.imread(str(dataset.image(row)), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise DatasetError(f"{dataset.image(row)} is not a picture")
+    picture = datasets.picture(dataset.image(row), row)
     assert own.display_layout is not None
     assert row.rope_text is not None
-    reading = reader.read(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), own.display_layout,
-                          display_constant_m=own.display.constant_m)  # fmt: skip
+    reading = reader.read(picture, own.display_layout, display_constant_m=own.display.constant_m)
     below = row.rope_text_below or row.rope_text
     return Read(f"{dataset.path.name}/{row.file}", dataset.weather(row), row.rope_text, below, reading)
 

@@ -14,7 +14,9 @@ LOCK = ".lock"
 
 @contextmanager
 def claim(out: Path, *, resume: bool) -> Iterator[None]:
-    """Make the folder of a training and hold it against another; without ``resume`` refuse one that holds anything.
+    """Make the folder of a training and hold it against another; refuse one that holds what is to be kept.
+
+    Without ``resume`` that is anything, with it whatever no training began.
 
     Raises
     ------
@@ -24,8 +26,11 @@ def claim(out: Path, *, resume: bool) -> Iterator[None]:
         try:
             if out.exists() and not out.is_dir():
                 raise TrainingError(f"{out} is not a folder; choose another --out")
-            if out.is_dir() and any(path.name != LOCK for path in out.iterdir()) and not resume:
-                raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
+            if out.is_dir() and any(path.name != LOCK for path in out.iterdir()):
+                if not (out / LOCK).exists():
+                    raise TrainingError(f"{out} is not empty, and is no training's folder; choose another --out")
+                if not resume:
+                    raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(held(out / LOCK))
         except BlockingIOError:

@@ -172,6 +172,16 @@ def test_pictures_of_another_size(tmp_path):
     frames = list(fitting(iter(open_source(tmp_path)), camera))
     assert [f.picture is None for f in frames] == [False, True, False]
     assert "32x18" in frames[1].reason
+    cv2.imwrite(str(tmp_path / "0.png"), picture(0, (8, 8)))
+    with pytest.raises(SourceError, match=r"0\.png is a picture of 8x8 px"):
+        list(fitting(iter(open_source(tmp_path)), camera))
+
+
+def test_pictures_come_by_their_numbers_and_then_by_their_names(tmp_path):
+    names = ["2.png", "10.png", "frame9.png", "frame10.png", "z.png"]
+    for name in reversed(names):
+        cv2.imwrite(str(tmp_path / name), picture(0))
+    assert [frame.name for frame in open_source(tmp_path)] == names
 
 
 def test_the_camera_file_lies_in_or_beside_the_source(tmp_path, dataset):

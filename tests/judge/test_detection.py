@@ -1,4 +1,5 @@
 import dataclasses
+import re
 import shutil
 
 import msgspec
@@ -9,7 +10,7 @@ from click.testing import CliRunner
 
 from simgrab import datasets, labels
 from simgrab.cli import cli
-from simgrab.errors import DatasetError
+from simgrab.errors import DatasetError, DetectorError
 from simgrab.judge import detection, detections
 from simgrab.judge.intervals import clopper_pearson, standard_error
 from simgrab.records import Detection
@@ -202,10 +203,41 @@ def test_detections_are_kept_as_a_table(known, tmp_path):
 def test_sources_of_pictures(known, tmp_path):
     one = known.image(known.rows[0])
     assert detections.pictures(one) == (one,)
-    with pytest.raises(DatasetError, match="neither a dataset nor a picture"):
+    with pytest.raises(DatasetError, match="is no dataset, and holds no"):
         detections.pictures(tmp_path)
     shutil.copy(one, tmp_path / "b.jpg")
     (tmp_path / "a.jpg").write_bytes(b"no picture")
     assert [path.name for path in detections.pictures(tmp_path)] == ["a.jpg", "b.jpg"]
     with pytest.raises(DatasetError, match=r"a\.jpg cannot be read"):
         detections.watch(detections.pictures(tmp_path), Fixed(known))
+    with pytest.raises(DatasetError, match="there is no such file or folder"):
+        detections.pictures(tmp_path / "typo.jpg")
+    (tmp_path / "manifest.json").touch()  # a dataset that lost its labels, not a folder of pictures
+    with pytest.raises(DatasetError, match="no labels"):
+        detections.pictures(tmp_path)
+
+
+def test_the_picture_that_a_detector_cannot_look_at_is_named(known):
+    def refuses(_):
+        raise DetectorError("too small")
+
+    with pytest.raises(DetectorError, match=r"000000\.jpg: too small"):
+        detections.watch(detections.pictures(known.path), refuses)
+
+
+def test_only_the_pictures_that_labels_are_of_are_scored(known, tmp_path):
+    shutil.copytree(known.path, tmp_path / "other")
+    other = datasets.read(tmp_path / "other")
+    assert detections.watch_dataset(other, Fixed(known)).files == tuple(map(other.image, other.rows))
+    shutil.copy(other.image(other.rows[0]), other.image(other.rows[1]))
+    with pytest.raises(DatasetError, match="not the picture that its labels are of"):
+        detections.watch_dataset(other, Fixed(known))
+
+
+@pytest.mark.parametrize("name", ["found.txt", "found", "folder.csv"])
+def test_a_table_that_cannot_be_written_is_refused_before_pictures_are_looked_at(name, known, tmp_path):
+    (tmp_path / "folder.csv").mkdir()
+    arguments = ["detect", str(known.path), "--detector", "none.onnx", "--out", str(tmp_path / name)]
+    result = CliRunner().invoke(cli, arguments)
+    assert isinstance(result.exception, DatasetError)
+    assert re.search("is a folder" if name.startswith("folder") else "ends in", str(result.exception))

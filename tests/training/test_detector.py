@@ -130,7 +130,9 @@ def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeyp
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     for problem, arguments in {
-        "not empty; go on with --resume": [halves, "--out", tmp_path / "full"],
+        "no training's folder": [halves, "--out", tmp_path / "full"],
+        "not empty, and is no": [halves, "--out", halves, "--resume"],
+        "device 'none' cannot be used": [halves, "--out", tmp_path / "e", "--device", "none"],
         "not a dataset": [tmp_path, "--out", tmp_path / "a"],
         "no frames in the split 'val'": [_part(halves, tmp_path / "p", 4), "--out", tmp_path / "b"],
         "epochs: must be 1 or more": [halves, "--out", tmp_path / "c", "--epochs", 0],
@@ -139,6 +141,7 @@ def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeyp
         error, _ = run(*arguments, "--quiet")
         assert isinstance(error, DatasetError | TrainingError), problem
         assert problem in str(error)
+        assert not (tmp_path / "e").exists()
     with pytest.raises(TrainingError, match="not a folder"), claim(tmp_path / "full" / "file", resume=True):
         pass
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "torch" else object())
@@ -152,6 +155,8 @@ def test_two_trainings_do_not_share_a_folder(more, halves, tmp_path):
         error, _ = run(halves, "--out", tmp_path / "out", "--quiet", *more)
     assert str(error) == f"{tmp_path / 'out'} is being written by another training"
     with claim(tmp_path / "out", resume=False):  # nothing was written, so nothing is in the way
+        (tmp_path / "out" / "file").touch()
+    with pytest.raises(TrainingError, match="not empty; go on with --resume"), claim(tmp_path / "out", resume=False):
         pass
 
 

@@ -177,7 +177,7 @@ def test_one_clear_message(dataset, tmp_path):
     with pytest.raises(DatasetError, match="not a dataset"):
         train_reader([tmp_path], tmp_path / "none", FAST)
     assert not (tmp_path / "none").exists()
-    with pytest.raises(TrainingError, match="not empty; go on with --resume"):
+    with pytest.raises(TrainingError, match="no training's folder"):
         train_reader([dataset], broken, FAST)
 
 

@@ -36,7 +36,7 @@ _SIZE = 640  # px of a picture, where the file leaves it free and names none
 GRAB = "grab"  # the class, of several
 _ANCHORS = 3  # a cell, in YOLOv5
 EXPECTED = (
-    "a detector takes floats 1 x 3 x height x width and gives 1 x n x (5 + classes), as YOLOv5 and YOLOX do, or "
+    "a detector takes floats 1 x 3 x height x width and gives 1 x n x (5 + classes), as YOLOv5, v6 and YOLOX do, or "
     "1 x (4 + classes) x n, as YOLOv8 does, n being the cells of strides 8, 16 and 32 (three times as many in YOLOv5)"
 )
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab import datasets
 from simgrab.datasets import Dataset
 from simgrab.errors import TrainingError
 from simgrab.files import drafted_folder
 from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.records import Truth
-from simgrab.training import pictures
 
 Progress = Callable[[int, int], None]
 _WORKERS = 2  # decoding lets go of Python's lock
@@ -43,7 +43,7 @@ class Frame:
         ------
         DatasetError
         """
-        return pictures.picture(self.file, self.row)
+        return datasets.picture(self.file, self.row)
 
 
 def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:

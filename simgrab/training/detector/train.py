@@ -26,6 +26,7 @@ from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
+from simgrab.training.device import named
 from simgrab.training.folder import claim
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
@@ -86,6 +87,7 @@ def train(
     sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
     frames, doubtful = Frames.of(sets), Frames.of(more)
     chosen = recipes(len(frames.train))
+    named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
         fitted = fit(frames, out, chosen, hard=doubtful, resume=resume, watch=watch, report=report)
         for name, trained in fitted.nets.items():

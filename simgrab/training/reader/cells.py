@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab import scenes
-from simgrab.datasets import Dataset
+from simgrab.datasets import Dataset, picture
 from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
 from simgrab.layouts import Layout, Rectangle
 from simgrab.rng import stream
 from simgrab.scenario import variants
-from simgrab.training.pictures import picture
 
 SPARE_PX = 3  # around a cell's margin, for shifts
 ELSEWHERE = 3  # boxes of each picture that lie off the display

@@ -18,7 +18,7 @@ from simgrab.instrument.read.crops import INPUT_PX, MARGIN
 from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
 from simgrab.training import loop
 from simgrab.training.card import Card
-from simgrab.training.device import out_of_memory
+from simgrab.training.device import named, out_of_memory
 from simgrab.training.folder import claim, write
 from simgrab.training.graph import traced
 from simgrab.training.reader.cells import gather
@@ -64,6 +64,7 @@ def train_reader(
     DatasetError, TrainingError
     """
     found = data.read_all(paths, "train", "val")
+    named(recipe.device)  # or refused before anything is written
     with claim(out, resume=resume):
         with out_of_memory(recipe):
             task = Digits(gather(found, "train", recipe.seed), gather(found, "val", recipe.seed), recipe.seed)
