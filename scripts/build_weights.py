@@ -127,6 +127,16 @@ def reader(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]
     return [out / "reader.onnx"]
 
 
+def install(nets: Sequence[Path], out: Path) -> None:
+    """Copy nets and their cards; broken off among several, it leaves none of the last, and so no mixture to be used."""
+    if len(nets) > 1:
+        (out / nets[-1].name).unlink(missing_ok=True)
+    for net in nets:
+        for suffix in (".json", ".md", ".onnx"):
+            with drafted(out / f"{net.stem}{suffix}") as draft:
+                shutil.copyfile(net.with_suffix(suffix), draft)
+
+
 PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": detector}
 
 
@@ -145,11 +155,7 @@ def main(quick: bool, only: str | None, out: Path | None, work: Path | None, wor
     work.mkdir(parents=True, exist_ok=True)
     for name in [only] if only else PARTS:
         nets = PARTS[name](work, quick=quick, workers=workers, threads=threads)
-        (out / nets[-1].name).unlink(missing_ok=True)  # settle, without which a detector is refused
-        for net in nets:
-            for suffix in (".onnx", ".json", ".md"):
-                with drafted(out / f"{net.stem}{suffix}") as draft:
-                    shutil.copyfile(net.with_suffix(suffix), draft)
+        install(nets, out)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")
 
 

@@ -71,17 +71,19 @@ def _table(found: dict[str, float]) -> str:
         ]
         rows.append(f"| {rate:g} | {' | '.join(cells)} |")
     best = max(found, key=lambda name: found[name])
-    of, at, last = best.split()
+    optimiser, highest, last = best.split()
     sgd, adam = (f"{_mean(found, one, RATES[0])} to {_mean(found, one, RATES[-1])} %" for one in OPTIMISERS)
+    text = f"""
+        Best: {_percent(found[best])} %, by {NAMES[optimiser]} at a highest rate of {highest} that ends at {last} of it.
+        From the first row to the last SGD goes from {sgd}, Adam from {adam} (means of the three last rates; in the
+        paper from 84.7 to 94.2 % and from 92.8 to 90.4 %)."""
     return f"""## Learning rates and optimisers
 
 mAP50-95 in % of `find` alone (one net of a million weights, one look, {EPOCHS} epochs; rows: the highest rate of
 OneCycle; columns: optimiser, and the last rate as a share of the highest), the paper's in brackets. The best epoch is
 chosen on the tested frames, here by IoU and recall. Ours were measured before augmentation turned hues.
 
-Best: {_percent(found[best])} %, by {NAMES[of]} {last} at a rate of {at}. From the lowest rate to the highest
-SGD goes from {sgd}, Adam from {adam} (means of the three last
-rates; in the paper from 84.7 to 94.2 % and from 92.8 to 90.4 %).
+{_wrapped(text)}
 
 """ + "\n".join(rows)
 
@@ -102,13 +104,15 @@ def _leak(found: dict[str, Any]) -> str:
     between, later = (_percent(scores[name]["map50_95"]) for name in ("frames in between", "later in the same video"))
     worst = min(scores, key=lambda name: float(scores[name]["map50_95"]))
     lowest, found_there = (_percent(scores[worst][key]) for key in ("map50_95", "recall"))
+    text = f"""
+        The whole detector, by the hurried recipe (`--quick`), learned from 80 % of the video's frames, an eighth of
+        which choose the best epoch. The other 20 % lie between those, in the same light and before the same ground:
+        there mAP50-95 is {between} %, on what comes after them in the same video {later} %. Neither tells of another
+        weather or place; worst is "{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a grab, so
+        none tests false boxes."""
     return f"""## What a random split of one video hides
 
-The whole detector, by the hurried recipe (`--quick`), learned from 80 % of the video's frames, an eighth of which
-choose the best epoch. The other 20 % lie between those, in the same light and before the same ground: there mAP50-95 is
-{between} %, on what comes after them in the same video {later} %. Neither tells of another weather or place; worst is
-"{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a grab, so that none
-tests false boxes.
+{_wrapped(text)}
 
 {HEAD}
 """ + "\n".join(rows)
@@ -131,7 +135,7 @@ def _counts(found: dict[str, Any]) -> str:
         among them, more frames of each teach little, at least in so short a training."""
     return f"""## How many frames
 
-{textwrap.fill(" ".join(text.split()), 120)}
+{_wrapped(text)}
 
 {HEAD.replace("tested on", "frames learned from")}
 """ + "\n".join(rows)
@@ -139,6 +143,10 @@ def _counts(found: dict[str, Any]) -> str:
 
 HEAD = """| tested on | mAP50-95 % | recall % | centre, median px | centre, 95 % px | false boxes |
 |---|---|---|---|---|---|"""
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(" ".join(text.split()), 120)
 
 
 def _row(s: dict[str, Any]) -> str:

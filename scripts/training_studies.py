@@ -299,7 +299,7 @@ STUDIES: dict[str, Callable[[Settings], Iterator[Piece]]] = {
 def main(studies: tuple[str, ...], work: Path, workers: int, threads: int, seed: int) -> None:
     """Repeat the paper's trainings, and what it could not see."""
     kept, settings = work / RESULTS, Settings(work, workers, threads, seed)
-    with claim(work, resume=True):
+    with claim(work, resume=True, traces=(RESULTS,)):
         known = results(kept, seed)
         for study in studies or STUDIES:
             done = known.setdefault(study, {"of": identity(study, seed), "found": {}})["found"]

@@ -74,6 +74,11 @@ class Dataset:
         return labels.is_labelled(row, self.least_visible_fraction)
 
 
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures."""
+    return (path / "labels.parquet").is_file() or (path / ".partial").is_dir()
+
+
 def read(path: str | Path) -> Dataset:
     """Read a dataset's labels and manifest.
 
@@ -89,7 +94,7 @@ def read(path: str | Path) -> Dataset:
         raise DatasetError(f"{path} is {state}: it has no labels.parquet")
     try:
         content = file.read_bytes()
-        # In this thread: one of Arrow's would give up Python's bytes when it likes, and abort a process that is ending.
+        # `read_table` reads in threads, of which one that lets go of `content` while Python ends aborts the process.
         table = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
         rows = tuple(msgspec.convert(row, Truth) for row in table.to_pylist())
         manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
@@ -137,7 +142,7 @@ def digest(datasets: Sequence[Dataset]) -> str:
 
 
 def picture(file: Path, row: Truth, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
-    """Decode the picture of a row.
+    """Decode the picture of a row, once its SHA-256 is found to be the labels'.
 
     Parameters
     ----------

@@ -10,9 +10,16 @@ import contextlib
 import fcntl
 import glob
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+
+
+def by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
+    """Key that sorts frame2 before frame10, and numbers before letters, by the file's name."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
+    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path.name
 
 
 @contextlib.contextmanager

@@ -1,4 +1,6 @@
 import shutil
+import subprocess
+import sys
 
 import pyarrow.parquet as pq
 import pytest
@@ -47,3 +49,14 @@ def test_what_is_no_dataset_is_refused(copy, tmp_path):
     (copy / ".partial").mkdir()
     with pytest.raises(DatasetError, match="unfinished"):
         datasets.read(copy)
+
+
+def test_reading_starts_no_threads(dataset):
+    """One of Arrow's that lets go of Python's bytes while Python ends aborts the process, now and then."""
+    counts = (
+        "import os, sys; from simgrab import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
+        "before = count(); datasets.read(sys.argv[1]); print(before, count())"
+    )
+    told = subprocess.run([sys.executable, "-c", counts, str(dataset)], capture_output=True, text=True, check=True)
+    before, after = told.stdout.split()
+    assert before == after

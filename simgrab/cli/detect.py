@@ -15,7 +15,7 @@ import click
     "--detector", "name", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx."
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Table of detections, .parquet or .csv.")
-@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture: what is where.")
+@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture: the table's row.")
 def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     """Find the grab in SOURCE: a picture, a folder of pictures, or a dataset.
 

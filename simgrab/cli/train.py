@@ -33,8 +33,6 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
         click.echo(json.dumps(metrics))
     elif not quiet:
         click.echo(f"{card.read_text(encoding='utf-8')}\nnets and cards: {card.parent}")
-    if metrics.get("recall") == 0:
-        click.echo("it finds none of the validation frames' grabs: learn from more frames, or for longer", err=True)
 
 
 @command.command()
@@ -80,6 +78,8 @@ def detector(
     with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
         result = train(datasets, out, chosen, hard=hard, resume=resume, watch=shown.step, report=shown.training)
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
+    if not quiet and not result.metrics["recall"]:
+        click.echo("none of the validation frames' grabs is found: learn from more frames, or for longer", err=True)
 
 
 @command.command()

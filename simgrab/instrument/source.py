@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from simgrab import datasets
 from simgrab.calibration import Calibration
 from simgrab.errors import SourceError
+from simgrab.files import by_number
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.video import Video
 
@@ -99,10 +99,10 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if "://" in str(source):
         return _timed(Video(str(source), live=True), rate_hz)
     path = Path(source)
-    if (path / "labels.parquet").is_file() or (path / ".partial").is_dir():
+    if datasets.is_dataset(path):
         return _timed(_dataset(path), rate_hz)
     if path.is_dir():
-        files = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=_by_number))
+        files = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=by_number))
         if not files:
             raise SourceError(f"{path}: no pictures in it ({', '.join(PICTURES)})")
         rate = RATE_HZ if rate_hz is None else rate_hz
@@ -110,12 +110,6 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if not path.exists():
         raise SourceError(f"{path}: there is no such file or folder")
     return _timed(Video(str(path)), rate_hz)
-
-
-def _by_number(path: Path) -> tuple[tuple[bool, int, str], ...]:
-    """Order frame2 before frame10, and numbers before letters, as text would."""
-    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
-    return tuple((False, int(part), "") if part.isdigit() else (True, 0, part) for part in parts)
 
 
 def _timed(source: Source, rate_hz: float | None) -> Source:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,12 @@ import pyarrow.parquet as pq
 
 from simgrab import datasets
 from simgrab.errors import DatasetError, DetectorError
-from simgrab.files import drafted
+from simgrab.files import by_number, drafted
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.detect.patches import Picture
 from simgrab.records import Detection
 
 Progress = Callable[[int, int], None]
-Read = Callable[[Path], Picture]
 KINDS = (".jpg", ".jpeg", ".png")
 TABLES = (".parquet", ".csv")
 
@@ -46,9 +46,7 @@ class Watched:
     seconds: tuple[float, ...]
 
 
-def watch(
-    files: Sequence[Path], detector: Detector, progress: Progress | None = None, *, read: Read | None = None
-) -> Watched:
+def watch(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Watched:
     """Let a detector look at picture files.
 
     Parameters
@@ -57,18 +55,28 @@ def watch(
     detector : Detector
     progress : callable, optional
         Called with (pictures done, pictures in all).
-    read : callable, optional
-        Gives the picture of a file, uint8, (height, width, 3), RGB.
+
+    Returns
+    -------
+    Watched
 
     Raises
     ------
     DatasetError, DetectorError
         If one cannot be read, or looked at; says which.
     """
-    read = read or _read
+    return _watch(files, map(_read, files), detector, progress)
+
+
+def watch_dataset(dataset: datasets.Dataset, detector: Detector, progress: Progress | None = None) -> Watched:
+    """Let a detector look at a dataset's pictures, which must be those that its labels are of; see `watch`."""
+    seen = (datasets.picture(dataset.image(row), row) for row in dataset.rows)
+    return _watch([dataset.image(row) for row in dataset.rows], seen, detector, progress)
+
+
+def _watch(files: Sequence[Path], seen: Iterable[Picture], detector: Detector, progress: Progress | None) -> Watched:
     detections, seconds = [], []
-    for path in files:
-        picture = read(path)
+    for path, picture in zip(files, seen, strict=True):
         start = time.perf_counter()
         try:
             detections.append(detector(picture))
@@ -80,12 +88,6 @@ def watch(
     return Watched(detector.name, tuple(files), tuple(detections), tuple(seconds))
 
 
-def watch_dataset(dataset: datasets.Dataset, detector: Detector, progress: Progress | None = None) -> Watched:
-    """Let a detector look at a dataset's pictures, which must be those that its labels are of; see `watch`."""
-    rows = {dataset.image(row): row for row in dataset.rows}
-    return watch(tuple(rows), detector, progress, read=lambda file: datasets.picture(file, rows[file]))
-
-
 def _read(path: Path) -> Picture:
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if picture is None:
@@ -94,7 +96,7 @@ def _read(path: Path) -> Picture:
 
 
 def pictures(source: str | Path) -> tuple[Path, ...]:
-    """Pictures of a dataset by frame, of a folder by name, or one.
+    """Pictures of a dataset by frame, of a folder by the numbers in their names, or one.
 
     Raises
     ------
@@ -102,14 +104,14 @@ def pictures(source: str | Path) -> tuple[Path, ...]:
         If there is none.
     """
     source = Path(source)
-    if any((source / name).exists() for name in ("labels.parquet", ".partial", "manifest.json")):
+    if datasets.is_dataset(source):
         found = datasets.read(source)
         return tuple(found.image(row) for row in found.rows)
     if source.is_file():
         return (source,)
     if not source.exists():
         raise DatasetError(f"{source}: there is no such file or folder")
-    files = tuple(sorted(p for p in source.glob("*") if p.suffix.lower() in KINDS))
+    files = tuple(sorted((p for p in source.iterdir() if p.suffix.lower() in KINDS), key=by_number))
     if not files:
         raise DatasetError(f"{source} is no dataset, and holds no {', '.join(KINDS)}")
     return files
@@ -154,16 +156,22 @@ def _filled(values: Any, names: Sequence[str]) -> Any:
 
 
 def check_table(path: Path) -> None:
-    """Refuse, before pictures are looked at, where no table can be written.
+    """Refuse, before pictures are looked at, a table that cannot be written; makes its folder.
 
     Raises
     ------
     DatasetError
     """
-    if path.suffix not in TABLES:
+    if path.suffix.lower() not in TABLES:
         raise DatasetError(f"{path}: a table of detections ends in {' or '.join(TABLES)}")
     if path.is_dir():
         raise DatasetError(f"cannot write {path}: it is a folder")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None
+    if not os.access(path.parent, os.W_OK):
+        raise DatasetError(f"cannot write {path}: {path.parent} is read-only")
 
 
 def save(watched: Watched, path: str | Path) -> None:
@@ -179,7 +187,7 @@ def save(watched: Watched, path: str | Path) -> None:
     table = rows(watched)
     try:
         with drafted(path) as draft:
-            if path.suffix == ".parquet":
+            if path.suffix.lower() == ".parquet":
                 pq.write_table(pa.Table.from_pylist(table), draft)
             else:
                 with draft.open("w", newline="", encoding="utf-8") as file:

@@ -107,7 +107,7 @@ def _rope(path: str | Path, table: pa.Table) -> Array:
 
 def _table(path: Path) -> pa.Table:
     try:
-        if path.suffix == ".parquet":
+        if path.suffix.lower() == ".parquet":
             return pa.parquet.read_table(path)
         # Every column as text first, so that a cell that is no number can be named.
         with path.open(encoding="utf-8") as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -10,13 +10,20 @@ from simgrab.errors import TrainingError
 from simgrab.files import drafted, held
 
 LOCK = ".lock"
+TRACES = ("checkpoint.pt", "*/checkpoint.pt")
 
 
 @contextmanager
-def claim(out: Path, *, resume: bool) -> Iterator[None]:
-    """Make the folder of a training and hold it against another; refuse one that holds what is to be kept.
+def claim(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> Iterator[None]:
+    """Make the folder of a training and hold it against another.
 
-    Without ``resume`` that is anything, with it whatever no training began.
+    Parameters
+    ----------
+    out : Path
+    resume : bool
+        Take a folder that holds a training; one that is not empty is refused otherwise, and one that holds none always.
+    traces : sequence of str
+        Patterns of files by which a training's folder is known, if it was copied without its lock.
 
     Raises
     ------
@@ -27,7 +34,7 @@ def claim(out: Path, *, resume: bool) -> Iterator[None]:
             if out.exists() and not out.is_dir():
                 raise TrainingError(f"{out} is not a folder; choose another --out")
             if out.is_dir() and any(path.name != LOCK for path in out.iterdir()):
-                if not (out / LOCK).exists():
+                if not any(any(out.glob(trace)) for trace in (LOCK, *traces)):
                     raise TrainingError(f"{out} is not empty, and is no training's folder; choose another --out")
                 if not resume:
                     raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")

@@ -1,5 +1,4 @@
 import dataclasses
-import re
 import shutil
 
 import msgspec
@@ -212,9 +211,10 @@ def test_sources_of_pictures(known, tmp_path):
         detections.watch(detections.pictures(tmp_path), Fixed(known))
     with pytest.raises(DatasetError, match="there is no such file or folder"):
         detections.pictures(tmp_path / "typo.jpg")
-    (tmp_path / "manifest.json").touch()  # a dataset that lost its labels, not a folder of pictures
-    with pytest.raises(DatasetError, match="no labels"):
-        detections.pictures(tmp_path)
+    for name in ("frame10.png", "frame2.png", "frame²0.png"):
+        (tmp_path / name).touch()
+    names = [path.name for path in detections.pictures(tmp_path)]
+    assert names == ["a.jpg", "b.jpg", "frame2.png", "frame10.png", "frame²0.png"]
 
 
 def test_the_picture_that_a_detector_cannot_look_at_is_named(known):
@@ -234,10 +234,20 @@ def test_only_the_pictures_that_labels_are_of_are_scored(known, tmp_path):
         detections.watch_dataset(other, Fixed(known))
 
 
-@pytest.mark.parametrize("name", ["found.txt", "found", "folder.csv"])
-def test_a_table_that_cannot_be_written_is_refused_before_pictures_are_looked_at(name, known, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("found.txt", "ends in"),
+        ("found", "ends in"),
+        ("folder.csv", "is a folder"),
+        ("file/found.csv", "cannot write"),
+        ("found.CSV", "none.onnx"),  # may be written: only the detector is missing
+    ],
+)
+def test_a_table_that_cannot_be_written_is_refused_before_pictures_are_looked_at(name, problem, known, tmp_path):
     (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "file").touch()
     arguments = ["detect", str(known.path), "--detector", "none.onnx", "--out", str(tmp_path / name)]
     result = CliRunner().invoke(cli, arguments)
-    assert isinstance(result.exception, DatasetError)
-    assert re.search("is a folder" if name.startswith("folder") else "ends in", str(result.exception))
+    assert isinstance(result.exception, DatasetError | DetectorError)
+    assert problem in str(result.exception)

@@ -112,6 +112,11 @@ def test_a_dataset_without_picture_or_display_is_refused(dataset, tmp_path):
     next((bare / "images").rglob("*.jpg")).unlink()
     with pytest.raises(DatasetError, match="has labels and no picture"):
         reading.read_dataset(bare, Reader())
+    bare = tmp_path / "other"
+    shutil.copytree(dataset, bare)
+    next((bare / "images").rglob("*.jpg")).write_bytes(b"another")
+    with pytest.raises(DatasetError, match="not the picture that its labels are of"):
+        reading.read_dataset(bare, Reader())
     with pytest.raises(DatasetError, match="no frame shows rope lengths"):
         reading.read_dataset(dataset, Reader(), split="none")
 

@@ -10,14 +10,14 @@ from click.testing import CliRunner
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
-from scripts import score_detector  # noqa: E402
+from scripts import build_weights, score_detector  # noqa: E402
 from simgrab import datasets  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.instrument.detect.session import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
-from simgrab.training.detector.train import NETS, Frames, fit, train  # noqa: E402
+from simgrab.training.detector.train import NETS, Frames, Result, fit, train  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
 from simgrab.training.loop import Report  # noqa: E402
 
@@ -158,6 +158,46 @@ def test_two_trainings_do_not_share_a_folder(more, halves, tmp_path):
         (tmp_path / "out" / "file").touch()
     with pytest.raises(TrainingError, match="not empty; go on with --resume"), claim(tmp_path / "out", resume=False):
         pass
+
+
+def test_a_training_is_known_without_its_lock(trained, tmp_path):
+    """Copied by a tool that leaves hidden files out."""
+    shutil.copytree(trained.folder, tmp_path / "moved", ignore=shutil.ignore_patterns(".*"))
+    with claim(tmp_path / "moved", resume=True):
+        pass
+
+
+def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
+    monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: Result(tmp_path, {"recall": 0.0}))
+    (tmp_path / "refine.md").touch()
+    assert "none of the validation frames' grabs is found" in run(halves, "--out", tmp_path)[1]
+    assert run(halves, "--out", tmp_path, "--quiet")[1] == ""
+
+
+@pytest.fixture
+def nets(trained):
+    return [trained.folder / f"{name}.onnx" for name in NETS]
+
+
+def test_weights_are_installed_or_cannot_be_used(nets, tmp_path, monkeypatch):
+    def full(source, target):
+        if source == nets[1]:
+            raise OSError("no space left")
+        copy(source, target)
+
+    build_weights.install(nets, tmp_path)
+    assert all((tmp_path / net.name).read_bytes() == net.read_bytes() for net in nets)
+    copy = shutil.copyfile
+    monkeypatch.setattr(build_weights.shutil, "copyfile", full)
+    with pytest.raises(OSError, match="no space"):
+        build_weights.install(nets, tmp_path)
+    with pytest.raises(DetectorError, match=r"settle\.onnx"):
+        detector(tmp_path)
+    alone = nets[1].read_bytes()
+    (tmp_path / nets[1].name).write_bytes(alone)
+    with pytest.raises(OSError, match="no space"):
+        build_weights.install([nets[1]], tmp_path)
+    assert (tmp_path / nets[1].name).read_bytes() == alone  # a net that is alone is replaced at once
 
 
 def _part(source, target, frames):

@@ -176,6 +176,8 @@ def test_one_clear_message(dataset, tmp_path):
         train_reader([broken], tmp_path / "out", FAST)
     with pytest.raises(DatasetError, match="not a dataset"):
         train_reader([tmp_path], tmp_path / "none", FAST)
+    with pytest.raises(TrainingError, match="device 'none' cannot be used"):
+        train_reader([dataset], tmp_path / "none", dataclasses.replace(FAST, device="none"))
     assert not (tmp_path / "none").exists()
     with pytest.raises(TrainingError, match="no training's folder"):
         train_reader([dataset], broken, FAST)

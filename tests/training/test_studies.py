@@ -108,8 +108,7 @@ def test_two_do_not_study_in_one_folder(tmp_path):
 
 @pytest.mark.usefixtures("small")
 def test_results_of_another_seed_or_recipe_are_not_gone_on_with(tmp_path, monkeypatch):
-    with folder.claim(tmp_path, resume=False):
-        of = training_studies.identity("table", seed=1)
+    of = training_studies.identity("table", seed=1)
     (tmp_path / training_studies.RESULTS).write_text(json.dumps({"table": {"of": of, "found": {}}}))
     with pytest.raises(TrainingError, match="table is of another seed or recipe"):
         study(tmp_path, "table")

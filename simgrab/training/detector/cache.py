@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import datasets
-from simgrab.datasets import Dataset
+from simgrab.datasets import Dataset, picture
 from simgrab.errors import TrainingError
 from simgrab.files import drafted_folder
 from simgrab.instrument.detect.patches import Patch, Picture
@@ -43,7 +42,7 @@ class Frame:
         ------
         DatasetError
         """
-        return datasets.picture(self.file, self.row)
+        return picture(self.file, self.row)
 
 
 def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
