@@ -47,7 +47,7 @@ def _bars(*, shown: bool) -> Progress:
 
 def _counted(shows: Progress, task: TaskID, unit: str) -> Counts:
     def progress(done: int, total: int | None) -> None:
-        speed = next(one for one in shows.tasks if one.id == task).speed
+        speed = shows.tasks[task].speed  # none is ever removed, so that its number is its place
         shows.update(task, completed=done, total=total, rate=f"{speed:.1f} {unit}/s" if speed else "")
 
     return progress

@@ -163,7 +163,8 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
             if given != size:
                 told = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
                 if not seen:
-                    raise SourceError(f"{f'{frame.name} is ' if frame.name else ''}{told}: not of this camera")
+                    named = f"{frame.name} is {told}" if frame.name else told
+                    raise SourceError(f"{named}: not of this camera")
                 frame = Frame(None, frame.time_s, told, frame.name)
             seen = True
         yield frame
