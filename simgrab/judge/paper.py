@@ -10,10 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
+from simgrab.destination import check_folder
+from simgrab.errors import RunError
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import Estimator, GeometricMedian, MeanRay, PaperIteration
 from simgrab.judge.paper_law import AXIS_DIRECTION, camera, draw
 from simgrab.records import Estimates
+
+# Where the iteration would end if it went on. arccos resolves β to 2⁻⁵³/sin β, 1e-15 rad at 5°: an ε of that size is
+# reached or never, by how the last bit is rounded. What is left after a step of 1e-12 is less than 1e-12 rad.
+LIMIT = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION, epsilon=1e-12)
 
 
 @dataclass(frozen=True)
@@ -165,8 +171,7 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
     tell("convergence and start values")
     pixels, alpha = _draw(settings, "convergence", settings.convergence_frames)
     run = rivals["known"].batch(pixels, camera(settings.h))
-    limit = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION, epsilon=1e-15)
-    beta_steps, sigma2_steps = _steps(run, limit.batch(pixels, camera(settings.h)))
+    beta_steps, sigma2_steps = _steps(run, LIMIT.batch(pixels, camera(settings.h)))
     counts = Counter(int(t) for t in run.diagnostics["iterations"][run.ok])
     last = np.asarray(run.diagnostics["iterations"][run.ok], int)
     rows = np.flatnonzero(run.ok)
@@ -204,11 +209,17 @@ def run(
     settings : PaperSettings, optional
     tell : callable
         Told what is being done.
+
+    Raises
+    ------
+    RunError
+        If nothing can be written there.
     """
     from simgrab.judge import paper_figures, paper_page
 
-    found = study(settings or PaperSettings(), tell)
     folder = Path(out)
+    check_folder(folder, RunError)
+    found = study(settings or PaperSettings(), tell)
     folder.mkdir(parents=True, exist_ok=True)
     tell("figures")
     figures = paper_figures.draw_all(found)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simgrab.geometry import eq1_residual, eq2_cos_alpha
+from simgrab.judge import paper
 from simgrab.judge.paper import PaperSettings, run
 from simgrab.judge.paper_law import AXIS_DIRECTION, camera, draw
 from simgrab.judge.paper_table import INCONSISTENT, rows
@@ -50,6 +51,14 @@ def test_the_study_measures_what_it_says(study):
     for n in SMALL.frames:
         assert study.median[n].rmse_beta < study.known[n].rmse_beta
         assert study.estimated[n].rmse_beta == pytest.approx(study.known[n].rmse_beta, rel=0.05)
+
+
+def test_convergence_does_not_depend_on_the_last_bit():
+    pixels, _ = draw(0, "convergence", 60, 800, beta=np.deg2rad(5), sigma=np.deg2rad(2), h=1600.0)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        rounded = np.nextafter(pixels, rng.choice([-np.inf, np.inf], pixels.shape))
+        assert paper.LIMIT.batch(rounded, camera(1600.0)).ok.all()
 
 
 def test_published_beside_measured(study):

@@ -7,7 +7,7 @@ from simgrab.world.meshes.ropes import ROPE_CLASSES_M, ROPE_EXITS, ROPE_RADIUS, 
 
 
 def test_exits_are_centred_on_the_origin() -> None:
-    np.testing.assert_allclose(ROPE_EXITS.mean(axis=0), 0.0, atol=1e-15)
+    np.testing.assert_allclose(ROPE_EXITS.mean(axis=0), 0.0, atol=1e-14)
     np.testing.assert_allclose(np.ptp(ROPE_EXITS, axis=0), [0.45, 1.1, 0.0], atol=1e-12)
 
 
