@@ -15,11 +15,11 @@ from typing import Any
 
 import click
 import numpy as np
-import pyarrow.parquet as pq
 from scipy import stats
 
-from simgrab import scenes
+from simgrab import parquet, scenes
 from simgrab.distributions import Choice, Constant, Law
+from simgrab.errors import DatasetError
 from simgrab.geometry import Array
 from simgrab.scenario import Factor, Iid, OneOf, Scenario, Variant, variants
 from simgrab.world import swing
@@ -149,7 +149,11 @@ def _iid(one: Variant) -> Iid:
 
 def _columns(path: Path) -> dict[str, Array]:
     """Columns of a dataset's rows that have a box."""
-    table = pq.read_table(path / "labels.parquet").to_pandas().dropna(subset=["box_x0_px"])
+    table = (
+        parquet.read_table(path / "labels.parquet", DatasetError)
+        .to_pandas(use_threads=False)
+        .dropna(subset=["box_x0_px"])
+    )
     x0, y0, x1, y1 = (table[f"box_{c}_px"] / table[s] for c, s in (
         ("x0", "width_px"), ("y0", "height_px"), ("x1", "width_px"), ("y1", "height_px")))  # fmt: skip
     table = table.assign(

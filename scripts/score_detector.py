@@ -33,7 +33,7 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
     for path in paths:
         dataset = datasets.read(path)
         if split:
-            dataset = datasets.part(dataset, split)
+            dataset = dataset.split(split)
         elif any(row.split == "train" for row in dataset.rows):
             click.echo(f"{path}: frames of the split train are scored too; --split test leaves them out", err=True)
         with bar(str(path), shown=True) as progress:

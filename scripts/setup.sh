@@ -10,7 +10,7 @@ if ! command -v uv >/dev/null && ! python3 -c 'import ensurepip, venv' 2>/dev/nu
   missing+=(python3-venv)
 fi
 # The package's own choice of OpenGL, which needs nothing but the standard library.
-if ! (cd "$root" && python3 -c 'from simgrab.world import gl; raise SystemExit(gl.choose() == "disabled")' 2>/dev/null); then
+if ! (cd "$root" && python3 -S -c 'from simgrab.world import gl; raise SystemExit(gl.choose() == "disabled")' 2>/dev/null); then
   missing+=(libegl1 libgl1 libgl1-mesa-dri)
 fi
 if ((${#missing[@]})); then

@@ -5,6 +5,8 @@
 >>> simgrab.render(scene, "runs/quay-day")  # doctest: +SKIP
 >>> simgrab.audit("runs/quay-day").status  # doctest: +SKIP
 'passed'
+>>> simgrab.open("runs/quay-day")[0].picture.shape  # doctest: +SKIP
+(1080, 1920, 3)
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from simgrab.datasets import read as open  # noqa: F401
     from simgrab.judge.audit import audit as audit
     from simgrab.judge.check.gate import check as check
     from simgrab.judge.evaluate import evaluate as evaluate
@@ -28,6 +31,7 @@ _HOME = {
     "load": "simgrab.scenes",
     "render": "simgrab.world.dataset",
     "render_video": "simgrab.world.video.render",
+    "open": "simgrab.datasets:read",
     "audit": "simgrab.judge.audit",
     "check": "simgrab.judge.check.gate",
     "run": "simgrab.judge.run",
@@ -39,7 +43,8 @@ __all__ = ["__version__", *_HOME]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'simgrab' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOME[name]), name)
+    module, _, attribute = _HOME[name].partition(":")
+    return getattr(importlib.import_module(module), attribute or name)
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -13,12 +12,17 @@ from simgrab import layouts
 from simgrab.errors import CalibrationError, LayoutError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.layouts import Layout
-from simgrab.strict import convert
+from simgrab.parse import read_toml
+from simgrab.strict import Checked, convert
 
 Meta = msgspec.Meta
+Side = Annotated[int, Meta(ge=1, le=65_536)]
+Pixel = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Coefficient = Annotated[float, Meta(ge=-1000, le=1000)]
+Metres = Annotated[float, Meta(ge=-1000, le=1000)]
 
 
-class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Calibration(Checked, frozen=True):
     """Intrinsics, distortion and the nominal offset of the camera from the rope exit.
 
     Attributes
@@ -43,20 +47,22 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         the file says all that a reader needs, wherever it is read.
     """
 
-    width_px: Annotated[int, Meta(ge=1)]
-    height_px: Annotated[int, Meta(ge=1)]
-    focal_length_px: Annotated[float, Meta(gt=0)]
-    cx_px: float
-    cy_px: float
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    offset_sd_m: Annotated[float, Meta(ge=0)] = 0.5
+    error = CalibrationError
+
+    width_px: Side
+    height_px: Side
+    focal_length_px: Annotated[float, Meta(gt=0, le=1e6)]
+    cx_px: Pixel
+    cy_px: Pixel
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+    offset_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    offset_sd_m: Annotated[float, Meta(ge=0, le=1000)] = 0.5
     roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
-    display_constant_m: float = 0.0
+    display_constant_m: Metres = 0.0
     digit_layout: Layout | None = None
 
     @property
@@ -86,14 +92,10 @@ def load(path: str | Path) -> Calibration:
 
     ``digit_layout`` may be a bundled layout's name there.
     """
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        if isinstance(data.get("digit_layout"), str):
-            data["digit_layout"] = msgspec.to_builtins(layouts.load(data["digit_layout"]))
-        return convert(data, Calibration, CalibrationError)
-    except LayoutError as problem:
-        raise CalibrationError(f"{path}: digit_layout: {problem}") from None
-    except CalibrationError as problem:
-        raise CalibrationError(f"{path}: {problem}") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise CalibrationError(f"cannot read camera file {path}: {problem}") from None
+    data = read_toml(path, CalibrationError, "camera file")
+    if isinstance(data.get("digit_layout"), str):
+        try:
+            data["digit_layout"] = layouts.load(data["digit_layout"])
+        except LayoutError as problem:
+            raise CalibrationError(f"{path}: digit_layout: {problem}") from None
+    return convert(data, Calibration, CalibrationError, path)

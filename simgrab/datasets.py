@@ -3,21 +3,49 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import operator
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import cv2
 import msgspec
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
 
-from simgrab import labels
-from simgrab.errors import DatasetError
-from simgrab.records import Truth
+from simgrab import calibration, labels, parquet, pictures
+from simgrab.calibration import Calibration
+from simgrab.errors import DatasetError, first_line
+from simgrab.geometry import Array, Intrinsics
+from simgrab.parse import cannot, opened, parse_json, read_json
+from simgrab.records import SPLITS, Truth
+
+if TYPE_CHECKING:
+    from simgrab.scenario import Scenario
+
+
+MOST_COCO_BYTES = 4 * 2**30
+
+
+class _Labels(msgspec.Struct, frozen=True):
+    least_visible_fraction: Annotated[float, msgspec.Meta(ge=0, le=1)]
+
+
+class _Scenario(msgspec.Struct, frozen=True):
+    name: str
+    labels: _Labels
+
+
+class Manifest(msgspec.Struct, frozen=True):
+    """What of a manifest is read without the scenario as a whole."""
+
+    scenario: _Scenario
+    digest: str
+    seed: int
 
 
 @dataclass(frozen=True)
@@ -40,9 +68,104 @@ class Data:
     frames: int
 
 
+class Masks:
+    """The masks in a dataset's COCO files, each of which is read when a mask of its split is first asked for.
+
+    Parameters
+    ----------
+    path : Path
+        Of the dataset.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._coded: dict[str, dict[int, Any]] = {}
+
+    def of(self, row: Truth) -> NDArray[np.bool_] | None:
+        """Decode the mask of a row, shape (height, width); None where the labels hold none."""
+        if row.split not in self._coded:
+            self._coded[row.split] = self._read(row.split)
+        coded = self._coded[row.split].get(row.frame)
+        return None if coded is None else np.asarray(coco_mask.decode(coded), bool)
+
+    def _read(self, split: str) -> dict[int, Any]:
+        file = self._path / "annotations" / f"instances_{split}.json"
+
+        def refusal(why: str) -> DatasetError:
+            return DatasetError(f"{file}: not COCO labels, or they cannot be read ({why})")
+
+        known = read_json(file, refusal, most_bytes=MOST_COCO_BYTES)
+        try:
+            return {annotation["image_id"]: annotation["segmentation"] for annotation in known["annotations"]}
+        except (LookupError, TypeError) as problem:
+            raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
+
+
 @dataclass(frozen=True)
-class Dataset:
-    """A rendered dataset.
+class LabelledFrame:
+    """One frame of a dataset: what is known of it, and its picture and mask, decoded each time they are asked for.
+
+    Pixels are continuous: (0, 0) is the outer corner of the top-left pixel. Poses are in metres, in the jib frame.
+
+    Attributes
+    ----------
+    truth : Truth
+        Its row of labels.
+    file : Path
+        Of the picture.
+    labelled : bool
+        Whether detection labels hold a box and a mask.
+    """
+
+    truth: Truth
+    file: Path
+    labelled: bool
+    _masks: Masks = field(repr=False, compare=False)
+
+    @property
+    def picture(self) -> NDArray[np.uint8]:
+        """RGB, shape (height, width, 3); raises `DatasetError` where the file is not the labels' picture."""
+        return picture(self.file, self.truth)
+
+    @property
+    def mask(self) -> NDArray[np.bool_] | None:
+        """Pixels of the visible grab, shape (height, width); None unless ``labelled``."""
+        return self._masks.of(self.truth)
+
+    @property
+    def box(self) -> Array | None:
+        """Visible box x0, y0, x1, y1, px, shape (4,), half open; None where nothing is seen of the grab."""
+        return labels.box(self.truth)
+
+    @property
+    def amodal_box(self) -> Array | None:
+        """Box of the whole silhouette, hidden parts included, px, shape (4,); None where the lens shows none of it."""
+        return labels.amodal_box(self.truth)
+
+    @property
+    def keypoints(self) -> Array:
+        """Points u, v, visibility, shape (10, 3), in the order of `simgrab.records.KEYPOINT_NAMES`."""
+        return np.reshape(self.truth.keypoints, (-1, 3))
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The frame's pinhole and its lens."""
+        return labels.intrinsics(self.truth)
+
+    @property
+    def jib_from_camera(self) -> Array:
+        """Pose of the camera, shape (4, 4)."""
+        return labels.pose(self.truth.jib_from_camera)
+
+    @property
+    def jib_from_grab(self) -> Array:
+        """Pose of the grab, shape (4, 4)."""
+        return labels.pose(self.truth.jib_from_grab)
+
+
+@dataclass(frozen=True)
+class Dataset(Sequence[LabelledFrame]):
+    """A rendered dataset, as a sequence of its frames; a slice of it, or a split, is a dataset again.
 
     Attributes
     ----------
@@ -53,17 +176,86 @@ class Dataset:
         What names it.
     least_visible_fraction : float
         From which on the dataset's detection labels hold a box.
+    masks : Masks
     """
 
     path: Path
     rows: tuple[Truth, ...]
     data: Data
     least_visible_fraction: float
+    masks: Masks = field(repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> LabelledFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Dataset: ...
+
+    def __getitem__(self, index: int | slice) -> LabelledFrame | Dataset:
+        if isinstance(index, slice):
+            return replace(self, rows=self.rows[index])
+        try:
+            row = self.rows[operator.index(index)]
+        except IndexError:
+            raise IndexError(f"{self.path}: index {index} is out of range of {len(self)} frames") from None
+        return LabelledFrame(row, self.image(row), self.is_labelled(row), self.masks)
+
+    def frame(self, number: int) -> LabelledFrame:
+        """Give the frame of this number, which `simgrab.records.Truth.frame` holds.
+
+        Raises
+        ------
+        KeyError
+            If it is not among them.
+        """
+        try:
+            return self[self._index[number]]
+        except KeyError:
+            raise KeyError(f"{self.path}: no frame {number} among these {len(self)}") from None
+
+    @cached_property
+    def _index(self) -> dict[int, int]:
+        return {row.frame: index for index, row in enumerate(self.rows)}
+
+    @property
+    def splits(self) -> dict[str, int]:
+        """Number of frames in each split that has any."""
+        count = Counter(row.split for row in self.rows)
+        return {split: count[split] for split in SPLITS if count[split]}
+
+    def split(self, name: str) -> Dataset:
+        """Keep the frames of one split, maybe none.
+
+        Raises
+        ------
+        KeyError
+            If no split is called so.
+        """
+        if name not in SPLITS:
+            raise KeyError(f"no split {name!r}; one of: {', '.join(SPLITS)}")
+        return replace(self, rows=tuple(row for row in self.rows if row.split == name))
+
+    @property
+    def calibration(self) -> Calibration:
+        """What an instrument may know of the camera, from ``camera.toml``."""
+        return calibration.load(self.path / "camera.toml")
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that it was rendered from, with every default filled in."""
+        from simgrab import scenes
+
+        return scenes.load(self.path / "manifest.json")
 
     def weather(self, row: Truth) -> str:
         """Name a row's weather: what a varied scene calls it, or else the scene."""
-        varied = json.loads(row.varied) if row.varied else {}
-        return next((str(value) for key, value in varied.items() if "weather" in key.split("+")), self.data.scenario)
+        where = f"{self.path}: labels.parquet, frame {row.frame}: varied is not JSON"
+        varied = parse_json(row.varied, DatasetError, where) if row.varied else {}
+        items = varied.items() if isinstance(varied, dict) else ()
+        return next((str(value) for key, value in items if "weather" in key.split("+")), self.data.scenario)
 
     def image(self, row: Truth) -> Path:
         """Path of a row's picture."""
@@ -80,7 +272,35 @@ def is_dataset(path: Path) -> bool:
 
 
 def read(path: str | Path) -> Dataset:
-    """Read a dataset's labels and manifest.
+    """Open a finished dataset; `simgrab.open` is this function.
+
+    Labels are read at once, and that each picture is there is checked. Pictures and masks are read frame by frame.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder that `simgrab.render` finished.
+
+    Returns
+    -------
+    Dataset
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> data = simgrab.open("runs/quay-day")
+    >>> len(data), sum(data.splits.values()) == len(data)
+    (6, True)
+    >>> frame = data[-1]
+    >>> frame.picture.dtype, frame.picture.shape[:2] == frame.mask.shape
+    (dtype('uint8'), True)
+    >>> rows, columns = frame.mask.nonzero()
+    >>> frame.box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+    True
+    >>> sum(frame.truth.alpha_deg > 10 for frame in data.split("train"))
+    0
+    >>> data.scenario.camera.beta_deg
+    3.0
 
     Raises
     ------
@@ -92,26 +312,28 @@ def read(path: str | Path) -> Dataset:
     if not file.is_file():
         state = "unfinished; go on with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         raise DatasetError(f"{path} is {state}: it has no labels.parquet")
+    with opened(file, DatasetError) as handle:
+        content = handle.read()
+    plain = parquet.rows(parquet.parse_table(content, DatasetError, cannot(file)), DatasetError, cannot(file))
+    manifest = read_json(path / "manifest.json", DatasetError)
     try:
-        content = file.read_bytes()
-        # `read_table` reads in threads, of which one that lets go of `content` while Python ends aborts the process.
-        table = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
-        rows = tuple(msgspec.convert(row, Truth) for row in table.to_pylist())
-        manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
-        scenario = manifest["scenario"]
+        rows = tuple(msgspec.convert(row, Truth) for row in plain)
+        known = msgspec.convert(manifest, Manifest)
         data = Data(
-            scenario=scenario["name"], scenario_digest=manifest["digest"],
-            labels_sha256=hashlib.sha256(content).hexdigest(), seed=manifest["seed"], frames=len(rows),
+            scenario=known.scenario.name, scenario_digest=known.digest,
+            labels_sha256=hashlib.sha256(content).hexdigest(), seed=known.seed, frames=len(rows),
         )  # fmt: skip
-        least = float(scenario["labels"]["least_visible_fraction"])
-    except (OSError, ValueError, KeyError, TypeError, msgspec.ValidationError) as problem:
-        raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {problem})") from None
+    except (ValueError, LookupError, TypeError) as problem:
+        raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
     if not rows:
         raise DatasetError(f"{path}: no frames in labels.parquet")
     for row in rows:
+        inside = PurePath(row.file)
+        if inside.is_absolute() or ".." in inside.parts:
+            raise DatasetError(f"{path}: frame {row.frame} names the picture {row.file}, which is not in the dataset")
         if not (path / row.file).is_file():
             raise DatasetError(f"{path}: frame {row.frame} has labels and no picture; {row.file} is missing")
-    return Dataset(path, rows, data, least)
+    return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
@@ -129,11 +351,6 @@ def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
             given = ", ".join(str(dataset.path) for dataset in datasets)
             raise DatasetError(f"{given}: no frames in the split {split!r}; render more frames")
     return datasets
-
-
-def part(dataset: Dataset, split: str) -> Dataset:
-    """Keep a dataset's frames of one split."""
-    return replace(dataset, rows=tuple(row for row in dataset.rows if row.split == split))
 
 
 def digest(datasets: Sequence[Dataset]) -> str:
@@ -158,7 +375,7 @@ def picture(file: Path, row: Truth, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray
     Raises
     ------
     DatasetError
-        If it is damaged, or not the labels' picture.
+        If it cannot be read, or is not the labels' picture.
     """
     try:
         data = file.read_bytes()
@@ -166,7 +383,4 @@ def picture(file: Path, row: Truth, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray
         raise DatasetError(f"{file} cannot be read: {problem.strerror or problem}") from None
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
         raise DatasetError(f"{file} is not the picture that its labels are of: it was changed or damaged")
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    if found is None:
-        raise DatasetError(f"{file} is not a picture")
-    return np.asarray(found, np.uint8)
+    return pictures.decode(data, file, mode)

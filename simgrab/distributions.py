@@ -13,11 +13,18 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from simgrab.geometry import Array
+from simgrab.strict import Checked
 
-NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+MOST = 1e9
+"""Largest magnitude of a value or a weight."""
+MOST_VALUES = 10_000
+"""Of a choice."""
+Value = Annotated[float, msgspec.Meta(ge=-MOST, le=MOST)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0, le=MOST)]
+Weights = Annotated[tuple[NonNegative, ...], msgspec.Meta(max_length=MOST_VALUES)]
 
 
-class Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="dist"):
+class Law(Checked, frozen=True, tag_field="dist"):
     """A one-dimensional probability law.
 
     Each law gives `sample`, its root mean square `rms`, and the interval `support` outside which it never falls.
@@ -58,9 +65,9 @@ class Rayleigh(Law, frozen=True, tag="rayleigh"):
     """
 
     scale: NonNegative = 1.0
-    high: float | None = None
+    high: NonNegative | None = None
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.high is not None and self.high < 1e-3 * self.scale:
             raise ValueError(f"hardly any of the law lies in [0, {self.high:g}]")
 
@@ -102,12 +109,12 @@ class Exponential(Law, frozen=True, tag="exponential"):
 class Normal(Law, frozen=True, tag="normal"):
     """Normal law, truncated to [low, high] where these are given."""
 
-    mean: float = 0.0
+    mean: Value = 0.0
     sd: NonNegative = 1.0
-    low: float | None = None
-    high: float | None = None
+    low: Value | None = None
+    high: Value | None = None
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         low, high = self.support()
         if low >= high:
             raise ValueError(f"low must lie below high, got {low:g} and {high:g}")
@@ -146,10 +153,10 @@ class Normal(Law, frozen=True, tag="normal"):
 class Uniform(Law, frozen=True, tag="uniform"):
     """Uniform on [low, high)."""
 
-    low: float
-    high: float
+    low: Value
+    high: Value
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.low > self.high:
             raise ValueError(f"low must not exceed high, got {self.low:g} and {self.high:g}")
 
@@ -166,7 +173,7 @@ class Uniform(Law, frozen=True, tag="uniform"):
 class Constant(Law, frozen=True, tag="constant"):
     """Always the same value."""
 
-    value: float
+    value: Value
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: ARG002, D102
         return np.full(() if size is None else size, self.value)
@@ -181,10 +188,10 @@ class Constant(Law, frozen=True, tag="constant"):
 class Choice(Law, frozen=True, tag="choice"):
     """One of several values, with weights that need not sum to 1 (equal unless given)."""
 
-    values: Annotated[tuple[float, ...], msgspec.Meta(min_length=1)]
-    weights: tuple[NonNegative, ...] = ()
+    values: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1, max_length=MOST_VALUES)]
+    weights: Weights = ()
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.weights and len(self.weights) != len(self.values):
             raise ValueError(f"{len(self.values)} values need as many weights, got {len(self.weights)}")
         if self.weights and sum(self.weights) <= 0:

@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+import errno
+from pathlib import Path
+
+from simgrab.text import printable
+
+MOST_CHARACTERS = 1000  # of a message
+_LEFT_OUT = " … "
+
 
 class SimgrabError(Exception):
-    """Anything a user can put right. The command line prints the message alone and exits with status 2."""
+    """Anything a user can put right. The command line prints the message alone and exits with status 2.
+
+    The message is one line of at most `MOST_CHARACTERS`, whatever names and values it quotes: what a terminal would not
+    show as it is stands as an escape sequence, and the middle of a longer one is left out.
+    """
+
+    def __str__(self) -> str:
+        return _whole(printable(self._message()))
+
+    def _message(self) -> str:
+        return super().__str__()
 
 
-class ScenarioError(SimgrabError):
+class InvalidError(SimgrabError, ValueError):
+    """Values of a scenario, a file or a struct that do not fit: their types, their ranges, or each other."""
+
+
+class ScenarioError(InvalidError):
     """A scenario that cannot be: an unknown key, a value out of range, a contradiction.
 
     Parameters
@@ -22,20 +44,38 @@ class ScenarioError(SimgrabError):
         super().__init__(key, problem)
         self.key, self.problem = key, problem
 
-    def __str__(self) -> str:
+    def _message(self) -> str:
         return f"{self.key}: {self.problem}" if self.key else self.problem
 
 
-class CalibrationError(SimgrabError):
+class CalibrationError(InvalidError):
     """A camera file that cannot be read or describes no camera."""
 
 
-class LayoutError(SimgrabError):
+class LayoutError(InvalidError):
     """A digit layout that is not there, cannot be, or does not fit the picture."""
 
 
 class DatasetError(SimgrabError):
     """A dataset folder that cannot be written, read, resumed or trusted."""
+
+
+class PictureError(DatasetError):
+    """A picture file that is none, is cut off or damaged, or is too large.
+
+    Parameters
+    ----------
+    path : Path
+    reason : str
+        Why it cannot be read.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(path, reason)
+        self.path, self.reason = path, reason
+
+    def _message(self) -> str:
+        return f"{self.path} cannot be read as a picture: {self.reason}"
 
 
 class RendererError(SimgrabError):
@@ -62,11 +102,11 @@ class SourceError(SimgrabError):
     """A video, stream, folder or dataset that gives no pictures, or none that the camera file describes."""
 
 
-class RunError(SimgrabError):
+class RunError(InvalidError):
     """A run or an evaluation that cannot be: settings that exclude each other, a folder in the way, files that lack."""
 
 
-class SuiteError(SimgrabError):
+class SuiteError(InvalidError):
     """A suite of checks, or its baseline, that cannot be read or makes no sense. Names file and key."""
 
 
@@ -74,11 +114,49 @@ class InstrumentError(SimgrabError):
     """A pipeline under test that cannot be imported, made or called, or that does not keep to the contract."""
 
 
-class StressError(SimgrabError):
+class StressError(InvalidError):
     """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""
+
+
+class WorkerError(SimgrabError):
+    """A piece of work of which its worker process dies again and again. Names the frame, clip or part."""
+
+
+def memory_problem(problem: BaseException | None) -> str | None:
+    """Tell an error that is for want of memory, of whatever library, from others: what it says, or None."""
+    while problem is not None:
+        text, code = str(problem), getattr(problem, "errno", None)
+        if isinstance(problem, MemoryError) or code == errno.ENOMEM or any(sign in text for sign in _WANT_OF_MEMORY):
+            return first_line(problem) if text else "no more could be had"
+        problem = problem.__cause__ or problem.__context__
+    return None
+
+
+_WANT_OF_MEMORY = (
+    "Insufficient memory",  # OpenCV
+    "Failed to allocate",  # OpenCV, onnxruntime
+    "bad_alloc",  # C++
+    "pthread_create",  # onnxruntime's threads
+    "can't start new thread",  # whose stack found no room
+    "Cannot allocate memory",  # the system, to whom loads a library or starts a process
+    "failed to map segment",  # a library, where memory is limited
+    "could not allocate",  # MuJoCo, case apart
+    "Could not allocate",
+)
+
+
+def _whole(line: str) -> str:
+    """Leave out the middle of what is too long."""
+    half = (MOST_CHARACTERS - len(_LEFT_OUT)) // 2
+    return line if len(line) <= MOST_CHARACTERS else line[:half] + _LEFT_OUT + line[-half:]
 
 
 def first_line(problem: BaseException) -> str:
     """Say in one line, of 160 characters at most, what an error of another library says."""
     text = str(getattr(problem, "strerror", None) or problem).strip()
-    return (text or type(problem).__name__).splitlines()[0][:160]
+    return one_line((text or type(problem).__name__).splitlines()[0])
+
+
+def one_line(text: object, most: int = 160) -> str:
+    """Quote what a file says, in one line of so many characters at most."""
+    return printable(str(text)[:most])[:most]

@@ -1,7 +1,8 @@
 """Files and folders that appear whole or not at all.
 
-What is being written is called a draft: it lies beside the place it will take, hidden, under the number of its process.
-Each thread is to write to places of its own; processes that write to one place are to be of one machine.
+What is being written is called a draft: it lies beside the place it will take, hidden, and locked (flock) as long as
+its process runs. A draft without a lock was left by a process that is dead; the next one that writes to the same place
+removes it. Processes that write to one place are to be of one machine.
 """
 
 from __future__ import annotations
@@ -9,11 +10,14 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import glob
+import itertools
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+_numbers = itertools.count()
 
 
 def by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
@@ -34,7 +38,7 @@ def drafted(path: Path) -> Iterator[Path]:
     OSError
         If it cannot be written.
     """
-    with _draft(path) as draft:
+    with _draft(path, _new_file) as draft:
         yield draft
         _to_disk(draft)
         draft.replace(path)
@@ -53,10 +57,29 @@ def drafted_folder(path: Path) -> Iterator[Path]:
     OSError
         If it cannot be written.
     """
-    with _draft(path) as draft:
-        draft.mkdir()
+    with _draft(path, Path.mkdir) as draft:
         yield draft
         draft.replace(path)
+
+
+def discard(path: Path) -> None:
+    """Remove a folder, or a file, at once: none is left half removed under its name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be moved.
+    """
+    with _draft(path, Path.mkdir) as draft:
+        path.replace(draft / path.name)
+
+
+def remove_left(path: Path) -> None:
+    """Remove drafts of ``path`` that dead processes left."""
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.draft"):
+        if re.fullmatch(r"[0-9]+(-[0-9]+)?", left.suffixes[-2].lstrip(".")):  # else it is not ours to judge
+            with contextlib.suppress(OSError), _locked(left, fcntl.LOCK_NB):
+                _remove(left)
 
 
 @contextlib.contextmanager
@@ -76,27 +99,51 @@ def held(lock: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _draft(path: Path) -> Iterator[Path]:
+def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
+    """Make a locked draft of ``path``; whatever of it is there at the end is removed."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.draft"):
-        if left == draft or not _runs(left.suffixes[-2].lstrip(".")):
-            _remove(left)
-    try:
+    remove_left(path)
+    with contextlib.ExitStack() as stack:
+        while True:
+            draft = path.with_name(f".{path.name}.{os.getpid()}-{next(_numbers)}.draft")
+            try:
+                make(draft)
+            except FileExistsError:  # of a process that had our number
+                continue
+            stack.callback(_remove, draft)
+            try:
+                stack.enter_context(_locked(draft))
+            except FileNotFoundError:  # another process removed it as one that was left, before it was locked
+                continue
+            except OSError:  # a file system without locks: then no draft is locked, and none is removed as left
+                pass
+            break
         yield draft
-    finally:
-        _remove(draft)
 
 
-def _runs(process: str) -> bool:
-    """Whether a process of this number runs; a name that is no number is not ours to judge."""
+def _new_file(path: Path) -> None:
+    path.touch(exist_ok=False)
+
+
+@contextlib.contextmanager
+def _locked(path: Path, how: int = 0) -> Iterator[None]:
+    """Lock the very file or folder that has this name.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it has it no more.
+    OSError
+        If it cannot be locked.
+    """
+    handle = os.open(path, os.O_RDONLY)
     try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return False
-    except (ValueError, OverflowError, PermissionError):
-        return True
-    return True
+        fcntl.flock(handle, fcntl.LOCK_EX | how)
+        if not os.path.samestat(os.fstat(handle), path.stat()):
+            raise FileNotFoundError(path)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _remove(draft: Path) -> None:

@@ -19,6 +19,17 @@ def box(row: Truth) -> Array | None:
     return None if corners[0] is None else np.array(corners, float)
 
 
+def amodal_box(row: Truth) -> Array | None:
+    """Box x0, y0, x1, y1 of the whole silhouette, px; None where the lens shows nothing of it."""
+    corners = (row.amodal_x0_px, row.amodal_y0_px, row.amodal_x1_px, row.amodal_y1_px)
+    return None if corners[0] is None else np.array(corners, float)
+
+
+def pose(values: tuple[float, ...]) -> Array:
+    """Transform, shape (4, 4), from the 12 values of a pose column."""
+    return np.vstack([np.reshape(values, (3, 4)), (0.0, 0.0, 0.0, 1.0)])
+
+
 def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
     """Whether detection labels hold a box for a row: the grab shows, and at least this fraction of it."""
     return row.box_x0_px is not None and row.visible_fraction >= least_visible_fraction
@@ -34,12 +45,13 @@ def yaw(row: Truth) -> float:
     grab = np.reshape(row.jib_from_grab, (3, 4))
     camera = np.reshape(row.jib_from_camera, (3, 4))
     points = grab[:, 3] + np.array([[-_STEP_M], [_STEP_M]]) * grab[:, 0]
-    ends = _intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
     across, down = ends[1] - ends[0]
     return float(np.arctan2(down, across) % np.pi)
 
 
-def _intrinsics(row: Truth) -> Intrinsics:
+def intrinsics(row: Truth) -> Intrinsics:
+    """Give a frame's pinhole and its lens."""
     lens = Distortion(row.k1, row.k2, row.p1, row.p2, row.k3)
     return Intrinsics(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px, lens)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -17,11 +16,14 @@ import msgspec
 
 from simgrab import resources
 from simgrab.errors import LayoutError
+from simgrab.parse import read_toml
 from simgrab.resources import ASSETS, suggestion
-from simgrab.strict import convert
+from simgrab.strict import Checked, convert
 
 Meta = msgspec.Meta
-Place: TypeAlias = Annotated[int, Meta(ge=0)]
+MOST_PX = 65_536
+Place: TypeAlias = Annotated[int, Meta(ge=0, le=MOST_PX)]
+Side: TypeAlias = Annotated[int, Meta(ge=1, le=MOST_PX)]
 Corner: TypeAlias = tuple[Place, Place]
 FourCorners: TypeAlias = Annotated[tuple[Corner, ...], Meta(min_length=4, max_length=4)]
 Rectangle: TypeAlias = tuple[int, int, int, int]
@@ -38,12 +40,14 @@ LEAST_CLOCK_PX = 8
 LEAST_POINT = 0.4
 
 
-class Clock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Clock(Checked, frozen=True):
     """Where the clock stands: top left corner of its line, and the line's height."""
+
+    error = LayoutError
 
     x_px: Place
     y_px: Place
-    size_px: int
+    size_px: Place
 
     @property
     def cells(self) -> tuple[Rectangle, ...]:
@@ -54,7 +58,7 @@ class Clock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple((self.x_px + x0, y0, self.x_px + x1, y1) for x0, x1 in itertools.pairwise(ends))
 
 
-class Layout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Layout(Checked, frozen=True):
     """A digit layout, measured in one size of picture; `scaled` makes it that of another.
 
     Attributes
@@ -72,17 +76,19 @@ class Layout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Whether a decimal point stands in the gap before the decimals.
     """
 
-    width_px: int
-    height_px: int
+    error = LayoutError
+
+    width_px: Side
+    height_px: Side
     clock: Clock
-    digit_width_px: int
-    digit_height_px: int
+    digit_width_px: Place
+    digit_height_px: Place
     hoist_px: FourCorners
     closing_px: FourCorners
     decimals: Annotated[int, Meta(ge=1, le=3)] = 2
     point: bool = False
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         size, least = f"{self.width_px} x {self.height_px} px", LEAST_DIGIT_PX
         if self.digit_width_px < least[0] or self.digit_height_px < least[1]:
             raise ValueError(
@@ -146,21 +152,18 @@ class Layout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return _nearest(corner[0] * sx), _nearest(corner[1] * sy)
 
         clock_x, clock_y = place((self.clock.x_px, self.clock.y_px))
-        try:
-            return Layout(
-                width_px,
-                height_px,
-                Clock(clock_x, clock_y, int(self.clock.size_px * min(sx, sy))),
-                # Cut off, not rounded: neighbours that touch must not come to overlap.
-                int(self.digit_width_px * sx),
-                int(self.digit_height_px * sy),
-                tuple(map(place, self.hoist_px)),
-                tuple(map(place, self.closing_px)),
-                self.decimals,
-                self.point,
-            )
-        except ValueError as problem:
-            raise LayoutError(str(problem)) from None
+        return Layout(
+            width_px,
+            height_px,
+            Clock(clock_x, clock_y, int(self.clock.size_px * min(sx, sy))),
+            # Cut off, not rounded: neighbours that touch must not come to overlap.
+            int(self.digit_width_px * sx),
+            int(self.digit_height_px * sy),
+            tuple(map(place, self.hoist_px)),
+            tuple(map(place, self.closing_px)),
+            self.decimals,
+            self.point,
+        )
 
     def text(self, hoist_m: float, closing_m: float) -> str:
         """Write two rope lengths as the display does: to the nearest step, and held at 0000 and 9999 beyond them.
@@ -209,9 +212,4 @@ def load(name: str) -> Layout:
 
 def read(path: str | Path) -> Layout:
     """Read a layout's TOML file; raises `LayoutError` with one line that names file and key."""
-    try:
-        return convert(tomllib.loads(Path(path).read_text(encoding="utf-8")), Layout, LayoutError)
-    except (LayoutError, tomllib.TOMLDecodeError) as problem:
-        raise LayoutError(f"{path}: {problem}") from None
-    except (OSError, UnicodeDecodeError) as problem:
-        raise LayoutError(f"cannot read layout {path}: {problem}") from None
+    return convert(read_toml(path, LayoutError, "layout"), Layout, LayoutError, path)

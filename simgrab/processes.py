@@ -1,22 +1,363 @@
-"""Processes that work for another."""
+"""Worker processes: they share the work on items, and one that dies costs its item's time and no more."""
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import ctypes
+import logging
 import os
 import signal
+import sys
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from multiprocessing import connection, get_context, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from types import FrameType, TracebackType
+from typing import Any, Generic, TypeVar
 
+from simgrab.errors import WorkerError
+
+ATTEMPTS = 3  # at an item, before it is given up
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that ask a command to end
+_PATIENCE_S = 10.0  # for a worker to end, before it is killed
 _PR_SET_PDEATHSIG = 1
 
+Item = TypeVar("Item")
+T = TypeVar("T")
 
-def die_with(parent: int) -> None:
-    """Ask Linux to end this process with the one that feeds it, which may be gone already; else it would work unseen.
+_log = logging.getLogger(__name__)
+_spawn = get_context("spawn")  # OpenGL contexts do not survive a fork
+
+
+@dataclass
+class _Job(Generic[Item]):
+    """An item under way: how often a worker died of it, and its ticks in this attempt and in the longest one."""
+
+    number: int
+    item: Item
+    deaths: int = 0
+    ticks: int = 0
+    most_ticks: int = 0
+
+
+class Pool:
+    """Processes that do a piece of work for each of many items. Use as a context manager.
+
+    Each worker has a pipe of its own and shares no lock, so that none waits for one that died. A dead worker (out of
+    memory, a crash within a library) is replaced, which is logged as a warning, and its item is done again: so work
+    must give the same when repeated, whatever of it was done before.
 
     Parameters
     ----------
-    parent : int
-        Number of that process.
+    workers : int
+        Processes at most; each is started when there is an item for it.
+    setup : callable, optional
+        Called in each process before its first item; picklable. What it raises is raised for each item. It may be
+        replaced, for the processes that are started from then on.
+    environment : mapping of str to str, optional
+        Variables of the processes, besides those of this one.
     """
+
+    def __init__(
+        self,
+        workers: int,
+        *,
+        setup: Callable[[], None] | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        self.setup, self._environment = setup, environment or {}
+        self._workers: list[_Worker | None] = [None] * workers
+        atexit.register(self.close)  # else Python, ending with this left open, would wait for the workers
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the processes; those at work give it up."""
+        self._end(range(len(self._workers)))
+        atexit.unregister(self.close)
+
+    def map(
+        self,
+        work: Callable[[Item], T],
+        items: Iterable[Item],
+        *,
+        name: Callable[[Item], str] | None = None,
+        ticked: Callable[[int], None] | None = None,
+    ) -> Generator[T, None, None]:
+        """Do a piece of work for each item, and yield what each gives, in no set order.
+
+        Parameters
+        ----------
+        work : callable
+            Takes an item; both are picklable. It may call `tick`.
+        items : iterable
+            Taken one at a time, in order, as workers are free.
+        name : callable, optional
+            From an item to what messages call it.
+        ticked : callable, optional
+            Called with the number of ticks so far: of an item that is done again, those of its longest attempt. All of
+            an item's are counted before its result is yielded.
+
+        Raises
+        ------
+        WorkerError
+            If workers die of one item `ATTEMPTS` times. What work raises is raised as it is.
+        """
+        waiting = deque[_Job[Item]]()
+        fresh = (_Job(number, item) for number, item in enumerate(items, 1))
+        running: dict[int, _Job[Item]] = {}
+        finished = 0
+
+        def called(job: _Job[Item]) -> str:
+            return f"item {job.number}" if name is None else name(job.item)
+
+        def start(place: int) -> None:
+            job = waiting.popleft() if waiting else next(fresh, None)
+            if job is not None:
+                job.ticks, running[place] = 0, job
+                self._give(place, work, job.item)
+
+        def lost(place: int) -> None:
+            job, how = running.pop(place), self._bury(place)
+            job.deaths += 1
+            if job.deaths == ATTEMPTS:
+                raise WorkerError(
+                    f"{called(job)}: {ATTEMPTS} worker processes died of it, and the last {how}; what is finished is "
+                    "kept: go on with --resume, where memory is short with fewer --workers"
+                )
+            _log.warning("%s: its worker process %s; the item is done again", called(job), how)
+            waiting.append(job)
+
+        try:
+            for place in range(len(self._workers)):
+                start(place)
+            while running:
+                places = {self._pipe(place): place for place in running}
+                for pipe in connection.wait(list(places)):
+                    place = places[pipe]  # type: ignore[index]  # these are pipes, and no other handles
+                    job = running[place]
+                    try:
+                        kind, value = self._pipe(place).recv()
+                    except (EOFError, OSError):
+                        lost(place)
+                        start(place)
+                        continue
+                    if kind == _TICK:
+                        job.ticks += 1
+                        job.most_ticks = max(job.ticks, job.most_ticks)
+                        if ticked:
+                            ticked(finished + sum(one.most_ticks for one in (*running.values(), *waiting)))
+                        continue
+                    del running[place]
+                    if kind == _RAISED:
+                        problem, where = value
+                        raise problem from RemoteError(where)
+                    finished += job.most_ticks
+                    start(place)
+                    yield value
+        finally:
+            self._end(running)
+
+    def _pipe(self, place: int) -> Connection[Any, Any]:
+        worker = self._workers[place]
+        assert worker is not None
+        return worker.pipe
+
+    def _give(self, place: int, work: Callable[[Item], T], item: Item) -> None:
+        """Send an item to a worker, which is started where there is none, or only a dead one."""
+        if (idle := self._workers[place]) is not None:
+            try:
+                idle.pipe.send((work, item))
+                return
+            except OSError:
+                self._bury(place)
+        fresh = self._workers[place] = _Worker(self.setup)
+        fresh.start(self._environment)
+        with contextlib.suppress(OSError):  # it died of this, or at once: its pipe will say so
+            fresh.pipe.send((work, item))
+
+    def _bury(self, place: int) -> str:
+        """Let go of a dead worker; says how it died."""
+        worker, self._workers[place] = self._workers[place], None
+        assert worker is not None
+        worker.pipe.close()
+        worker.process.join()
+        return _death(worker.process.exitcode)
+
+    def _end(self, places: Iterable[int]) -> None:
+        """End workers: those at work give it up, leaving no drafts behind."""
+        ending = [worker for place in places if (worker := self._workers[place]) is not None]
+        try:
+            for worker in ending:
+                worker.ask_to_end()
+            until = time.monotonic() + _PATIENCE_S
+            for worker in ending:
+                worker.end(max(until - time.monotonic(), 0.0))
+        finally:
+            for worker in ending:
+                worker.end(0.0)
+                self._workers[self._workers.index(worker)] = None
+
+
+class RemoteError(Exception):
+    """Cause of an error that work raised: the traceback, as text."""
+
+    def __str__(self) -> str:
+        return f"\n{self.args[0]}"
+
+
+class _Worker:
+    """A process, and the pipe to it."""
+
+    def __init__(self, setup: Callable[[], None] | None) -> None:
+        self.pipe, self._theirs = _spawn.Pipe()
+        self.process = _spawn.Process(target=_serve, args=(os.getpid(), self._theirs, setup))
+
+    def start(self, environment: Mapping[str, str]) -> None:
+        resource_tracker.ensure_running()  # else the first start would do so, and unblock signals
+        # A worker is deaf until it knows what to do about signals; this process gets them a moment later.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
+        try:
+            with _variables(environment), self._theirs:
+                self.process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def ask_to_end(self) -> None:
+        if self.process.pid is not None:  # else it was not started
+            self.process.terminate()
+
+    def end(self, patience_s: float) -> None:
+        """Wait for its end, and kill it in the end."""
+        if self.process.pid is not None:
+            self.process.join(patience_s)
+            self.process.kill()
+            self.process.join()
+        self.pipe.close()
+
+
+@contextlib.contextmanager
+def _variables(environment: Mapping[str, str]) -> Iterator[None]:
+    """Set variables, which processes started meanwhile inherit."""
+    before = {name: os.environ.get(name) for name in environment}
+    os.environ.update(environment)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _death(status: int | None) -> str:
+    """Say how a process ended."""
+    if status is None or status >= 0:
+        return f"ended with status {status}"
+    names = {number.value: number.name for number in signal.Signals}
+    text = f"was ended by {names.get(-status, f'signal {-status}')}"
+    return f"{text} (out of memory?)" if -status == signal.SIGKILL else text
+
+
+# What a worker says.
+_TICK, _DONE, _RAISED = "tick", "done", "raised"
+
+_answers: Connection[Any, Any] | None = None
+
+
+def tick() -> None:
+    """Count a step of the item at hand; only where a `Pool`'s worker works on one."""
+    assert _answers is not None
+    _answers.send((_TICK, None))
+
+
+class _Ended(BaseException):
+    """A worker was asked to end."""
+
+
+def _serve(parent: int, pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None:
+    """Work on what comes through the pipe until it is closed.
+
+    The process ends without the interpreter's own ending: nothing is left to be done, and what threads of libraries do
+    in it has aborted processes.
+    """
+    global _answers
+    status = 1
+    try:
+        die_with(parent)
+        _obey()
+        _answers = pipe
+        problem = _set_up(setup)
+        while True:
+            data = pipe.recv_bytes()
+            pipe.send_bytes(_answer(data) if problem is None else _refusal(problem))
+    except (EOFError, ConnectionError):  # all is done, or nobody waits for it
+        status = 0
+    except _Ended:
+        status = 128 + signal.SIGTERM
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        for stream in (sys.stdout, sys.stderr):  # None where they are closed
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                stream.flush()
+        os._exit(status)
+
+
+def die_with(parent: int) -> None:
+    """Ask Linux to end this process with its parent, which may be gone already; else it would work unseen."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
+
+
+def _obey() -> None:
+    """Leave it to the parent what an interrupt means, which all processes of a terminal get; end when asked to."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
+        raise _Ended
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, end)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+
+
+def _set_up(setup: Callable[[], None] | None) -> BaseException | None:
+    try:
+        if setup is not None:
+            setup()
+    except Exception as problem:
+        return problem
+    return None
+
+
+def _answer(data: bytes) -> bytes:
+    try:
+        work, item = ForkingPickler.loads(data)
+        return bytes(ForkingPickler.dumps((_DONE, work(item))))
+    except _Ended:
+        raise
+    except BaseException as problem:
+        return _refusal(problem)
+
+
+def _refusal(problem: BaseException) -> bytes:
+    """Pickle an error, or its text where it cannot be pickled, and where it was raised."""
+    where = "".join(traceback.format_exception(problem))
+    try:
+        ForkingPickler.loads(ForkingPickler.dumps(problem))
+    except Exception:
+        problem = RuntimeError(f"{type(problem).__name__}: {problem}")
+    return bytes(ForkingPickler.dumps((_RAISED, (problem, where))))

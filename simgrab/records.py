@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from simgrab.geometry import Array
 
+SPLITS = ("train", "val", "test")
 KEYPOINT_NAMES = (
     "grab_centre",
     "rope_exit",

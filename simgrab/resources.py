@@ -36,15 +36,20 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
     refuse : callable
         From a line that lists what there is to what is raised.
     """
-    bundled = folder / f"{wanted}.toml"
-    if isinstance(wanted, str) and bundled.is_file():
-        return bundled
     path = Path(wanted)
-    if path.is_file():
-        return path
+    try:
+        bundled = folder / f"{wanted}.toml"
+        if isinstance(wanted, str) and bundled.is_file():
+            return bundled
+        if wanted and not path.is_dir() and (path.exists() or path.is_symlink()):
+            return path
+        folder_there = bool(str(wanted)) and path.is_dir()
+        what = f"{str(wanted)!r} is a folder, no {kind}" if folder_there else f"no {kind} or file {str(wanted)!r}"
+    except OSError as problem:  # a name that is too long, a folder that may not be searched
+        raise refuse(f"cannot read {path}: {problem.strerror}") from None
     there = names(folder)
     hint = suggestion(str(wanted), there)
-    raise refuse(f"no {kind} or file {str(wanted)!r}{hint}; bundled {kinds}: {', '.join(there)}")
+    raise refuse(f"{what}{hint}; bundled {kinds}: {', '.join(there)}")
 
 
 def suggestion(word: str, valid: Iterable[str]) -> str:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-import json
-import tomllib
+import re
 from collections.abc import Iterable, Mapping
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +12,13 @@ import msgspec
 
 from simgrab import resources
 from simgrab.errors import ScenarioError
+from simgrab.parse import parse_value, read_json, read_toml, shown
 from simgrab.resources import SCENES
 from simgrab.scenario import Scenario, merged, vary
+from simgrab.scenario import resized as resized
 from simgrab.strict import convert
+
+_REFUSE = functools.partial(ScenarioError, "")
 
 
 def names() -> list[str]:
@@ -65,21 +67,27 @@ def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, equals, text = (s.strip() for s in assignment.partition("="))
         if not equals or not key or not text:
-            raise ScenarioError("", f"--set takes key=value, got {assignment!r}")
-        try:
-            value = tomllib.loads(f"v = {text}")["v"]
-            changes[key] = text if isinstance(value, date) else value  # scenarios hold dates as ISO texts
-        except tomllib.TOMLDecodeError:
-            changes[key] = text
+            raise ScenarioError("", f"--set takes key=value, got {shown(assignment)}")
+        if key in changes:
+            raise ScenarioError(key, f"--set gives it twice: {shown(changes[key])} and {shown(text)}")
+        changes[key] = parse_value(text, functools.partial(ScenarioError, key), "--set")
     return changes
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Parse ``640x360`` into width and height, px."""
+    size = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text, re.IGNORECASE)
+    if not size:
+        raise ScenarioError("", f"--size takes WIDTHxHEIGHT in pixels, such as 640x360; got {text!r}")
+    return int(size[1]), int(size[2])
 
 
 def _read(scene: str | Path) -> dict[str, Any]:
     """Plain data of a scene, laid over its base where it names one."""
-    path = resources.find(scene, SCENES, "scene", "scenes", functools.partial(ScenarioError, ""))
+    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix == ".json":
         return _manifest_scenario(path)
-    data = _toml(path)
+    data = read_toml(path, _REFUSE)
     base = data.pop("base", None)
     if base is None:
         return data
@@ -88,17 +96,9 @@ def _read(scene: str | Path) -> dict[str, Any]:
     return merged(_read(base), data)
 
 
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as problem:
-        raise ScenarioError("", f"{path} is not valid TOML: {problem}") from None
-    except (OSError, UnicodeDecodeError) as problem:
-        raise ScenarioError("", f"cannot read {path}: {problem}") from None
-
-
 def _manifest_scenario(path: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
-    except (OSError, ValueError, KeyError, TypeError):
-        raise ScenarioError("", f"{path} is not a simgrab manifest: it holds no scenario") from None
+    manifest = read_json(path, _REFUSE)
+    scenario = manifest.get("scenario") if isinstance(manifest, dict) else None
+    if not isinstance(scenario, dict):
+        raise _REFUSE(f"{path} is not a simgrab manifest: it holds no scenario")
+    return scenario

@@ -1,8 +1,15 @@
+import contextlib
 import json
+import signal
 
 import pytest
 
 from simgrab import scenes
+
+# Started in the background or by nohup, tests inherit signals that are ignored, and so would the commands they start.
+with contextlib.suppress(ValueError):  # not in the main thread
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # A picture a sixteenth of the size, drawn without antialiasing: labels are computed the same way.
 SMALL = {
@@ -69,4 +76,17 @@ def crooked_dataset(crooked_scene, tmp_path_factory):
 
     path = tmp_path_factory.mktemp("data") / "crooked"
     render(crooked_scene, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def split_dataset(tmp_path_factory):
+    """Frames in every split, of which some show little or nothing of the grab."""
+    from simgrab.world.dataset import render
+
+    path = tmp_path_factory.mktemp("data") / "split"
+    law = {"dist": "choice", "values": [0.0, 1.0]}
+    thirds = {"train": 0.34, "val": 0.33, "test": 0.33}
+    changes = {"swing.alpha": {"sigma_deg": 15.0, "law": law}, "swing.absent": 0.3, "splits": thirds}
+    render(scenes.load("quay-day", SMALL | changes | {"frames": 12, "seed": 4}), path)
     return path

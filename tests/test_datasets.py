@@ -1,12 +1,20 @@
+import doctest
+import pickle
 import shutil
 import subprocess
 import sys
 
+import cv2
+import msgspec
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from pycocotools.coco import COCO
 
-from simgrab import datasets
+import simgrab
+from simgrab import calibration, datasets
 from simgrab.errors import DatasetError
+from simgrab.instrument.source import open_source
 
 
 @pytest.fixture
@@ -51,6 +59,20 @@ def test_what_is_no_dataset_is_refused(copy, tmp_path):
         datasets.read(copy)
 
 
+@pytest.mark.parametrize("name", ["../picture.jpg", "images/../../picture.jpg", "{outside}", "/etc/hostname"])
+def test_a_dataset_names_no_picture_outside(copy, name):
+    outside = copy.parent / "picture.jpg"
+    shutil.copy(copy / datasets.read(copy).rows[0].file, outside)
+    table = pq.read_table(copy / "labels.parquet")
+    names = table["file"].to_pylist()
+    names[2] = name.format(outside=outside)
+    place = table.schema.get_field_index("file")
+    pq.write_table(table.set_column(place, table.schema.field(place), [names]), copy / "labels.parquet")
+    for read in (datasets.read, open_source):
+        with pytest.raises(DatasetError, match=r"frame 2 names the picture .*, which is not in the dataset"):
+            read(copy)
+
+
 def test_reading_starts_no_threads(dataset):
     """One of Arrow's that lets go of Python's bytes while Python ends aborts the process, now and then."""
     counts = (
@@ -60,3 +82,110 @@ def test_reading_starts_no_threads(dataset):
     told = subprocess.run([sys.executable, "-c", counts, str(dataset)], capture_output=True, text=True, check=True)
     before, after = told.stdout.split()
     assert before == after
+
+
+def test_a_dataset_is_a_sequence_of_its_frames(split_dataset):
+    data = simgrab.open(split_dataset)
+    assert data == datasets.read(split_dataset)
+    assert len(data) == 12
+    assert [frame.truth for frame in data] == list(data.rows)
+    assert data[-1] == data[11] == data.frame(11)
+    assert data[np.int64(3)].truth.frame == 3
+    assert [frame.truth.frame for frame in data[2:9:3]] == [2, 5, 8]
+    assert data[4] in data[3:6]
+    assert data[4] not in data[5:]
+    for index in (12, -13):
+        with pytest.raises(IndexError, match=f"index {index} is out of range of 12 frames"):
+            data[index]
+    with pytest.raises(TypeError):
+        data["0"]
+
+
+def test_splits_are_datasets(split_dataset):
+    data = simgrab.open(split_dataset)
+    assert list(data.splits) == ["train", "val", "test"]
+    for name, count in data.splits.items():
+        part = data.split(name)
+        assert len(part) == count
+        assert part.splits == {name: count}
+        assert {frame.truth.frame for frame in part} == {row.frame for row in data.rows if row.split == name}
+        last = part[-1].truth.frame
+        assert part.frame(last) == part[-1]
+        other = next(row.frame for row in data.rows if row.split != name)
+        with pytest.raises(KeyError, match=f"no frame {other} among these {count}"):
+            part.frame(other)
+    assert len(data.split("val").split("train")) == 0
+    with pytest.raises(KeyError, match=r"no split 'valid'; one of: train, val, test"):
+        data.split("valid")
+
+
+def test_frames_hold_what_the_files_hold(split_dataset):
+    data = simgrab.open(split_dataset)
+    table = pq.read_table(split_dataset / "labels.parquet").to_pylist()
+    annotated = {}
+    for split in data.splits:
+        coco = COCO(str(split_dataset / "annotations" / f"instances_{split}.json"))
+        annotated |= {a["image_id"]: coco.annToMask(a) for a in coco.loadAnns(coco.getAnnIds())}
+    assert 0 < len(annotated) < len(data)
+    for frame, row in zip(data, table, strict=True):
+        assert msgspec.structs.asdict(frame.truth) == {
+            k: tuple(v) if isinstance(v, list) else v for k, v in row.items()
+        }
+        assert frame.picture.shape == (row["height_px"], row["width_px"], 3)
+        np.testing.assert_array_equal(frame.picture[..., ::-1], cv2.imread(str(split_dataset / row["file"])))
+        assert frame.labelled == (row["frame"] in annotated)
+        if frame.labelled:
+            np.testing.assert_array_equal(frame.mask, annotated[row["frame"]])
+            assert frame.mask.dtype == bool
+        else:
+            assert frame.mask is None
+        for box, name in ((frame.box, "box"), (frame.amodal_box, "amodal")):
+            corners = [row[f"{name}_{corner}_px"] for corner in ("x0", "y0", "x1", "y1")]
+            assert (corners if box is None else box.tolist()) == corners
+            assert (box is None) == (corners[0] is None)
+
+
+def test_the_camera_of_a_frame_projects_the_grab_where_the_picture_has_it(crooked_dataset):
+    for frame in simgrab.open(crooked_dataset):
+        camera_from_grab = np.linalg.inv(frame.jib_from_camera) @ frame.jib_from_grab
+        at = frame.intrinsics.project(camera_from_grab[:3, 3])
+        np.testing.assert_allclose(at, [frame.truth.grab_u_px, frame.truth.grab_v_px], atol=1e-6)
+        np.testing.assert_allclose(frame.keypoints[0, :2], at, atol=1e-6)
+
+
+def test_scenario_and_calibration_are_those_of_the_dataset(dataset, scene):
+    data = simgrab.open(dataset)
+    assert data.scenario == scene
+    assert data.calibration == calibration.load(dataset / "camera.toml")
+
+
+def test_pictures_and_masks_are_read_only_when_asked_for(copy):
+    for file in (*copy.rglob("*.jpg"), *copy.rglob("instances_*.json")):
+        file.write_bytes(b"damaged")
+    frame = simgrab.open(copy)[2]
+    with pytest.raises(DatasetError, match="changed or damaged"):
+        _ = frame.picture
+    with pytest.raises(DatasetError, match="not COCO labels"):
+        _ = frame.mask
+    (copy / "annotations" / f"instances_{frame.truth.split}.json").unlink()
+    with pytest.raises(DatasetError, match="cannot be read"):
+        _ = frame.mask
+
+
+def test_a_dataset_goes_to_another_process(dataset):
+    data = simgrab.open(dataset)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(data))[1].mask, data[1].mask)
+
+
+def test_the_example_of_its_docstring_runs(dataset, tmp_path, monkeypatch):
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "quay-day").symlink_to(dataset)
+    monkeypatch.chdir(tmp_path)
+    (example,) = doctest.DocTestFinder(recurse=False).find(datasets.read)
+    assert doctest.DocTestRunner().run(example) == (0, len(example.examples))
+
+
+def test_opening_needs_no_mujoco(dataset):
+    heavy = {"mujoco", "OpenGL", "simgrab.world"}
+    code = f"import sys, simgrab; simgrab.open(sys.argv[1]).scenario; assert not {heavy} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code, str(dataset)], check=True)

@@ -17,11 +17,17 @@ GROUND = {
     "strict",
     "rng",
     "errors",
+    "text",
+    "pictures",
+    "containers",
+    "parquet",
     "files",
     "resources",
     "datasets",
     "labels",
     "processes",
+    "parse",
+    "destination",
 }
 SCENARIO = {"scenario", "scenes"}
 # Room: what it may import of simgrab.
@@ -32,7 +38,7 @@ MAY = {
     "training": GROUND | SCENARIO | {"instrument", "training"},
     "cli": GROUND | SCENARIO | {"world", "instrument", "judge", "training", "cli"},
 }
-FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender"}
+FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender", "embreex"}
 ONLY_TO_TRAINING = {"torch", "onnx", "onnxscript"}
 
 
@@ -91,6 +97,12 @@ def test_a_planted_violation_is_seen(room, line):
 
 def test_import_touches_no_opengl():
     code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'torch', 'simgrab.world'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_rendering_starts_without_what_only_other_scenes_and_commands_need():
+    needless = {"scipy.signal", "scipy.stats", "matplotlib", "onnxruntime", "simgrab.world.motion.timeline"}
+    code = f"import sys, simgrab.world.dataset, simgrab.cli.render; assert not {needless} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from simgrab.files import drafted, drafted_folder
+from simgrab.files import discard, drafted, drafted_folder, remove_left
 
 CUT_OFF = """
 import os, pathlib, sys
@@ -49,15 +49,48 @@ def test_what_a_killed_process_left_goes_when_the_next_one_writes(tmp_path, kind
     assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 9
     assert not path.exists()
     assert len(names(tmp_path)) == 1
-    mine = tmp_path / f".[a].x.{os.getpid()}.draft"  # of one that had our number
-    mine.mkdir()
-    (mine / "half").touch()
-    alive, foreign = tmp_path / f".[a].x.{os.getppid()}.draft", tmp_path / ".[a].x.notes.draft"
-    alive.touch()
+    reused = tmp_path / f".[a].x.{os.getppid()}-0.draft"  # its number is another process's now
+    reused.mkdir()
+    (reused / "half").touch()
+    foreign = tmp_path / ".[a].x.notes.draft"
     foreign.touch()
     with {"drafted": drafted, "drafted_folder": drafted_folder}[kind](path) as draft:
         draft.touch() if kind == "drafted" else (draft / "whole").touch()
-    assert names(tmp_path) == sorted([alive.name, foreign.name, path.name])
+    assert names(tmp_path) == sorted([foreign.name, path.name])
+
+
+@pytest.mark.parametrize("kind", WRITE)
+def test_a_draft_that_a_process_works_on_is_left_alone(tmp_path, kind):
+    path = tmp_path / "a.x"
+    code = CUT_OFF.format(kind=kind, write=WRITE[kind]).replace("os._exit(9)", "print(flush=True); input()")
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        process.stdout.readline()
+        remove_left(path)
+        with drafted(path) as ours, drafted(path) as another:  # nor do two of one process meet
+            assert len(names(tmp_path)) == 3
+            ours.touch()
+            another.touch()
+        path.unlink()
+        process.communicate("\n")
+    assert process.returncode == 0
+    assert names(tmp_path) == ["a.x"]
+
+
+def test_a_folder_is_gone_at_once(tmp_path):
+    path = tmp_path / "a"
+    (path / "b").mkdir(parents=True)
+    discard(path)
+    assert names(tmp_path) == []
+    code = "import os, pathlib, shutil, sys\nfrom simgrab import files\nshutil.rmtree = lambda *_, **__: os._exit(9)\n"
+    (path / "b").mkdir(parents=True)
+    subprocess.run([sys.executable, "-c", f"{code}files.discard(pathlib.Path(sys.argv[1]))", str(path)], check=False)
+    assert not path.exists()
+    assert len(names(tmp_path)) == 1
+    remove_left(path)
+    assert names(tmp_path) == []
 
 
 def test_a_full_folder_is_in_the_way(tmp_path):

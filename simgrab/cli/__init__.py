@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import io
+import os
 import pkgutil
+import signal
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 import click
 
 from simgrab import __version__
-from simgrab.errors import SimgrabError
+from simgrab.cli._signals import stoppable
+from simgrab.errors import SimgrabError, first_line, memory_problem
+from simgrab.text import printable
 
 
 class Verbs(click.Group):
@@ -34,25 +40,87 @@ def cli() -> None:
 
 
 def main(command: click.Command = cli) -> NoReturn:
-    """Run the command line. Exit status: 0 done, 1 a check failed, 2 bad input, 130 interrupted."""
+    """Run the command line. What the terminal's encoding lacks is printed as its escapes.
+
+    Exit status: 0 done, 1 a check failed or nothing measured, 2 bad input; interrupted, 128 + the signal's number,
+    which is 130 for Ctrl-C.
+    """
+    _stand_in()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    with stoppable() as received:
+        status = _status(command)
+        if status and received.number is not None:  # whatever came of it: a terminal may be gone
+            status = 128 + received.number
+        _let_go()
+        sys.exit(status)
+
+
+def _stand_in() -> None:
+    """Open the null device in the place of a standard stream that is closed.
+
+    Else a file would take its number, into which libraries and worker processes would print.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes the least number that is free
+
+
+def _status(command: click.Command) -> int:
+    """Run a command, and say in one line what went wrong."""
     try:
         status = command(standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return status or 0
     except click.ClickException as problem:
         problem.show()
-        sys.exit(problem.exit_code)
-    except (click.Abort, KeyboardInterrupt):
-        click.echo("simgrab: interrupted", err=True)
-        sys.exit(130)
-    except SimgrabError as problem:
-        click.echo(f"simgrab: {problem}", err=True)
-        sys.exit(2)
-    except MemoryError as problem:
-        click.echo(f"simgrab: out of memory ({str(problem) or 'no more could be had'})", err=True)
-        sys.exit(2)
+        return problem.exit_code
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except (click.Abort, KeyboardInterrupt) as stop:
+        notes = getattr(stop.__cause__ if isinstance(stop, click.Abort) else stop, "__notes__", ())
+        _complain("; ".join(("interrupted", *notes)))
+        return 128 + signal.SIGINT
     except BrokenPipeError:
-        sys.exit(1)
-    except OSError as problem:  # the disk is full, or a folder is gone
+        return 1
+    except Exception as problem:
+        line = _line(problem)
+        if line is None:
+            raise
+        _complain(line)
+        return 2
+
+
+def _complain(line: str) -> None:
+    with suppress(OSError):  # nobody may be there to read it
+        click.echo(printable(f"simgrab: {line}"), err=True)
+
+
+def _let_go() -> None:
+    """Drop what cannot be printed, of which Python would complain once more when it ends."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is not None:
+                stream.flush()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _line(problem: Exception) -> str | None:
+    """Say in one line what went wrong; None of an error that is simgrab's own."""
+    if isinstance(problem, SimgrabError):
+        return str(problem)
+    memory = memory_problem(problem)
+    if memory is not None:
+        return f"out of memory ({memory})"
+    if isinstance(problem, OSError):  # the disk is full, or a folder is gone
         where = "" if problem.filename is None else f"{problem.filename}: "
-        click.echo(f"simgrab: {where}{problem.strerror or problem}", err=True)
-        sys.exit(2)
-    sys.exit(status or 0)
+        return f"{where}{problem.strerror or problem}"
+    if type(problem).__module__ == "av.error":
+        return f"FFmpeg cannot go on: {first_line(problem)}"
+    return None

@@ -20,7 +20,14 @@ def scene_options(function: F) -> F:
     """Add SCENE and the options that change it."""
     for option in (
         click.option(
-            "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Set any key, e.g. camera.roll_deg=3."
+            "--set",
+            "assignments",
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="Set any key, each once, e.g. camera.roll_deg=3; --beta and its like win.",
+        ),
+        click.option(
+            "--size", metavar="WxH", help="Size of the picture, e.g. 640x360; the view stays, pixel-valued keys scale."
         ),
         click.option("--seed", type=int, help="Seed of every draw."),
         click.option("--frames", type=int, help="Number of frames."),
@@ -32,14 +39,15 @@ def scene_options(function: F) -> F:
     return function
 
 
-def load_scene(scene: str, assignments: tuple[str, ...], **short: float | None) -> Scenario:
-    """Read the scene that the options describe; short options win over ``--set``."""
+def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:
+    """Read the scene that the options describe; short options win over ``--set``, and ``--size`` comes last."""
+    wanted = None if size is None else scenes.parse_size(size)
     changes = scenes.parse_changes(assignments)
     sigma = short.pop("sigma", None)
     changes |= {SHORT_NAMES[name]: value for name, value in short.items() if value is not None}
     scenario = scenes.load(scene, changes)
-    if sigma is None:
-        return scenario
-    if isinstance(scenario.swing, Dynamic):
-        raise ScenarioError("swing.alpha.sigma_deg", "--sigma draws independent swings; here physics makes them")
-    return scenes.load(scene, changes | {SHORT_NAMES["sigma"]: sigma})
+    if sigma is not None:
+        if isinstance(scenario.swing, Dynamic):
+            raise ScenarioError("swing.alpha.sigma_deg", "--sigma draws independent swings; here physics makes them")
+        scenario = scenes.load(scene, changes | {SHORT_NAMES["sigma"]: sigma})
+    return scenario if wanted is None else scenes.resized(scenario, *wanted)

@@ -11,11 +11,14 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
+from simgrab.cli._options import PATH
+from simgrab.text import printable
+
 EXIT = {"passed": 0, "failed": 1, "incomplete": 3}
 
 
 @click.command(name="audit")
-@click.argument("dataset", type=click.Path(path_type=Path))
+@click.argument("dataset", type=PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print the proofs as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but failures.")
 def command(dataset: Path, as_json: bool, quiet: bool) -> None:
@@ -38,7 +41,7 @@ def command(dataset: Path, as_json: bool, quiet: bool) -> None:
     else:
         shown = [p for p in report.proofs if p.status != "passed"] if quiet else report.proofs
         for line in summarise(shown):
-            click.echo(line)
+            click.echo(printable(line))
         if not quiet or report.status != "passed":
-            click.echo(f"audit of {dataset}: {report.status}")
+            click.echo(printable(f"audit of {dataset}: {report.status}"))
     sys.exit(EXIT[report.status])

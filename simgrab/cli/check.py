@@ -7,19 +7,19 @@ from pathlib import Path
 
 import click
 
+from simgrab.cli._options import FOLDER, PATH, WORKERS
+
 
 @click.command(name="check")
 @click.argument("suite")
 @click.option("--instrument", help="Another than the suite's, as package.module:factory.")
-@click.option(
-    "--baseline", type=click.Path(path_type=Path), help="Folder of what was recorded.  [default: the suite's]"
-)
+@click.option("--baseline", type=PATH, help="Folder of what was recorded.  [default: the suite's]")
 @click.option("--update-baseline", "update", is_flag=True, help="Record what is seen now.")
-@click.option("--seeds", type=click.IntRange(min=1), help="Over so many seeds.  [default: the suite's]")
-@click.option("--seed", type=click.IntRange(min=0), help="Another than the suite's.")
-@click.option("--cache", type=click.Path(path_type=Path), help="Of rendered datasets.  [default: ~/.cache/simgrab]")
-@click.option("--workers", default=1, show_default=True, help="Processes that draw.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the results.  [default: runs/check-SUITE]")
+@click.option("--seeds", type=click.IntRange(1, 1000), help="Over so many seeds.  [default: the suite's]")
+@click.option("--seed", type=click.IntRange(0, 2**53), help="Another than the suite's.")
+@click.option("--cache", type=FOLDER, help="Of rendered datasets.  [default: ~/.cache/simgrab]")
+@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that draw.")
+@click.option("--out", type=FOLDER, help="Folder of the results.  [default: runs/check-SUITE]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but what failed.")
 def command(
@@ -34,6 +34,8 @@ def command(
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
+    from simgrab.destination import check_folder
+    from simgrab.errors import SuiteError
     from simgrab.judge.check import gate, report
     from simgrab.judge.check import suite as suites
     from simgrab.judge.check.cache import default
@@ -44,6 +46,8 @@ def command(
     if seed is not None and update:
         raise click.UsageError("--update-baseline goes from the suite's own seed on; --seed is not for it")
     found = suites.load(suite)
+    place = out or Path("runs") / f"check-{found.name}"
+    check_folder(place, SuiteError)
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
     with Progress(console=Console(stderr=True, quiet=quiet or as_json)) as bar:
         tasks: dict[str, TaskID] = {}
@@ -55,7 +59,7 @@ def command(
 
         options = gate.Options(instrument, baseline, seed, cache or default(), workers, progress)
         told = gate.record(found, options, seeds) if update else gate.check(found, options)
-    report.save(told, out or Path("runs") / f"check-{found.name}")
+    report.save(told, place)
     if as_json:
         click.echo(report.as_json(told))
     else:

@@ -8,13 +8,16 @@ from pathlib import Path
 
 import click
 
+from simgrab.cli._options import FILE, PATH
+from simgrab.text import printable
+
 
 @click.command(name="detect")
-@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("source", type=PATH)
 @click.option(
     "--detector", "name", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Table of detections, .parquet or .csv.")
+@click.option("--out", type=FILE, help="Table of detections, .parquet or .csv.")
 @click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture: the table's row.")
 def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     """Find the grab in SOURCE: a picture, a folder of pictures, or a dataset.
@@ -35,7 +38,7 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
             click.echo(json.dumps(row))
     else:
         found, median = sum(one.found for one in watched.detections), statistics.median(watched.seconds)
-        click.echo(f"{looks.name}: the grab in {found} of {len(files)} pictures, {1e3 * median:.1f} ms each")
+        click.echo(printable(f"{looks.name}: the grab in {found} of {len(files)} pictures, {1e3 * median:.1f} ms each"))
     if out:
         detections.save(watched, out)
-        click.echo(f"table: {out}", err=as_json)
+        click.echo(printable(f"table: {out}"), err=as_json)

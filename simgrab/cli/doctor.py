@@ -14,7 +14,6 @@ import click
 def command(as_json: bool) -> None:
     """Say whether this machine can draw, and with what. Exit status: 0 yes, 1 no."""
     from simgrab.world.doctor import examine
-    from simgrab.world.second_opinion import INSTALL_HINT
 
     found = examine()
     if as_json:
@@ -30,7 +29,7 @@ def command(as_json: bool) -> None:
             click.echo(f"fingerprint      {found.renderer.digest}")
         else:
             click.echo(f"cannot draw: {found.problem}")
-        second = "pyrender" if found.second_renderer else f"missing, audits stay incomplete: {INSTALL_HINT}"
+        second = found.second_renderer or f"none, audits stay incomplete: {found.second_problem}"
         click.echo(f"second renderer  {second}")
         for package, version in found.versions.items():
             click.echo(f"{package:<24} {version}")

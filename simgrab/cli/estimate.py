@@ -7,15 +7,17 @@ from pathlib import Path
 
 import click
 
+from simgrab.cli._options import FILE, PATH
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
+from simgrab.text import printable
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--camera", type=click.Path(path_type=Path), required=True, help="Camera TOML.")
+@click.argument("file", type=PATH)
+@click.option("--camera", type=PATH, required=True, help="Camera TOML.")
 @click.option("--estimator", type=click.Choice(list(ESTIMATORS)), default=DEFAULT, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
-@click.option("--figure", type=click.Path(path_type=Path), help="Where the figure goes; FILE.estimate.png by default.")
+@click.option("--figure", type=FILE, help="Where the figure goes; FILE.estimate.png by default.")
 @click.option("--no-figure", is_flag=True, help="Draw none.")
 def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Path | None, no_figure: bool) -> None:
     """Estimate camera tilt and swing angles from grab centres.
@@ -26,6 +28,12 @@ def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Pat
     """
     from simgrab.judge import estimate as judge
 
+    beside = file.with_name(f"{file.stem}.estimate.png") if file.name else Path("record.estimate.png")
+    target = figure or beside
+    if not no_figure:
+        from simgrab.judge import estimate_figure
+
+        estimate_figure.check(target)
     measured = judge.measure(file, camera, estimator)
     if as_json:
         click.echo(json.dumps(judge.as_json(measured), indent=1))
@@ -34,10 +42,7 @@ def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Pat
 
         show(measured.estimate)
     for warning in measured.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(printable(f"warning: {warning}"), err=True)
     if not no_figure:
-        from simgrab.judge.estimate_figure import save
-
-        target = figure or file.with_suffix(".estimate.png")
-        save(measured, target)
-        click.echo(f"figure: {target}", err=as_json)
+        estimate_figure.save(measured, target)
+        click.echo(printable(f"figure: {target}"), err=as_json)

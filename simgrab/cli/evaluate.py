@@ -7,11 +7,14 @@ from pathlib import Path
 
 import click
 
+from simgrab.cli._options import FILE, PATH
+from simgrab.text import printable
+
 
 @click.command(name="evaluate")
-@click.argument("run", type=click.Path(path_type=Path))
-@click.argument("dataset", type=click.Path(path_type=Path))
-@click.option("--page", "html", type=click.Path(path_type=Path), help="An HTML page with figures.")
+@click.argument("run", type=PATH)
+@click.argument("dataset", type=PATH)
+@click.option("--page", "html", type=FILE, help="An HTML page with figures.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
 def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     """Compare a RUN's folder with what is known of its frames, and say what each stage adds to the error.
@@ -19,12 +22,12 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     DATASET is the rendered dataset that the run was on, or the rendered video, with its truth table beside it.
     """
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
 
     from simgrab.judge import runs, truths
     from simgrab.judge.evaluate import evaluate
     from simgrab.judge.evaluate_table import tables
+    from simgrab.judge.terminal import cell
 
     made = runs.load(run)
     known = truths.of(made, dataset)
@@ -35,17 +38,17 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
         console = Console()
         for each in tables(found):
             table = Table(
-                *map(escape, each.head), title=escape(each.title), title_justify="left", show_header=any(each.head)
+                *map(cell, each.head), title=cell(each.title), title_justify="left", show_header=any(each.head)
             )
             for column in table.columns[1:]:
                 column.justify, column.no_wrap = "right", True
             for row in each.rows:
-                table.add_row(*map(escape, row))
+                table.add_row(*map(cell, row))
             console.print(table)
             if each.note:
-                console.print(each.note, highlight=False)
+                console.print(cell(each.note), highlight=False)
     if html is not None:
         from simgrab.judge.evaluate_page import page
 
         runs.write(html, page(made, known, found))
-        click.echo(f"page: {html}", err=as_json)
+        click.echo(f"page: {printable(html)}", err=as_json)

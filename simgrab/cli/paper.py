@@ -6,35 +6,37 @@ from pathlib import Path
 
 import click
 
+from simgrab.cli._options import FOLDER, PATH
+
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default="paper", show_default=True)
+@click.option("--out", type=FOLDER, default="paper", show_default=True)
 @click.option(
-    "--replications", type=click.IntRange(min=20), default=1000, show_default=True, help="M; the paper's is 1000."
+    "--replications", type=click.IntRange(20, 100_000), default=1000, show_default=True, help="M; the paper's is 1000."
 )
 @click.option(
     "--grab-width",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="A rendered dataset, for the comparison by grab width (section 4.6).",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True)
 def command(out: Path, replications: int, seed: int, grab_width: Path | None) -> None:
     """Run section 4.4 of the paper and print published beside measured.
 
     Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
     """
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
 
     from simgrab.judge.paper import PaperSettings, run
     from simgrab.judge.paper_table import INCONSISTENT, rows
+    from simgrab.judge.terminal import cell
 
     console = Console()
     study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
     table = Table("section", "", "published", "measured", "")
     for row in rows(study):
-        table.add_row(*map(escape, (row.section, row.quantity, row.published, row.measured, row.note)))
+        table.add_row(*map(cell, (row.section, row.quantity, row.published, row.measured, row.note)))
     console.print(table)
     console.print("Where the text does not agree with itself:")
     for section, text in INCONSISTENT:
@@ -45,4 +47,4 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
         console.print("Section 4.6, comparison by grab width:")
         for line in by_width.tell(by_width.study(grab_width)):
             console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
-    console.print(f"page: {out / 'paper.html'}", soft_wrap=True)
+    console.print(f"page: {cell(out / 'paper.html')}", soft_wrap=True)

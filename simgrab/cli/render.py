@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
+from simgrab.cli._options import FILE, FOLDER, WORKERS
 from simgrab.cli._progress import drawing
 from simgrab.cli._scene import load_scene, scene_options
+from simgrab.text import printable
 
 
 @click.command(name="render")
 @scene_options
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the dataset.  [default: runs/SCENE, or none]")
-@click.option("--video", type=click.Path(path_type=Path), help="A video, .mp4 or .mkv; without --out, nothing else.")
-@click.option("--workers", default=1, show_default=True, help="Processes that draw.")
+@click.option("--out", type=FOLDER, help="Folder of the dataset.  [default: runs/SCENE, or none]")
+@click.option("--video", type=FILE, help="A video, .mp4 or .mkv; without --out, nothing else.")
+@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that draw.")
 @click.option("--resume", is_flag=True, help="Go on with an unfinished dataset.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def command(
-    scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None,
+    scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None, size: str | None,
     assignments: tuple[str, ...], out: Path | None, video: Path | None, workers: int, resume: bool, as_json: bool,
     quiet: bool,
 ) -> None:  # fmt: skip
@@ -32,7 +34,7 @@ def command(
 
     With --video, into a video with its truth table beside it; with --out as well, into both.
     """
-    scenario = load_scene(scene, assignments, beta=beta, sigma=sigma, frames=frames, seed=seed)
+    scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
         out = out or Path("runs") / scenario.name
     from simgrab.world.dataset import Summary, render
@@ -50,25 +52,25 @@ def command(
                 summary = render_video(
                     scenario, video, workers=workers, resume=resume, progress=progress, checking=checking
                 )
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         places = " and ".join(str(path) for path in (out, video) if path is not None)
-        click.echo(f"simgrab: interrupted; the same command with --resume goes on in {places}", err=True)
-        sys.exit(130)
+        stop.add_note(f"the same command with --resume goes on in {places}")
+        raise
     if as_json:
-        click.echo(json.dumps(dataclasses.asdict(summary), default=str))
+        click.echo(json.dumps(dataclasses.asdict(summary), default=printable))
     elif not quiet:
         Console().print(_table(dataclasses.asdict(summary)))
         if out is not None:
-            click.echo(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}")
+            click.echo(printable(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}"))
         if video is not None:
-            click.echo(f"beside each video of {video} lies its truth table, .parquet")
+            click.echo(printable(f"beside each video of {video} lies its truth table, .parquet"))
 
 
 def _table(summary: dict[str, object]) -> Table:
     table = Table(show_header=False)
     for key, value in summary.items():
         if value is not None:
-            table.add_row(key.replace("_", " "), _text(value))
+            table.add_row(key.replace("_", " "), escape(printable(_text(value))))
     return table
 
 
@@ -78,5 +80,5 @@ def _text(value: object) -> str:
     if isinstance(value, tuple):
         return " … ".join(_text(v) for v in value)
     if isinstance(value, dict):
-        return ", ".join(f"{k} {v}" for k, v in value.items())
-    return str(value)
+        return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
+    return printable(value) if isinstance(value, Path) else str(value)

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import click
 
+from simgrab.cli._options import NEW_FOLDER, PATH
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.parse import shown
+from simgrab.text import printable
+
+MOST_RATE_HZ = 1000.0
+LONGEST_S = 86_400.0
 
 
 def _stretch(_context: click.Context, _option: click.Parameter, text: str | None) -> float | None:
@@ -16,15 +23,23 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
     if text is None:
         return None
     told = re.fullmatch(r"(\d+(?:\.\d+)?)(s|min|)", text.strip())
-    if told is None or float(told[1]) == 0:
-        raise click.BadParameter(f"{text!r} is no stretch of time, such as 300s or 5min")
-    return float(told[1]) * (60 if told[2] == "min" else 1)
+    seconds = 0.0 if told is None else float(told[1]) * (60 if told[2] == "min" else 1)
+    if not 0 < seconds <= LONGEST_S:
+        raise click.BadParameter(f"{shown(text)} is no stretch of time, such as 300s or 5min, of a day at most")
+    return seconds
+
+
+def _rate(_context: click.Context, _option: click.Parameter, rate: float | None) -> float | None:
+    """Refuse a frame rate that no camera has; NaN is in no range, which click does not see."""
+    if rate is not None and not 0 < rate <= MOST_RATE_HZ:
+        raise click.BadParameter(f"{rate:g} is not above 0 and at most {MOST_RATE_HZ:g} frames/s")
+    return rate
 
 
 @click.command(name="run")
 @click.argument("source")
-@click.option("--camera", type=click.Path(path_type=Path), help="Camera TOML.  [default: that beside or in SOURCE]")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for what is found.")
+@click.option("--camera", type=PATH, help="Camera TOML.  [default: that beside or in SOURCE]")
+@click.option("--out", type=NEW_FOLDER, required=True, help="New folder for what is found.")
 @click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
 @click.option(
@@ -35,35 +50,36 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
     callback=_stretch,
     help="Take the tilt from the first stretch, e.g. 300s.  [default: the whole record]",
 )
-@click.option("--calibration", type=click.Path(path_type=Path), help="Take the tilt of another run: its tilt.toml.")
+@click.option("--calibration", type=PATH, help="Take the tilt of another run: its tilt.toml.")
 @click.option("--live", is_flag=True, help="Estimate anew as frames come; streams are always read so.")
-@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Frames/s of a folder.  [default: 9]")
+@click.option("--rate", type=float, callback=_rate, help="Frames/s of a folder.  [default: 9]")
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
+@click.option("--paper", is_flag=True, help="Print the paper's figures of its own video beside these.")
 @click.option("--json", "as_json", is_flag=True, help="Print the facts as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def command(
     source: str, camera: Path | None, out: Path, detector: str, instrument: str | None, estimator: str | None,
-    calibrate: float | None, calibration: Path | None, live: bool, rate: float | None, no_video: bool, as_json: bool,
-    quiet: bool,
+    calibrate: float | None, calibration: Path | None, live: bool, rate: float | None, no_video: bool, paper: bool,
+    as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of pictures, or a dataset.
 
-    OUT gets angles.parquet and .csv, alarms.json, tilt.toml, run.json, annotated.mp4 and report.html.
+    OUT gets angles.parquet and .csv, alarms.json, tilt.toml, run.json, annotated.mp4 and report.html. Exit status: 0 at
+    least one frame has an angle, 1 none has, and OUT says why, 2 bad input.
     """
     import json
-    import sys
 
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
 
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.source import camera_beside
     from simgrab.judge.run import Options, run
-    from simgrab.judge.run_table import HEAD, beside_paper, held
+    from simgrab.judge.run_table import HEAD, beside_paper, held, measured
     from simgrab.judge.runs import alarms
     from simgrab.judge.subject import BUNDLED, open_instrument
+    from simgrab.judge.terminal import cell
 
     chosen: Instrument
     if instrument is not None:
@@ -77,15 +93,19 @@ def command(
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera or camera_beside(source), out, chosen, options, progress)
     if as_json:
-        click.echo(json.dumps(found.about | {"alarms": alarms(found.events)}))
+        click.echo(json.dumps(found.about | {"failure": found.failure, "alarms": alarms(found.events)}))
     elif not quiet:
         console = Console()
         facts = Table(show_header=False)
-        for row in held(found):
-            facts.add_row(*map(escape, row))
-        table = Table(*HEAD)
-        for line in beside_paper(found):
-            table.add_row(*map(escape, line))
+        for row in [*held(found), *(row for row in measured(found) if row[1])]:
+            facts.add_row(*map(cell, row))
         console.print(facts)
-        console.print(table)
-        console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+        if paper:
+            table = Table(*HEAD)
+            for line in beside_paper(found):
+                table.add_row(*map(cell, line))
+            console.print(table)
+        console.print(f"report: {cell(out / 'report.html')}", soft_wrap=True)
+    if found.failure is not None:
+        click.echo(printable(f"simgrab: {found.failure}"), err=True)
+        sys.exit(1)

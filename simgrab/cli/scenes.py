@@ -30,11 +30,11 @@ def command(ctx: click.Context, as_json: bool) -> None:
 @scene_options
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def show(
-    scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None,
+    scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None, size: str | None,
     assignments: tuple[str, ...], as_json: bool,
 ) -> None:  # fmt: skip
     """Print SCENE with every default filled in, as a scene file of its own."""
-    data = load_scene(scene, assignments, beta=beta, sigma=sigma, frames=frames, seed=seed)
+    data = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     click.echo(json.dumps(data.to_dict(), indent=1) if as_json else data.to_toml())
 
 

@@ -12,18 +12,23 @@ from typing import Any
 import click
 import msgspec
 
+from simgrab.cli._options import PATH, WORKERS
+from simgrab.destination import check_folder
+from simgrab.errors import StressError
+from simgrab.text import printable
+
 
 @click.command(name="stress")
 @click.argument("study", required=False)
 @click.option("--all", "everything", is_flag=True, help="Run every bundled study of a depth.")
 @click.option("--depth", help="In place of the study's own; of --all, which studies.  [default: geometric]")
 @click.option("--quick", is_flag=True, help="Few replications of short records: does it work?")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default="runs/stress", show_default=True)
-@click.option("--workers", type=int, help="Processes.  [default: one a core]")
+@click.option("--out", type=PATH, default="runs/stress", show_default=True)
+@click.option("--workers", type=click.IntRange(max=WORKERS.max), help="Processes.  [default: one a core]")
 @click.option("--resume", is_flag=True, help="Go on with an unfinished run.")
-@click.option("--frames", "n", type=click.IntRange(min=10), help="n, in place of the study's own.")
-@click.option("--replications", type=click.IntRange(min=2), help="M, in place of the study's own.")
-@click.option("--seed", type=click.IntRange(min=0), help="Seed of every draw, in place of the study's own.")
+@click.option("--frames", "n", type=click.IntRange(10, 1_000_000), help="n, in place of the study's own.")
+@click.option("--replications", type=click.IntRange(2, 10_000_000), help="M, in place of the study's own.")
+@click.option("--seed", type=click.IntRange(0, 2**53), help="Seed of every draw, in place of the study's own.")
 @click.option("--replay", nargs=2, metavar="STUDY TRIAL", help="Make one replication again, with its picture.")
 @click.option("--at", "at", multiple=True, metavar="VALUE", help="Of each axis, for --replay.  [default: the last]")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
@@ -38,11 +43,13 @@ def command(
     STUDY is a bundled study or a TOML file; without one the bundled studies are listed. Exit status: 0 all limits of
     the studies are met, 1 one is not.
     """
+    if [study is not None, everything, replay is not None].count(True) > 1:
+        raise click.UsageError("STUDY, --all and --replay exclude each other.")
+    if study is not None or everything or replay is not None:
+        check_folder(out, StressError)
     from simgrab.judge.stress import catalogue, depths
     from simgrab.judge.stress.study import Study, quickened
 
-    if [study is not None, everything, replay is not None].count(True) > 1:
-        raise click.UsageError("STUDY, --all and --replay exclude each other.")
     changes = {k: v for k, v in {"n": n, "replications": replications, "seed": seed}.items() if v is not None}
 
     def load(name: str) -> Study:
@@ -56,14 +63,14 @@ def command(
         _replay(load(replay[0]), replay[1], at, out, as_json)
     elif everything or study is not None:
         chosen = [load(name) for name in (catalogue.of(depth or depths.GEOMETRIC.name) if everything else [str(study)])]
-        _run(chosen, out, workers or os.cpu_count() or 1, resume, as_json, quiet)
+        _run(chosen, out, (os.cpu_count() or 1) if workers is None else workers, resume, as_json, quiet)
     else:
         _list({name: catalogue.load(name).title for name in catalogue.names()}, as_json)
 
 
 def _list(titles: dict[str, str], as_json: bool) -> None:
     width = max(map(len, titles))
-    lines = (f"{name:<{width}}  {title}" for name, title in titles.items())
+    lines = (printable(f"{name:<{width}}  {title}") for name, title in titles.items())
     click.echo(json.dumps(titles, ensure_ascii=False) if as_json else "\n".join(lines))
 
 
@@ -71,16 +78,22 @@ def _run(chosen: list[Any], out: Path, workers: int, resume: bool, as_json: bool
     from simgrab.cli._progress import bar
     from simgrab.judge.stress.laboratory import REPORT, failures, run
 
-    with bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
-        findings = run(chosen, out, workers=workers, resume=resume, progress=progress)
+    try:
+        with bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
+            findings = run(chosen, out, workers=workers, resume=resume, progress=progress)
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"the same command with --resume goes on in {out}")
+        raise
     verdicts = [verdict for finding in findings for verdict in finding.verdicts]
     failed = failures(findings)
     if as_json:
         click.echo(json.dumps([dataclasses.asdict(v) for v in verdicts], ensure_ascii=False))
     else:
         for verdict in failed:
-            click.echo(f"{verdict.study}: {verdict.text}: found {verdict.found}")
-        click.echo(f"{len(verdicts) - len(failed)} of {len(verdicts)} limits are met; report: {out / REPORT}")
+            click.echo(printable(f"{verdict.study}: {verdict.text}: found {verdict.found}"))
+        click.echo(
+            f"{len(verdicts) - len(failed)} of {len(verdicts)} limits are met; report: {printable(out / REPORT)}"
+        )
     sys.exit(1 if failed else 0)
 
 
@@ -91,4 +104,4 @@ def _replay(study: Any, trial: str, at: tuple[str, ...], out: Path, as_json: boo
     paths = replay.pictures(again, out)
     click.echo(json.dumps(again.as_json(), ensure_ascii=False) if as_json else again.as_text())
     if not as_json:
-        click.echo("\n".join(f"picture: {path}" for path in paths))
+        click.echo("\n".join(printable(f"picture: {path}") for path in paths))

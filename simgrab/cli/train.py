@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
+
+from simgrab.cli._options import FOLDER, PATH
+from simgrab.text import printable
 
 
 @click.group(name="train")
@@ -23,24 +25,24 @@ def command() -> None:
 def _interruptible(out: Path) -> Iterator[None]:
     try:
         yield
-    except KeyboardInterrupt:
-        click.echo(f"simgrab: interrupted; the same command with --resume goes on in {out}", err=True)
-        sys.exit(130)
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"the same command with --resume goes on in {out}")
+        raise
 
 
 def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
     if as_json:
         click.echo(json.dumps(metrics))
     elif not quiet:
-        click.echo(f"{card.read_text(encoding='utf-8')}\nnets and cards: {card.parent}")
+        click.echo(f"{card.read_text(encoding='utf-8')}\nnets and cards: {printable(card.parent)}")
 
 
 @command.command()
-@click.argument("datasets", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for nets, cards, checkpoints.")
+@click.argument("datasets", nargs=-1, required=True, type=PATH)
+@click.option("--out", type=FOLDER, required=True, help="New folder for nets, cards, checkpoints.")
 @click.option(
     "--hard",
-    type=click.Path(path_type=Path),
+    type=PATH,
     multiple=True,
     help="Dataset, mostly of no grab, to learn what none is from once the grab is found; as often as wanted.",
 )
@@ -65,7 +67,9 @@ def detector(
     OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
     """
     from simgrab.training import need_torch
+    from simgrab.training.folder import check
 
+    check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
@@ -83,8 +87,8 @@ def detector(
 
 
 @command.command()
-@click.argument("datasets", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for net, card and checkpoint.")
+@click.argument("datasets", nargs=-1, required=True, type=PATH)
+@click.option("--out", type=FOLDER, required=True, help="Folder for net, card and checkpoint.")
 @click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
 @click.option("--quick", is_flag=True, help="Half of the time.")
 @click.option("--epochs", type=int, help="Passes over the digits.  [default: 16, or 6 with --quick]")
@@ -104,7 +108,9 @@ def reader(
     OUT gets reader.onnx, with a model card. The scene `digits` is made for this.
     """
     from simgrab.training import need_torch
+    from simgrab.training.folder import check
 
+    check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
     from simgrab.training.progress import board
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
 from scipy import special
 
+from simgrab.errors import RunError
 from simgrab.geometry import Array
 from simgrab.instrument.contract import Measurement
+from simgrab.strict import Checked
+
+Meta = msgspec.Meta
 
 DANGER = math.radians(10)
 SCALE = math.radians(20)
 _NORMAL = 1.959964  # two-sided, 95 %
 
 
-@dataclass(frozen=True)
-class Rule:
+class Rule(Checked, frozen=True):
     """When an alarm is raised, and when it is over.
 
     Attributes
@@ -36,10 +39,12 @@ class Rule:
         So long, s: half a period of the longest rope, since a swing passes through 0 between its turning points.
     """
 
-    raised_at: float = 0.7
-    frames: int = 1
-    released_at: float = math.radians(9)
-    quiet_s: float = 6.0
+    error = RunError
+
+    raised_at: Annotated[float, Meta(ge=0, le=1)] = 0.7
+    frames: Annotated[int, Meta(ge=1, le=10_000)] = 1
+    released_at: Annotated[float, Meta(ge=0, le=math.pi)] = math.radians(9)
+    quiet_s: Annotated[float, Meta(ge=0, le=3600)] = 6.0
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):

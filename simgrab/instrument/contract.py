@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, Protocol
@@ -15,6 +17,7 @@ from simgrab.calibration import Calibration
 Picture = NDArray[np.uint8]
 Status = Literal["ok", "lost", "missed", "unread", "refused"]
 Meta = msgspec.Meta
+_NUMBERS = re.compile(r"([0-9?]\.?){3}[0-9?] ([0-9?]\.?){3}[0-9?]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +94,23 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
             raise ValueError(f"alpha belongs to the status 'ok' and to no other; got {self.status!r}, {self.alpha}")
         if (self.status == "ok") == bool(self.reason):
             raise ValueError(f"a reason belongs to every status but 'ok'; got {self.status!r}, {self.reason!r}")
+
+
+def flaw(m: Measurement) -> str:
+    """Say what is wrong with a measurement that its types do not tell; empty where nothing is."""
+    for name, value in msgspec.structs.asdict(m).items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):
+            return f"{name}: {value} is not finite; leave out what is not known"
+    if m.alpha is not None and m.alpha > math.pi / 2:
+        return f"alpha: {m.alpha:g} rad is beyond the horizontal"
+    if m.alpha_low is not None and m.alpha_high is not None and m.alpha_low > m.alpha_high:
+        return f"alpha_low: {m.alpha_low:g} rad is above alpha_high, {m.alpha_high:g}"
+    if m.box is not None and not (m.box[0] < m.box[2] and m.box[1] < m.box[3]):
+        return f"box: x0 < x1 and y0 < y1 are due, got {m.box}"
+    if m.rope_text is not None and not _NUMBERS.fullmatch(m.rope_text):
+        return f"rope_text: four digits, a blank and four digits are due, as in '0615 09??', got {m.rope_text!r}"
+    return ""
 
 
 class Instrument(Protocol):

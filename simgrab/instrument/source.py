@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-import cv2
-import numpy as np
-
-from simgrab import datasets
+from simgrab import datasets, pictures
 from simgrab.calibration import Calibration
-from simgrab.errors import SourceError
-from simgrab.files import by_number
+from simgrab.errors import PictureError, SourceError
 from simgrab.instrument.contract import Frame
-from simgrab.instrument.video import Video
+from simgrab.instrument.video import Stream, Video
+from simgrab.text import encodable, printable
 
-PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 RATE_HZ = 9.0  # of the port's camera, for pictures that say nothing of time
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
 
@@ -70,13 +66,15 @@ class Files:
     def __iter__(self) -> Iterator[Frame]:
         """Read each file; one that is no picture is a lost frame."""
         for path, time in zip(self.files, self.times, strict=True):
-            # OpenCV makes 8 bits of 16, and three channels of one.
-            picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-            name = str(path.relative_to(self.root))
-            if picture is None:
-                yield Frame(None, time, f"{name} cannot be read as a picture", name)
+            name = encodable(path.relative_to(self.root))
+            try:
+                # OpenCV makes 8 bits of 16, and three channels of one.
+                picture = pictures.read(path)
+            except PictureError as problem:
+                reason = f"{printable(name)} cannot be read as a picture: {problem.reason}"
+                yield Frame(None, time, reason, name)
             else:
-                yield Frame(np.asarray(picture, np.uint8), time, name=name)
+                yield Frame(picture, time, name=name)
 
 
 def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
@@ -85,7 +83,8 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     Parameters
     ----------
     source : str or path
-        A video file, a URL that FFmpeg opens (``rtsp://…``), a folder of pictures, or a rendered dataset.
+        A video file, the URL of a stream (``rtsp://…``), a picture or a folder of pictures, or a rendered dataset.
+        Nothing else is opened: playlists and scripts, which name other files, are refused.
     rate_hz : float, optional
         Of pictures in a folder, 9 by default; it is an error where the source has times of its own.
 
@@ -97,19 +96,21 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
         If it is a dataset that cannot be read.
     """
     if "://" in str(source):
-        return _timed(Video(str(source), live=True), rate_hz)
-    path = Path(source)
+        return _timed(Stream(str(source)), rate_hz)
+    path, name = Path(source), printable(source)
     if datasets.is_dataset(path):
         return _timed(_dataset(path), rate_hz)
     if path.is_dir():
-        files = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=by_number))
+        files = pictures.of(path)
         if not files:
-            raise SourceError(f"{path}: no pictures in it ({', '.join(PICTURES)})")
+            raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
         rate = RATE_HZ if rate_hz is None else rate_hz
-        return Files(str(source), files, tuple(i / rate for i in range(len(files))), path)
-    if not path.exists():
+        return Files(name, files, tuple(i / rate for i in range(len(files))), path)
+    if not path.is_file():
         raise SourceError(f"{path}: there is no such file or folder")
-    return _timed(Video(str(path)), rate_hz)
+    if path.suffix.lower() in pictures.SUFFIXES:
+        return _timed(Files(name, (path,), (0.0,), path.parent), rate_hz)
+    return _timed(Video(path), rate_hz)
 
 
 def _timed(source: Source, rate_hz: float | None) -> Source:
@@ -129,7 +130,7 @@ def _dataset(path: Path) -> Files:
             begin, clip = max(t for t in times if t is not None) + CLIP_GAP_S, row.clip
         times.append(None if row.time_s is None else begin + row.time_s)
     files = tuple(path / row.file for row in rows)
-    return Files(str(path), files, tuple(times), path, dataset.data.labels_sha256)
+    return Files(printable(path), files, tuple(times), path, dataset.data.labels_sha256)
 
 
 def camera_beside(source: str | Path) -> Path:

@@ -1,98 +1,242 @@
-"""Videos and streams, decoded by FFmpeg: what was lost leaves lost frames, what breaks off gives what it held."""
+"""Videos and streams, decoded by FFmpeg: what was lost leaves lost frames, what breaks off gives what it held.
+
+A source is the one file or stream that was named: FFmpeg gets an open file, or a network protocol, and only formats
+that hold pictures themselves. Playlists and scripts, which name other files, are refused.
+"""
 
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
 from statistics import median
+from typing import Any, BinaryIO
 
 import av
 import av.error
 import numpy as np
 from av.container import InputContainer
+from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
+from simgrab import containers
 from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
+from simgrab.pictures import MOST_PIXELS, too_large
+from simgrab.text import printable
 
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
+# FFmpeg's names of formats that hold pictures themselves and open nothing else.
+FORMATS = (
+    "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "h264", "hevc", "m4v", "mjpeg", "obu",
+    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe",
+)  # fmt: skip
+STREAM_FORMATS = ("rtsp", "rtp", "mpjpeg")
+SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp", "tcp")
+PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
+_KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
 _STEPS = 31  # time steps of which the median is what a step should be
-_NO_VIDEO = ("tty",)  # FFmpeg draws text files as a film of a terminal
 _UNTIMED_HZ = 9.0  # of a stream that says nothing of its rate
 
 
 class Video:
-    """A video file or a stream.
+    """A video file.
 
     Parameters
     ----------
+    path : Path
+
+    Attributes
+    ----------
     name : str
-        Path or URL.
-    live : bool
-        Whether it is a stream, to be read once.
+    count : int or None
+        Frames, where the file states them or its length; then about so many.
 
     Raises
     ------
     SourceError
-        If it cannot be opened or has no pictures.
+        If it cannot be opened, has no pictures or too large ones.
     """
 
-    def __init__(self, name: str, *, live: bool = False) -> None:
-        self.name, self.live = name, live
-        container = _opened(name)
-        self.count = container.streams.video[0].frames or None
-        self._stream = container if live else None  # a stream is opened once
-        if not live:
-            container.close()
+    live = False
+
+    def __init__(self, path: Path) -> None:
+        self.name, self._path = printable(path), path
+        with self._opened() as (container, _):
+            self.count = _count(container.streams.video[0])
 
     def __iter__(self) -> Iterator[Frame]:
-        """Decode from the beginning, a stream from now on. The time of a frame is its time stamp.
+        """Decode from the beginning. The time of a frame is its time stamp.
 
         Raises
         ------
         SourceError
-            If a stream is read a second time, or a file is gone.
+            If the file is gone, or breaks off before its first picture.
         """
-        if self.live and self._stream is None:
+        with self._opened() as (container, whole):
+            yield from _with_gaps(_decoded(container, self.name, whole=whole))
+
+    @contextmanager
+    def _opened(self) -> Iterator[tuple[InputContainer, bool]]:
+        try:
+            file = self._path.open("rb")
+        except OSError as problem:
+            raise SourceError(f"{self.name}: cannot be read ({first_line(problem)})") from None
+        with file:
+            known = containers.extent(file)
+            file.seek(0)
+            # No protocol: FFmpeg opens nothing itself.
+            rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
+            with closing(_open(_First(file, known.end), self.name, rules)) as container:
+                yield container, known.whole
+
+
+class _First:
+    """The first bytes of a file, as a file."""
+
+    def __init__(self, file: BinaryIO, end: int) -> None:
+        self._file, self._end = file, end
+        self.name, self.tell = file.name, file.tell  # FFmpeg knows some formats by their names
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        if whence == os.SEEK_END:
+            return self._file.seek(self._end + offset)
+        return self._file.seek(offset, whence)
+
+    def read(self, size: int) -> bytes:
+        return self._file.read(max(min(size, self._end - self._file.tell()), 0))
+
+
+class Stream:
+    """A stream, which can be read once.
+
+    Parameters
+    ----------
+    url : str
+
+    Attributes
+    ----------
+    name : str
+    count : int or None
+        Frames, where the stream is a file that states them.
+
+    Raises
+    ------
+    SourceError
+        If it cannot be opened, has no pictures or too large ones.
+    """
+
+    live = True
+
+    def __init__(self, url: str) -> None:
+        self.name = printable(url)
+        scheme = url.partition("://")[0].lower()
+        if scheme not in SCHEMES:
+            raise SourceError(f"{self.name}: no stream, which begins with {', '.join(f'{s}://' for s in SCHEMES)}")
+        rules = {
+            "format_whitelist": ",".join((*FORMATS, *STREAM_FORMATS)),
+            "protocol_whitelist": ",".join(PROTOCOLS),
+        }
+        self._container: InputContainer | None = _open(url, self.name, rules)
+        self.count = _count(self._container.streams.video[0])
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Decode from now on. The time of a frame is its time stamp.
+
+        Raises
+        ------
+        SourceError
+            If it is read a second time, or breaks off before its first picture.
+        """
+        container, self._container = self._container, None
+        if container is None:
             raise SourceError(f"{self.name}: a stream can be read once")
-        container, self._stream = self._stream or _opened(self.name), None
         with container:
-            yield from _with_gaps(_decoded(container))
+            yield from _with_gaps(_decoded(container, self.name, whole=True))
 
 
-def _opened(name: str) -> InputContainer:
+def _open(source: str | _First, name: str, rules: dict[str, str]) -> InputContainer:
     try:
-        container = av.open(name, timeout=PATIENCE_S)
+        container = av.open(source, "r", options=rules, timeout=PATIENCE_S)
+    except (av.error.ArgumentError, av.error.InvalidDataError):
+        raise SourceError(f"{name}: not a video that can be opened (damaged, cut off, or no {_KINDS})") from None
     except (av.error.FFmpegError, OSError, ValueError) as problem:
         raise SourceError(f"{name}: not a video that can be opened ({first_line(problem)})") from None
-    if not container.streams.video or container.format.name in _NO_VIDEO:
+    if refused := _problem(container):
         container.close()
-        raise SourceError(f"{name}: it has no pictures")
+        raise SourceError(f"{name}: {refused}")
+    # Pictures may change their size later.
+    container.streams.video[0].codec_context.options = {"max_pixels": str(MOST_PIXELS)}
     return container
 
 
-def _decoded(container: InputContainer) -> Iterator[Frame]:
-    """Pictures as they come, damaged ones as lost frames; ends with a lost frame where the file breaks off."""
+def _problem(container: InputContainer) -> str:
+    if not container.streams.video:
+        return "it has no pictures"
+    codec: Any = container.streams.video[0].codec_context  # None where FFmpeg has no decoder
+    if codec is None:
+        return "its pictures are coded in a way that is not known"
+    return too_large(codec.width, codec.height)
+
+
+def _count(stream: VideoStream) -> int | None:
+    rate = stream.guessed_rate or stream.average_rate
+    if stream.frames or not (stream.duration and stream.time_base and rate):
+        return stream.frames or None
+    return round(stream.duration * stream.time_base * rate)
+
+
+def _decoded(container: InputContainer, name: str, *, whole: bool) -> Iterator[Frame]:
+    """Pictures as they come, damaged ones as lost frames; ends with a lost frame where the video breaks off."""
     stream = container.streams.video[0]
     stream.codec_context.thread_count = 1  # the next picture is decoded while a core looks at this one
     clock = _Clock(stream)
     packets = container.demux(stream)
-    while True:
+    broken, ended, seen = "" if whole else "the file is cut off", False, False
+    while not ended:
         try:
             packet = next(packets)
         except StopIteration:
-            return
+            break
         except (av.error.FFmpegError, OSError) as problem:
-            yield Frame(None, clock.next(None), f"the video breaks off here ({first_line(problem)})")
-            return
-        try:
-            for picture in packet.decode():
-                yield _frame(picture, clock)
-        except av.error.FFmpegError as problem:
-            yield Frame(None, clock.next(None), f"cannot be decoded ({first_line(problem)})")
+            broken, ended = first_line(problem), True
+        else:
+            ended = packet.is_corrupt and not whole  # the last one, of which only a part is there
+        for frame in _pictures(_rest(stream) if ended else packet, clock):
+            seen = seen or frame.picture is not None
+            yield frame
+    if broken and not seen:
+        raise SourceError(f"{name}: the video breaks off before its first picture ({broken}){_advice(name, container)}")
+    if broken:
+        yield Frame(None, clock.next(None), f"the video breaks off here ({broken})")
+
+
+def _advice(name: str, container: InputContainer) -> str:
+    if name.lower().startswith("http") and "mp4" in container.format.name:
+        return "; an MP4 with its index at the end takes a server that serves byte ranges: download it first"
+    return ""
+
+
+def _rest(stream: VideoStream) -> Packet[Any]:
+    """Give the packet after the last, for which a decoder gives the pictures that it holds back."""
+    packet = Packet()
+    packet.stream = stream
+    if stream.time_base is not None:
+        packet.time_base = stream.time_base
+    return packet
+
+
+def _pictures(packet: Packet[Any], clock: _Clock) -> Iterator[Frame]:
+    try:
+        for picture in packet.decode():
+            yield _frame(picture, clock)
+    except av.error.FFmpegError as problem:
+        yield Frame(None, clock.next(None), f"cannot be decoded ({first_line(problem)})")
 
 
 def _frame(picture: VideoFrame, clock: _Clock) -> Frame:

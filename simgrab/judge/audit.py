@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,14 @@ import cv2
 import msgspec
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from simgrab.errors import DatasetError, SimgrabError
+from simgrab import parquet, pictures
+from simgrab.datasets import MOST_COCO_BYTES
+from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
 from simgrab.judge import identities, silhouettes
 from simgrab.judge.proof import Audit, Finding, Findings, Proof
-from simgrab.records import Truth
+from simgrab.parse import cannot, parse_json, read_json
+from simgrab.records import SPLITS, Truth
 from simgrab.scenario import Scenario
 from simgrab.strict import convert
 from simgrab.world import export, manifest
@@ -57,7 +59,7 @@ def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
     Returns
     -------
     Audit
-        Its ``status`` is ``incomplete`` where the second renderer is not installed.
+        Its ``status`` is ``incomplete`` where no second renderer is installed.
 
     Raises
     ------
@@ -86,6 +88,8 @@ def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
         for steps in drawing:
             try:
                 proofs += steps()
+            except SimgrabError:
+                raise
             except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError) as problem:
                 # Altered data can be too far out to compute with; that is a finding, and no reason to lose the others.
                 what = f"holds what no dataset does ({type(problem).__name__}: {problem})"
@@ -97,23 +101,26 @@ def _read(path: Path) -> _Dataset:
     if not (path / MANIFEST).is_file():
         unfinished = (path / ".partial").exists()
         raise DatasetError(f"{path} holds {'an unfinished' if unfinished else 'no'} simgrab dataset")
+    known = read_json(path / MANIFEST, DatasetError)
     try:
-        known = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         scenario = convert(known["scenario"], Scenario)
     except (ValueError, KeyError, TypeError, AttributeError, SimgrabError) as problem:
         raise DatasetError(f"{path / MANIFEST}: not a simgrab manifest ({problem})") from None
+    table = parquet.read_table(path / "labels.parquet", DatasetError)
+    plain = parquet.rows(table, DatasetError, cannot(path / "labels.parquet"))
     try:
-        table = pq.read_table(path / "labels.parquet")
-        rows = [msgspec.convert(row, Truth) for row in table.to_pylist()]
-    except (OSError, pa.ArrowInvalid, msgspec.ValidationError) as problem:
-        raise DatasetError(f"{path / 'labels.parquet'}: not simgrab labels ({problem})") from None
+        rows = [msgspec.convert(row, Truth) for row in plain]
+    except ValueError as problem:
+        raise DatasetError(f"{path / 'labels.parquet'}: not simgrab labels ({first_line(problem)})") from None
     return _Dataset(path, known, scenario, table.schema, rows)
 
 
 def _manifest_proof(data: _Dataset) -> Proof:
     """Digests, and the copy of the manifest that the labels carry."""
     found, known = Findings(), data.manifest
-    copy = json.loads((data.schema.metadata or {}).get(b"simgrab", b"{}"))
+    text = (data.schema.metadata or {}).get(b"simgrab", b"{}")
+    copy = parse_json(text, DatasetError, f"{data.path / 'labels.parquet'}: its metadata is not valid JSON")
+    copy = copy if isinstance(copy, dict) else {}
     for key in sorted({*copy, *known} - {"renderer", "files", "manifest_digest"}):
         for dotted, a, b in _leaves(key, known.get(key), copy.get(key)):
             found.expect(a == b, f"manifest.json, {dotted}", f"{a!r}, but labels.parquet was written for {b!r}")
@@ -143,11 +150,13 @@ def _manifest_proof(data: _Dataset) -> Proof:
 def _refuse_strangers(found: Findings, data: _Dataset) -> None:
     """Pictures and labels that no row knows of: a trainer would take them up."""
     stems = {f"{row.split}/{row.frame:06d}" for row in data.rows}
+    known = _metadata_names(data)
     for folder in ("images", "labels", "ids", "depth"):
         for file in sorted((data.path / folder).rglob("*")):
             stem = str(file.relative_to(data.path / folder).with_suffix(""))
             if file.is_file():
-                found.expect(stem in stems, str(file.relative_to(data.path)), "not part of this dataset")
+                name = str(file.relative_to(data.path))
+                found.expect(stem in stems or name in known, name, "not part of this dataset")
 
 
 def _leaves(key: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
@@ -163,7 +172,7 @@ def _redraw(data: _Dataset, studio: Studio, tick: Iterator[None]) -> list[Proof]
     """Make every frame again from the scenario and compare labels, pictures, masks and exports."""
     labels, pictures, exports = Findings(), Findings(), Findings()
     same = data.manifest["renderer"].get("fingerprint") == studio.renderer.fingerprint.digest
-    coco = {split: _coco_by_image(data.path, split) for split in export.SPLITS}
+    coco = {split: _coco_by_image(data.path, split) for split in SPLITS}
     for row, _ in zip(data.rows, tick, strict=False):
         if not 0 <= row.frame < data.scenario.frames:
             labels.expect(False, f"frame {row.frame}, frame", "no such frame in the scenario")
@@ -173,13 +182,14 @@ def _redraw(data: _Dataset, studio: Studio, tick: Iterator[None]) -> list[Proof]
         for name, picture in made.files.items():
             _compare_picture(pictures, data.path, row, name, picture, same)
         _compare_exports(exports, data, row, made.record, coco[made.record.truth.split], same)
+    _compare_metadata(exports, data)
     drawn = (
         "drawn by the same renderer" if same else f"drawn by another renderer ({studio.renderer.fingerprint.renderer})"
     )
     return [
         labels.proof("every label column follows from the scenario; visible boxes equal the ids'", drawn),
         pictures.proof("every picture is the one that the scenario draws", drawn),
-        exports.proof("YOLO and COCO labels follow from the rows and ids"),
+        exports.proof("YOLO and COCO labels and metadata.csv follow from the rows and ids"),
     ]
 
 
@@ -217,9 +227,12 @@ def _compare_picture(found: Findings, path: Path, row: Truth, name: str, expecte
         return
     if name != row.file:  # ids and depth differ at edges, where a mean over the picture says little
         return
-    ours, theirs = (cv2.imdecode(np.frombuffer(d, np.uint8), cv2.IMREAD_COLOR) for d in (expected, data))
-    comparable = ours is not None and theirs is not None and ours.shape == theirs.shape
-    psnr = cv2.PSNR(ours, theirs) if comparable else 0.0
+    try:
+        ours, theirs = (pictures.decode(d, file) for d in (expected, data))
+    except PictureError as problem:
+        found.expect(False, where, problem.reason)
+        return
+    psnr = cv2.PSNR(ours, theirs) if ours.shape == theirs.shape else 0.0
     found.expect(psnr >= OTHER_RENDERER_PSNR_DB, where, f"not the picture that the scenario draws (PSNR {psnr:.1f} dB)")
 
 
@@ -240,11 +253,29 @@ def _compare_exports(
             found.expect(annotation.get(key) == expected[key], f"frame {row.frame}, COCO {key}", "not that of this row")
 
 
+def _metadata_names(data: _Dataset) -> list[str]:
+    """Tables for ``imagefolder``, which a dataset of earlier versions lacks."""
+    files = data.manifest.get("files")
+    return [name for name in map(export.metadata_name, SPLITS) if isinstance(files, dict) and name in files]
+
+
+def _compare_metadata(found: Findings, data: _Dataset) -> None:
+    """Compare ``metadata.csv`` of each split with the rows, line by line."""
+    for name in _metadata_names(data):
+        split, file = Path(name).parent.name, data.path / name
+        lines = file.read_bytes().split(b"\n") if file.is_file() else []
+        frames = ["header", *(f"frame {row.frame}" for row in data.rows if row.split == split), "end"]
+        expected = export.metadata(data.rows, split).split(b"\n")
+        for where, line, actual in zip_longest(frames, expected, lines, fillvalue=None):
+            found.expect(line == actual, f"{where or 'end'}, {name}", "not that of this row")
+
+
 def _coco_by_image(path: Path, split: str) -> dict[int, Any]:
     file = path / "annotations" / f"instances_{split}.json"
     try:
-        return {a["image_id"]: a for a in json.loads(file.read_text(encoding="utf-8"))["annotations"]}
-    except (OSError, ValueError, KeyError, TypeError):
+        annotations = read_json(file, DatasetError, most_bytes=MOST_COCO_BYTES)["annotations"]
+        return {a["image_id"]: a for a in annotations}
+    except (DatasetError, LookupError, TypeError):
         return {}
 
 

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import csv
-import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from simgrab import datasets
+from simgrab import datasets, parquet
+from simgrab.destination import check_file
 from simgrab.errors import DatasetError, DetectorError
-from simgrab.files import by_number, drafted
+from simgrab.files import drafted
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.detect.patches import Picture
+from simgrab.pictures import SUFFIXES
+from simgrab.pictures import of as files_of
+from simgrab.pictures import read as read_picture
 from simgrab.records import Detection
+from simgrab.text import cell, encodable
 
 Progress = Callable[[int, int], None]
-KINDS = (".jpg", ".jpeg", ".png")
 TABLES = (".parquet", ".csv")
 
 
@@ -65,7 +66,7 @@ def watch(files: Sequence[Path], detector: Detector, progress: Progress | None =
     DatasetError, DetectorError
         If one cannot be read, or looked at; says which.
     """
-    return _watch(files, map(_read, files), detector, progress)
+    return _watch(files, map(read_picture, files), detector, progress)
 
 
 def watch_dataset(dataset: datasets.Dataset, detector: Detector, progress: Progress | None = None) -> Watched:
@@ -88,13 +89,6 @@ def _watch(files: Sequence[Path], seen: Iterable[Picture], detector: Detector, p
     return Watched(detector.name, tuple(files), tuple(detections), tuple(seconds))
 
 
-def _read(path: Path) -> Picture:
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if picture is None:
-        raise DatasetError(f"{path} cannot be read as a picture")
-    return np.asarray(picture, np.uint8)
-
-
 def pictures(source: str | Path) -> tuple[Path, ...]:
     """Pictures of a dataset by frame, of a folder by the numbers in their names, or one.
 
@@ -111,16 +105,16 @@ def pictures(source: str | Path) -> tuple[Path, ...]:
         return (source,)
     if not source.exists():
         raise DatasetError(f"{source}: there is no such file or folder")
-    files = tuple(sorted((p for p in source.iterdir() if p.suffix.lower() in KINDS), key=by_number))
+    files = files_of(source)
     if not files:
-        raise DatasetError(f"{source} is no dataset, and holds no {', '.join(KINDS)}")
+        raise DatasetError(f"{source} is no dataset, and holds no {', '.join(SUFFIXES)}")
     return files
 
 
 def rows(watched: Watched) -> list[dict[str, Any]]:
     """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box's where the detector tells no other."""
     return [
-        {"file": str(path)} | _row(found) | {"seconds": seconds}
+        {"file": encodable(path)} | _row(found) | {"seconds": seconds}
         for path, found, seconds in zip(watched.files, watched.detections, watched.seconds, strict=True)
     ]
 
@@ -141,7 +135,7 @@ def _row(found: Detection) -> dict[str, Any]:
     edges = ("x0", "y0", "x1", "y1")
     where = centre(found) if found.found else None
     return {
-        "status": found.status, "reason": found.reason, "score": found.score,
+        "status": found.status, "reason": encodable(found.reason), "score": found.score,
         **spread([f"box_{e}_px" for e in edges], found.box),
         **spread(("u_px", "v_px"), where),
         **spread([f"box_{e}_sd_px" for e in edges], found.box_sd_px),
@@ -156,7 +150,7 @@ def _filled(values: Any, names: Sequence[str]) -> Any:
 
 
 def check_table(path: Path) -> None:
-    """Refuse, before pictures are looked at, a table that cannot be written; makes its folder.
+    """Refuse, before pictures are looked at, a table that cannot be written.
 
     Raises
     ------
@@ -164,14 +158,7 @@ def check_table(path: Path) -> None:
     """
     if path.suffix.lower() not in TABLES:
         raise DatasetError(f"{path}: a table of detections ends in {' or '.join(TABLES)}")
-    if path.is_dir():
-        raise DatasetError(f"cannot write {path}: it is a folder")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None
-    if not os.access(path.parent, os.W_OK):
-        raise DatasetError(f"cannot write {path}: {path.parent} is read-only")
+    check_file(path, DatasetError)
 
 
 def save(watched: Watched, path: str | Path) -> None:
@@ -188,11 +175,13 @@ def save(watched: Watched, path: str | Path) -> None:
     try:
         with drafted(path) as draft:
             if path.suffix.lower() == ".parquet":
-                pq.write_table(pa.Table.from_pylist(table), draft)
+                parquet.write(pa.Table.from_pylist(table), draft)
             else:
                 with draft.open("w", newline="", encoding="utf-8") as file:
                     writer = csv.DictWriter(file, table[0].keys())
                     writer.writeheader()
-                    writer.writerows(table)
+                    writer.writerows(
+                        {key: cell(v) if isinstance(v, str) else v for key, v in row.items()} for row in table
+                    )
     except OSError as problem:
         raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from simgrab.destination import check_file
+from simgrab.errors import RecordError
 from simgrab.geometry import camera_rotation
 from simgrab.judge.estimate import Measured
+from simgrab.judge.plots import Axes, Figure
 
+ENDINGS = (".png", ".svg", ".pdf")
 BLUE, ORANGE, GREY = "#1f5a8a", "#c8551b", "#8a8f94"
 
 
@@ -27,6 +25,13 @@ def draw(measured: Measured) -> Figure:
     _trace(trace, measured)
     figure.suptitle(_headline(measured), fontsize=11)
     return figure
+
+
+def check(path: Path) -> None:
+    """Refuse, before anything is estimated, a figure that could not be written; raises `RecordError`."""
+    if path.suffix.lower() not in ENDINGS:
+        raise RecordError(f"{path}: a figure's name must end in one of {', '.join(ENDINGS)}")
+    check_file(path, RecordError, "--figure")
 
 
 def save(measured: Measured, path: str | Path) -> None:

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simgrab.geometry import Array
+from simgrab.judge.terminal import cell
 from simgrab.records import Estimate, Intervals
 
 
@@ -14,7 +15,7 @@ def show(estimate: Estimate, console: Console | None = None) -> None:
     """Print an estimate, or why there is none."""
     console = console or Console()
     if not estimate.ok:
-        console.print(f"{estimate.estimator}: refused. {estimate.reason}", soft_wrap=True)
+        console.print(cell(f"{estimate.estimator}: refused. {estimate.reason}"), soft_wrap=True)
         return
     assert estimate.beta is not None
     assert estimate.tilt_azimuth is not None

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
-from matplotlib.figure import Figure
 
 from simgrab.judge import html
 from simgrab.judge.evaluate_table import tables
+from simgrab.judge.plots import Figure
 from simgrab.judge.run_figures import BLUE, GREY, RED
 from simgrab.judge.runs import Run
 from simgrab.judge.truths import Truths
@@ -28,10 +23,10 @@ def page(run: Run, known: Truths, found: Mapping[str, Any]) -> str:
         told = "Root mean square error of α as one thing after another is no longer told."
         parts.append(html.section("Error budget", html.drawing(chain(found["budget"]), "budget", told)))
     for table in tables(found):
-        note = f"<p>{escape(table.note)}</p>" if table.note else ""
+        note = f"<p>{html.text(table.note)}</p>" if table.note else ""
         numbers = range(1, len(table.head))
         parts.append(html.section(table.title, html.table(table.head, table.rows, numbers) + note))
-    return html.page(f"Evaluation of the run on {run.source}", escape(run.instrument), parts)
+    return html.page(f"Evaluation of the run on {run.source}", html.text(run.instrument), parts)
 
 
 def trace(run: Run, known: Truths) -> Figure:

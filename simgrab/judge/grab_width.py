@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet
 from numpy.typing import NDArray
 
 from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
-from simgrab.errors import DatasetError
+from simgrab.errors import DatasetError, first_line
 from simgrab.geometry import Array, eq2_cos_alpha, vertical_direction
 from simgrab.instrument.estimate import GrabWidth, PaperIteration
+from simgrab.parquet import read_table
 from simgrab.records import KEYPOINT_NAMES
 from simgrab.world.meshes import grab
 
@@ -66,11 +66,12 @@ def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> Gr
         If there are too few such frames.
     """
     folder = Path(dataset)
+    labels = folder / "labels.parquet"
+    table = read_table(labels, DatasetError, columns=_COLUMNS).to_pydict()
     try:
-        table = pyarrow.parquet.read_table(folder / "labels.parquet", columns=list(_COLUMNS)).to_pydict()
-    except OSError as problem:
-        raise DatasetError(f"cannot read {folder / 'labels.parquet'}: {problem}") from None
-    column = {name: np.asarray(values, float) for name, values in table.items() if name != "keypoints"}
+        column = {name: np.asarray(values, float) for name, values in table.items() if name != "keypoints"}
+    except (TypeError, ValueError) as problem:
+        raise DatasetError(f"{labels}: not simgrab labels ({first_line(problem)})") from None
     calibration = camera_file.load(folder / "camera.toml")
     pixels = np.stack([column["grab_u_px"], column["grab_v_px"]], axis=-1)
     found = PaperIteration(start="mean-ray").estimate(pixels, calibration)

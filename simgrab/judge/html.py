@@ -8,7 +8,8 @@ import re
 from collections.abc import Collection, Sequence
 from html import escape
 
-from matplotlib.figure import Figure
+from simgrab.judge.plots import Figure, rc_context
+from simgrab.text import printable
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -24,25 +25,31 @@ figcaption { color: #4a535b; font-size: .86rem; }
 """
 
 
+def text(value: object) -> str:
+    """Write text as HTML, whoever chose it: markup stays text, and control characters are shown."""
+    return escape(printable(value))
+
+
 def page(title: str, lead: str, parts: Sequence[str], style: str = "") -> str:
     """Write a page; ``lead`` and ``parts`` are HTML, ``style`` is CSS of its own."""
     return "\n".join([
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width, initial-scale=1'>",
-        f"<title>{escape(title)}</title><style>{_STYLE}{style}</style></head><body><h1>{escape(title)}</h1>",
+        f"<title>{text(title)}</title><style>{_STYLE}{style}</style></head><body><h1>{text(title)}</h1>",
         f"<p class='lead'>{lead}</p>", *parts, "</body></html>",
     ])  # fmt: skip
 
 
 def section(title: str, content: str) -> str:
     """Put a heading above some HTML."""
-    return f"<h2>{escape(title)}</h2>{content}"
+    return f"<h2>{text(title)}</h2>{content}"
 
 
 def svg(figure: Figure, name: str) -> str:
     """Write a figure as SVG; its ids begin with ``name``, as figures share a page."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    with rc_context({"svg.hashsalt": name}):  # else its ids are other ones in every process
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', text)
@@ -51,14 +58,14 @@ def svg(figure: Figure, name: str) -> str:
 
 def drawing(figure: Figure, name: str, caption: str) -> str:
     """Inline a figure with its caption."""
-    return f"<figure>{svg(figure, name)}<figcaption>{escape(caption)}</figcaption></figure>"
+    return f"<figure>{svg(figure, name)}<figcaption>{text(caption)}</figcaption></figure>"
 
 
 def photograph(jpeg: bytes, caption: str) -> str:
     """Inline a JPEG."""
     data = base64.b64encode(jpeg).decode()
-    text = escape(caption, quote=True)
-    return f"<figure><img alt='{text}' src='data:image/jpeg;base64,{data}'><figcaption>{text}</figcaption></figure>"
+    said = text(caption)
+    return f"<figure><img alt='{said}' src='data:image/jpeg;base64,{data}'><figcaption>{said}</figcaption></figure>"
 
 
 def table(head: Sequence[str], body: Sequence[Sequence[str]], numbers: Collection[int] = ()) -> str:
@@ -66,6 +73,6 @@ def table(head: Sequence[str], body: Sequence[Sequence[str]], numbers: Collectio
 
     def line(cells: Sequence[str], tag: str) -> str:
         marked = (f"<{tag} class='n'>" if i in numbers else f"<{tag}>" for i in range(len(cells)))
-        return "<tr>" + "".join(f"{m}{escape(c)}</{tag}>" for m, c in zip(marked, cells, strict=True)) + "</tr>"
+        return "<tr>" + "".join(f"{m}{text(c)}</{tag}>" for m, c in zip(marked, cells, strict=True)) + "</tr>"
 
     return f"<table><thead>{line(head, 'th')}</thead><tbody>{''.join(line(b, 'td') for b in body)}</tbody></table>"

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.judge.paper import PaperStudy
+from simgrab.judge.plots import Axes, Figure, MultipleLocator
 
 BLUE, ORANGE, GREEN, GREY = "#1f5a8a", "#c8551b", "#3b7d4f", "#8a8f94"
 ROUNDING = 1e-14  # an arccosine at a few degrees knows no more; smaller differences are drawn as this

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from simgrab.judge import html
 from simgrab.judge.paper import PaperStudy, Spread
 from simgrab.judge.paper_table import INCONSISTENT, rows
+from simgrab.judge.plots import Figure
 
 _CAPTIONS = {
     "errors": ("Errors over n", "The paper's two error box plots: its settings, its rule, the 0-degree line known."),
@@ -34,7 +33,7 @@ def page(study: PaperStudy, figures: Mapping[str, Figure]) -> str:
     return html.page(
         "The paper's simulation study, run again",
         "Yu, Wang &amp; Wang, “A Geometric Model with Stochastic Error for Abnormal Motion Detection "
-        f"of Portal Crane Bucket Grab”, section 4.4. {escape(lead)}",
+        f"of Portal Crane Bucket Grab”, section 4.4. {html.text(lead)}",
         [
             *(html.section(title, html.drawing(figures[name], name, caption))
               for name, (title, caption) in _CAPTIONS.items()),

@@ -37,12 +37,15 @@ class Proof:
         Empty when the claim holds.
     note : str
         Why it was not made, or by how much it holds.
+    renderer : str
+        The second renderer that made it, with its version; empty where none did.
     """
 
     claim: str
     checked: int
     findings: tuple[Finding, ...] = ()
     note: str = ""
+    renderer: str = ""
 
     @property
     def status(self) -> str:
@@ -63,9 +66,9 @@ class Findings:
         if not holds:
             self.items.append(Finding(where, what))
 
-    def proof(self, claim: str, note: str = "") -> Proof:
+    def proof(self, claim: str, note: str = "", renderer: str = "") -> Proof:
         """Close the collection."""
-        return Proof(claim, self.checked, tuple(self.items), note)
+        return Proof(claim, self.checked, tuple(self.items), note, renderer)
 
 
 @dataclass(frozen=True)

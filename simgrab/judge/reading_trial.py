@@ -22,6 +22,7 @@ from simgrab import scenes
 from simgrab.errors import DatasetError
 from simgrab.files import drafted
 from simgrab.layouts import Layout, Rectangle
+from simgrab.pictures import read as read_picture
 from simgrab.rng import stream
 from simgrab.scenario import Scenario
 from simgrab.world import frames
@@ -78,19 +79,12 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
             for path, frame in missing.items():
                 with drafted(path) as draft:
                     draft.write_bytes(frames.encode(studio.draw(frame).rgb[..., ::-1], "png"))
-    return [_read(path) for path in taken]
+    return [read_picture(path) for path in taken]
 
 
 def _spread(of: int, count: int) -> range:
     step = of // count
     return range(0, step * count, step)
-
-
-def _read(path: Path) -> Picture:
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise DatasetError(f"{path} is not a picture")
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def displays(layout: Layout, count: int, seed: int, *, torn: bool = False) -> Iterator[Shown]:

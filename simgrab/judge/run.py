@@ -14,6 +14,7 @@ import numpy as np
 
 from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
+from simgrab.destination import check_new_folder
 from simgrab.errors import RunError, SourceError
 from simgrab.geometry import Array
 from simgrab.instrument import alarm
@@ -84,6 +85,7 @@ def run(
         In one line what is wrong; then nothing lies at ``out``.
     """
     options = options or Options()
+    check_new_folder(Path(out), RunError)
     calibration = camera if isinstance(camera, Calibration) else camera_file.load(camera)
     opened = open_source(source, rate_hz=options.rate_hz)
     with runs.making(Path(out)) as folder:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from simgrab.geometry import Array, camera_rotation
+from simgrab.judge.plots import Axes, Figure
 from simgrab.judge.runs import Run
 
 BLUE, RED, GREY, GREEN = "#1f5a8a", "#c8321b", "#8a8f94", "#3d7f4f"

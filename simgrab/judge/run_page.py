@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from html import escape
 
 import numpy as np
 
@@ -58,7 +57,7 @@ def page(run: Run, stills: Mapping[int, bytes]) -> str:
         html.section("Beside the paper", html.table(list(HEAD), [list(r) for r in beside_paper(run)], {1, 2, 3})),
         html.section("Frames without an angle", _reasons(run)),
     ]  # fmt: skip
-    return html.page(f"Run on {run.source}", escape(run.instrument), parts)
+    return html.page(f"Run on {run.source}", html.text(run.instrument), parts)
 
 
 def _alarms(run: Run, stills: Mapping[int, bytes]) -> str:
@@ -87,7 +86,7 @@ def _event(i: int, event: Event, still: bytes | None) -> str:
         for value in ("true", "false", "unclear")
     )
     return (
-        f"<p><strong>{escape(told)}</strong><br>The operator says: {choices}</p>"
+        f"<p><strong>{html.text(told)}</strong><br>The operator says: {choices}</p>"
         + (html.photograph(still, f"Frame {event.peak}") if still is not None else "")
     )  # fmt: skip
 

@@ -18,23 +18,35 @@ _PUBLISHED = {"beta_deg": "2.530", "sigma_deg": "2.664", "below": "over 95 %", "
 def beside_paper(run: Run) -> list[Row]:
     """Put the paper's table beside what its method, and the run's own, make of the same frames."""
     paper, own = run.about["paper"], run.about["estimate"] or {}
-    alpha = np.rad2deg(run.alpha[np.isfinite(run.alpha)])
-    tilt = run.about["tilt"] or {}
     refused = paper["status"] != "ok"
-    sigma = float(np.sqrt(np.mean(alpha**2))) if len(alpha) else None
-    below, largest = (float(np.mean(alpha <= 5)), float(alpha.max())) if len(alpha) else (None, None)
+    published_and_again = [
+        ("3699", str(paper["frames"])),
+        (_PUBLISHED["beta_deg"], _number(paper["beta_deg"])),
+        (_PUBLISHED["sigma_deg"], _number(paper["sigma_deg"])),
+        (_PUBLISHED["below"], _percent(paper["share_below_5"])),
+        (_PUBLISHED["largest"], _number(paper["largest_alpha_deg"])),
+    ]
+    iterations = "refused: " + paper["reason"] if refused else str(paper["diagnostics"]["iterations"])
     return [
-        ("frames", "3699", str(paper["frames"]), str(len(alpha))),
-        ("tilt β̂ (deg)", _PUBLISHED["beta_deg"], _number(paper["beta_deg"]), _number(tilt.get("beta_deg"))),
-        ("swing σ̂ (deg)", _PUBLISHED["sigma_deg"], _number(paper["sigma_deg"]), _number(sigma)),
-        ("α̂ at most 5°", _PUBLISHED["below"], _percent(paper["share_below_5"]), _percent(below)),
-        ("largest α̂ (deg)", _PUBLISHED["largest"], _number(paper["largest_alpha_deg"]), _number(largest)),
-        (
-            "iterations",
-            _PUBLISHED["iterations"],
-            "refused: " + paper["reason"] if refused else str(paper["diagnostics"]["iterations"]),
-            str(own.get("diagnostics", {}).get("iterations", "")),
-        ),
+        *((name, *two, value) for (name, value), two in zip(measured(run), published_and_again, strict=True)),
+        ("iterations", _PUBLISHED["iterations"], iterations, str(own.get("diagnostics", {}).get("iterations", ""))),
+    ]
+
+
+def measured(run: Run) -> list[tuple[str, str]]:
+    """Give the run's own tilt and swing; empty where there is none."""
+    alpha = np.rad2deg(run.alpha[np.isfinite(run.alpha)])
+    sigma, below, largest = (
+        (float(np.sqrt(np.mean(alpha**2))), float(np.mean(alpha <= 5)), float(alpha.max()))
+        if len(alpha)
+        else (None, None, None)
+    )
+    return [
+        ("frames with an angle", str(len(alpha))),
+        ("tilt β̂ (deg)", _number((run.about["tilt"] or {}).get("beta_deg"))),
+        ("swing σ̂ (deg)", _number(sigma)),
+        ("α̂ at most 5°", _percent(below)),
+        ("largest α̂ (deg)", _number(largest)),
     ]
 
 

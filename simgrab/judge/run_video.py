@@ -15,6 +15,7 @@ import numpy as np
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from simgrab.containers import FRAGMENTED
 from simgrab.instrument.alarm import DANGER, SCALE, Rule
 from simgrab.instrument.contract import Frame, Measurement
 
@@ -23,6 +24,7 @@ Colour: TypeAlias = tuple[int, int, int]
 
 WIDEST_PX = 1280
 _TICKS_PER_S = 90_000
+_X264 = {"preset": "veryfast", "crf": "26", "bf": "0", "g": "50"}  # no B-frames: fragments need pictures in order
 _QUALITY = 80
 _CALM: Colour = (70, 200, 90)
 _ALARM: Colour = (255, 60, 50)
@@ -41,7 +43,7 @@ class Film:
 
     def __init__(self, path: Path | None, rule: Rule) -> None:
         self._path, self._rule = path, rule
-        self._file = None if path is None else av.open(str(path), "w", format="mp4")
+        self._file = None if path is None else av.open(str(path), "w", format="mp4", container_options=FRAGMENTED)
         self._stream: VideoStream | None = None
         self._last: Picture | None = None
         self._index = self._pts = -1
@@ -83,7 +85,7 @@ class Film:
         assert self._file is not None
         if self._stream is None:
             self._start = time_s
-            self._stream = self._file.add_stream("libx264", rate=30, options={"preset": "veryfast", "crf": "26"})
+            self._stream = self._file.add_stream("libx264", rate=30, options=_X264)
             self._stream.height, self._stream.width = picture.shape[:2]
             self._stream.pix_fmt = "yuv420p"
             self._stream.time_base = self._stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,15 +15,19 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet as pq
 
 from simgrab import calibration as camera_file
+from simgrab import parquet
 from simgrab.calibration import Calibration
-from simgrab.errors import RunError
+from simgrab.destination import check_new_folder
+from simgrab.errors import RunError, first_line
 from simgrab.files import drafted, drafted_folder
 from simgrab.geometry import Array
 from simgrab.instrument.alarm import Event
-from simgrab.instrument.contract import Measurement
+from simgrab.instrument.contract import Measurement, flaw
+from simgrab.instrument.estimate.follow import Known
+from simgrab.parse import cannot, read_json
+from simgrab.text import cell, encodable, printable
 
 TABLE, SHEET, ALARMS, ABOUT, CAMERA = "angles.parquet", "angles.csv", "alarms.json", "run.json", "camera.toml"
 _ANGLES = ("alpha", "alpha_low", "alpha_high")
@@ -32,6 +37,29 @@ _PARTS = {
     "centre_sd": ("u_sd_px", "v_sd_px"),
 }
 _TEXT = ("status", "reason", "rope_text", "rope_status")
+
+
+class _Ruled(msgspec.Struct, frozen=True):
+    raised_at: float
+    frames: int
+    released_at_deg: float
+    quiet_s: float
+
+
+class _Estimated(msgspec.Struct, frozen=True):
+    estimator: str
+
+
+class Facts(msgspec.Struct, frozen=True):
+    """What is read again of ``run.json``."""
+
+    instrument: str
+    source: str
+    timed: bool
+    counts: dict[str, int]
+    rule: _Ruled
+    estimate: _Estimated | None
+    tilt: Known | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +92,19 @@ class Run:
     about: dict[str, Any]
 
     @property
+    def failure(self) -> str | None:
+        """Why the run measured nothing, in one line; None where at least one frame has an angle."""
+        counts: dict[str, int] = {}
+        for m in self.measurements:
+            counts[m.status] = counts.get(m.status, 0) + 1
+        if "ok" in counts:
+            return None
+        listed = ", ".join(f"{n} {status}" for status, n in counts.items())
+        first = next((m.reason for m in self.measurements if m.reason), "no frames")
+        what = "no picture could be read" if set(counts) <= {"lost"} else "no frame gave an angle"
+        return printable(f"{self.source}: {what} ({listed}; the first: {first})")
+
+    @property
     def alpha(self) -> Array:
         """Swing of each frame, rad, shape (n,); NaN where there is none."""
         return np.array([np.nan if m.alpha is None else m.alpha for m in self.measurements], float)
@@ -78,20 +119,21 @@ def rows(run: Run) -> list[dict[str, Any]]:
     """One plain row a frame; angles in degrees."""
     times = [None] * len(run.names) if run.time is None else run.time.tolist()
     return [
-        {"frame": i, "time_s": time, "file": name} | _row(m)
+        {"frame": i, "time_s": time, "file": encodable(name)} | _row(m)
         for i, (time, name, m) in enumerate(zip(times, run.names, run.measurements, strict=True))
     ]
 
 
 def _row(m: Measurement) -> dict[str, Any]:
-    plain: dict[str, Any] = {"status": m.status, "reason": m.reason}
+    plain: dict[str, Any] = {"status": m.status, "reason": encodable(m.reason)}
     for name in _ANGLES:
         value = getattr(m, name)
         plain[f"{name}_deg"] = None if value is None else math.degrees(value)
     plain |= {"danger": m.danger, "score": m.score}
     for name, columns in _PARTS.items():
         plain |= dict(zip(columns, getattr(m, name) or (None,) * len(columns), strict=True))
-    return plain | {"rope_text": m.rope_text, "rope_status": m.rope_status, "rope_length_m": m.rope_length_m}
+    rope_text = None if m.rope_text is None else encodable(m.rope_text)
+    return plain | {"rope_text": rope_text, "rope_status": m.rope_status, "rope_length_m": m.rope_length_m}
 
 
 def _measurement(row: dict[str, Any]) -> Measurement:
@@ -102,7 +144,10 @@ def _measurement(row: dict[str, Any]) -> Measurement:
     for name, columns in _PARTS.items():
         part = tuple(row[column] for column in columns)
         plain[name] = None if None in part else part
-    return msgspec.convert(plain, Measurement)
+    measured = msgspec.convert(plain, Measurement)
+    if wrong := flaw(measured):
+        raise ValueError(f"frame {row['frame']}: {wrong}")
+    return measured
 
 
 def table(run: Run) -> pa.Table:
@@ -128,23 +173,37 @@ def alarms(events: Sequence[Event]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _event(plain: dict[str, Any]) -> Event:
+def _event(plain: dict[str, Any]) -> dict[str, Any]:
     low, high = plain["alpha_low_deg"], plain["alpha_high_deg"]
-    return Event(
-        first=plain["first_frame"], last=plain["last_frame"], peak=plain["peak_frame"], onset_s=plain["onset_s"],
-        end_s=plain["end_s"], peak_s=plain["peak_s"], alpha=math.radians(plain["alpha_deg"]),
-        alpha_low=None if low is None else math.radians(low), alpha_high=None if high is None else math.radians(high),
-        danger=plain["danger"], ongoing=plain["ongoing"],
-    )  # fmt: skip
+    return {
+        "first": plain["first_frame"], "last": plain["last_frame"], "peak": plain["peak_frame"],
+        "onset_s": plain["onset_s"], "end_s": plain["end_s"], "peak_s": plain["peak_s"],
+        "alpha": math.radians(plain["alpha_deg"]), "alpha_low": None if low is None else math.radians(low),
+        "alpha_high": None if high is None else math.radians(high), "danger": plain["danger"],
+        "ongoing": plain["ongoing"],
+    }  # fmt: skip
+
+
+def _sheet(found: pa.Table) -> pa.Table:
+    """Make a table fit for a spreadsheet, which might take text for a formula."""
+    for i, field in enumerate(found.schema):
+        if pa.types.is_string(field.type):
+            texts = [None if text is None else cell(text) for text in found.column(i).to_pylist()]
+            found = found.set_column(i, field, pa.array(texts, pa.string()))
+    return found
 
 
 def save(run: Run, folder: Path) -> None:
     """Write a run's tables into a folder that is there."""
     found = table(run)
-    pq.write_table(found, folder / TABLE, compression="zstd")
-    pyarrow.csv.write_csv(found, folder / SHEET)
+    parquet.write(found, folder / TABLE, compression="zstd")
+    with (folder / SHEET).open("wb") as file:
+        pyarrow.csv.write_csv(_sheet(found), file)
     (folder / ALARMS).write_text(json.dumps(alarms(run.events), indent=1) + "\n", encoding="utf-8")
-    about = {"instrument": run.instrument, "source": run.source, "timed": run.time is not None} | run.about
+    about = {
+        "instrument": encodable(run.instrument), "source": encodable(run.source), "timed": run.time is not None,
+        "failure": run.failure,
+    } | run.about  # fmt: skip
     (folder / ABOUT).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     run.calibration.save(folder / CAMERA)
 
@@ -158,17 +217,25 @@ def load(path: str | Path) -> Run:
         If it is none.
     """
     path = Path(path)
+    if not path.is_dir():
+        raise RunError(f"{path}: not a run of simgrab, which is a folder")
+    if not os.path.lexists(path / TABLE):
+        raise RunError(f"{path}: not a run of simgrab: it has no {TABLE}")
+    plain = parquet.rows(parquet.read_table(path / TABLE, RunError), RunError, cannot(path / TABLE))
+    about, alarmed = read_json(path / ABOUT, RunError), read_json(path / ALARMS, RunError)
     try:
-        plain = pq.read_table(path / TABLE).to_pylist()
-        about = json.loads((path / ABOUT).read_text(encoding="utf-8"))
-        events = tuple(_event(e) for e in json.loads((path / ALARMS).read_text(encoding="utf-8")))
+        facts = msgspec.convert(about, Facts)
+        events = tuple(msgspec.convert(_event(e), Event) for e in alarmed)
         measurements = tuple(_measurement(row) for row in plain)
-        instrument, source, timed = about.pop("instrument"), about.pop("source"), about.pop("timed")
-        time = np.array([row["time_s"] for row in plain], float) if timed else None
-    except (OSError, ValueError, KeyError, TypeError, msgspec.ValidationError, pa.ArrowException) as problem:
-        raise RunError(f"{path}: not a run of simgrab ({type(problem).__name__}: {problem})") from None
-    names = tuple(row["file"] for row in plain)
-    return Run(instrument, source, camera_file.load(path / CAMERA), time, names, measurements, events, about)
+        time = np.array(msgspec.convert([row["time_s"] for row in plain], list[float])) if facts.timed else None
+        names = msgspec.convert([row["file"] for row in plain], tuple[str, ...])
+    except (ValueError, LookupError, TypeError, AttributeError) as problem:
+        raise RunError(f"{path}: not a run of simgrab ({type(problem).__name__}: {first_line(problem)})") from None
+    if time is not None and not np.isfinite(time).all():
+        raise RunError(f"{path / TABLE}: time_s, row {np.flatnonzero(~np.isfinite(time))[0] + 1}: is missing")
+    about = {key: value for key, value in about.items() if key not in ("instrument", "source", "timed", "failure")}
+    camera = camera_file.load(path / CAMERA)
+    return Run(facts.instrument, facts.source, camera, time, names, measurements, events, about)
 
 
 @contextmanager
@@ -180,12 +247,13 @@ def making(out: Path) -> Iterator[Path]:
     RunError
         If something lies in the way, or nothing can be written there.
     """
-    if out.exists():
-        raise RunError(f"{out} exists; choose another --out, or remove it")
+    check_new_folder(out, RunError)
     try:
         with drafted_folder(out) as draft:
             yield draft
     except OSError as problem:
+        if os.path.lexists(out):
+            raise RunError(f"{out} was written meanwhile, by another run; choose another --out") from None
         raise RunError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 

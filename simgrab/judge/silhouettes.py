@@ -1,8 +1,9 @@
-"""Is the grab where its labels say? A second renderer draws it alone, from the stored poses."""
+"""Is the grab where its labels say? A second renderer renders it alone, from the stored poses."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import cv2
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 from simgrab.errors import RendererError
 from simgrab.judge.proof import Findings, Proof
 from simgrab.records import Truth
-from simgrab.world import second_opinion
 from simgrab.world.frames import Studio
 from simgrab.world.lens import Window
 from simgrab.world.plan import placed_shapes
-from simgrab.world.second_opinion import SecondOpinion
+from simgrab.world.second_renderer import SecondRenderer, Shapes, open_second_renderer
 
 EDGE_TOLERANCE_PX = 0.5
 CENTROID_TOLERANCE_PX = 0.2
@@ -28,70 +28,112 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Difference:
+    """How far two silhouettes are apart.
+
+    Attributes
+    ----------
+    edge_px : float
+        The largest distance between edges of their boxes; infinite where one is empty.
+    iou : float
+    centroid_px : float
+        The larger of both coordinates' distances.
+    """
+
+    edge_px: float
+    iou: float
+    centroid_px: float
+
+    @classmethod
+    def of(cls, a: Mask, b: Mask, window: Window) -> Difference:
+        """Compare two masks of one size.
+
+        Parameters
+        ----------
+        a, b : ndarray of bool, shape (h, w)
+            Supersampled silhouettes.
+        window : tuple of 4 ints
+            x0, y0, x1, y1 of both, px.
+        """
+        iou = float((a & b).sum() / max((a | b).sum(), 1))
+        edge = np.nan_to_num(np.abs(_box(a, window) - _box(b, window)), nan=np.inf).max()
+        return cls(float(edge), iou, float(np.abs(_centroid(a, window) - _centroid(b, window)).max()))
+
+    def worst(self, other: Difference) -> Difference:
+        """Take the worse value of each."""
+        return Difference(
+            max(self.edge_px, other.edge_px), min(self.iou, other.iou), max(self.centroid_px, other.centroid_px)
+        )
+
+    def __str__(self) -> str:
+        return f"worst edge {self.edge_px:.2f} px, IoU {self.iou:.4f}, centroid {self.centroid_px:.3f} px"
+
+
+NONE = Difference(0.0, 1.0, 0.0)
+
+
 def compare(rows: Sequence[Truth], studio: Studio, tick: Iterable[None]) -> Proof:
-    """Compare every row's amodal box, and the silhouette that MuJoCo draws, with pyrender's.
+    """Compare every row's amodal box, and the silhouette that MuJoCo renders, with the second renderer's.
 
     Parameters
     ----------
     rows : sequence of Truth
     studio : Studio
-        Of the dataset's scenario; it lends the shapes and draws MuJoCo's silhouettes.
+        Of the dataset's scenario; its shapes are rendered, and MuJoCo's silhouettes come from it.
     tick : iterable
         Advanced once a row.
     """
-    if not second_opinion.available():
-        return Proof(CLAIM, 0, note=f"pyrender is not installed: {second_opinion.INSTALL_HINT}")
-    found = Findings()
-    worst = (0.0, 1.0, 0.0)
+    found, worst = Findings(), NONE
     try:
-        for _, group in groupby(
-            zip(rows, tick, strict=False), lambda row: studio.scenario.variant_number(row[0].frame)
-        ):
-            seen = [row for row, _ in group if row.in_frame_fraction > 0]
-            if seen:
-                edge, iou, centroid = _compare(seen, studio, found)
-                worst = max(edge, worst[0]), min(iou, worst[1]), max(centroid, worst[2])
+        with open_second_renderer() as choice:
+            for _, group in groupby(
+                zip(rows, tick, strict=False), lambda row: studio.scenario.variant_number(row[0].frame)
+            ):
+                seen = [row for row, _ in group if row.in_frame_fraction > 0]
+                if seen:
+                    choice.renderer.load(grab_shapes(studio, seen[0].frame))
+                for row in seen:
+                    worst = worst.worst(_compare(row, studio, choice.renderer, found))
     except RendererError as problem:
         return Proof(CLAIM, 0, note=str(problem))
-    edge, iou, centroid = worst
-    return found.proof(CLAIM, f"worst edge {edge:.2f} px, IoU {iou:.4f}, centroid {centroid:.3f} px")
+    return found.proof(CLAIM, f"{worst}; {choice.note}", choice.renderer.name)
 
 
-def _compare(rows: Sequence[Truth], studio: Studio, found: Findings) -> tuple[float, float, float]:
-    """Compare rows of one variant; gives the worst edge, px, IoU and centroid, px."""
-    edge, iou, centroid = 0.0, 1.0, 0.0
-    meshes = studio.at(rows[0].frame).world.plan.shapes
-    with SecondOpinion({name: (np.array(m.vertices), np.array(m.faces)) for name, m in meshes.items()}) as other:
-        for row in rows:
-            aimed = studio.aim(row.frame)
-            samples = _samples(aimed.window)
-            # At one sample a pixel, an edge that lies along the samples of a row would move the whole row.
-            ours, theirs = studio.renderer.silhouette(aimed.window, samples), _draw(other, row, aimed.window, samples)
-            for column, value in zip(("x0", "y0", "x1", "y1"), _box(theirs, aimed.window), strict=True):
-                stored = getattr(row, f"amodal_{column}_px")
-                edge = max(edge, abs(stored - value))
-                found.expect(
-                    abs(stored - value) <= EDGE_TOLERANCE_PX, f"frame {row.frame}, amodal_{column}_px",
-                    f"{stored:.2f} px, but the second renderer's edge is at {value:.2f} px",
-                )  # fmt: skip
-            overlap = float((ours & theirs).sum() / max((ours | theirs).sum(), 1))
-            shift = float(np.abs(_centroid(ours) - _centroid(theirs)).max()) / samples
-            iou, centroid = min(iou, overlap), max(centroid, shift)
-            found.expect(overlap >= LEAST_IOU, f"frame {row.frame}, silhouette", f"IoU {overlap:.4f} < {LEAST_IOU}")
-            found.expect(
-                shift <= CENTROID_TOLERANCE_PX, f"frame {row.frame}, silhouette", f"centroid {shift:.2f} px apart"
-            )
-    return edge, iou, centroid
+def grab_shapes(studio: Studio, frame: int) -> Shapes:
+    """Vertices and faces of all that the grab of a frame's variant may show."""
+    meshes = studio.at(frame).world.plan.shapes
+    return {name: (np.array(m.vertices), np.array(m.faces)) for name, m in meshes.items()}
 
 
-def _samples(window: Window) -> int:
+def _compare(row: Truth, studio: Studio, other: SecondRenderer, found: Findings) -> Difference:
+    aimed = studio.aim(row.frame)
+    samples = samples_a_pixel(aimed.window)
+    # At one sample a pixel, an edge that lies along the samples of a row would move the whole row.
+    ours, theirs = studio.renderer.silhouette(aimed.window, samples), silhouette(other, row, aimed.window, samples)
+    edge = 0.0
+    for column, value in zip(("x0", "y0", "x1", "y1"), _box(theirs, aimed.window), strict=True):
+        stored = getattr(row, f"amodal_{column}_px")
+        edge = max(edge, abs(stored - value))
+        found.expect(
+            abs(stored - value) <= EDGE_TOLERANCE_PX, f"frame {row.frame}, amodal_{column}_px",
+            f"{stored:.2f} px, but the second renderer's edge is at {value:.2f} px",
+        )  # fmt: skip
+    apart = replace(Difference.of(ours, theirs, aimed.window), edge_px=edge)
+    where = f"frame {row.frame}, silhouette"
+    found.expect(apart.iou >= LEAST_IOU, where, f"IoU {apart.iou:.4f} < {LEAST_IOU}")
+    found.expect(apart.centroid_px <= CENTROID_TOLERANCE_PX, where, f"centroid {apart.centroid_px:.2f} px apart")
+    return apart
+
+
+def samples_a_pixel(window: Window) -> int:
     """Return the samples a pixel and direction."""
     longest = max(window[2] - window[0], window[3] - window[1])
     return next((s for s in (5, 3) if s * longest <= MOST_SAMPLES), 1)
 
 
-def _draw(other: SecondOpinion, row: Truth, window: Window, samples: int) -> Mask:
-    """Silhouette through a window of the lens' picture, supersampled."""
+def silhouette(other: SecondRenderer, row: Truth, window: Window, samples: int) -> Mask:
+    """Render the grab from a row's poses through a window of the lens' picture, supersampled."""
     source, maps = _source(row, window)
     camera_from_jib = np.linalg.inv(_square(row.jib_from_camera))
     camera_from_grab = camera_from_jib @ _square(row.jib_from_grab)
@@ -130,10 +172,11 @@ def _box(mask: Mask, window: Window) -> Array:
     return np.asarray(edges + (window[0], window[1], window[0], window[1]))
 
 
-def _centroid(mask: Mask) -> Array:
-    total = max(int(mask.sum()), 1)
+def _centroid(mask: Mask, window: Window) -> Array:
+    """Centroid of a supersampled mask from the corner of its window, px."""
+    samples = mask.shape[1] / (window[2] - window[0])
     y, x = np.nonzero(mask)
-    return np.array([x.sum(), y.sum()]) / total
+    return np.array([x.sum(), y.sum()]) / (max(x.size, 1) * samples)
 
 
 def _square(pose: Sequence[float]) -> Array:

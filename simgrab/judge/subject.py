@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import math
-import re
+import threading
 import traceback
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ import numpy as np
 
 from simgrab.calibration import Calibration
 from simgrab.errors import InstrumentError, SimgrabError
-from simgrab.instrument.contract import Frame, Instrument, Measurement
+from simgrab.instrument.contract import Frame, Instrument, Measurement, flaw
 from simgrab.instrument.pipeline import Pipeline, bundled
 
 BUNDLED = "bundled"
 PACKAGE = Path(__file__).parents[1]
-_NUMBERS = re.compile(r"([0-9?]\.?){3}[0-9?] ([0-9?]\.?){3}[0-9?]")
+_MOST_KEPT = 8
 
 
 def open_instrument(name: str) -> Instrument:
@@ -71,11 +71,18 @@ class Held:
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record; numbers of NumPy's are taken for plain ones."""
-        passing = iter(frames)
+        passing = _Passing(self.name, frames)
+        given: list[object] = []
         with told(self.name):
-            given = tuple(self.instrument(passing, calibration))
-        for _ in passing:  # so that those it did not ask for are counted too
-            pass
+            for one in self.instrument(passing, calibration):
+                if not passing.reach(len(given) + 1):
+                    if not given:  # nor is there a frame, which is said elsewhere
+                        break
+                    raise InstrumentError(
+                        f"{self.name}: more than {len(given)} measurements of {len(given)} frames; one each is due"
+                    )
+                given.append(one)
+        passing.reach(None)  # so that those it did not ask for are counted too
         return tuple(self._plain(i, one) for i, one in enumerate(given))
 
     def _plain(self, i: int, given: object) -> Measurement:
@@ -86,26 +93,52 @@ class Held:
         except msgspec.ValidationError as problem:
             text, _, key = str(problem).replace("`", "").partition(" - at $.")
             raise InstrumentError(f"{self.name}: frame {i}: {key or 'measurement'}: {text}") from None
-        if wrong := _problem(plain):
+        if wrong := flaw(plain):
             raise InstrumentError(f"{self.name}: frame {i}: {wrong}")
         return plain
 
 
-def _problem(m: Measurement) -> str:
-    """Say what is wrong with a measurement that its types do not tell; empty where nothing is."""
-    for name, value in msgspec.structs.asdict(m).items():
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):
-            return f"{name}: {value} is not finite; leave out what is not known"
-    if m.alpha is not None and m.alpha > math.pi / 2:
-        return f"alpha: {m.alpha:g} rad is beyond the horizontal"
-    if m.alpha_low is not None and m.alpha_high is not None and m.alpha_low > m.alpha_high:
-        return f"alpha_low: {m.alpha_low:g} rad is above alpha_high, {m.alpha_high:g}"
-    if m.box is not None and not (m.box[0] < m.box[2] and m.box[1] < m.box[3]):
-        return f"box: x0 < x1 and y0 < y1 are due, got {m.box}"
-    if m.rope_text is not None and not _NUMBERS.fullmatch(m.rope_text):
-        return f"rope_text: four digits, a blank and four digits are due, as in '0615 09??', got {m.rope_text!r}"
-    return ""
+class _Passing:
+    """Frames on their way to an instrument, counted.
+
+    One that measures without asking for frames, perhaps for ever, is stopped at their end all the same: they are taken
+    in its place. The few latest of them it may still ask for.
+    """
+
+    def __init__(self, name: str, frames: Iterable[Frame]) -> None:
+        self._name, self._frames = name, iter(frames)
+        self._lock = threading.Lock()  # it may ask from another thread
+        self._kept = deque[Frame](maxlen=_MOST_KEPT)
+        self._taken = 0  # by it, or too long ago to be kept
+        self._count = 0
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self
+
+    def __next__(self) -> Frame:
+        with self._lock:
+            if self._count - self._taken > len(self._kept):
+                raise InstrumentError(
+                    f"{self._name}: asks for frame {self._taken} only after measurements of later ones"
+                )
+            frame = self._kept.popleft() if self._kept else self._next()
+            self._taken += 1
+            return frame
+
+    def reach(self, count: int | None) -> bool:
+        """Go on until there were so many frames; False if there are no more. None stands for all."""
+        with self._lock:
+            while count is None or self._count < count:
+                try:
+                    self._kept.append(self._next())
+                except StopIteration:
+                    return False
+            return True
+
+    def _next(self) -> Frame:
+        frame = next(self._frames)
+        self._count += 1
+        return frame
 
 
 def _number(value: Any) -> Any:

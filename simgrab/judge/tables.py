@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import codecs
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet
 
 from simgrab.calibration import Calibration
 from simgrab.errors import RecordError, first_line
 from simgrab.geometry import Array
+from simgrab.parquet import read_table
+from simgrab.parse import cannot, opened
 
+MOST_CSV_BYTES = 2**30
+MOST_HEADER_BYTES = 2**16
 # A grab centre may lie outside of the picture by its own size, no more.
 _MARGIN = 0.5
 _LONGEST_ROPE_M = 200.0
@@ -106,20 +110,35 @@ def _rope(path: str | Path, table: pa.Table) -> Array:
 
 
 def _table(path: Path) -> pa.Table:
+    table = read_table(path, RecordError) if path.suffix.lower() == ".parquet" else _csv(path)
+    names = table.column_names
+    twice = [name for i, name in enumerate(names) if name in names[:i]]
+    if twice:
+        raise RecordError(f"{path}: column {twice[0]} is there twice")
+    return table
+
+
+def _csv(path: Path) -> pa.Table:
+    """Read every column as text, so that a cell that is no number can be named."""
+    with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
+        content = file.read().removeprefix(codecs.BOM_UTF8)
+    header = content[: MOST_HEADER_BYTES + 1].splitlines()[:1]
+    if not header or not header[0].strip():
+        raise RecordError(f"{path}: the file is empty; a header u_px, v_px[, rope_length_m, time_s] is needed")
+    if len(header[0]) > MOST_HEADER_BYTES:
+        raise RecordError(f"{cannot(path)}: its first line is no header: it is longer than {MOST_HEADER_BYTES} bytes")
     try:
-        if path.suffix.lower() == ".parquet":
-            return pa.parquet.read_table(path)
-        # Every column as text first, so that a cell that is no number can be named.
-        with path.open(encoding="utf-8") as file:
-            names = [name.strip() for name in file.readline().rstrip("\r\n").split(",")]
-        if names == [""]:
-            raise RecordError(f"{path}: the file is empty; a header u_px, v_px[, rope_length_m, time_s] is needed")
+        names = [name.strip().strip('"') for name in header[0].decode().split(",")]
         options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
-        return pa.csv.read_csv(path, pa.csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
-    except (OSError, UnicodeDecodeError, pa.ArrowException) as problem:
-        if isinstance(problem, pa.ArrowInvalid) and "Empty CSV" in str(problem):
+        reading = pa.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+        parsing = pa.csv.ParseOptions(newlines_in_values=True)  # of a file's name, e.g.
+        return pa.csv.read_csv(pa.BufferReader(content), reading, parsing, options)
+    except MemoryError:  # pyarrow's is one of its own exceptions as well
+        raise
+    except (UnicodeDecodeError, pa.ArrowException) as problem:
+        if "Empty CSV" in str(problem):
             return pa.table({name: pa.array([], pa.string()) for name in names})
-        raise RecordError(f"cannot read {path}: {first_line(problem)}") from None
+        raise RecordError(f"{cannot(path)}: {first_line(problem)}") from None
 
 
 def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from simgrab import datasets, labels
-from simgrab.errors import DatasetError, RunError
+from simgrab import datasets, labels, parquet
+from simgrab.errors import DatasetError, RunError, first_line
 from simgrab.geometry import Array
 from simgrab.judge.runs import Run
+from simgrab.parse import cannot, read_json
 from simgrab.records import Truth
 
 _SAME_S = 5e-4  # time stamps are those of the table exactly, but for rounding
@@ -114,18 +112,20 @@ def _of_dataset(run: Run, path: Path) -> Truths:
 
 
 def _of_video(run: Run, path: Path) -> Truths:
+
+    def refusal(why: str) -> DatasetError:
+        return DatasetError(f"{path}: not the truth table of a video by simgrab render ({why})")
+
+    plain = parquet.rows(parquet.read_table(path, refusal), refusal, cannot(path))
+    manifest = read_json(path.with_suffix(".manifest.json"), refusal)
     try:
-        plain = pq.read_table(path).to_pylist()
-        scenario = json.loads(path.with_suffix(".manifest.json").read_text(encoding="utf-8"))["scenario"]
         table = [_row(row) for row in plain]
         stamps = np.array([row["pts_s"] for row in plain], float)
         if not plain:
             raise ValueError("it has no rows")
-        weather, least = str(scenario["name"]), float(scenario["labels"]["least_visible_fraction"])
-    except (OSError, ValueError, KeyError, TypeError, msgspec.ValidationError, pa.ArrowException) as problem:
-        raise DatasetError(
-            f"{path}: not the truth table of a video by simgrab render ({type(problem).__name__}: {problem})"
-        ) from None
+        scenario = msgspec.convert(manifest, datasets.Manifest).scenario
+    except (ValueError, LookupError, TypeError) as problem:
+        raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
     if run.time is None:
         raise RunError(f"{path} is of a video, and the run on {run.source} is of independent frames")
     nearest = _nearest(run.time, stamps)
@@ -133,7 +133,8 @@ def _of_video(run: Run, path: Path) -> Truths:
         table[k] if abs(stamps[k] - t) < _SAME_S and m.status != "lost" else None
         for k, t, m in zip(nearest.tolist(), run.time.tolist(), run.measurements, strict=True)
     )
-    return Truths(rows, tuple("" if row is None else weather for row in rows), least)
+    weather = tuple("" if row is None else scenario.name for row in rows)
+    return Truths(rows, weather, scenario.labels.least_visible_fraction)
 
 
 def _nearest(times: Array, stamps: Array) -> NDArray[np.int64]:

@@ -15,6 +15,7 @@ from simgrab.scenario.camera import (
 from simgrab.scenario.factor import Factor, OneOf
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
+from simgrab.scenario.size import resized
 from simgrab.scenario.surroundings import Clutter, Grab, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
@@ -82,6 +83,7 @@ __all__ = [
     "Weather",
     "Wind",
     "merged",
+    "resized",
     "schema",
     "variant",
     "variants",

@@ -6,12 +6,14 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from simgrab.strict import Checked
+
 Meta = msgspec.Meta
 Share = Annotated[float, Meta(ge=0, le=1)]
 Cargo = Literal["coal", "ore", "grain", "bauxite", "sulphur"]
 
 
-class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Strict(Checked, frozen=True):
     """Base of every table."""
 
 

@@ -14,6 +14,8 @@ from simgrab.geometry import (
 )
 from simgrab.scenario.base import Meta, Strict, Tagged
 
+Shift = Annotated[float, Meta(ge=-100_000, le=100_000)]
+
 
 class PixelFocal(Tagged, frozen=True, tag="pixels"):
     """Focal length given in pixels."""
@@ -92,7 +94,7 @@ class Camera(Strict, frozen=True):
     width_px: Annotated[int, Meta(ge=64, le=4096)] = 1920
     height_px: Annotated[int, Meta(ge=64, le=4096)] = 1080
     focal: PixelFocal | LensFocal | SensorFocal = LensFocal()
-    principal_offset_px: tuple[float, float] = (0.0, 0.0)
+    principal_offset_px: tuple[Shift, Shift] = (0.0, 0.0)
     distortion: Lens = Lens()
     beta_deg: Annotated[float, Meta(ge=0, le=30)] = 3.0
     tilt_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0

@@ -7,26 +7,33 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from simgrab.distributions import Choice, Distribution, NonNegative
+from simgrab.distributions import MOST_VALUES, Choice, Distribution, Weights
+from simgrab.parse import shown
 from simgrab.scenario.base import Meta
+from simgrab.strict import Checked
 
 JOINT = "+"  # between keys that are drawn together
 
 
-class OneOf(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="dist", tag="one-of"):
+class OneOf(Checked, frozen=True, tag_field="dist", tag="one-of"):
     """One of several values of any kind, with weights that need not sum to 1 (equal unless given).
 
     ``names`` are what labels call the values; without them labels hold the values themselves.
     """
 
-    values: Annotated[tuple[Any, ...], Meta(min_length=1)]
-    weights: tuple[NonNegative, ...] = ()
-    names: tuple[str, ...] = ()
+    values: Annotated[tuple[Any, ...], Meta(min_length=1, max_length=MOST_VALUES)]
+    weights: Weights = ()
+    names: Annotated[tuple[str, ...], Meta(max_length=MOST_VALUES)] = ()
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         for what, given in (("weights", self.weights), ("names", self.names)):
             if given and len(given) != len(self.values):
                 raise ValueError(f"{len(self.values)} values need as many {what}, got {len(given)}")
+        for i, value in enumerate(self.values):
+            try:
+                msgspec.json.encode(value)
+            except TypeError:
+                raise ValueError(f"values.{i}: {shown(value)} is nothing that a file can hold") from None
         if len(set(self.names)) != len(self.names):
             raise ValueError("names must differ")
         if self.weights and sum(self.weights) <= 0:

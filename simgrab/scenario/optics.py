@@ -40,7 +40,7 @@ class Sensor(Strict, frozen=True):
     read_noise_e: Annotated[float, Meta(ge=0, le=1000)] = 0.0
     fixed_pattern_percent: Annotated[float, Meta(ge=0, le=20)] = 0.0
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.read_noise_e > 0 and self.full_well_e == 0:
             raise ValueError("read_noise_e counts electrons: say with full_well_e how many make white")
         if 0 < self.full_well_e < 100:
@@ -64,7 +64,7 @@ class Optics(Strict, frozen=True):
     night_mode: Literal["off", "on", "auto"] = "off"
     recompress_quality: Annotated[int, Meta(ge=0, le=100)] = 0
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.night_mode != "auto":
             return
         if isinstance(self.exposure, FixedExposure):

@@ -50,7 +50,7 @@ class Clip(Strict, frozen=True):
     """
 
     frame_rate_hz: Annotated[float, Meta(ge=0.01, le=120)] = 9.0
-    clip_frames: Annotated[int, Meta(ge=0)] = 0
+    clip_frames: Annotated[int, Meta(ge=0, le=10_000_000)] = 0
     bit_rate_mbit_s: Annotated[float, Meta(gt=0, le=200)] = 4.0
     gop_frames: Annotated[int, Meta(ge=1, le=1000)] = 50
     drop_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
@@ -84,10 +84,10 @@ class Display(Strict, frozen=True):
     start: str = "2022-01-26T14:05:37"
     lag_s: Annotated[float, Meta(ge=0, le=10)] = 0.5
     refresh_hz: Annotated[float, Meta(gt=0, le=100)] = 5.0
-    readout_s: Annotated[float, Meta(ge=0, le=1)] = 0.03
+    readout_s: Annotated[float, Meta(ge=0, le=100)] = 0.03
     constant_m: Annotated[float, Meta(ge=-10, le=10)] = 2.5
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if isinstance(self.layout, str) and self.layout not in ("none", *layouts.names()):
             raise ValueError(
                 f"layout must be one of: none, {', '.join(layouts.names())}, or a layout's table; got {self.layout!r}"
@@ -129,6 +129,6 @@ class Splits(Strict, frozen=True):
     val: Share = 0.1
     test: Share = 0.1
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if not math.isclose(self.train + self.val + self.test, 1.0, abs_tol=1e-9):
             raise ValueError(f"train + val + test must be 1, got {self.train + self.val + self.test:g}")

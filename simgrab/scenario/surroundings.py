@@ -71,7 +71,7 @@ class Light(Strict, frozen=True):
     sky: Annotated[float, Meta(ge=0, le=2)] = 0.85
     floodlights: Annotated[float, Meta(ge=0, le=2)] = 0.0
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.sun == 0 and self.sky == 0 and self.floodlights == 0:
             raise ValueError("sun, sky and floodlights must not all be 0: nothing would be seen")
         if self.floodlights > 0 and self.sun > 0:

@@ -19,7 +19,7 @@ class Alpha(Strict, frozen=True):
     sigma_deg: Annotated[float, Meta(ge=0, le=30)] = 2.0
     law: Distribution = HalfNormal()
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.law.rms() <= 0:
             raise ValueError("the law must not be all zeros; for a still grab set sigma_deg = 0")
 
@@ -60,7 +60,7 @@ class Turn(Tagged, frozen=True, tag="turn"):
     load: Share = 0.0
     slew_rpm: Annotated[float, Meta(ge=-3, le=3)] = 1.2
     ramp_s: Annotated[float, Meta(ge=0.5, le=60)] = 6.0
-    wait_s: Annotated[float, Meta(ge=0)] = 5.0
+    wait_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
 
 
 class Cycles(Tagged, frozen=True, tag="cycles"):
@@ -85,10 +85,10 @@ class Cycles(Tagged, frozen=True, tag="cycles"):
     dig_s: Annotated[float, Meta(gt=0, le=120)] = 13.5
     dump_s: Annotated[float, Meta(gt=0, le=120)] = 5.0
     pause_s: Annotated[float, Meta(ge=0, le=300)] = 2.0
-    abrupt_every: Annotated[int, Meta(ge=0)] = 0
+    abrupt_every: Annotated[int, Meta(ge=0, le=10_000)] = 0
     abrupt_s: Annotated[float, Meta(ge=0.1, le=10)] = 2.5
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.carry_rope_m > self.dig_rope_m:
             raise ValueError(f"carry_rope_m ({self.carry_rope_m:g}) must not be above dig_rope_m ({self.dig_rope_m:g})")
 

@@ -19,6 +19,10 @@ FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "sp
 _FIXED_WHY = "cannot vary: one dataset has one of it, by which its frames, files and columns fit together"
 
 
+MOST_TRIALS = 20_000
+"""Of values, each of which is tried when a scene is read."""
+
+
 class Variant(msgspec.Struct, frozen=True):
     """The scenario of the frames of one clip.
 
@@ -85,6 +89,9 @@ def check(scenario: Scenario) -> None:
     Every value of a choice is tried, and both ends of a law, each with everything else as it is.
     """
     rng = np.random.default_rng(0)
+    count = sum(len(trials(factor, rng)) for factor in scenario.vary.values())
+    if count > MOST_TRIALS:
+        raise ScenarioError("vary", f"its factors have {count} values; at most {MOST_TRIALS} are tried")
     for key, factor in scenario.vary.items():
         for value in trials(factor, rng):
             try:

@@ -51,7 +51,7 @@ class Weather(Strict, frozen=True):
     lens_dirt: Share = 0.0
     lens_snow: Share = 0.0
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.rain_mm_h and self.snow_mm_h > 2.5:
             raise ValueError(
                 f"snow_mm_h ({self.snow_mm_h:g}) must not be above 2.5 while it rains: heavy snow falls without rain"

@@ -24,6 +24,9 @@ from simgrab.scenario.surroundings import Clutter, Grab, Hold, Jib, Light, Plain
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
 
+MOST_DAYS = 366
+"""Of simulated motion in a dataset."""
+
 
 class Scenario(Strict, frozen=True):
     """One scene, whole. Two scenarios with the same `digest` give the same dataset.
@@ -32,7 +35,7 @@ class Scenario(Strict, frozen=True):
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
-    description: str = ""
+    description: Annotated[str, Meta(max_length=10_000)] = ""
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
     frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
     camera: Camera = Camera()
@@ -52,7 +55,7 @@ class Scenario(Strict, frozen=True):
     splits: Splits = Splits()
     vary: dict[str, Factor] = msgspec.field(default_factory=dict)
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if isinstance(self.swing, Iid):
             _within("swing.rope_length_m", self.swing.rope_length_m, *ROPE_LENGTH_RANGE_M)
             _within("swing.load", self.swing.load, 0.0, 1.0)
@@ -61,6 +64,8 @@ class Scenario(Strict, frozen=True):
                 raise ScenarioError(
                     "camera.mount.vibration", 'independent frames know no time; swing.model = "dynamic"'
                 )
+        else:
+            self._check_duration(self.swing)
         _check_lens(self.camera.intrinsics)
         if self.shutter.open_s * self.clip.frame_rate_hz > 1:
             raise ScenarioError(
@@ -69,6 +74,15 @@ class Scenario(Strict, frozen=True):
         self._check_display()
         if self.vary and not self.clip.clip_frames:
             raise ScenarioError("clip.clip_frames", "vary draws once for each clip: say how many frames share a draw")
+
+    def _check_duration(self, swing: Dynamic) -> None:
+        days = (self.frames / self.clip.frame_rate_hz + self.clip.count(self.frames) * swing.settle_s) / 86_400
+        if days > MOST_DAYS:
+            raise ScenarioError(
+                "frames",
+                f"{self.frames} of them, and swing.settle_s before each clip, take {days:.0f} days of physics; "
+                f"at most {MOST_DAYS} are simulated",
+            )
 
     def _check_display(self) -> None:
         try:

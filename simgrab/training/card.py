@@ -14,6 +14,8 @@ from typing import Any
 
 from simgrab import __version__
 from simgrab.datasets import Data
+from simgrab.text import markdown as markdown_text
+from simgrab.text import printable
 from simgrab.training.folder import write
 
 LICENCE = "Apache-2.0"
@@ -116,18 +118,22 @@ def markdown(content: Mapping[str, Any]) -> str:
 
 
 def _sets(data: Sequence[Mapping[str, Any]]) -> str:
-    return "; ".join(f"{d['frames']} frames of `{d['scenario']}`, seed {d['seed']}" for d in data)
+    return "; ".join(f"{d['frames']} frames of `{_code(d['scenario'])}`, seed {d['seed']}" for d in data)
+
+
+def _code(text: object) -> str:
+    return printable(text).replace("`", "'")
 
 
 def _table(title: str, table: Mapping[str, Any]) -> list[str]:
     rows = {key: value if isinstance(value, Mapping) else {"value": value} for key, value in table.items()}
     columns = list(dict.fromkeys(column for row in rows.values() for column in row))
-    head = [title.replace("_", " "), *(column.replace("_", " ") for column in columns)]
+    head = [markdown_text(name.replace("_", " ")) for name in (title, *columns)]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for key, row in rows.items():
-        lines.append(f"| {' | '.join([key, *(_text(row.get(column)) for column in columns)])} |")
+        lines.append(f"| {' | '.join([markdown_text(key), *(_text(row.get(column)) for column in columns)])} |")
     return lines
 
 
 def _text(value: Any) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else markdown_text(value)

@@ -1,14 +1,18 @@
-"""Checkpoints: written whole or not at all, and taken up only by the training that wrote them."""
+"""Checkpoints: written whole or not at all, and taken up only by the training that wrote them.
+
+They hold tensors and plain values, and are read as such: nothing in one is executed.
+"""
 
 from __future__ import annotations
 
 import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from simgrab.errors import TrainingError
+from simgrab.errors import TrainingError, one_line
 from simgrab.training.folder import write
 
 
@@ -34,13 +38,20 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
         If it is none, or another training's; names the settings that differ.
     """
     try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        known = state["identity"]
+        with zipfile.ZipFile(path) as archive:  # torch compresses nothing; what is may be larger than memory
+            plain = all(entry.compress_type == zipfile.ZIP_STORED for entry in archive.infolist())
+        state = torch.load(path, map_location="cpu", weights_only=True) if plain else None
+        known = state["identity"] if isinstance(state, dict) else None
     except Exception as problem:
         raise TrainingError(f"{path} is no checkpoint of simgrab ({type(problem).__name__})") from None
-    differing = [key for key in sorted(known.keys() | identity.keys()) if known.get(key) != identity.get(key)]
+    if not isinstance(state, dict) or not isinstance(known, dict):
+        raise TrainingError(f"{path} is no checkpoint of simgrab")
+    differing = [key for key in sorted(known.keys() | identity.keys(), key=str) if known.get(key) != identity.get(key)]
     if differing:
-        changes = ", ".join(f"{key} {known.get(key)!r} became {identity.get(key)!r}" for key in differing[:3])
+        changes = ", ".join(
+            f"{one_line(key, 40)} {one_line(repr(known.get(key)), 80)} became {one_line(repr(identity.get(key)), 80)}"
+            for key in differing[:3]
+        )
         raise TrainingError(
             f"{path} is of another training ({changes}): --resume needs the same, or choose another --out"
         )

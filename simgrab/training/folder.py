@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from simgrab.destination import check_folder
 from simgrab.errors import TrainingError
 from simgrab.files import drafted, held
 
@@ -29,15 +30,9 @@ def claim(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> Iterato
     ------
     TrainingError
     """
+    check(out, resume=resume, traces=traces)
     with ExitStack() as stack:
         try:
-            if out.exists() and not out.is_dir():
-                raise TrainingError(f"{out} is not a folder; choose another --out")
-            if out.is_dir() and any(path.name != LOCK for path in out.iterdir()):
-                if not any(any(out.glob(trace)) for trace in (LOCK, *traces)):
-                    raise TrainingError(f"{out} is not empty, and is no training's folder; choose another --out")
-                if not resume:
-                    raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(held(out / LOCK))
         except BlockingIOError:
@@ -45,6 +40,20 @@ def claim(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> Iterato
         except OSError as problem:
             raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
         yield
+
+
+def check(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> None:
+    """Refuse, before anything is computed, a folder that `claim` would refuse, with the same parameters and errors."""
+    check_folder(out, TrainingError)
+    try:
+        full = out.is_dir() and any(path.name != LOCK for path in out.iterdir())
+        known = full and any(any(out.glob(trace)) for trace in (LOCK, *traces))
+    except OSError as problem:
+        raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+    if full and not known:
+        raise TrainingError(f"{out} is not empty, and is no training's folder; choose another --out")
+    if full and not resume:
+        raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
 
 
 def write(path: Path, data: bytes) -> None:

@@ -233,9 +233,26 @@ class _Run:
             self.average.load_state_dict(state["average"])
         except RuntimeError:
             raise TrainingError(f"{self.path} holds another net, of another version: choose another --out") from None
-        self.optimiser.load_state_dict(state["optimiser"])
-        self.history, self.seconds = state["history"], state["seconds"]
-        self.best, self.best_epoch = state["best"], state["best_epoch"]
+        except (KeyError, TypeError, AttributeError) as problem:
+            raise self._damaged(problem) from None
+        try:
+            own = self.optimiser.state_dict()["param_groups"]  # of the recipe
+            self.optimiser.load_state_dict(state["optimiser"] | {"param_groups": own})
+            for weight, values in self.optimiser.state.items():
+                if any(value.ndim and value.shape != weight.shape for value in values.values()):
+                    raise ValueError("optimiser")
+            copy.deepcopy(self.average).load_state_dict(state["best"])
+            history = [{str(name): float(value) for name, value in epoch.items()} for epoch in state["history"]]
+            scores, best_epoch, seconds = [epoch[SCORE] for epoch in history], state["best_epoch"], state["seconds"]
+            if not 1 <= best_epoch <= len(scores) or not isinstance(best_epoch, int):
+                raise ValueError("best_epoch")
+            self.seconds = float(seconds)
+        except Exception as problem:  # torch's optimisers raise whatever they run into
+            raise self._damaged(problem) from None
+        self.history, self.best, self.best_epoch = history, state["best"], best_epoch
+
+    def _damaged(self, problem: Exception) -> TrainingError:
+        return TrainingError(f"{self.path} is damaged ({type(problem).__name__}); choose another --out")
 
     def result(self) -> Trained:
         self.average.load_state_dict(self.best)

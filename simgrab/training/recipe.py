@@ -6,10 +6,16 @@ import math
 from dataclasses import dataclass
 
 from simgrab.errors import TrainingError
+from simgrab.parse import shown
 
 # Adam's decay is part of the gradient, AdamW's is not; SGD has Nesterov's momentum.
 OPTIMISERS = ("adamw", "adam", "sgd")
 MOMENTUM = 0.937  # YOLOv5's
+
+
+RANGES = {
+    "epochs": (1, 1_000_000), "batch": (1, 65_536), "threads": (1, 256), "patience": (0, 1_000_000), "seed": (0, 2**53),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,14 +71,16 @@ class Recipe:
     half: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch", "threads"):
-            if getattr(self, name) < 1:
-                raise TrainingError(f"{name}: must be 1 or more, got {getattr(self, name)}")
+        for name, (least, most) in RANGES.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int):
+                raise TrainingError(f"{name}: must be a whole number, got {shown(value)}")
+            if value < least:
+                raise TrainingError(f"{name}: must be {least} or more, got {value}")
+            if value > most:
+                raise TrainingError(f"{name}: must be {most} or less, got {value}")
         if self.optimiser not in OPTIMISERS:
             raise TrainingError(f"optimiser: {self.optimiser!r} is none of {', '.join(OPTIMISERS)}")
-        for name in ("seed", "patience"):
-            if getattr(self, name) < 0:
-                raise TrainingError(f"{name}: must be 0 or more, got {getattr(self, name)}")
 
     def rate_at(self, done: float) -> float:
         """Learning rate when a share ``done`` of the steps is done: up on half a cosine, down on another."""

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import itertools
-import multiprocessing
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.sharedctypes import Synchronized
-from multiprocessing.synchronize import Event
+from collections.abc import Callable, Generator, Iterable
 from typing import TypeVar
 
 from simgrab.errors import DatasetError
-from simgrab.processes import die_with
+from simgrab.processes import Pool, tick
 from simgrab.scenario import Scenario
 from simgrab.world.frames import Studio, refuse_unseen, vet
 from simgrab.world.plan import Plan
-
-LOOK_S = 0.25  # how often the ticks of other processes are counted
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
@@ -44,7 +38,8 @@ def vetted(scenario: Scenario, workers: int, checking: Progress | None = None) -
         return plan
     clips = range(scenario.clip.count(scenario.frames))
     told = report(checking, 0, len(clips))
-    refuse_unseen(scenario, sum(share(scenario, None, clips, _vet, workers=workers, progress=told)))
+    with contextlib.closing(share(scenario, None, clips, _vet, workers=workers, unit="world", progress=told)) as counts:
+        refuse_unseen(scenario, sum(counts))
     return None
 
 
@@ -72,9 +67,10 @@ def share(
     work: Work[T],
     *,
     workers: int,
+    unit: str,
     progress: Callable[[int], None],
-) -> Iterator[T]:
-    """Do a piece of work for each item, in no set order, and yield what each gives.
+) -> Generator[T, None, None]:
+    """Do a piece of work for each item, in no set order, and yield what each gives. Close it to end the processes.
 
     Parameters
     ----------
@@ -85,13 +81,24 @@ def share(
         Frames or clips.
     work : callable
         Takes a studio, an item, and what it must call after every frame; picklable when there are several workers.
+        It is done again where its process died, and then calls for every frame of the item again.
     workers : int
         Processes. The software renderer uses every core already, so more than one gains little there.
+    unit : str
+        What an item is: a frame, a clip or a world.
     progress : callable
-        Called now and then with the frames done so far, and with all of them before the last item is yielded.
+        Called with the frames done so far, and with all of them before the last item is yielded.
+
+    Raises
+    ------
+    WorkerError
+        If processes die of an item again and again. What work raises is raised as it is.
     """
     if workers > 1:
-        yield from _among_processes(scenario, items, work, workers, progress)
+        with Pool(workers, setup=functools.partial(_open, scenario)) as pool:
+            done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
+            with contextlib.closing(done):
+                yield from done
         return
     counted = itertools.count(1)
     with Studio(scenario, plan) as studio:
@@ -99,52 +106,14 @@ def share(
             yield work(studio, item, lambda: progress(next(counted)))
 
 
-def _among_processes(
-    scenario: Scenario, items: Iterable[int], work: Work[T], workers: int, progress: Callable[[int], None]
-) -> Iterator[T]:
-    spawn = multiprocessing.get_context("spawn")  # OpenGL contexts do not survive a fork
-    ticks, stop = spawn.Value("q", 0), spawn.Event()
-    with ProcessPoolExecutor(workers, mp_context=spawn, initializer=_hear, initargs=(os.getpid(), ticks, stop)) as pool:
-        jobs = (pool.submit(_serve, scenario, work, item) for item in items)
-        try:
-            running = set(itertools.islice(jobs, 3 * workers))
-            while running:
-                done, running = wait(running, timeout=LOOK_S, return_when=FIRST_COMPLETED)
-                running |= set(itertools.islice(jobs, len(done)))
-                progress(ticks.value)
-                for future in done:
-                    yield future.result()
-        except BrokenProcessPool:
-            raise DatasetError(
-                "a worker process died (out of memory?); go on with --resume and fewer --workers"
-            ) from None
-        finally:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
+_studio: Studio
 
 
-_studio: Studio | None = None
-_ticks: Synchronized[int]
-_stop: Event
-
-
-def _hear(parent: int, ticks: Synchronized[int], stop: Event) -> None:
-    """Take what a worker shares with the process that feeds it; errors in here would reach nobody."""
-    global _ticks, _stop
-    die_with(parent)
-    _ticks, _stop = ticks, stop
-
-
-def _serve(scenario: Scenario, work: Work[T], item: int) -> T:
-    """Work in a process that serves one scenario all its life."""
+def _open(scenario: Scenario) -> None:
+    """Open the studio of a process that serves one scenario all its life."""
     global _studio
-    if _studio is None:
-        _studio = Studio(scenario)
-    return work(_studio, item, _tick)
+    _studio = Studio(scenario)
 
 
-def _tick() -> None:
-    with _ticks.get_lock():
-        _ticks.value += 1
-    if _stop.is_set():  # an item may be hours long
-        raise DatasetError("stopped")
+def _serve(work: Work[T], item: int) -> T:
+    return work(_studio, item, tick)

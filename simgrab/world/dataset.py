@@ -5,21 +5,21 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import nullcontext
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from simgrab import parquet, pictures
 from simgrab.errors import DatasetError
-from simgrab.records import Truth
+from simgrab.parse import read_json
+from simgrab.records import SPLITS, Truth
 from simgrab.scenario import Scenario
 from simgrab.world import crew, export, frames, manifest, preview
-from simgrab.world.crew import Progress, Tick, Work
+from simgrab.world.crew import Progress, Tick
 from simgrab.world.folder import MANIFEST, Folder, writing
 from simgrab.world.frames import Studio
 from simgrab.world.gl import Fingerprint
@@ -106,25 +106,26 @@ def render(
         If the folder cannot be used.
     RendererError
         If there is no offscreen OpenGL.
+    WorkerError
+        If worker processes die of a frame or clip again and again.
     """
     crew.check(workers)
-    folder = Folder(Path(out))
-    plan = None if folder.begun else crew.vetted(scenario, workers, checking)
+    folder, identity = Folder(Path(out)), manifest.identity(scenario)
+    folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
     reels = Reels(scenario, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
+    plan = None if folder.begun else crew.vetted(scenario, workers, checking)
     made = 0
-    if folder.open(manifest.identity(scenario), resume=resume):
+    if folder.open(identity, resume=resume):
         with folder.lock(), reels.claim() if reels and clips else nullcontext():
             done = folder.done()
             missing = [frame for frame in range(scenario.frames) if frame not in done]
             if reels and clips:
                 drawn = _film(reels, clips, folder, plan, missing, workers, progress)
             else:
-                report = crew.report(progress, len(done), scenario.frames)
-                work: Work[Fingerprint] = functools.partial(_store_clip if scenario.vary else _store, folder)
-                items = sorted(set(map(scenario.clip.of, missing))) if scenario.vary else missing
-                drawn = crew.share(scenario, plan, items, work, workers=workers, progress=report)
-            drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
+                drawn = _draw(folder, scenario, plan, missing, workers, progress)
+            with closing(drawn):
+                drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
             with writing(folder.path):
                 _finish(folder, scenario, drawn_by)
         made = len(missing)
@@ -133,6 +134,24 @@ def render(
     # Makes the video where only that remains; else finds it finished.
     filmed = render_video(scenario, reels.path, workers=workers, resume=True, progress=progress)
     return replace(_summary(folder.path, scenario, made), video=replace(filmed, made=len(clips)))
+
+
+def _draw(
+    folder: Folder, scenario: Scenario, plan: Plan | None, missing: Sequence[int], workers: int,
+    progress: Progress | None,
+) -> Generator[Fingerprint, None, None]:  # fmt: skip
+    """Draw and store missing frames, clip by clip where each clip is a world of its own."""
+    share = functools.partial(crew.share, scenario, plan, workers=workers)
+    if not scenario.vary:
+        report = crew.report(progress, scenario.frames - len(missing), scenario.frames)
+        return share(missing, functools.partial(_store, folder), unit="frame", progress=report)
+    clips = sorted(set(map(scenario.clip.of, missing)))
+    report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
+    return share(clips, functools.partial(_store_clip, folder), unit="clip", progress=report)
+
+
+def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
+    return sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
 
 
 def _store(folder: Folder, studio: Studio, frame: int, tick: Tick) -> Fingerprint:
@@ -145,9 +164,11 @@ def _store(folder: Folder, studio: Studio, frame: int, tick: Tick) -> Fingerprin
 def _store_clip(folder: Folder, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
     """Make the missing frames of a clip, whose world is built once."""
     for frame in studio.scenario.clip.span(clip, studio.scenario.frames):
-        if not folder.has(frame):
-            drawn_by = _store(folder, studio, frame, tick)
-    return drawn_by
+        if folder.has(frame):
+            tick()
+        else:
+            _store(folder, studio, frame, tick)
+    return folder.record(frame).drawn_by
 
 
 def _film(
@@ -158,15 +179,13 @@ def _film(
     missing: Sequence[int],
     workers: int,
     progress: Progress | None,
-) -> Iterator[Fingerprint]:
+) -> Generator[Fingerprint, None, None]:
     """Film unfinished clips and store missing frames, each drawn once."""
     scenario, clip = reels.scenario, reels.scenario.clip
-    filmed = set(unfinished)
-    clips = sorted(filmed.union(map(clip.of, missing)))
-    left = sum(len(clip.span(c, scenario.frames)) for c in unfinished)
-    left += sum(clip.of(frame) not in filmed for frame in missing)
-    report = crew.report(progress, scenario.frames - left, scenario.frames)
-    return crew.share(scenario, plan, clips, Filming(reels, folder), workers=workers, progress=report)
+    clips = sorted({*unfinished, *map(clip.of, missing)})
+    report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
+    work = Filming(reels, folder)
+    return crew.share(scenario, plan, clips, work, workers=workers, unit="clip", progress=report)
 
 
 def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
@@ -188,15 +207,16 @@ def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
     rows = [record.truth for record in records]
     for row in rows:
         folder.write(f"labels/{row.split}/{row.frame:06d}.txt", export.yolo(row, scenario))
-    for split in export.SPLITS:  # a split may be empty; a trainer still looks for its folder
+    for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
         (folder.path / "images" / split).mkdir(parents=True, exist_ok=True)
     core = manifest.identity(scenario)
     tables = {
         "labels.parquet": export.parquet(rows, core),
-        "data.yaml": export.yolo_yaml(),
+        "data.yaml": export.yolo_yaml(rows),
         "camera.toml": export.calibration_of(scenario).to_toml().encode(),
         "preview.jpg": _preview(folder.path, rows),
-        **{f"annotations/instances_{s}.json": export.coco(records, s, scenario) for s in export.SPLITS},
+        **{f"annotations/instances_{s}.json": export.coco(records, s, scenario) for s in SPLITS},
+        **{export.metadata_name(s): export.metadata(rows, s) for s in export.filled(rows)},
     }
     for name, data in tables.items():
         folder.write(name, data)
@@ -207,31 +227,27 @@ def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
 
 
 def _preview(path: Path, rows: Sequence[Truth]) -> bytes:
-    tiles = [preview.annotate(_read(path / row.file), row) for row in rows[: preview.MOST_TILES]]
+    tiles = [
+        preview.annotate(pictures.read(path / row.file, cv2.IMREAD_COLOR), row) for row in rows[: preview.MOST_TILES]
+    ]
     return frames.encode(preview.sheet(tiles), "jpeg", 90)
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise DatasetError(f"{path} is missing or not a picture")
-    return np.asarray(picture, np.uint8)
-
-
 def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
-    table = pq.read_table(
+    table = parquet.read_table(
         path / "labels.parquet",
+        DatasetError,
         columns=["split", "alpha_deg", "rope_length_m", "box_x0_px", "visible_fraction", "in_frame_fraction"],
     )
     alpha, rope = (table[name].to_numpy() for name in ("alpha_deg", "rope_length_m"))
     split = table["split"].to_pylist()
     seen = table["visible_fraction"].to_numpy() >= max(scenario.labels.least_visible_fraction, 1e-12)
-    written = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+    written = read_json(path / MANIFEST, DatasetError)
     return Summary(
         path=path,
         frames=table.num_rows,
         labelled=int(seen.sum()),
-        splits={name: split.count(name) for name in export.SPLITS},
+        splits={name: split.count(name) for name in SPLITS},
         made=made,
         alpha_rms_deg=float(np.sqrt(np.mean(alpha**2))),
         alpha_max_deg=float(alpha.max()),

@@ -9,8 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 
 from simgrab import __version__
 from simgrab.errors import RendererError
-from simgrab.world import gl, second_opinion
+from simgrab.world import gl
 from simgrab.world.manifest import PACKAGES
+from simgrab.world.second_renderer import open_second_renderer
 
 
 @dataclass(frozen=True)
@@ -23,15 +24,18 @@ class Diagnosis:
         ``egl``, ``osmesa``, ``disabled``, or what ``MUJOCO_GL`` was set to.
     renderer : Fingerprint or None
         None where no context could be opened; then ``problem`` says why and what to install.
-    second_renderer : bool
-        Whether the audit's second renderer is installed.
+    second_renderer : str
+        The second renderer that audits use here, with its version; empty where there is none.
+    second_problem : str
+        Why there is none and what to install.
     versions : dict of str to str
     """
 
     backend: str
     renderer: gl.Fingerprint | None
     problem: str
-    second_renderer: bool
+    second_renderer: str
+    second_problem: str
     versions: dict[str, str]
 
     @property
@@ -41,19 +45,25 @@ class Diagnosis:
 
 
 def examine() -> Diagnosis:
-    """Open a small offscreen context and report."""
+    """Open a small offscreen context, then the second renderer, and report."""
     renderer, problem = None, ""
     try:
         renderer = _open_context()
     except RendererError as error:
         problem = str(error)
+    second_renderer, second_problem = "", ""
+    try:
+        with open_second_renderer() as choice:
+            second_renderer = choice.note
+    except RendererError as error:
+        second_problem = str(error)
     versions = {"simgrab": __version__, "python": platform.python_version()}
-    for package in (*PACKAGES, "pyopengl", "pyrender"):
+    for package in (*PACKAGES, "pyopengl", "pyrender", "embreex"):
         try:
             versions[package] = version(package)
         except PackageNotFoundError:
             versions[package] = "not installed"
-    return Diagnosis(os.environ["MUJOCO_GL"], renderer, problem, second_opinion.available(), versions)
+    return Diagnosis(os.environ["MUJOCO_GL"], renderer, problem, second_renderer, second_problem, versions)
 
 
 def _open_context() -> gl.Fingerprint:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 from collections.abc import Sequence
+from functools import cache
+from pathlib import PurePosixPath
 from typing import Any
 
 import msgspec
@@ -14,11 +17,11 @@ from pycocotools import mask as coco_mask
 
 from simgrab import labels
 from simgrab.calibration import Calibration
-from simgrab.records import KEYPOINT_NAMES, Truth, columns
+from simgrab.records import KEYPOINT_NAMES, SPLITS, Truth, columns
 from simgrab.scenario import Scenario
 from simgrab.world.frames import Record
 
-SPLITS = ("train", "val", "test")
+_YOLO_NEEDS = ("train", "val")
 _ARROW = {
     "bool": pa.bool_(),
     "int": pa.int64(),
@@ -75,10 +78,56 @@ def yolo(row: Truth, scenario: Scenario) -> bytes:
     return f"0 {(x0 + x1) / 2 / w:.8f} {(y0 + y1) / 2 / h:.8f} {(x1 - x0) / w:.8f} {(y1 - y0) / h:.8f}\n".encode()
 
 
-def yolo_yaml() -> bytes:
-    """``data.yaml``; without ``path``, trainers look beside the file itself."""
-    lines = [*(f"{split}: images/{split}" for split in SPLITS), "nc: 1", "names: [grab]", ""]
-    return "\n".join(lines).encode()
+def filled(rows: Sequence[Truth]) -> list[str]:
+    """Give the splits that have frames."""
+    return [split for split in SPLITS if any(row.split == split for row in rows)]
+
+
+def yolo_yaml(rows: Sequence[Truth]) -> bytes:
+    """``data.yaml``; without ``path``, trainers look beside the file itself.
+
+    Trainers need the keys ``train`` and ``val``, and pictures under every key. Without frames, ``test`` is left out,
+    and the other two name the folder of another split.
+    """
+    full = filled(rows)
+    lines = []
+    for split in SPLITS:
+        if split in full:
+            lines.append(f"{split}: images/{split}")
+        elif split in _YOLO_NEEDS:
+            lines += [f"# {split} has no frames, and trainers need some: these are those of {full[0]}."]
+            lines += [f"{split}: images/{full[0]}"]
+    return "\n".join([*lines, "nc: 1", "names: [grab]", ""]).encode()
+
+
+def metadata(rows: Sequence[Truth], split: str) -> bytes:
+    """``metadata.csv`` of one split, as Hugging Face's ``imagefolder`` reads it: ``file_name`` and numbers.
+
+    Its columns are those of ``labels.parquet`` that hold a number, or whether something is so. Where a number may be
+    missing, whole ones are written as ``3.0``, so that a reader that infers types infers the same in every split.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    names = _numbers()
+    table.writerow(["file_name", *names])
+    for row in rows:
+        if row.split == split:
+            values = ((getattr(row, name), optional) for name, optional in names.items())
+            numbers = (float(v) if optional and v is not None else v for v, optional in values)
+            table.writerow([PurePosixPath(row.file).name, *numbers])
+    return text.getvalue().encode()
+
+
+def metadata_name(split: str) -> str:
+    """Where a split's ``metadata.csv`` lies in the dataset."""
+    return f"images/{split}/metadata.csv"
+
+
+@cache
+def _numbers() -> dict[str, bool]:
+    """Columns of one number or truth value each, with whether it may be missing."""
+    numbers = (pa.bool_(), pa.int64(), pa.float64())
+    return {f.name: "None" in str(Truth.__annotations__[f.name]) for f in labels_schema() if f.type in numbers}
 
 
 def annotation(record: Record) -> dict[str, Any]:

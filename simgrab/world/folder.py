@@ -17,8 +17,10 @@ from typing import Any
 
 import msgspec
 
-from simgrab.errors import DatasetError
+from simgrab.destination import check_folder
+from simgrab.errors import DatasetError, first_line
 from simgrab.files import held
+from simgrab.parse import read_json
 from simgrab.world.frames import Frame, Record
 
 MANIFEST = "manifest.json"
@@ -68,8 +70,19 @@ class Folder:
         DatasetError
             If the folder holds anything else. Nothing in it is touched then.
         """
+        if not self.check(identity, resume=resume):
+            return False
+        with writing(self.path):
+            (self.partial / "rows").mkdir(parents=True, exist_ok=True)
+            self.write(".partial/identity.json", json.dumps(identity, indent=1).encode())
+        return True
+
+    def check(self, identity: dict[str, Any], *, resume: bool) -> bool:
+        """Find out, writing nothing, what `open` would do; takes, returns and raises the same."""
+        check_folder(self.path, DatasetError)
         known = self._identity()
         if known is not None:
+            finished = (self.path / MANIFEST).exists()  # it comes last
             if not resume:
                 state = "an unfinished" if self.partial.exists() else "a finished"
                 advice = "go on with --resume, or choose" if self.partial.exists() else "choose"
@@ -80,19 +93,15 @@ class Folder:
                     f"{self.path} holds another dataset (its {differences(known, identity)} differs); "
                     "--resume needs the same scenario and packages, or choose another --out"
                 )
-            if not self.partial.exists():
+            if finished:
+                self._drop_left()
                 return False
         else:
             self._refuse_foreign()
-        with writing(self.path):
-            (self.partial / "rows").mkdir(parents=True, exist_ok=True)
-            self.write(".partial/identity.json", json.dumps(identity, indent=1).encode())
         return True
 
     def _refuse_foreign(self) -> None:
         with writing(self.path):
-            if self.path.exists() and not self.path.is_dir():
-                raise DatasetError(f"{self.path} is not a folder; choose another --out")
             ours = {"rows", "lock", "identity.json"}
             inside = [p.name for p in self.partial.iterdir()] if self.partial.is_dir() else []
             foreign = any(name not in ours and not name.startswith("draft-") for name in inside)
@@ -102,8 +111,8 @@ class Folder:
     def _identity(self) -> dict[str, Any] | None:
         for path in (self.partial / "identity.json", self.path / MANIFEST):
             try:
-                data = json.loads(path.read_text(encoding="utf-8"))
-            except (OSError, ValueError):
+                data = read_json(path, DatasetError)
+            except DatasetError:
                 continue
             if isinstance(data, dict) and "scenario" in data:
                 return data
@@ -125,7 +134,12 @@ class Folder:
 
     def record(self, frame: int) -> Record:
         """Record of a finished frame."""
-        return msgspec.json.decode(self._row(frame).read_bytes(), type=Record)
+        row = self._row(frame)
+        try:
+            return msgspec.json.decode(row.read_bytes(), type=Record)
+        except (OSError, ValueError, RecursionError) as problem:
+            why = f"{type(problem).__name__}: {first_line(problem)}"
+            raise DatasetError(f"{row} is damaged ({why}); delete it, and --resume makes the frame anew") from None
 
     def store(self, frame: Frame) -> None:
         """Keep a finished frame: pictures first, then its record, which makes it count."""
@@ -142,6 +156,12 @@ class Folder:
         draft = self.partial / f"draft-{os.getpid()}"
         draft.write_bytes(data)
         draft.replace(target)
+
+    def _drop_left(self) -> None:
+        """Drop what the process that finished the dataset had no time to."""
+        if self.partial.exists():
+            with self.lock():
+                self.close()
 
     def close(self) -> None:
         """Drop the working folder: the dataset is finished."""

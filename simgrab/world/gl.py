@@ -7,10 +7,12 @@ import hashlib
 import importlib
 import importlib.util
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,24 +22,40 @@ if TYPE_CHECKING:
     import mujoco
 
 INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
+LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
+PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
 
 
 def choose() -> str:
     """Set ``MUJOCO_GL`` unless the user has: EGL where a device answers, else OSMesa, else ``disabled``.
 
-    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is.
+    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. With a PyOpenGL that is too old
+    for EGL, `import mujoco` itself would fail: then the backend is ``disabled`` too, and `offscreen` reports why.
 
     Returns
     -------
     str
         The backend, also when the user chose it.
     """
+    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # Mesa's warnings; what it cannot do comes as an error
     if not os.environ.get("MUJOCO_GL"):
         has_gl = _loads("libOpenGL.so.0") or _loads("libGL.so.1")  # PyOpenGL wants one beside EGL
         os.environ["MUJOCO_GL"] = (
             "egl" if has_gl and _has_egl_device() else "osmesa" if _loads("libOSMesa.so.8") else "disabled"
         )
+    if os.environ["MUJOCO_GL"].strip().lower() == "egl" and _old_pyopengl():
+        os.environ["MUJOCO_GL"] = "disabled"
     return os.environ["MUJOCO_GL"]
+
+
+def _old_pyopengl() -> str:
+    """Return the version of PyOpenGL where it is too old for MuJoCo's EGL, else nothing."""
+    try:
+        installed = version("PyOpenGL")
+    except PackageNotFoundError:
+        return ""
+    numbers, least = ([int(n) for n in re.findall(r"\d+", v)] for v in (installed, LEAST_PYOPENGL))
+    return installed if numbers < least else ""
 
 
 def _loads(library: str) -> bool:
@@ -123,6 +141,11 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     """
     import mujoco
 
+    old = _old_pyopengl()
+    if old and os.environ["MUJOCO_GL"] == "disabled":
+        raise RendererError(
+            f"no offscreen OpenGL: PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo; {PYOPENGL_HINT}"
+        )
     _load_triton()
     try:
         # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.

@@ -10,7 +10,6 @@ from simgrab.scenario import Iid, Scenario
 from simgrab.world import swing
 from simgrab.world.meshes.grab import closing_rope_m
 from simgrab.world.moment import Moment
-from simgrab.world.motion.timeline import Timeline
 from simgrab.world.osd.shown import shown
 
 REMEMBERED = 64  # frames that may be asked for again without beginning their clip anew
@@ -44,6 +43,9 @@ class Story:
         """
         if isinstance(self._scenario.swing, Iid):
             return self._with_display(swing.draw(self._scenario, frame))
+        # Physics alone needs it: SciPy's filters take a quarter of the time in which `render` is imported.
+        from simgrab.world.motion.timeline import Timeline
+
         recent = next((m for m in self._recent if m.frame == frame), None)
         if recent:
             return recent

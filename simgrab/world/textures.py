@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab import pictures
 from simgrab.resources import ASSETS
 
 
@@ -17,7 +17,7 @@ def load(name: str) -> NDArray[np.uint8]:
     for suffix in (".jpg", ".png"):
         path = ASSETS / "textures" / f"{name}{suffix}"
         if path.is_file():
-            image = cv2.cvtColor(cv2.imread(str(path), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+            image = pictures.read(path)
             image.flags.writeable = False
-            return np.asarray(image, np.uint8)
+            return image
     raise FileNotFoundError(f"no texture {name!r} in {ASSETS / 'textures'}")

@@ -1,16 +1,27 @@
 import errno
+import functools
 import json
+import os
+import resource
 import subprocess
 import sys
+from importlib.metadata import version
+from pathlib import Path
 
+import av
 import click
+import cv2
+import numpy as np
+import pyarrow as pa
 import pytest
 from click.testing import CliRunner
 from conftest import SMALL, as_options
+from seconds import SECOND_RENDERERS
 
-from simgrab import scenes
+from simgrab import __version__, scenes
 from simgrab.cli import cli, main
 from simgrab.errors import SimgrabError
+from simgrab.world.second_renderer import choice, install_hint
 
 
 def run(*arguments):
@@ -40,6 +51,12 @@ BAD = {
     "unwritable video": (["--video", "/proc/a.mp4", "--frames", "1"], "/proc/a.mp4"),
     "unknown kind of video": (["--video", "a.avi"], ".mp4, .mkv"),
     "frame rate of 0": (["--video", "a.mp4", "--set", "clip.frame_rate_hz=0"], "clip.frame_rate_hz"),
+    "size without height": (["--size", "640"], "640x360"),
+    "unfinished size": (["--size", "640x"], "640x360"),
+    "size of 0": (["--size", "0x0"], ">= 64"),
+    "huge size": (["--size", "99999x99999"], "<= 4096"),
+    "no room for the display": (["calm-day", "--size", "320x180"], "digits of 4 x 7 px"),
+    "odd video of a size": (["--video", "a.mp4", "--size", "641x361"], "even"),
     "odd video": (["--video", "a.mp4", "--set", "camera.width_px=1919"], "even"),
 }
 
@@ -61,6 +78,16 @@ def test_the_process_itself_ends_with_status_2():
     )
     assert done.returncode == 2
     assert done.stderr == "simgrab: camera.beta_deg: expected float <= 30.0, got 95.0\n"
+
+
+def test_an_error_is_one_line_whatever_a_file_is_called(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["simgrab", "detect", "no\nsuch\x1b[31m\udcff.jpg"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert r"no\nsuch\x1b[31m\xff.jpg" in said
+    assert said.count("\n") == 1
 
 
 def test_main_turns_errors_into_status_2(monkeypatch, capsys):
@@ -93,16 +120,111 @@ def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkey
     assert capsys.readouterr().err == (f"simgrab: {line}\n" if line else "")
 
 
-def test_render_prints_a_summary(tmp_path):
+@pytest.mark.parametrize("stderr", ["a pipe", "a full disk"])
+def test_what_cannot_be_printed_is_one_line_and_status_2(tmp_path, stderr):
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+
+    kept = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    with (tmp_path / "schema.json").open("w") as out, Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "simgrab", "scenes", "schema"], stdout=out, text=True, check=False, env=kept,
+            stderr=subprocess.PIPE if stderr == "a pipe" else full, preexec_fn=limited,
+        )  # fmt: skip
+    assert done.returncode == 2
+    if stderr == "a pipe":
+        assert done.stderr == "simgrab: File too large\n"
+
+
+def load_in_vain():
+    try:
+        raise ImportError("libx265.so: failed to map segment from shared object")
+    except ImportError as problem:
+        raise ImportError("numpy: IMPORTANT\nread this") from problem
+
+
+WANT_OF_MEMORY = {
+    "numpy": lambda: np.empty(2**57),
+    "opencv": lambda: cv2.resize(np.zeros((9, 9), np.uint8), (2**30, 2**30)),
+    "pyarrow": lambda: pa.allocate_buffer(2**60),
+    "ffmpeg": lambda: av.error.err_check(-errno.ENOMEM),
+    "library": load_in_vain,
+    "thread": lambda: (_ for _ in ()).throw(RuntimeError("can't start new thread")),
+}
+
+
+@pytest.mark.parametrize("library", WANT_OF_MEMORY)
+def test_want_of_memory_ends_in_one_line_whatever_the_library(library, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(lambda **_: WANT_OF_MEMORY[library]())
+    assert ended.value.code == 2
+    line = capsys.readouterr().err
+    assert line.startswith("simgrab: out of memory (")
+    assert line.count("\n") == 1
+
+
+def test_a_fault_of_simgrab_is_not_taken_for_want_of_memory():
+    with pytest.raises(RuntimeError, match="a fault"):
+        main(lambda **_: (_ for _ in ()).throw(RuntimeError("a fault")))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["render", "--workers", "0"], ["render", "--workers", "-1"], ["render", "--workers", "1000000000"],
+        ["check", "smoke", "--workers", "0"], ["check", "smoke", "--seeds", "1000000000", "--update-baseline"],
+        ["stress", "sigma", "--workers", "0"], ["stress", "sigma", "--frames", "1000000000"],
+        ["stress", "sigma", "--replications", "1000000000"], ["stress", "sigma", "--seed", "-1"],
+        ["stress", "--replay", "sigma", "1" * 6000], ["paper", "--replications", "1000000000"],
+        ["run", "a.mp4", "--out", "b", "--rate", "nan"], ["run", "a.mp4", "--out", "b", "--rate", "inf"],
+        ["run", "a.mp4", "--out", "b", "--calibrate", "9" * 400], ["render", "--frames", "1" * 6000],
+    ],
+)  # fmt: skip
+def test_absurd_options_are_refused(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(*arguments)
+    assert status == 2
+    assert out == ""
+    assert "Traceback" not in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_file_takes_the_place_of_a_closed_stream(tmp_path):
+    code = f"""
+import os, subprocess, sys, click
+from pathlib import Path
+from simgrab.cli import main
+@click.command()
+def shows():
+    with open({str(tmp_path / "file")!r}, "w") as file:
+        os.write(2, b"of a library")
+        subprocess.run([sys.executable, "-c", "import os; os.write(1, b'of a process')"], check=True)
+    click.echo("of simgrab")
+main(shows)
+"""
+    closed = functools.partial(os.closerange, 0, 3)
+    done = subprocess.run([sys.executable, "-c", code], check=False, preexec_fn=closed)
+    assert done.returncode == 0
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_render_prints_a_summary(tmp_path, monkeypatch):
     status, out, _ = run("render", *as_options(SMALL), "--frames", 2, "--out", tmp_path / "out", "--json")
     assert status == 0
     summary = json.loads(out)
     assert summary["frames"] == 2
     status, out, _ = run("audit", tmp_path / "out", "--json")
     assert status == 0
-    assert json.loads(out)["status"] == "passed"
+    found = json.loads(out)
+    assert found["status"] == "passed"
+    assert found["proofs"][-1]["renderer"] in found["proofs"][-1]["note"]
     status, out, _ = run("audit", tmp_path / "out", "--quiet")
     assert (status, out) == (0, "")
+    with monkeypatch.context() as without:
+        without.setattr(choice, "RENDERERS", ())
+        status, out, _ = run("audit", tmp_path / "out")
+        assert status == 3
+        assert install_hint() in out
     (tmp_path / "out" / "data.yaml").write_text("train: elsewhere")
     status, out, _ = run("audit", tmp_path / "out")
     assert status == 1
@@ -135,12 +257,40 @@ def test_scenes_lists_shows_and_describes():
     assert "$defs" in json.loads(run("scenes", "schema")[1])
 
 
+def test_size_is_that_of_the_function():
+    status, out, _ = run("scenes", "show", "calm-day", "--size", "640x360", "--json")
+    assert status == 0
+    assert json.loads(out) == scenes.resized(scenes.load("calm-day"), 640, 360).to_dict()
+
+
+def test_version():
+    assert run("--version")[:2] == (0, f"simgrab, version {__version__}\n")
+    done = subprocess.run([sys.executable, "-m", "simgrab", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"simgrab, version {version('simgrab')}\n"
+
+
 def test_doctor_reports():
     status, out, _ = run("doctor")
     assert status == 0
     assert "GL_RENDERER" in out
     found = json.loads(run("doctor", "--json")[1])
     assert found["renderer"]["fingerprint"]
+    assert f"second renderer  {found['second_renderer']}\n" in out
+
+
+@pytest.mark.parametrize("kind", SECOND_RENDERERS)
+def test_doctor_names_the_second_renderer(kind, monkeypatch):
+    monkeypatch.setattr(choice, "RENDERERS", (kind,))
+    found = json.loads(run("doctor", "--json")[1])
+    assert f"{kind.package} {found['versions'][kind.package]}" in found["second_renderer"]
+    assert not found["second_problem"]
+
+
+def test_doctor_says_how_to_install_a_second_renderer(monkeypatch):
+    monkeypatch.setattr(choice, "RENDERERS", ())
+    status, out, _ = run("doctor")
+    assert status == 0
+    assert f"second renderer  none, audits stay incomplete: no second renderer is installed; {install_hint()}" in out
 
 
 def test_help_names_every_verb():

@@ -206,6 +206,16 @@ def test_time_that_is_needed_must_be_there_and_increase(record):
 
 
 @pytest.mark.parametrize("name", ORDERLESS)
+def test_times_of_no_record_are_refused_and_frames_of_one_instant_are_one_block(name, record):
+    pixels, rope, time = record
+    for wrong in (1e13, -1e308, 1.6e18):
+        with pytest.raises(RecordError, match="row 3: must lie within 1e\\+12 s of 0"):
+            run(name, pixels, rope, np.where(np.arange(len(time)) == 3, wrong, time))
+    blocks = run(name, pixels, rope, np.full(len(time), 7.0)).interval("blocks")
+    assert "too few blocks: 1 " in blocks.note
+
+
+@pytest.mark.parametrize("name", ORDERLESS)
 def test_a_million_frames_in_bounded_memory_and_linear_time(name):
     rng = np.random.default_rng(1)
     pixels = rng.normal([1000.0, 580.0], 60.0, (1_000_000, 2))

@@ -1,5 +1,6 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
+import os
 import socket
 import sys
 import threading
@@ -18,6 +19,7 @@ from simgrab.instrument.source import camera_beside, fitting, open_source
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import SIZE, film, picture
+from streams import over_http, over_rtsp
 
 RATE = 9.0
 
@@ -129,6 +131,117 @@ def test_a_stream_is_read_once_and_gives_what_came_before_it_broke(tmp_path):
     assert 20 <= len(seen) < 40
     with pytest.raises(SourceError, match="once"):
         list(source)
+
+
+def other_files(folder, at):
+    """Files that name others, of which FFmpeg would open the first; each with a video's name."""
+    (folder / "list.m3u8").write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:6,\n{at}\n#EXT-X-ENDLIST\n")
+    (folder / "list.mp4").write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:6,\n{at}\n#EXT-X-ENDLIST\n")
+    for name in ("script.mp4", "script.txt"):
+        (folder / name).write_text("ffconcat version 1.0\nfile secret.ts\n")
+    (folder / "session.sdp").write_text("v=0\no=- 0 0 IN IP4 127.0.0.1\ns=-\nt=0 0\nm=video 9 RTP/AVP 96\n")
+    (folder / "dash.mpd").write_text(
+        '<?xml version="1.0"?><MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static"><Period><AdaptationSet '
+        f'mimeType="video/mp2t"><Representation id="1"><BaseURL>{at}</BaseURL></Representation></AdaptationSet>'
+        "</Period></MPD>"
+    )
+    return ("list.m3u8", "list.mp4", "script.mp4", "script.txt", "session.sdp", "dash.mpd")
+
+
+def test_a_file_that_names_others_is_refused(tmp_path):
+    secret = film(tmp_path / "secret.ts", even(20))
+    for name in other_files(tmp_path, f"file://{secret}"):
+        with pytest.raises(SourceError, match=rf"{name}: not a video .*playlists are not followed"):
+            open_source(tmp_path / name)
+    with over_http(tmp_path) as url:
+        for name in other_files(tmp_path, "secret.ts"):
+            with pytest.raises(SourceError, match=rf"{name}: not a video that can be opened"):
+                open_source(f"{url}/{name}")
+        assert len(list(open_source(f"{url}/secret.ts"))) == 20
+
+
+def test_a_stream_over_http_is_read(tmp_path):
+    def draw(i, size):
+        return np.random.default_rng(i).integers(0, 255, (*size[::-1], 3), np.uint8)
+
+    noisy = {"size": (320, 240), "draw": draw}
+    film(tmp_path / "a.mp4", even(12), **noisy)  # its index is at its end
+    film(tmp_path / "first.mp4", even(12), options={"movflags": "faststart"}, **noisy)
+    film(tmp_path / "a.mkv", even(12), **noisy)
+    for ranges, names in ((True, ("a.mp4", "first.mp4", "a.mkv")), (False, ("first.mp4", "a.mkv"))):
+        with over_http(tmp_path, ranges=ranges) as url:
+            for name in names:
+                source = open_source(f"{url}/{name}")
+                frames = list(source)
+                assert source.live
+                assert times_of(frames) == pytest.approx(even(12), abs=2e-3)
+                assert all(frame.picture is not None for frame in frames)
+    with over_http(tmp_path, ranges=False) as url:
+        with pytest.raises(SourceError, match=r"a\.mp4: the video breaks off before its first picture .*byte ranges"):
+            list(open_source(f"{url}/a.mp4"))
+        with pytest.raises(SourceError, match=r"none\.mp4: not a video that can be opened .*404"):
+            open_source(f"{url}/none.mp4")
+
+
+def test_a_camera_over_rtsp_is_read(tmp_path):
+    with over_rtsp(film(tmp_path / "a.mp4", even(30))) as url:
+        frames = list(open_source(url))
+    assert times_of(frames) == pytest.approx(even(30), abs=2e-3)
+    assert np.abs(frames[7].picture.astype(int) - picture(7)).mean() < 6
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(SourceError, match=rf":{port}/1: not a video that can be opened \(Connection refused\)"):
+        open_source(f"rtsp://127.0.0.1:{port}/1")
+
+
+@pytest.mark.parametrize("url", ["file:///etc/hostname", "concat://a.mp4", "subfile://a.mp4", "data://a", "://"])
+def test_a_url_of_anything_but_a_stream_is_refused(url):
+    with pytest.raises(SourceError, match="no stream, which begins with rtsp://"):
+        open_source(url)
+
+
+def test_a_picture_alone_is_a_source(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), picture(3))
+    (frame,) = open_source(tmp_path / "a.png")
+    np.testing.assert_array_equal(frame.picture, picture(3)[..., ::-1])
+    assert (frame.name, frame.time_s) == ("a.png", 0)
+
+
+def test_pictures_that_are_cut_off_or_too_large_are_lost_with_the_reason(tmp_path):
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"{i}.jpg"), picture(i))
+    data = (tmp_path / "1.jpg").read_bytes()
+    (tmp_path / "1.jpg").write_bytes(data[: len(data) // 2])
+    at = data.index(b"\xff\xc0")
+    (tmp_path / "2.jpg").write_bytes(data[: at + 5] + b"\xc3\x50" * 2 + data[at + 9 :])
+    lost = [frame.reason for frame in open_source(tmp_path)]
+    assert lost[:2] == ["", "1.jpg cannot be read as a picture: it is cut off"]
+    assert lost[2].startswith("2.jpg cannot be read as a picture: it has 50000 x 50000 px; at most 100 megapixels")
+
+
+def test_a_video_whose_pictures_are_or_become_too_large(tmp_path, monkeypatch):
+    jpegs = [cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(8)]
+    at = jpegs[4].index(b"\xff\xc0")
+    jpegs[4] = jpegs[4][: at + 5] + b"\xc3\x50" * 2 + jpegs[4][at + 9 :]
+    (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
+    frames = list(open_source(tmp_path / "a.mjpeg"))
+    assert [i for i, frame in enumerate(frames) if frame.picture is None] == [4]
+    monkeypatch.setattr("simgrab.pictures.MOST_PIXELS", 1000)
+    with pytest.raises(SourceError, match=r"b\.mp4: it has 64 x 36 px; at most"):
+        open_source(film(tmp_path / "b.mp4", even(3)))
+
+
+def test_any_name_will_do(tmp_path):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    folder.mkdir()
+    (folder / os.fsdecode(b"\xfe.png")).write_bytes(cv2.imencode(".png", picture(0))[1].tobytes())
+    source = open_source(folder)
+    (frame,) = source
+    assert (source.name, frame.name) == (f"{tmp_path}/\\xff", r"\xfe.png")
+    assert frame.picture is not None
+    assert len(list(open_source(film(folder / "a.mp4", even(5))))) == 5
+    with pytest.raises(SourceError, match=r"\\xff/none\.mp4: there is no such"):
+        open_source(folder / "none.mp4")
 
 
 def test_a_folder_of_pictures_has_the_rate_it_is_given(tmp_path):

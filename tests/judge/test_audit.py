@@ -1,5 +1,6 @@
 """An audit fails, and names what is wrong, whatever is altered; and it sees faults planted in the code itself."""
 
+import hashlib
 import json
 import shutil
 
@@ -9,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from conftest import small_scene
+from seconds import SECOND_RENDERERS
 
 from simgrab import geometry
 from simgrab.errors import DatasetError
@@ -16,9 +18,10 @@ from simgrab.judge import identities
 from simgrab.judge.audit import audit
 from simgrab.judge.proof import Proof
 from simgrab.records import columns
-from simgrab.world import second_opinion
+from simgrab.world import manifest
 from simgrab.world.dataset import render
 from simgrab.world.frames import Studio
+from simgrab.world.second_renderer import choice, install_hint
 
 
 @pytest.fixture
@@ -26,11 +29,21 @@ def copy(dataset, tmp_path):
     return shutil.copytree(dataset, tmp_path / "copy")
 
 
+@pytest.fixture(params=SECOND_RENDERERS)
+def second_renderer(request, monkeypatch):
+    """Audits in this test have this second renderer alone."""
+    monkeypatch.setattr(choice, "RENDERERS", (request.param,))
+    return request.param
+
+
 @pytest.mark.parametrize("name", ["dataset", "crooked_dataset"])
-def test_a_fresh_dataset_passes(name, request):
+def test_a_fresh_dataset_passes(name, second_renderer, request):
     report = audit(request.getfixturevalue(name))
     assert report.status == "passed", report.findings
     assert all(proof.checked for proof in report.proofs)
+    assert second_renderer.package in report.proofs[-1].renderer
+    assert report.proofs[-1].note.endswith(report.proofs[-1].renderer)
+    assert not any(proof.renderer for proof in report.proofs[:-1])
 
 
 def alter(path, column, frame):
@@ -148,7 +161,15 @@ def test_every_altered_manifest_field_is_named(copy):
 
 
 @pytest.mark.parametrize(
-    "kind", ["labels/train/000000.txt", "annotations/instances_train.json", "data.yaml", "preview.jpg", "camera.toml"]
+    "kind",
+    [
+        "labels/train/000000.txt",
+        "annotations/instances_train.json",
+        "images/train/metadata.csv",
+        "data.yaml",
+        "preview.jpg",
+        "camera.toml",
+    ],
 )
 def test_altered_exports_are_named(copy, kind):
     target = copy / kind
@@ -159,12 +180,39 @@ def test_altered_exports_are_named(copy, kind):
     assert any(target.name in f for f in findings), findings
 
 
+@pytest.mark.usefixtures("drawn_once")
+def test_altered_metadata_is_named_by_frame_whatever_the_manifest_holds(copy):
+    """By its digest alone a file that was altered together with the manifest would pass."""
+    target = copy / "images/train/metadata.csv"
+    lines = target.read_text().splitlines(keepends=True)
+    lines[2] = lines[2].replace("True", "False", 1)
+    target.write_text("".join(lines))
+    known = json.loads((copy / "manifest.json").read_text())
+    known["files"]["images/train/metadata.csv"] = hashlib.sha256(target.read_bytes()).hexdigest()
+    known["manifest_digest"] = manifest.digest(known)
+    (copy / "manifest.json").write_text(json.dumps(known))
+    frame = int(lines[2].split(".")[0])
+    assert [f.where for f in audit(copy).findings] == [f"frame {frame}, images/train/metadata.csv"]
+
+
+@pytest.mark.usefixtures("drawn_once")
+def test_metadata_that_the_manifest_does_not_list_is_refused_and_may_be_missing(copy):
+    known = json.loads((copy / "manifest.json").read_text())
+    del known["files"]["images/train/metadata.csv"]
+    known["manifest_digest"] = manifest.digest(known)
+    (copy / "manifest.json").write_text(json.dumps(known))
+    assert [f.where for f in audit(copy).findings] == ["images/train/metadata.csv"]
+    (copy / "images/train/metadata.csv").unlink()
+    assert audit(copy).status == "passed"
+
+
 def test_without_a_second_renderer_the_audit_is_incomplete(dataset, monkeypatch):
-    monkeypatch.setattr(second_opinion, "available", lambda: False)
+    monkeypatch.setattr(choice, "RENDERERS", ())
     report = audit(dataset)
     assert report.status == "incomplete"
     assert report.proofs[-1].status == "not made"
-    assert "pyrender" in report.proofs[-1].note
+    assert report.proofs[-1].note == f"no second renderer is installed; {install_hint()}"
+    assert not report.proofs[-1].renderer
 
 
 def test_half_a_dataset_is_not_audited(tmp_path, copy):
@@ -202,6 +250,7 @@ def test_a_swapped_tilt_axis_is_caught(monkeypatch, tmp_path):
     assert {"eqs (1) and (2) of the paper hold", "poses agree with angles, rope length and offset"} <= set(failed)
 
 
+@pytest.mark.usefixtures("second_renderer")
 def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
     right = geometry.Intrinsics._to_pixels
     failed = planted(
@@ -211,6 +260,7 @@ def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
     assert "a second renderer draws the same silhouette" in failed
 
 
+@pytest.mark.usefixtures("second_renderer")
 def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
     from simgrab.world.render import Renderer
 

@@ -1,7 +1,9 @@
 """The gate lets a sound pipeline through and stops each planted fault; what it writes is whole."""
 
 import functools
+import itertools
 import json
+import shutil
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -192,11 +194,21 @@ def quits(_):
     sys.exit("no licence")
 
 
+MEASURED = Measurement(status="ok", alpha=0.1)
 ACTS = {
     "raises": (raises, "ZeroDivisionError: division by zero"),
     "quits": (quits, "SystemExit: no licence"),
     "gives nothing": (lambda _: None, "TypeError"),
     "gives too few": (lambda _: [Measurement(status="ok", alpha=0.1)], "measurements of"),
+    "never ends": (
+        lambda frames: itertools.chain((MEASURED for _ in frames), itertools.repeat(MEASURED)),
+        "more than 16 measurements of 16 frames",
+    ),
+    "never asks, and never ends": (lambda _: itertools.repeat(MEASURED), "more than 16 measurements of 16 frames"),
+    "asks too late": (
+        lambda frames: (next(frames) and MEASURED if i == 9 else MEASURED for i in itertools.count()),
+        "asks for frame 0 only after",
+    ),
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
     "gives a text": (lambda frames: [Measurement(status="ok", alpha="0.1") for _ in frames], "frame 0: alpha"),
     "gives nan": (lambda frames: [Measurement(status="ok", alpha=float("nan")) for _ in frames], "frame 0: alpha"),
@@ -264,6 +276,24 @@ def test_a_dataset_is_drawn_once_and_again_when_its_pictures_changed(place):
     cache.rendered(scenario, place / "cache")
     assert manifest.stat().st_mtime_ns != before
     assert picture.read_bytes() == bytes_before
+
+
+def test_a_check_killed_while_it_clears_its_cache_goes_on(place, monkeypatch):
+    scenario = suite.load(place / "small.toml").scenario("swing")
+    found = cache.rendered(scenario, place / "cache")
+    found.image(found.rows[0]).write_bytes(b"damaged")
+
+    def killed(folder, **_):
+        (next(Path(folder).rglob("manifest.json"))).unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", killed)
+        with pytest.raises(KeyboardInterrupt):
+            cache.rendered(scenario, place / "cache")
+    again = cache.rendered(scenario, place / "cache")
+    assert again.data.labels_sha256 == found.data.labels_sha256
+    assert not list((place / "cache").glob("*.draft"))
 
 
 def altered(place, folder, change, **keys):

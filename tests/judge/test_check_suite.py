@@ -17,7 +17,10 @@ def put(folder, **changes):
     return path
 
 
-def test_a_suite_is_read_and_finds_what_lies_beside_it(tmp_path):
+@pytest.mark.parametrize("name", ["suites", "\udcff\udcfe"], ids=["text", "no text"])
+def test_a_suite_is_read_and_finds_what_lies_beside_it(name, tmp_path):
+    tmp_path = tmp_path / name
+    tmp_path.mkdir()
     (tmp_path / "own.toml").write_text('base = "quay-day"\nname = "own"\nframes = 5\n')
     scenes = {"own": {"scene": "own.toml", "changes": {"camera.beta_deg": 7.0}}}
     found = suite.load(put(tmp_path, seed=9, scenes=scenes, changes={"camera.beta_deg": 1.0, "camera.roll_deg": 2.0}))

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from simgrab import datasets, labels
 from simgrab.cli import cli
 from simgrab.errors import DatasetError, DetectorError
+from simgrab.instrument.source import open_source
 from simgrab.judge import detection, detections
 from simgrab.judge.intervals import clopper_pearson, standard_error
 from simgrab.records import Detection
@@ -207,6 +208,12 @@ def test_sources_of_pictures(known, tmp_path):
     shutil.copy(one, tmp_path / "b.jpg")
     (tmp_path / "a.jpg").write_bytes(b"no picture")
     assert [path.name for path in detections.pictures(tmp_path)] == ["a.jpg", "b.jpg"]
+    folder = tmp_path / "all"
+    folder.mkdir()
+    for suffix in (".jpg", ".jpeg", ".PNG", ".bmp", ".tif", ".tiff", ".webp", ".txt"):
+        (folder / f"c{suffix}").touch()
+    assert detections.pictures(folder) == open_source(folder).files
+    assert len(detections.pictures(folder)) == 7
     with pytest.raises(DatasetError, match=r"a\.jpg cannot be read"):
         detections.watch(detections.pictures(tmp_path), Fixed(known))
     with pytest.raises(DatasetError, match="there is no such file or folder"):

@@ -23,6 +23,7 @@ from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
+from simgrab.instrument.source import open_source
 from simgrab.judge import runs
 from simgrab.judge.run import Options, measure, run
 from simgrab.judge.run_page import page
@@ -197,6 +198,57 @@ def test_what_cannot_be_measured_is_one_clear_error_and_leaves_nothing(tmp_path,
         assert not list(tmp_path.glob(".out*"))
 
 
+@pytest.mark.parametrize("live", [False, True])
+def test_a_run_that_measured_nothing_has_failed_and_says_why(tmp_path, live):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for i in range(3):
+        (folder / f"{i}.jpg").write_bytes(cv2.imencode(".jpg", picture(i))[1].tobytes()[:-100])
+    result = run(folder, CAMERA, tmp_path / "a", Pipeline(nothing, None), Options(live=live))
+    why = f"{folder}: no picture could be read (3 lost; the first: 0.jpg cannot be read as a picture: it is cut off)"
+    assert result.failure == why
+    assert json.loads((tmp_path / "a" / "run.json").read_text())["failure"] == why
+    assert runs.load(tmp_path / "a").failure == why
+    cv2.imwrite(str(folder / "3.jpg"), picture(3))
+    result = run(folder, CAMERA, tmp_path / "b", Pipeline(nothing, None), Options(live=live))
+    assert result.failure.startswith(f"{folder}: no frame gave an angle (3 lost, 1 missed; the first: ")
+    if not live:
+        result = run(folder, CAMERA, tmp_path / "c", Zero())
+        assert result.failure is None
+        assert json.loads((tmp_path / "c" / "run.json").read_text())["failure"] is None
+
+
+def test_the_command_line_ends_with_1_where_nothing_was_measured(tmp_path, monkeypatch):
+    from simgrab.instrument import pipeline
+
+    monkeypatch.setattr(pipeline, "opened", lambda _: nothing)
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "0.jpg").write_bytes(b"no picture")
+    CAMERA.save(tmp_path / "camera.toml")
+    command = ["run", str(tmp_path / "pictures"), "--camera", str(tmp_path / "camera.toml"), "--out"]
+    said = CliRunner().invoke(cli, [*command, str(tmp_path / "out")])
+    assert said.exit_code == 1
+    assert said.stderr.splitlines()[-1].startswith(
+        f"simgrab: {tmp_path / 'pictures'}: no picture could be read (1 lost"
+    )
+    assert (tmp_path / "out" / "report.html").exists()
+    said = CliRunner().invoke(cli, [*command, str(tmp_path / "b"), "--json"])
+    assert said.exit_code == 1
+    assert "no picture could be read" in json.loads(said.stdout)["failure"]
+
+
+def test_an_annotated_video_that_breaks_off_gives_what_it_held(tmp_path):
+    path = film(tmp_path / "a.mp4", np.arange(120) / 9, (160, 90))
+    run(path, Calibration(160, 90, 150.0, 80.0, 45.0), tmp_path / "out", Zero())
+    data = (tmp_path / "out" / "annotated.mp4").read_bytes()
+    assert len(list(open_source(tmp_path / "out" / "annotated.mp4"))) == 120
+    (tmp_path / "half.mp4").write_bytes(data[: len(data) // 2])
+    frames = list(open_source(tmp_path / "half.mp4"))
+    assert 40 < len(frames) < 100
+    assert frames[-1].reason == "the video breaks off here (the file is cut off)"
+    assert [frame.time_s for frame in frames] == pytest.approx(np.arange(len(frames)) / 9, abs=1e-4)
+
+
 def test_truncated_streams_and_changing_rates_give_what_they_held(tmp_path):
     path = film(tmp_path / "cut.mkv", np.arange(60) / 9)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -283,6 +335,23 @@ def test_anybodys_instrument_runs(tmp_path):
         def __call__(self, frames, calibration):  # noqa: ARG002
             raise FileNotFoundError(2, "No such file or directory", "weights.onnx")
 
+    class Endless(Zero):
+        def __call__(self, frames, calibration):
+            yield from super().__call__(frames, calibration)
+            yield from itertools.repeat(Measurement(status="ok", alpha=0.0))
+
+    class Ahead(Zero):
+        """Begins before it has seen anything, and then takes every frame but the last."""
+
+        def __call__(self, frames, calibration):
+            yield Measurement(status="refused", reason="warming up")
+            for frame in itertools.islice(frames, 8):
+                yield from super().__call__([frame], calibration)
+
+    with pytest.raises(InstrumentError, match=r"^zero: more than 9 measurements of 9 frames; one each is due$"):
+        run(path, CAMERA, tmp_path / "other", Endless())
+    ahead = run(path, CAMERA, tmp_path / "ahead", Ahead())
+    assert [m.status for m in ahead.measurements] == ["refused"] + ["ok"] * 4 + ["lost"] + ["ok"] * 3
     with pytest.raises(RunError, match="4 measurements of 9 frames"):
         run(path, CAMERA, tmp_path / "other", Early())
     with pytest.raises(InstrumentError, match=r"zero: FileNotFoundError: .*weights\.onnx"):
@@ -380,10 +449,16 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     out = tmp_path / "out"
     said = CliRunner().invoke(cli, ["run", str(clip), "--out", str(out), "--no-video", "--calibrate", "3s"])
     assert said.exit_code == 0, said.output
-    assert "the paper's video" in said.output
-    assert "2.530" in said.output
+    known = json.loads((out / "run.json").read_text())
+    assert f"{known['tilt']['beta_deg']:.3f}" in said.output
+    assert "the paper" not in said.output
+    assert "2.530" not in said.output
     assert not (out / "annotated.mp4").exists()
     tilt = str(out / "tilt.toml")
+    beside = ["run", str(clip), "--out", str(tmp_path / "a"), "--live", "--calibration", tilt, "--no-video", "--paper"]
+    said = CliRunner().invoke(cli, beside)
+    assert "the paper's video" in said.output
+    assert "2.530" in said.output
     said = CliRunner().invoke(
         cli, ["run", str(clip), "--out", str(tmp_path / "b"), "--live", "--calibration", tilt, "--json"]
     )

@@ -15,7 +15,7 @@ from simgrab import datasets  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
-from simgrab.instrument.detect.session import open_net  # noqa: E402
+from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Frames, Result, fit, train  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
@@ -169,6 +169,7 @@ def test_a_training_is_known_without_its_lock(trained, tmp_path):
 
 def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
     monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: Result(tmp_path, {"recall": 0.0}))
+    monkeypatch.setattr("simgrab.training.folder.check", lambda *_, **__: None)
     (tmp_path / "refine.md").touch()
     assert "none of the validation frames' grabs is found" in run(halves, "--out", tmp_path)[1]
     assert run(halves, "--out", tmp_path, "--quiet")[1] == ""

@@ -426,6 +426,31 @@ def test_a_cache_is_made_once_and_whole_or_not_at_all(dataset, tmp_path):
     np.testing.assert_array_equal(cache.build(tmp_path / "c", frames, (8, 16, 3), shrink)[0], first)
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("patches.json", b"[" * 100_000), ("patches.json", b"\xff"), ("patches.json", b'[["a"]]'),
+        ("patches.json", b"[[[1e999,0,0,0]]]"), ("patches.json", b"{}"), ("bytes.npy", b""),
+        ("bytes.npy", b"noise" * 99), ("bytes.npy", "objects"), ("bytes.npy", "other"), ("bytes.npy", "floats"),
+    ],
+)  # fmt: skip
+def test_a_damaged_cache_is_refused(dataset, tmp_path, name, content):
+    frames = cache.frames([datasets.read(dataset)], "train")
+    shape = (8, 16, 3)
+    cache.build(tmp_path, frames, shape, lambda _i, _picture: (np.zeros(shape, np.uint8), [Patch(0, 0, 1, 1)]))
+    arrays = {
+        "objects": np.array([print], object),  # pickled
+        "other": np.zeros((1, *shape), np.uint8),
+        "floats": np.zeros((len(frames), *shape)),
+    }
+    if isinstance(content, str):
+        np.save(tmp_path / name, arrays[content])
+    else:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(TrainingError, match="is damaged"):
+        cache.build(tmp_path, frames, shape, lambda _i, _picture: pytest.fail("made anew"))
+
+
 def test_a_cache_that_does_not_fit_is_refused(dataset, tmp_path, monkeypatch):
     frames = cache.frames([datasets.read(dataset)], "train")
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))

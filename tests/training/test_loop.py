@@ -1,7 +1,9 @@
 import dataclasses
 import os
+import pickle
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -135,6 +137,85 @@ def test_another_trainings_checkpoint_is_refused(tmp_path, monkeypatch):
     (tmp_path / "checkpoint.pt").write_bytes(b"torn")
     with pytest.raises(TrainingError, match="no checkpoint"):
         loop.train(build, Line(), RECIPE, tmp_path, resume=True)
+
+
+class Harm:
+    """Pickled, it makes a folder when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def repacked(path, change):
+    """Write a checkpoint's archive anew, its entries changed."""
+    with zipfile.ZipFile(path) as archive:
+        entries = [(entry.filename, archive.read(entry)) for entry in archive.infolist()]
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in entries:
+            archive.writestr(name, *change(name, content))
+
+
+def test_nothing_in_a_checkpoint_is_executed(tmp_path):
+    harm = Harm(tmp_path / "harmed")
+    path = tmp_path / "checkpoint.pt"
+    loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path)
+    sound = path.read_bytes()
+    writers = {
+        "torch": lambda: torch.save({"identity": harm}, path),
+        "older torch": lambda: torch.save({"identity": harm}, path, _use_new_zipfile_serialization=False),
+        "pickle": lambda: path.write_bytes(pickle.dumps(harm)),
+        "repacked": lambda: (
+            path.write_bytes(sound),
+            repacked(path, lambda name, old: (pickle.dumps(harm) if name.endswith("data.pkl") else old,)),
+        ),
+    }
+    for name, write in writers.items():
+        write()
+        with pytest.raises(TrainingError, match="no checkpoint of simgrab") as refused:
+            loop.train(build, Line(), RECIPE, tmp_path, resume=True)
+        assert "\n" not in str(refused.value)
+        assert not harm.path.exists(), name
+    pickle.loads(pickle.dumps(harm))
+    assert harm.path.exists()  # it would have
+
+
+def test_damaged_checkpoints_are_refused_in_one_line(tmp_path):
+    path = tmp_path / "checkpoint.pt"
+    one = dataclasses.replace(RECIPE, epochs=1, optimiser="adam")
+    loop.train(build, Line(), one, tmp_path)
+    sound = path.read_bytes()
+    state = torch.load(path, weights_only=True)
+    for size in (0, 4, 1000, len(sound) // 2, len(sound) - 1):
+        path.write_bytes(sound[:size])
+        with pytest.raises(TrainingError, match="no checkpoint"):
+            loop.train(build, Line(), one, tmp_path, resume=True)
+    path.write_bytes(sound)
+    repacked(path, lambda _, content: (content, zipfile.ZIP_DEFLATED))  # 1 MB may be 1 GB
+    with pytest.raises(TrainingError, match="no checkpoint"):
+        loop.train(build, Line(), one, tmp_path, resume=True)
+    for foreign in ([1, 2], torch.zeros(3), {"a": 1}, {"identity": "abc"}, {"identity": {1: 2, "x" * 10**5: 3}}):
+        torch.save(foreign, path)
+        with pytest.raises(TrainingError) as refused:
+            loop.train(build, Line(), one, tmp_path, resume=True)
+        assert len(str(refused.value)) < 1000
+    torn = state["optimiser"] | {"state": {0: {"exp_avg": torch.zeros(7), "step": torch.zeros(())}}}
+    hostile = {
+        "net": 3, "average": [], "optimiser": "adam", "best": {}, "best_epoch": 2**70, "history": [{"score": "good"}],
+        "seconds": [],
+    }  # fmt: skip
+    for changed in (*({key: value} for key, value in hostile.items()), {"optimiser": torn}, {"history": []}):
+        torch.save(state | changed, path)
+        with pytest.raises(TrainingError, match="is damaged"):
+            loop.train(build, Line(), one, tmp_path, resume=True)
+    for key in hostile:
+        torch.save({name: value for name, value in state.items() if name != key}, path)
+        with pytest.raises(TrainingError, match="is damaged"):
+            loop.train(build, Line(), one, tmp_path, resume=True)
+    path.write_bytes(sound)
+    loop.train(build, Line(), one, tmp_path, resume=True)
 
 
 @pytest.mark.parametrize(

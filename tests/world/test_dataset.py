@@ -2,6 +2,7 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -143,6 +144,39 @@ def test_a_finished_folder_is_never_touched(dataset, scene):
         render(small_scene(seed=5), dataset, resume=True)
     assert render(scene, dataset, resume=True).made == 0
     assert digest(dataset) == before
+
+
+def test_a_dataset_killed_while_it_cleaned_up_is_finished(dataset, scene, tmp_path):
+    shutil.copytree(dataset, tmp_path / "out")
+    rows = tmp_path / "out" / ".partial" / "rows"
+    rows.mkdir(parents=True)
+    assert render(scene, tmp_path / "out", resume=True).made == 0
+    assert digest(tmp_path / "out") == digest(dataset)
+
+
+def test_frames_are_counted_once_when_a_run_goes_on_within_a_clip(tmp_path):
+    """Each clip a world of its own, whose frames that are there count when the clip is taken up."""
+    scene = small_scene(
+        frames=6, clip__clip_frames=3, vary={"camera.roll_deg": {"dist": "uniform", "low": 0, "high": 9}}
+    )
+    folder, told = tmp_path / "out", []
+    stopping = Stopping(4)
+    with pytest.raises(KeyboardInterrupt):
+        render(scene, folder, progress=stopping)
+    assert render(scene, folder, resume=True, progress=lambda *counts: told.append(counts)).made == 2
+    assert (told[0], told[-1]) == ((3, 6), (6, 6))
+    assert told == sorted(told)
+
+
+class Stopping:
+    """Interrupts once so many frames are done."""
+
+    def __init__(self, after):
+        self.after = after
+
+    def __call__(self, done, _total):
+        if done == self.after:
+            raise KeyboardInterrupt
 
 
 def test_foreign_folders_are_refused(scene, tmp_path):

@@ -1,16 +1,20 @@
 """The tables open in the tools that people use."""
 
+import itertools
 import json
+from types import SimpleNamespace
 
 import duckdb
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from conftest import small_scene
 from pycocotools.coco import COCO
 
-from simgrab.records import KEYPOINT_NAMES
-from simgrab.world.export import SPLITS
+from simgrab.records import KEYPOINT_NAMES, SPLITS
+from simgrab.world.dataset import render
+from simgrab.world.export import yolo_yaml
 
 
 def boxes(path):
@@ -67,6 +71,57 @@ def test_yolo(dataset):
             np.testing.assert_allclose(detections.xyxy[0], box.loc[frame], atol=1e-3)
             seen += 1
     assert seen == len(table)
+
+
+def test_metadata_csv_is_what_imagefolder_reads(split_dataset):
+    """A name beside the file, one row a picture, and by pandas' guess the same types in every split."""
+    table = pd.read_parquet(split_dataset / "labels.parquet")
+    kinds = []
+    for split in SPLITS:
+        found = pd.read_csv(split_dataset / "images" / split / "metadata.csv")
+        rows = table[table.split == split].reset_index(drop=True)
+        assert (rows.file == f"images/{split}/" + found.file_name).all()
+        pictures = [p.name for p in (split_dataset / "images" / split).iterdir() if p.name != "metadata.csv"]
+        assert sorted(found.file_name) == sorted(pictures)
+        for name in found.columns.drop("file_name"):
+            np.testing.assert_array_equal(found[name].astype(float), rows[name].astype(float), err_msg=name)
+        kinds.append(dict(found.dtypes))
+    assert kinds[0] == kinds[1] == kinds[2]
+    assert {"frame", "alpha_deg", "present", "time_s", "box_x0_px", "visible_fraction"} <= set(kinds[0])
+    assert table.box_x0_px.isna().any()
+
+
+def yaml_of(splits):
+    """Write `data.yaml` of a dataset whose frames are of these splits."""
+    return yolo_yaml([SimpleNamespace(split=split) for split in splits]).decode()
+
+
+def keys_of(text):
+    return dict(line.split(": ") for line in text.splitlines() if not line.startswith("#"))
+
+
+@pytest.mark.parametrize("splits", [c for n in (1, 2, 3) for c in itertools.combinations(SPLITS, n)])
+def test_data_yaml_names_only_folders_with_pictures(splits):
+    text = yaml_of(splits * 2)
+    keys = keys_of(text)
+    assert {"train", "val"} <= keys.keys()  # trainers refuse a file without them
+    assert {"test"} & keys.keys() == {"test"} & set(splits)
+    for split in keys.keys() & set(SPLITS):
+        assert keys[split] == f"images/{split if split in splits else splits[0]}"
+        assert (f"# {split} has no frames" in text) == (split not in splits)
+    assert (keys["nc"], keys["names"]) == ("1", "[grab]")
+
+
+def test_data_yaml_of_full_splits_names_each():
+    expected = "train: images/train\nval: images/val\ntest: images/test\nnc: 1\nnames: [grab]\n"
+    assert yaml_of(SPLITS) == expected
+
+
+def test_a_dataset_of_one_frame_trains_on_what_it_has(tmp_path):
+    render(small_scene(frames=1), tmp_path / "one")
+    data = keys_of((tmp_path / "one" / "data.yaml").read_text())
+    for split in {"train", "val", "test"} & data.keys():
+        assert list((tmp_path / "one" / data[split]).glob("*.jpg"))
 
 
 def test_keypoints_and_boxes_agree(crooked_dataset):

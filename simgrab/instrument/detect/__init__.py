@@ -7,8 +7,8 @@ from pathlib import Path
 from simgrab.errors import DetectorError
 from simgrab.instrument.detect.bundled import BUNDLED, FIND, REFINE, SETTLE, WEIGHTS, Bundled
 from simgrab.instrument.detect.contract import Detector
-from simgrab.instrument.detect.session import open_net
 from simgrab.instrument.detect.yolo import Yolo
+from simgrab.instrument.net import open_net
 
 
 def detector(name: str | Path = BUNDLED) -> Detector:

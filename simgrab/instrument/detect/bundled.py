@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import DetectorError
+from simgrab.errors import DetectorError, one_line
 from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.boxes import about
@@ -35,7 +35,7 @@ from simgrab.instrument.detect.patches import (
     cut_with_mask,
     whole,
 )  # fmt: skip
-from simgrab.instrument.detect.session import Net, open_net
+from simgrab.instrument.net import Net, open_net
 from simgrab.records import Detection
 from simgrab.resources import ASSETS
 
@@ -44,6 +44,9 @@ BUNDLED, WEIGHTS = "bundled", ASSETS / "weights"
 FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
 _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
 _STRIDE = 8
+# Shapes of what they tell of each picture.
+_MAPS = ((FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE), (4, FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE))
+_ROWS = ((16,),)
 _MOST = 3  # candidates, the hottest, that are looked at closely
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
 _SURE = 0.9  # presence from which on nothing that is taken for the grab is looked at again
@@ -52,8 +55,35 @@ _SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is looked at 
 _LIKELY = 0.5  # presence at the first of these looks that makes a place after the hottest worth the others
 
 
+_LIMIT = 50.0  # of what a net tells, logits and shares alike: beyond it exponentials are 0 or 1 all the same
+
+
 @dataclass(frozen=True)
-class Settings:
+class _Numbers:
+    """Numbers, each within its range.
+
+    Raises
+    ------
+    DetectorError
+        If one is none, or out of its range, `_RANGES`.
+    """
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, (least, most) = getattr(self, field.name), _RANGES[field.name]
+            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+                shown = one_line(repr(value), 40)
+                raise DetectorError(f"{field.name} must be a number from {least:g} to {most:g}, got {shown}")
+
+
+_RANGES = {
+    "least_heat": (0.0, 1.0), "least_presence": (0.0, 1.0), "rivals": (0.0, 1.0), "room": (0.5, 3.0),
+    "box": (0.0, 1e3), "centre": (0.0, 1e3), "yaw": (0.0, 1e3), "outward": (-1.0, 1.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Settings(_Numbers):
     """How candidates are judged; a file's metadata may set them anew.
 
     Attributes
@@ -75,7 +105,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Trust:
+class Trust(_Numbers):
     """What validation frames showed of what the nets tell.
 
     Attributes
@@ -158,9 +188,9 @@ class Bundled:
 
     def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
         folder = Path(folder)
-        self._find = _opened(folder / "find.onnx", FIND, (FIND_HEIGHT, FIND_WIDTH, 3), 2)
-        self._refine = _opened(folder / "refine.onnx", REFINE, _CROP, 1)
-        self._settle = _opened(folder / "settle.onnx", SETTLE, _CROP, 1)
+        self._find = _opened(folder / "find.onnx", FIND, (FIND_HEIGHT, FIND_WIDTH, 3), _MAPS)
+        self._refine = _opened(folder / "refine.onnx", REFINE, _CROP, _ROWS)
+        self._settle = _opened(folder / "settle.onnx", SETTLE, _CROP, _ROWS)
         facts = self._settle.facts
         if not settings and "settings" not in facts:
             raise DetectorError(f"{self._settle.path} holds no settings: train it again")
@@ -169,6 +199,8 @@ class Bundled:
             self.trust = Trust(**facts.get("trust", {}))
         except TypeError:
             raise DetectorError(f"{self._settle.path}: its settings are of another version of simgrab") from None
+        except DetectorError as problem:
+            raise DetectorError(f"{self._settle.path}: {problem}") from None
         self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
@@ -209,7 +241,7 @@ class Bundled:
         """Places that find takes for the grab, the hottest first."""
         patch = whole(picture.shape[1], picture.shape[0])
         small = cut(picture, patch, FIND_WIDTH, FIND_HEIGHT)
-        logits, reach = self._find(small[None])
+        logits, reach = _run(self._find, small[None], _MAPS)
         limits = np.array([picture.shape[1], picture.shape[0]] * 2, float)
         return [
             Candidate(np.clip(patch.to_picture(box.reshape(2, 2) / (FIND_WIDTH, FIND_HEIGHT)).ravel(), 0, limits), heat)
@@ -220,12 +252,13 @@ class Bundled:
         """Look closely at crops around n boxes, each of shape (4,), px of the picture."""
         patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
-        return read(self._refine(crops)[0], patches, picture.shape[1], picture.shape[0])
+        return read(_run(self._refine, crops, _ROWS)[0], patches, picture.shape[1], picture.shape[0])
 
     def settle(self, picture: Picture, refined: Refined) -> Refined:
         """Tell presence, centre and yaw of one refined box (n = 1) anew."""
         level = refined.level()
-        return settled(refined, self._settle(cut_level(picture, level, REFINE_SIZE)[None])[0], level)
+        crop = cut_level(picture, level, REFINE_SIZE)[None]
+        return settled(refined, _run(self._settle, crop, _ROWS)[0], level)
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:
@@ -243,6 +276,7 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
     list of (box, heat)
         Boxes in px of the small picture; the hottest first.
     """
+    logits, reach = _bounded(logits, -_LIMIT), np.nan_to_num(reach)
     highest = cv2.dilate(logits, np.ones((3, 3), np.uint8))
     rows, columns = np.nonzero(logits >= highest)
     order = np.argsort(-logits[rows, columns], kind="stable")[:most]
@@ -256,7 +290,7 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
 
 def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int) -> Refined:
     """Read refine's output (n, 16) on patches of a picture of a size."""
-    o = out.astype(float)
+    o = _sane(out)
     corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
     places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
     boxes = np.clip(places[:, :2], 0, [width, height])
@@ -271,7 +305,7 @@ def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int
 
 def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined:
     """Put settle's output (1, 16) on a level part in the place of what refine said, but for the box."""
-    o = out[0].astype(float)
+    o = _sane(out)[0]
     sd = math.sqrt(2) * np.exp(o[10:12]) * level.side
     return replace(
         refined,
@@ -279,6 +313,18 @@ def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined
         yaw=(level.angle + np.arctan2(o[[13]], o[[12]]) / 2) % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[[14]]) / 2,
         presence=1 / (1 + np.exp(-o[[15]])),
     )  # fmt: skip
+
+
+def _bounded(values: NDArray[Any], missing: float) -> NDArray[Any]:
+    """Bound what a net tells, and put something in the place of what is no number."""
+    return np.clip(np.nan_to_num(values, nan=missing, posinf=_LIMIT, neginf=-_LIMIT), -_LIMIT, _LIMIT)
+
+
+def _sane(rows: NDArray[np.floating[Any]]) -> Array:
+    """Rows (n, 16) of refine or settle within bounds; one with what is no number says that there is no grab."""
+    result = _bounded(rows.astype(float), 0.0)
+    result[~np.isfinite(rows).all(axis=1), 15] = -_LIMIT
+    return result
 
 
 def _sound(box: Array) -> Array:
@@ -309,10 +355,31 @@ def lean(centre: Array, box: Array, width: int, height: int) -> Array:
     return np.asarray((centre - np.array([width, height]) / 2) * side / width)
 
 
-def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: int) -> Net:
+Shapes = tuple[tuple[int, ...], ...]
+
+
+def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: Shapes) -> Net:
     net = open_net(path)
     found: Any = net.facts.get("task")
     shapes = [shape[1:] for shape in net.inputs.values()]
-    if found != task or shapes != [picture] or len(net.outputs) != outputs:
-        raise DetectorError(f"{path} is not simgrab's {task} net (its task is {found!r}; {net})")
+    if found != task or shapes != [picture] or net.types != ("tensor(uint8)",) or len(net.outputs) != len(outputs):
+        raise DetectorError(f"{path} is not simgrab's {task} net (its task is {one_line(repr(found), 40)}; {net})")
+    blank = np.zeros((1, *picture), np.uint8)
+    if not all(np.isfinite(out).all() for out in _run(net, blank, outputs)):
+        raise DetectorError(f"{path} tells what are no numbers")
     return net
+
+
+def _run(net: Net, pictures: Picture, outputs: Shapes) -> list[Any]:
+    """Run a net that tells something of these shapes about each picture.
+
+    Raises
+    ------
+    DetectorError
+        If it tells something else.
+    """
+    told = net(pictures)
+    if [out.shape for out in told] != [(len(pictures), *shape) for shape in outputs]:
+        shapes = ", ".join(" x ".join(map(str, out.shape)) for out in told)
+        raise DetectorError(f"{net.path} tells arrays of other shapes than simgrab's ({one_line(shapes)})")
+    return told

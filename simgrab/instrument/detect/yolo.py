@@ -16,6 +16,7 @@ area, where trainers interpolate.
 from __future__ import annotations
 
 import ast
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,15 +24,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import DetectorError, first_line
+from simgrab.errors import DetectorError, one_line
 from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.patches import Picture, cut, whole
-from simgrab.instrument.detect.session import Net, open_net
+from simgrab.instrument.net import Net, open_net
 from simgrab.records import Detection
+from simgrab.text import printable
 
 LEAST_SCORE = 0.25
 _STRIDES = (8, 16, 32)
+MOST_SIDE = 4096  # px of a picture that a net takes
 _SIZE = 640  # px of a picture, where the file leaves it free and names none
 GRAB = "grab"  # the class, of several
 _ANCHORS = 3  # a cell, in YOLOv5
@@ -74,10 +77,8 @@ class Yolo:
         self._net = net if isinstance(net, Net) else open_net(net)
         self.least_score = least_score
         self.height, self.width = _input(self._net)
-        try:  # on a blank picture: tells shapes that the file leaves free, and whether places are decoded
-            blank = self._net(np.full((1, 3, self.height, self.width), 0.5, np.float32))[0]
-        except Exception as problem:  # onnxruntime's errors have no common base
-            raise DetectorError(f"{self._net.path} does not run: {first_line(problem)}") from None
+        # On a blank picture: tells shapes that the file leaves free, and whether places are decoded.
+        blank = self._net(np.full((1, 3, self.height, self.width), 0.5, np.float32))[0]
         found = layout(blank, self.height, self.width)
         if found is None or not _detects(self._net, self.height, self.width):
             raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")
@@ -90,7 +91,7 @@ class Yolo:
     @property
     def name(self) -> str:
         """What it is called in reports."""
-        return self._net.path.name
+        return printable(self._net.path.name)
 
     def __call__(self, picture: Picture) -> Detection:
         """Look at a picture."""
@@ -101,7 +102,8 @@ class Yolo:
         pixels = small[..., ::-1].astype(np.float32) if yolox else small.astype(np.float32) / 255
         out = self._net(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))[0]
         boxes, scores = decode(out, self.layout, self.column, self.height, self.width)
-        scores = np.where(np.isfinite(boxes).all(axis=1) & np.isfinite(scores), scores, 0.0)
+        sound = np.isfinite(boxes).all(axis=1) & (scores >= 0) & (scores <= 1)
+        scores = np.where(sound, scores, 0.0)
         best = int(scores.argmax())
         score = float(scores[best])
         if score < self.least_score:
@@ -121,7 +123,7 @@ def _detects(net: Net, height: int, width: int) -> bool:
 
 def layout(out: NDArray[np.generic], height: int, width: int) -> Layout | None:
     """Tell an output's layout from what a blank picture gave; None if it is none that is known."""
-    if out.ndim != 3 or out.shape[0] != 1 or out.dtype.kind != "f":
+    if out.ndim != 3 or out.shape[0] != 1:
         return None
     cells = sum((height // s) * (width // s) for s in _STRIDES)
     rows, columns = out.shape[1:]
@@ -157,13 +159,14 @@ def decode(out: NDArray[np.generic], how: Layout, column: int, height: int, widt
     """
     rows = np.asarray(out[0].T if how.family == "yolov8" else out[0], float)
     centre, size = rows[:, :2], rows[:, 2:4]
-    if how.raw:
-        grid, stride = _grid(height, width)
-        centre, size = (centre + grid) * stride, np.exp(size) * stride
-    scores = rows[:, how.columns + column]
-    if how.family != "yolov8":
-        scores = rows[:, 4] * scores
-    return np.concatenate([centre - size / 2, centre + size / 2], axis=1), scores
+    with np.errstate(over="ignore", invalid="ignore"):  # a net may tell infinite numbers
+        if how.raw:
+            grid, stride = _grid(height, width)
+            centre, size = (centre + grid) * stride, np.exp(size) * stride
+        scores = rows[:, how.columns + column]
+        if how.family != "yolov8":
+            scores = rows[:, 4] * scores
+        return np.concatenate([centre - size / 2, centre + size / 2], axis=1), scores
 
 
 def _column(net: Net, classes: int) -> int:
@@ -180,7 +183,7 @@ def _column(net: Net, classes: int) -> int:
     if classes == 1:
         return 0
     if names.count(GRAB) != 1:
-        listed = ", ".join(str(name) for name in names[:10]) or "no names"
+        listed = ", ".join(one_line(name, 40) for name in names[:10]) or "no names"
         raise DetectorError(f"{net.path} tells {classes} classes ({listed}), of which one must be called {GRAB!r}")
     return names.index(GRAB)
 
@@ -188,8 +191,10 @@ def _column(net: Net, classes: int) -> int:
 def _literal(net: Net, key: str) -> object:
     """Read what ultralytics and others write into metadata as Python prints it; None where it is none or missing."""
     try:
-        return ast.literal_eval(net.metadata.get(key, "None"))
-    except (ValueError, SyntaxError):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of odd escapes in the text
+            return ast.literal_eval(net.metadata.get(key, "None"))
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
         return None
 
 
@@ -218,6 +223,9 @@ def _input(net: Net) -> tuple[int, int]:
     told = _literal(net, "imgsz")
     usual = told if isinstance(told, list) and len(told) == 2 and all(isinstance(n, int) for n in told) else [_SIZE] * 2
     height, width = (own or size for own, size in zip(shape[2:], usual, strict=True))
-    if height % _STRIDES[-1] or width % _STRIDES[-1]:
-        raise DetectorError(f"{net.path} takes pictures of {width}x{height}; sides must be multiples of {_STRIDES[-1]}")
+    if any(side % _STRIDES[-1] or not 0 < side <= MOST_SIDE for side in (height, width)):
+        raise DetectorError(
+            f"{net.path} takes pictures of {one_line(width, 20)}x{one_line(height, 20)}; sides must be multiples of "
+            f"{_STRIDES[-1]}, {MOST_SIDE} at most"
+        )
     return height, width

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -11,21 +10,23 @@ import numpy as np
 import tomli_w
 from numpy.typing import ArrayLike
 
-from simgrab.calibration import Calibration
+from simgrab.calibration import Calibration, Metres
 from simgrab.errors import CalibrationError
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.contract import alpha_ends
 from simgrab.instrument.estimate.frames import check_record, gravity, groups, tangent_basis
 from simgrab.instrument.estimate.rope_aware import swings
+from simgrab.parse import read_toml
 from simgrab.records import Estimate
-from simgrab.strict import convert
+from simgrab.strict import Checked, convert
 
 Meta = msgspec.Meta
+Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
 LEVEL = 0.95
 
 
-class Known(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Known(Checked, frozen=True):
     """What a calibration leaves for the frames to come; ``tilt.toml`` of a run.
 
     Attributes
@@ -41,14 +42,16 @@ class Known(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         As `simgrab.records.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal quantiles do.
     """
 
-    estimator: str
-    frames: Annotated[int, Meta(ge=1)]
-    beta_deg: Annotated[float, Meta(ge=0, lt=90)]
-    tilt_azimuth_deg: float
-    offset_m: tuple[float, float, float] | None
-    covariance: tuple[tuple[float, ...], ...]
+    error = CalibrationError
 
-    def __post_init__(self) -> None:
+    estimator: str
+    frames: Annotated[int, Meta(ge=1, le=2**53)]
+    beta_deg: Annotated[float, Meta(ge=0, lt=90)]
+    tilt_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)]
+    offset_m: tuple[Metres, Metres, Metres] | None
+    covariance: tuple[tuple[Entry, ...], ...]
+
+    def check(self) -> None:  # noqa: D102
         shape = np.shape(self.covariance)
         wanted = (2, 2) if self.offset_m is None else (4, 4)
         if shape != wanted:
@@ -91,13 +94,8 @@ def _of_beta(estimate: Estimate) -> Array:
 
 def load(path: str | Path) -> Known:
     """Read a ``tilt.toml``; raises `CalibrationError` with one line that names file and key."""
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        return convert({"offset_m": None} | data, Known, CalibrationError)
-    except CalibrationError as problem:
-        raise CalibrationError(f"{path}: {problem}") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise CalibrationError(f"cannot read calibration {path}: {problem}") from None
+    data = read_toml(path, CalibrationError, "calibration")
+    return convert({"offset_m": None} | data, Known, CalibrationError, path)
 
 
 def follow(

@@ -20,6 +20,7 @@ from simgrab.geometry import Array, camera_rotation
 # Short records are worked on in groups of about this many frames, and what takes many passes over a long one goes by
 # stretches of as many: this bounds the memory and keeps the arrays in cache.
 FRAMES_AT_ONCE = 1 << 16
+LATEST_S = 1e12  # before or after 0: doubles resolve 0.1 ms there, and milliseconds since 1970 are no seconds
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,8 @@ def check_record(
             raise RecordError(f"time must have shape ({n},), got {t.shape}")
         for row in np.flatnonzero(~np.isfinite(t))[:1]:
             raise RecordError(f"time, row {row}: must be finite, got {t[row]:g}")
+        for row in np.flatnonzero(np.abs(t) > LATEST_S)[:1]:
+            raise RecordError(f"time, row {row}: must lie within {LATEST_S:g} s of 0, got {t[row]:g}")
         back = np.flatnonzero(np.diff(t) <= 0)
         if ordered and back.size:
             row = back[0] + 1

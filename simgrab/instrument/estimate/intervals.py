@@ -51,7 +51,7 @@ def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64]
 
     Blocks are equal stretches of the record; a stretch without frames is no block.
     """
-    if time.size < 2:
+    if time.size < 2 or np.ptp(time) == 0:
         return np.zeros(time.size, np.int64), min(time.size, 1)
     start = time.min()
     length = (time.max() - start) * time.size / (time.size - 1)  # the last frame lasts as long as the others

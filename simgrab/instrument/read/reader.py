@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
-import onnxruntime as ort
 
 from simgrab.errors import ReaderError
+from simgrab.instrument.net import open_net
 from simgrab.instrument.read.crops import INPUT_PX, Crops, Picture, crops, fitted
 from simgrab.layouts import Layout
+from simgrab.parse import parse_json
 from simgrab.records import Reading
 from simgrab.resources import ASSETS
 
@@ -55,28 +55,21 @@ class Reader:
     """
 
     def __init__(self, model: str | Path = BUNDLED, *, threads: int = 1) -> None:
-        options = ort.SessionOptions()
-        options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = threads, 1, 4
+        self._net = open_net(model, ReaderError, threads)
+        known = self._net.metadata.get(METADATA)
+        inputs, outputs = (tuple(shape[1:] for shape in e.values()) for e in (self._net.inputs, self._net.outputs))
+        floats = self._net.types == ("tensor(float)",)
+        if known is None or not floats or inputs != ((1, INPUT_PX, INPUT_PX),) or outputs != ((CLASSES,),):
+            raise ReaderError(f"{model} is no reader of digits ({self._net}); simgrab train reader writes one")
         try:
-            data = Path(model).read_bytes()
-            self._session = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except OSError as problem:
-            raise ReaderError(f"cannot read {model}: {problem.strerror or problem}") from None
-        except Exception as problem:  # the runtime's own kinds share no base but this
-            raise ReaderError(f"{model} is no ONNX model ({type(problem).__name__})") from None
-        known = self._session.get_modelmeta().custom_metadata_map.get(METADATA)
-        inputs = [i.shape[1:] for i in self._session.get_inputs()]
-        outputs = [o.shape[1:] for o in self._session.get_outputs()]
-        if known is None or inputs != [[1, INPUT_PX, INPUT_PX]] or outputs != [[CLASSES]]:
-            raise ReaderError(
-                f"{model} is no reader of digits: it takes {inputs} and gives {outputs}; "
-                "simgrab train reader writes one"
-            )
-        try:
-            self.threshold = float(json.loads(known)["threshold"])
-        except (ValueError, KeyError, TypeError):
+            self.threshold = float(parse_json(known, ReaderError, METADATA)["threshold"])
+        except (ReaderError, ValueError, LookupError, TypeError, OverflowError):
             raise ReaderError(f"{model}: its metadata {METADATA!r} is none that simgrab wrote") from None
-        self._input = self._session.get_inputs()[0].name
+        if not 0 < self.threshold <= 1:
+            raise ReaderError(f"{model}: its threshold must be more than 0 and 1 at most, got {self.threshold:g}")
+        sums = self.probabilities(np.zeros((1, 1, INPUT_PX, INPUT_PX), np.float32)).sum(axis=1)
+        if not np.allclose(sums, 1, atol=1e-3):
+            raise ReaderError(f"{model} is no reader of digits: its probabilities do not add up to 1")
 
     def read(self, picture: Picture, layout: Layout | None, *, display_constant_m: float = 0.0) -> Reading:
         """Read the display in a picture.
@@ -103,14 +96,17 @@ class Reader:
 
     def probabilities(self, entered: Crops) -> Crops:
         """Probability of each digit and of "no digit", shape (n, 11), for crops of shape (n, 1, 32, 32)."""
-        (result,) = self._session.run(None, {self._input: entered})
+        (result,) = self._net(entered)
+        if result.shape != (len(entered), CLASSES):
+            raise ReaderError(f"{self._net.path} tells an array of shape {result.shape}, not {(len(entered), CLASSES)}")
         return np.asarray(result, np.float32)
 
 
 def reading(probabilities: Crops, layout: Layout, threshold: float, display_constant_m: float = 0.0) -> Reading:
     """Compose a reading of the probabilities, shape (8, 11), of a layout's cells."""
     best, confidence = probabilities.argmax(axis=1), probabilities.max(axis=1).astype(float)
-    doubtful = (best == NO_DIGIT) | (confidence < threshold)
+    sure = (confidence >= threshold) & (confidence <= 1 + 1e-6)  # and a number
+    doubtful = (best == NO_DIGIT) | ~sure
     hoist, closing = layout.written("".join(DIGITS[np.where(doubtful, NO_DIGIT, best)])).split()
     if doubtful.any():
         reason = _why(best, confidence, doubtful, threshold)

@@ -11,6 +11,7 @@ more.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,8 @@ from simgrab import __version__
 from simgrab.errors import SuiteError
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.judge.check.trial import Trial
+from simgrab.parse import read_json
+from simgrab.strict import convert
 
 FILE = "baseline.json"
 FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was
@@ -89,12 +92,13 @@ def load(folder: Path) -> Baseline | None:
         If what lies there is none.
     """
     path = folder / FILE
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=Baseline)
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         return None
-    except (OSError, msgspec.DecodeError) as problem:
-        raise SuiteError(f"{path}: not a baseline ({problem}); record it anew by --update-baseline") from None
+    return convert(read_json(path, _refusal, "baseline"), Baseline, _refusal, path)
+
+
+def _refusal(problem: str) -> SuiteError:
+    return SuiteError(f"{problem}; record it anew by --update-baseline")
 
 
 def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:

@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 from simgrab import datasets
 from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError, RendererError
+from simgrab.files import discard, remove_left
 from simgrab.resources import ASSETS
 from simgrab.scenario import Scenario
 from simgrab.world import manifest
@@ -60,8 +60,9 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
         lock = (where / f".{folder.name}.lock").open("w")
     with lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # another check may be rendering the same
+        remove_left(folder)
         if (folder / MANIFEST).exists() and not _sound(folder):
-            shutil.rmtree(folder)
+            discard(folder)
         render(scenario, folder, workers=workers, resume=True, progress=progress)
         return datasets.read(folder)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from simgrab.datasets import Dataset
+from simgrab.destination import check_folder
 from simgrab.errors import InstrumentError, SuiteError
 from simgrab.instrument.contract import Instrument
 from simgrab.judge.check import baseline as base
@@ -21,6 +22,7 @@ from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
 from simgrab.judge.subject import held, open_instrument
+from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
 
@@ -77,6 +79,7 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
         If its frames cannot be made.
     """
     options, suite = options or Options(), suite if isinstance(suite, Suite) else load(suite)
+    check_folder(options.cache, SuiteError, "--cache")
     seed = suite.seed if options.seed is None else options.seed
     try:
         instrument = _instrument(suite, options)
@@ -121,6 +124,8 @@ def record(suite: Suite, options: Options | None = None, seeds: int | None = Non
     folder = options.baseline or Path(suite.baseline)
     if _foreign(suite, options):
         raise SuiteError(f"{folder} is the baseline of {suite.instrument}; name another by --baseline")
+    check_folder(folder, SuiteError, "--baseline")
+    check_folder(options.cache, SuiteError, "--cache")
     try:
         instrument = _instrument(suite, options)
     except InstrumentError as problem:
@@ -138,7 +143,7 @@ def record(suite: Suite, options: Options | None = None, seeds: int | None = Non
         verdicts = tuple(of_trial(name, found[0], suite.limits_of(name), None, 1))
         scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
-    notes = (f"recorded over {len(several)} seeds in {folder}",)
+    notes = (f"recorded over {len(several)} seeds in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
 
 
@@ -154,7 +159,7 @@ def _foreign(suite: Suite, options: Options) -> bool:
 
 def _unmade(suite: Suite, options: Options, seed: int, problem: InstrumentError) -> Report:
     failure = Verdict(scene="", what="instrument", status="failed", message=str(problem))
-    return Report(suite.name, str(options.instrument or suite.instrument), seed, (failure,))
+    return Report(suite.name, printable(str(options.instrument or suite.instrument)), seed, (failure,))
 
 
 def _compared(
@@ -165,7 +170,8 @@ def _compared(
     if recorded is None and options.baseline is not None:
         raise SuiteError(f"{folder}: no baseline is recorded there; record one by --update-baseline")
     if recorded is None or _foreign(suite, options):
-        why = f"none is recorded in {folder}" if recorded is None else f"that in {folder} is of {recorded.instrument}"
+        where = printable(folder)
+        why = f"none is recorded in {where}" if recorded is None else f"that in {where} is of {recorded.instrument}"
         return None, (), (f"no baseline to compare with ({why}): limits only",)
     reasons = base.stale(recorded, suite, instrument)
     if not reasons:

@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from simgrab.datasets import Dataset
-from simgrab.errors import SuiteError
+from simgrab.errors import DatasetError, PictureError, SuiteError
+from simgrab.parse import read_json
+from simgrab.pictures import read as read_picture
 from simgrab.records import Truth
+from simgrab.strict import convert
 
 FILE = "golden.json"
 TILES = 8
@@ -97,12 +100,16 @@ def load(folder: Path) -> dict[str, Kept]:
         If what lies there is none.
     """
     path = folder / FILE
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=dict[str, Kept])
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         return {}
-    except (OSError, msgspec.DecodeError) as problem:
-        raise SuiteError(f"{path}: no golden frames ({problem}); record them anew by --update-baseline") from None
+    listed = read_json(path, _refusal, "golden frames")
+    if not isinstance(listed, dict):
+        raise _refusal(f"{path}: must be a table of golden frames")
+    return {name: convert(kept, Kept, _refusal, f"{path}: {name}") for name, kept in listed.items()}
+
+
+def _refusal(problem: str) -> SuiteError:
+    return SuiteError(f"{problem}; record them anew by --update-baseline")
 
 
 def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: float) -> Look:
@@ -146,8 +153,12 @@ def likeness(a: Picture, b: Picture) -> float:
 
 def drawn_by(dataset: Dataset) -> str:
     """Digest of the renderer and the packages that made a dataset."""
-    made = json.loads((dataset.path / "manifest.json").read_text(encoding="utf-8"))
-    who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"]}
+    path = dataset.path / "manifest.json"
+    made = read_json(path, DatasetError)
+    try:
+        who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"]}
+    except (LookupError, TypeError):
+        raise DatasetError(f"{path} is not a simgrab manifest: it says not what rendered the dataset") from None
     return hashlib.sha256(json.dumps(who, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -156,10 +167,10 @@ def _row(dataset: Dataset, frame: int) -> Truth:
 
 
 def _read(path: Path) -> Picture:
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if picture is None:
-        raise SuiteError(f"{path} is missing or no picture; record it anew by --update-baseline")
-    return np.asarray(picture, np.uint8)
+    try:
+        return read_picture(path)
+    except PictureError as problem:
+        raise SuiteError(f"{problem}; record it anew by --update-baseline") from None
 
 
 def _beside(golden: Picture, picture: Picture) -> Picture:

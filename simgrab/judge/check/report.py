@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from simgrab.errors import SuiteError
 from simgrab.files import drafted
 from simgrab.judge.check.trial import Metrics
 from simgrab.judge.check.verdicts import Verdict
+from simgrab.parse import read_json
 
 RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
 
@@ -104,7 +104,9 @@ def as_junit(report: Report) -> bytes:
     suite = ElementTree.SubElement(root, "testsuite", {"name": f"simgrab.{report.suite}"} | totals)
     for verdict in report.verdicts:
         place = ".".join(filter(None, ("simgrab", report.suite, verdict.scene)))
-        case = ElementTree.SubElement(suite, "testcase", {"classname": place, "name": verdict.what, "time": "0"})
+        case = ElementTree.SubElement(
+            suite, "testcase", {"classname": _printable(place), "name": _printable(verdict.what), "time": "0"}
+        )
         if verdict.status != "passed":
             tag = "failure" if verdict.status == "failed" else "skipped"
             ElementTree.SubElement(case, tag, {"message": _printable(verdict.message)})
@@ -138,10 +140,10 @@ def save(report: Report, out: Path) -> None:
 def _earlier(result: Path) -> list[str]:
     """Pictures that an earlier check left."""
     try:
-        names = json.loads(result.read_text(encoding="utf-8"))["pictures"]
-    except (OSError, ValueError, KeyError, TypeError):
+        names = read_json(result, SuiteError)["pictures"]
+        return [name for name in names if Path(name).parent == Path(PICTURES)]
+    except (SuiteError, LookupError, TypeError):
         return []
-    return [name for name in names if Path(name).parent == Path(PICTURES)]
 
 
 def write(path: Path, data: bytes) -> None:

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-import tomllib
+import copy
+import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
 from simgrab import resources, scenes
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.judge.check.metrics import unknown
+from simgrab.parse import read_toml
 from simgrab.resources import SCENES
 from simgrab.scenario import Scenario
-from simgrab.strict import convert
+from simgrab.strict import Checked, convert
+from simgrab.text import printable
 
 Meta = msgspec.Meta
+T = TypeVar("T", bound=msgspec.Struct)
 Seed = Annotated[int, Meta(ge=0, le=2**53)]
 FOLDER = SCENES / "suites"
 CAMERA = ("camera.", "display.")  # what an instrument is told, and may therefore not vary within a scene
 OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place of their own
 
 
-class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Limit(Checked, frozen=True):
     """What is accepted of one metric. Which ends there are says which way is better; with both, neither is.
 
     Attributes
@@ -33,11 +37,13 @@ class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         By so much a metric may always be worse than the baseline.
     """
 
+    error = SuiteError
+
     lower: float | None = None
     upper: float | None = None
     slack: Annotated[float, Meta(ge=0)] = 0.0
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if self.lower is None and self.upper is None:
             raise ValueError("a limit needs lower, upper or both")
         if self.lower is not None and self.upper is not None and self.lower > self.upper:
@@ -52,7 +58,7 @@ class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return ", ".join(ends)
 
 
-class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Scene(Checked, frozen=True):
     """One record of a suite.
 
     Attributes
@@ -69,14 +75,16 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Frames whose pictures must stay as they were recorded.
     """
 
+    error = SuiteError
+
     scene: str
-    frames: Annotated[int, Meta(ge=1)] | None = None
+    frames: Annotated[int, Meta(ge=1, le=10_000_000)] | None = None
     changes: dict[str, Any] = msgspec.field(default_factory=dict)
     limits: dict[str, Limit] = msgspec.field(default_factory=dict)
-    golden: tuple[Annotated[int, Meta(ge=0)], ...] = ()
+    golden: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(max_length=1000)] = ()
 
 
-class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Suite(Checked, frozen=True):
     """What a pipeline is shown, and what is accepted of it.
 
     Attributes
@@ -97,6 +105,8 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scenes : dict of str to Scene
     """
 
+    error = SuiteError
+
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
     scenes: dict[str, Scene]
     description: str = ""
@@ -108,9 +118,14 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     changes: dict[str, Any] = msgspec.field(default_factory=dict)
     limits: dict[str, Limit] = msgspec.field(default_factory=dict)
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:  # noqa: D102
         if not self.scenes:
             raise ValueError("a suite needs scenes: [scenes.NAME] with scene, frames and limits")
+        for name in self.scenes:  # which names files as well
+            if not re.fullmatch(r"\w[\w .-]{0,63}", name):
+                raise ValueError(
+                    f"scenes.{printable(name)}: a name has letters, digits, '-', '_', '.' and blanks, 64 at most"
+                )
         places = {"limits": self.limits} | {
             f"scenes.{name}.limits": scene.limits for name, scene in self.scenes.items()
         }
@@ -175,24 +190,28 @@ def load(suite: str | Path) -> Suite:
         With one line that names file and key.
     """
     path = resources.find(suite, FOLDER, "suite", "suites", SuiteError)
+    found = _placed(convert(read_toml(path, SuiteError, "suite"), Suite, SuiteError, path), path.parent)
     try:
-        found = _placed(convert(tomllib.loads(path.read_text(encoding="utf-8")), Suite, SuiteError), path.parent)
         for name in found.scenes:
             found.scenario(name)
     except SuiteError as problem:
         raise SuiteError(f"{path}: {problem}") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise SuiteError(f"cannot read suite {path}: {problem}") from None
     return found
 
 
 def _placed(suite: Suite, folder: Path) -> Suite:
     """Find what a suite names beside itself."""
     placed = {
-        name: msgspec.structs.replace(scene, scene=str(folder / scene.scene))
-        if (folder / scene.scene).is_file()
-        else scene
+        name: _with(scene, scene=str(folder / scene.scene)) if (folder / scene.scene).is_file() else scene
         for name, scene in suite.scenes.items()
     }
     baseline = folder / (suite.baseline or f"baselines/{suite.name}")
-    return msgspec.structs.replace(suite, scenes=placed, baseline=str(baseline))
+    return _with(suite, scenes=placed, baseline=str(baseline))
+
+
+def _with(struct: T, **paths: Any) -> T:
+    """Copy a struct with other values, unchecked: a folder's name need not be the text that a file holds."""
+    result = copy.copy(struct)
+    for name, value in paths.items():
+        msgspec.structs.force_setattr(result, name, value)
+    return result

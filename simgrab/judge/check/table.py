@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
+from simgrab.judge.terminal import cell
 
 LEAST_WIDTH = 110  # of a log, which tells no width
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
@@ -23,15 +23,15 @@ def show(report: Report, *, quiet: bool = False) -> None:
     for verdict in report.verdicts:
         if verdict.status == "failed" or (verdict.message and not quiet):
             name = " ".join(filter(None, (verdict.scene, verdict.what)))
-            console.print(f"{name}: [{COLOURS[verdict.status]}]{escape(verdict.message)}[/]", soft_wrap=True)
+            console.print(f"{cell(name)}: [{COLOURS[verdict.status]}]{cell(verdict.message)}[/]", soft_wrap=True)
     if not quiet:
         for note in report.notes:
-            console.print(escape(note), soft_wrap=True)
+            console.print(cell(note), soft_wrap=True)
     if not (quiet and report.passed):
         counts = [f"{_count(report, status)} {status}" for status in COLOURS]
         state = "passed" if report.passed else "failed"
-        console.print(f"{report.suite}, seed {report.seed}: {escape(report.instrument)} [{COLOURS[state]}]{state}[/] "
-                      f"({', '.join(counts)})", soft_wrap=True)  # fmt: skip
+        what = cell(f"{report.suite}, seed {report.seed}: {report.instrument}")
+        console.print(f"{what} [{COLOURS[state]}]{state}[/] ({', '.join(counts)})", soft_wrap=True)
 
 
 def _count(report: Report, status: str) -> int:
@@ -44,7 +44,7 @@ def _table(report: Report) -> Table:
         table.add_column(name, justify="right")
     table.add_column("")
     for verdict in report.verdicts:
-        table.add_row(*map(escape, _cells(verdict)), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
+        table.add_row(*map(cell, _cells(verdict)), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
     return table
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from simgrab.errors import StressError
 from simgrab.judge.stress import depths, estimators
 from simgrab.judge.stress.axes import AXES
 from simgrab.judge.stress.study import Study
+from simgrab.parse import read_toml
 from simgrab.resources import SCENES
 from simgrab.strict import convert
 
@@ -50,12 +50,7 @@ def load(study: str | Path) -> Study:
 
 
 def _unchecked(path: Path) -> Study:
-    try:
-        return convert(tomllib.loads(path.read_text(encoding="utf-8")), Study, StressError)
-    except StressError as problem:
-        raise StressError(f"{path}: {problem}") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise StressError(f"cannot read {path}: {problem}") from None
+    return convert(read_toml(path, StressError, "study"), Study, StressError, path)
 
 
 def read(data: Mapping[str, object]) -> Study:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from simgrab.geometry import Array
+from simgrab.judge.plots import Axes, Figure, rc_context
 from simgrab.judge.stress.convergence import population, starts_at_zero
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.knobs import Value
@@ -37,7 +32,7 @@ def grid(summary: Summary, law: Value, n: Value, column: str) -> Array:
 def draw(summary: Summary) -> Figure:
     """Draw share converged from start 0 for each law, at the largest n, and three curves."""
     laws, ns = values(summary, "alpha-law"), values(summary, "n")
-    with matplotlib.rc_context({"font.size": 8.5, "svg.fonttype": "none", "axes.titlesize": 9.5}):
+    with rc_context({"font.size": 8.5, "svg.fonttype": "none", "axes.titlesize": 9.5}):
         figure = Figure(figsize=(11.5, 6.6), layout="constrained")
         above, below = np.ravel(np.asarray(figure.subfigures(2, 1)))
         maps = np.atleast_1d(above.subplots(1, len(laws), sharey=True))

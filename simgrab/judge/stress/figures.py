@@ -6,18 +6,14 @@ import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from simgrab.judge.plots import Axes, Figure, rc_context
 from simgrab.judge.stress import words
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import axis_of
 from simgrab.judge.stress.summary import Point, Summary
+from simgrab.text import printable
 
 COLOURS = ("#1f5a8a", "#c8551b", "#3b7d4f", "#7a4a9e", "#8a8f94", "#b0902a", "#2a9d9d")
 _LOG_AXES = ("n", "sigma")
@@ -48,7 +44,7 @@ def slices(summary: Summary) -> list[tuple[str, list[Point]]]:
 
 def draw(summary: Summary, points: Sequence[Point]) -> Figure:
     """Draw bias, RMSE, coverage, refusals, α̂ at a true 10°, and missed and false alarms."""
-    with matplotlib.rc_context(_STYLE):
+    with rc_context(_STYLE):
         figure = Figure(figsize=(11.5, 6.0))
         figure.subplots_adjust(0.06, 0.11, 0.99, 0.95, 0.2, 0.36)
         (bias, rms, cover), (refused, ten, alarm) = figure.subplots(2, 3)
@@ -90,7 +86,7 @@ def _ticks(axes: Axes, summary: Summary, points: Sequence[Point], x: list[float]
     name = summary.study.axes[0].axis
     values: list[Value] = [p[0] for p in points]
     if any(isinstance(v, str) for v in values):
-        axes.set_xticks(x, [str(v) for v in values], rotation=20, ha="right")
+        axes.set_xticks(x, [printable(v) for v in values], rotation=20, ha="right", parse_math=False)
     elif name in _LOG_AXES and min(x) > 0:
         axes.set_xscale("log")
     unit = axis_of(name).unit

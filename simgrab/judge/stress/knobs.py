@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from typing import Annotated
 
 import msgspec
 
@@ -16,7 +17,8 @@ from simgrab.judge.stress.laws import LAWS, Bursts, Student
 from simgrab.judge.stress.situation import KNOWN_OFFSET_SD_M, Situation, bent, shifted
 from simgrab.scenario import Dynamic
 
-Value = float | str
+MOST = 1e9
+Value = Annotated[float, msgspec.Meta(ge=-MOST, le=MOST)] | str
 Knob = Callable[[Situation, Value], Situation]
 DEG = math.pi / 180
 _MIDDLE_ROPE_M = 21.5

@@ -14,13 +14,15 @@ import msgspec
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from simgrab import __version__
+from simgrab import __version__, parquet
+from simgrab.destination import check_folder
 from simgrab.errors import StressError
 from simgrab.files import drafted
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
-from simgrab.judge.stress.work import Part, crew, parts, schema, store
+from simgrab.judge.stress.work import Part, check_workers, crew, parts, schema, store
+from simgrab.parse import read_json
 
 _SAME = {
     "digest": "its settings differ",
@@ -75,10 +77,14 @@ def run(
     ------
     StressError
         If a folder cannot be used, or an estimator fails.
+    WorkerError
+        If processes die of a part again and again.
     """
     from simgrab.judge.stress import page
 
+    check_workers(workers)
     folder = Path(out)
+    check_folder(folder, StressError)
     missing: list[tuple[Study, Path, Part]] = []
     try:
         for study in studies:
@@ -89,18 +95,26 @@ def run(
     done = total - sum(part.last - part.first for _, _, part in missing)
     if progress:
         progress(done, total)
-    with crew(workers) as share:
-        for count in share(_store, missing):
+    with crew(workers) as pool:
+        for count in pool.map(_store, missing, name=_named):
             done += count
             if progress:
                 progress(done, total)
-        for _ in share(
-            functools.partial(_finish, folder), [s for s in studies if (folder / s.name / PARTIAL).exists()]
-        ):
+        unfinished = [study for study in studies if (folder / study.name / PARTIAL).exists()]
+        for _ in pool.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
             pass
         findings = [read(folder / study.name, study) for study in studies]
-        page.write(findings, folder / REPORT, share)
+        page.write(findings, folder / REPORT, functools.partial(pool.map, name=_figured))
     return findings
+
+
+def _named(job: tuple[Study, Path, Part]) -> str:
+    study, _, part = job
+    return f"{study.name}, point {part.point + 1}, replications {part.first} to {part.last - 1}"
+
+
+def _figured(finding: Finding) -> str:
+    return f"figures of {finding.summary.study.name}"
 
 
 def _store(job: tuple[Study, Path, Part]) -> int:
@@ -119,7 +133,9 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
     """Claim a study's folder; gives the parts that remain to be made."""
     identity = path / STUDY
     if identity.exists():
-        known = json.loads(identity.read_text(encoding="utf-8"))
+        known = read_json(identity, StressError)
+        if not isinstance(known, dict):
+            raise StressError(f"{identity} is not a study that simgrab wrote; choose another --out")
         if not resume:
             advice = "go on with --resume, or choose" if (path / PARTIAL).exists() else "choose"
             raise StressError(f"{path} holds a study already; {advice} another --out")
@@ -128,7 +144,8 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
         if changed:
             what = changed[0]
             raise StressError(f"{path} holds another study ({what}); --resume needs the same, or choose another --out")
-        if not (path / PARTIAL).exists():
+        if (path / SUMMARY).exists():  # it comes last
+            shutil.rmtree(path / PARTIAL, ignore_errors=True)
             return []
     elif path.exists() and any(path.iterdir()):
         raise StressError(f"{path} holds something else than a study; choose another --out")
@@ -141,18 +158,18 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
 def _finish(out: Path, study: Study) -> None:
     """Join the parts of a study, one at a time, and drop them."""
     path = out / study.name
-    with drafted(path / TRIALS) as draft, pq.ParquetWriter(draft, schema(study)) as writer:
+    with drafted(path / TRIALS) as draft, draft.open("wb") as file, pq.ParquetWriter(file, schema(study)) as writer:
         for part in parts(study):
-            writer.write_table(pq.read_table(path / PARTIAL / part.file))
-    pyarrow.csv.write_csv(_summed(study, path).table(), path / SUMMARY)
+            writer.write_table(parquet.read_table(path / PARTIAL / part.file, StressError))
+    with drafted(path / SUMMARY) as draft, draft.open("wb") as file:
+        pyarrow.csv.write_csv(_summed(study, path).table(), file)
     shutil.rmtree(path / PARTIAL)
 
 
 def _summed(study: Study, path: Path) -> Summary:
     moments = Moments(study, depths.columns(study.kind))
-    with pq.ParquetFile(path / TRIALS) as file:
-        for group in range(file.num_row_groups):
-            moments.add(file.read_row_group(group))
+    for table in parquet.groups(path / TRIALS):
+        moments.add(table)
     return moments.summary()
 
 

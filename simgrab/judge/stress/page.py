@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from simgrab.files import drafted
-from simgrab.judge.html import page, svg, table
+from simgrab.judge.html import page, svg, table, text
 from simgrab.judge.stress import convergence_figures, figures
 from simgrab.judge.stress.score import MARGIN_DEG
 from simgrab.judge.stress.summary import Summary
@@ -58,16 +57,16 @@ def _limits(findings: Sequence[Finding]) -> str:
     if not verdicts:
         return "<p>None were set.</p>"
     failed = [v for v in verdicts if not v.passed]
-    text = f"<p>{len(verdicts) - len(failed)} of {len(verdicts)} limits are met.</p>"
+    said = f"<p>{len(verdicts) - len(failed)} of {len(verdicts)} limits are met.</p>"
     head = ["study", "limit", "found", ""]
 
     def body(some: Sequence[Any]) -> list[list[str]]:
         return [[v.study, v.text, v.found, "met" if v.passed else "NOT MET"] for v in some]
 
     if failed:
-        text += table(head, body(failed)).replace("<td>NOT MET", "<td class='bad'>NOT MET")
+        said += table(head, body(failed)).replace("<td>NOT MET", "<td class='bad'>NOT MET")
     met = [v for v in verdicts if v.passed]
-    return text + f"<details><summary>Limits that are met</summary>{table(head, body(met))}</details>"
+    return said + f"<details><summary>Limits that are met</summary>{table(head, body(met))}</details>"
 
 
 def worst_at_ten(summary: Summary, name: str) -> tuple[float, float]:
@@ -80,13 +79,13 @@ def worst_at_ten(summary: Summary, name: str) -> tuple[float, float]:
 
 def _heat(findings: Sequence[Finding]) -> str:
     names = list(dict.fromkeys(name for f in findings for name in f.summary.study.estimators))
-    head = "".join(f"<th class='n'>{escape(name)}</th>" for name in names)
+    head = "".join(f"<th class='n'>{text(name)}</th>" for name in names)
     rows = []
     for finding in findings:
         study = finding.summary.study
         cells = "".join(_cell(finding.summary, name) if name in study.estimators else "<td></td>" for name in names)
         what = ", ".join(f"{s.axis} {span(s.values)}" for s in study.axes)
-        rows.append(f"<tr><td><a href='#{study.name}'>{escape(study.name)}</a></td><td>{escape(what)}</td>{cells}</tr>")
+        rows.append(f"<tr><td><a href='#{study.name}'>{text(study.name)}</a></td><td>{text(what)}</td>{cells}</tr>")
     return f"<table><thead><tr><th>study</th><th>axes</th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
@@ -118,17 +117,17 @@ def _section(finding: Finding) -> tuple[str, str]:
         lead += "; " + ", ".join(f"{k} = {v}" for k, v in study.given.items())
     if study.fewer:
         lead += "; " + ", ".join(f"{k}: {v} replications" for k, v in study.fewer.items())
-    parts = [f"<h2 id='{study.name}'>{escape(study.title)}</h2><p class='lead'>{escape(lead)}.</p>"]
+    parts = [f"<h2 id='{study.name}'>{text(study.title)}</h2><p class='lead'>{text(lead)}.</p>"]
     if study.kind == "convergence":
         parts.append(_figure(convergence_figures.draw(summary), study.name, convergence_figures.sentences(summary)))
     else:
         for i, (title, points) in enumerate(figures.slices(summary)):
             said = [sentence(summary, points) for sentence in figures.SENTENCES]
-            parts.append(f"<h3>{escape(title)}</h3>" if title else "")
+            parts.append(f"<h3>{text(title)}</h3>" if title else "")
             parts.append(_figure(figures.draw(summary, points), f"{study.name}-{i}", said))
     return study.name, "\n".join(parts)
 
 
 def _figure(figure: Any, name: str, sentences: Sequence[str]) -> str:
-    words = "".join(f"<li>{escape(s)}</li>" for s in sentences)
+    words = "".join(f"<li>{text(s)}</li>" for s in sentences)
     return f"<figure>{svg(figure, name)}<figcaption><ul>{words}</ul></figcaption></figure>"

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import cv2
 import numpy as np
-from matplotlib.figure import Figure
 
+from simgrab.destination import check_file
 from simgrab.errors import StressError
 from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
+from simgrab.judge.plots import Figure
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.records import Records
 from simgrab.judge.stress.rendered import Picture
 from simgrab.judge.stress.study import Study
+from simgrab.parse import shown
 from simgrab.records import Estimates
 
 
@@ -79,8 +78,8 @@ class Replay:
 
 def parse_trial(study: Study, text: str) -> int:
     """Read the number of a replication."""
-    if not text.isdigit() or int(text) >= study.replications:
-        raise StressError(f"--replay: TRIAL must be 0 to {study.replications - 1} in {study.name}, got {text!r}")
+    if not re.fullmatch(r"[0-9]{1,18}", text) or int(text) >= study.replications:
+        raise StressError(f"--replay: TRIAL must be 0 to {study.replications - 1} in {study.name}, got {shown(text)}")
     return int(text)
 
 
@@ -122,6 +121,7 @@ def pictures(again: Replay, out: str | Path) -> list[Path]:
     """Draw the replication and write it as PNG into a folder, and beside it its worst frames, where there are any."""
     path = Path(out) / f"replay-{again.study.name}-{again.trial}.png"
     paths = [path]
+    check_file(path, StressError)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         draw(again).savefig(path, dpi=110)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -26,11 +27,16 @@ QUICK_FRAMES, QUICK_REPLICATIONS, QUICK_PHYSICS, QUICK_MAP = 500, 30, 3, 4
 QUICK_PICTURES, QUICK_RECORDS = 10, 2
 
 
+MOST_POINTS, MOST_REPLICATIONS = 10_000, 10_000_000
+
+
 class Sweep(Strict, frozen=True):
     """One axis and its values."""
 
+    error = StressError
+
     axis: str
-    values: tuple[Value, ...]
+    values: Annotated[tuple[Value, ...], Meta(max_length=1000)]
 
 
 class Accept(Strict, frozen=True):
@@ -39,6 +45,8 @@ class Accept(Strict, frozen=True):
     It is met where the Monte Carlo interval, three standard errors to either side, meets the limits. ``z`` is the size
     of the mean in standard errors. Of ``refused`` the mean is the share of records refused.
     """
+
+    error = StressError
 
     at: tuple[Value, ...]
     estimator: str
@@ -77,10 +85,12 @@ class Study(Strict, frozen=True):
     accept : tuple of Accept
     """
 
+    error = StressError
+
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=64)]
-    title: str
-    axes: tuple[Sweep, ...]
-    estimators: tuple[str, ...]
+    title: Annotated[str, Meta(max_length=1000)]
+    axes: Annotated[tuple[Sweep, ...], Meta(max_length=4)]
+    estimators: Annotated[tuple[str, ...], Meta(max_length=100)]
     kind: Literal["estimators", "convergence"] = "estimators"
     depth: str = "geometric"
     base: str = "paper-ideal"
@@ -88,10 +98,20 @@ class Study(Strict, frozen=True):
     n: Annotated[int, Meta(ge=10, le=1_000_000)] = 3699
     replications: Annotated[int, Meta(ge=2, le=10_000_000)] = 1000
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
-    fewer: dict[str, Annotated[int, Meta(ge=2)]] = msgspec.field(default_factory=dict)
+    fewer: dict[str, Annotated[int, Meta(ge=2, le=10_000_000)]] = msgspec.field(default_factory=dict)
     holds: tuple[Value, ...] = ()
     consistent: tuple[str, ...] = ()
     accept: tuple[Accept, ...] = ()
+
+    def check(self) -> None:  # noqa: D102
+        points = math.prod(len(sweep.values) for sweep in self.axes)
+        if points > MOST_POINTS:
+            raise ValueError(f"axes: their values make {points} points; at most {MOST_POINTS} are studied")
+        if points * self.replications > MOST_REPLICATIONS:
+            raise ValueError(
+                f"replications: {self.replications} of them at {points} points are {points * self.replications}; "
+                f"at most {MOST_REPLICATIONS} are made"
+            )
 
     @property
     def points(self) -> list[tuple[Value, ...]]:

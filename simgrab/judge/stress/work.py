@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
-import multiprocessing
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
+from simgrab import parquet
 from simgrab.errors import StressError
 from simgrab.files import drafted
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import Study
-from simgrab.processes import die_with
+from simgrab.processes import Pool
 
 MOST_SLOW_TRIALS = 4
 # One thread a process: more would only get in each other's way.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-T = TypeVar("T")
-Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -110,41 +99,23 @@ def _table(
 def store(study: Study, folder: Path, part: Part) -> int:
     """Make a part and write it into a folder, whole or not at all; gives the number of its replications."""
     with drafted(folder / part.file) as draft:
-        pq.write_table(make(study, part), draft)
+        parquet.write(make(study, part), draft)
     return part.last - part.first
 
 
-@contextmanager
-def crew(workers: int) -> Iterator[Callable[[Callable[[Item], T], Iterable[Item]], Iterator[T]]]:
-    """Start processes; gives what does a piece of work for each item, in no set order.
-
-    Even a single worker is a process of its own, so that its numbers are those of many.
-    """
+def check_workers(workers: int) -> None:
+    """Refuse a number of processes that cannot work."""
     if workers < 1:
         raise StressError(f"workers must be 1 or more, got {workers}")
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))  # spawned processes inherit it
-    pool = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=die_with, initargs=(os.getpid(),)
-    )
 
-    def share(work: Callable[[Item], T], items: Iterable[Item]) -> Iterator[T]:
-        jobs = (pool.submit(work, item) for item in items)
-        running = set(itertools.islice(jobs, 3 * workers))
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= set(itertools.islice(jobs, len(done)))
-            for future in done:
-                yield future.result()
 
-    try:
-        yield share
-    except BrokenProcessPool:
-        raise StressError("a worker process died (out of memory?); go on with --resume and fewer --workers") from None
-    finally:
-        pool.shutdown(cancel_futures=True)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+def crew(workers: int) -> Pool:
+    """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
+
+    Raises
+    ------
+    StressError
+        If there are none.
+    """
+    check_workers(workers)
+    return Pool(workers, environment=dict.fromkeys(_THREADS, "1"))

@@ -16,9 +16,11 @@ from simgrab.datasets import Dataset, picture
 from simgrab.errors import TrainingError
 from simgrab.files import drafted_folder
 from simgrab.instrument.detect.patches import Patch, Picture
+from simgrab.parse import read_json
 from simgrab.records import Truth
 
 Progress = Callable[[int, int], None]
+_MOST_BYTES = 4 * 2**30  # of the list of patches
 _WORKERS = 2  # decoding lets go of Python's lock
 
 
@@ -85,9 +87,13 @@ def build(
     if not all((folder / name).exists() for name in ("patches.json", "bytes.npy")):  # or half removed
         _make(folder, chosen, shape, make, progress)
     try:
-        patches = [[Patch(*p) for p in row] for row in json.loads((folder / "patches.json").read_text())]
-        return np.load(folder / "bytes.npy", mmap_mode="r"), patches
-    except (OSError, ValueError, TypeError) as problem:
+        listed = read_json(folder / "patches.json", TrainingError, most_bytes=_MOST_BYTES)
+        patches = [[Patch(*map(int, p)) for p in row] for row in listed]
+        found = np.load(folder / "bytes.npy", mmap_mode="r", allow_pickle=False)
+        if found.dtype != np.uint8 or found.shape != (len(chosen), *shape) or len(patches) != len(chosen):
+            raise ValueError("of other frames")
+        return found, patches
+    except (TrainingError, OSError, EOFError, ValueError, TypeError, OverflowError, AttributeError) as problem:
         raise TrainingError(f"{folder} is damaged ({type(problem).__name__}); delete it, and it is made anew") from None
 
 

@@ -13,7 +13,7 @@ import torch
 from onnx import helper, numpy_helper
 from torch import nn
 
-from simgrab.instrument.detect.session import KEY
+from simgrab.instrument.net import KEY
 from simgrab.training.folder import write
 from simgrab.training.graph import traced
 

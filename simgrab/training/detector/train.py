@@ -27,7 +27,7 @@ from simgrab.training.detector import cache, evaluate, export, find, refine, set
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
 from simgrab.training.device import named
-from simgrab.training.folder import claim
+from simgrab.training.folder import check, claim
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # pictures find looks at at once
@@ -84,6 +84,7 @@ def train(
     DatasetError, TrainingError
     """
     out = Path(out)
+    check(out, resume=resume)
     sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
     frames, doubtful = Frames.of(sets), Frames.of(more)
     chosen = recipes(len(frames.train))

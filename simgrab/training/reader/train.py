@@ -19,7 +19,7 @@ from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.device import named, out_of_memory
-from simgrab.training.folder import claim, write
+from simgrab.training.folder import check, claim, write
 from simgrab.training.graph import traced
 from simgrab.training.reader.cells import gather
 from simgrab.training.reader.lenet import LeNet5
@@ -63,6 +63,7 @@ def train_reader(
     ------
     DatasetError, TrainingError
     """
+    check(out, resume=resume)
     found = data.read_all(paths, "train", "val")
     named(recipe.device)  # or refused before anything is written
     with claim(out, resume=resume):

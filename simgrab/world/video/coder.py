@@ -15,6 +15,7 @@ from av.video import VideoStream
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 from numpy.typing import NDArray
 
+from simgrab.containers import FRAGMENTED
 from simgrab.scenario import Camera, Clip
 
 # A camera's coder looks at no frame ahead and has no B-frames. One thread: x264 codes differently with more.
@@ -25,7 +26,7 @@ MOST_BUFFER_BITS = 2**31 - 1  # FFmpeg's
 
 
 class Coder:
-    """Codes pictures into a file as they come. Use as a context manager.
+    """Codes pictures into a file as they come, an MP4 in fragments. Use as a context manager.
 
     Colours are BT.709, limited range, 4:2:0, and tagged so.
 
@@ -55,7 +56,8 @@ class Coder:
         self.x264 = ""
         self._tick, self._lasting = Fraction(1, ticks_per_s), round(ticks_per_s / clip.frame_rate_hz)
         # Bit-exact: neither dates nor random identifiers.
-        self._file = av.open(str(path), "w", format=container, container_options={"fflags": "+bitexact"})
+        muxing = {"fflags": "+bitexact"} | (FRAGMENTED if container == "mp4" else {})
+        self._file = av.open(str(path), "w", format=container, container_options=muxing)
         rate = Fraction(clip.frame_rate_hz).limit_denominator(1001)
         self._stream = self._file.add_stream("libx264", rate=rate, options=options)
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width_px, camera.height_px, "yuv420p"

@@ -15,7 +15,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from simgrab.destination import check_file
 from simgrab.errors import DatasetError, ScenarioError
+from simgrab.parse import read_json
 from simgrab.scenario import Scenario
 from simgrab.world import manifest
 from simgrab.world.folder import differences, locked, writing
@@ -109,6 +111,7 @@ class Reels:
         DatasetError
             If something lies in the way that is not, with ``resume``, of the same scenario.
         """
+        check_file(self.files(0)[self.path.suffix], DatasetError, "--video")
         begun = _read(self.partial / "identity.json")
         if begun is not None and resume:
             self._refuse_others(self.path, begun)
@@ -155,7 +158,7 @@ class Reels:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        data = read_json(path, DatasetError)
+    except DatasetError:
         return None
     return data if isinstance(data, dict) and "scenario" in data else None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from simgrab import parquet
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
 from simgrab.world import crew
@@ -89,6 +90,8 @@ def render_video(
         If something else lies there, or it cannot be written.
     RendererError
         If there is no offscreen OpenGL.
+    WorkerError
+        If worker processes die of a frame or clip again and again.
     """
     crew.check(workers)
     reels = Reels(scenario, Path(path))
@@ -97,8 +100,12 @@ def render_video(
         plan = crew.vetted(scenario, workers, checking)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = crew.report(progress, ahead, scenario.frames)
-        with reels.claim():
-            for _ in crew.share(scenario, plan, clips, Filming(reels, None), workers=workers, progress=report):
+        work = Filming(reels, None)
+        with (
+            reels.claim(),
+            closing(crew.share(scenario, plan, clips, work, workers=workers, unit="clip", progress=report)) as filmed,
+        ):
+            for _ in filmed:
                 pass
     return _summary(reels, len(clips))
 
@@ -125,8 +132,9 @@ class Filming:
             self._refuse_other_renderers(drawn_by)
             film(self.reels, clip, lambda frame: self._take(studio, frame), drawn_by, tick=tick, also=self._lacks)
             return drawn_by
-        for frame in filter(self._lacks, span):
-            self._take(studio, frame)
+        for frame in span:
+            if self._lacks(frame):
+                self._take(studio, frame)
             tick()
         return drawn_by
 
@@ -154,7 +162,7 @@ def _summary(reels: Reels, made: int) -> VideoSummary:
     sent = repeated = size = 0
     for clip in range(reels.count):
         files = reels.files(clip)
-        column = pq.read_table(files[".parquet"], columns=["repeated"])["repeated"]
+        column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
         sent += len(column)
         repeated += pc.sum(column).as_py()
         size += files[reels.path.suffix].stat().st_size

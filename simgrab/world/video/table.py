@@ -63,7 +63,8 @@ class Table:
         self._schema = columns.with_metadata(
             {**(columns.metadata or {}), "simgrab": json.dumps(metadata, sort_keys=True)}
         )
-        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
+        self._file = path.open("wb")
+        self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
         self._rows: list[dict[str, Any]] = []
 
     def __enter__(self) -> Table:
@@ -74,7 +75,8 @@ class Table:
             if kind is None:
                 self._flush()
         finally:
-            self._writer.close()
+            with self._file:
+                self._writer.close()
 
     def add(self, row: Truth, **own: Any) -> None:
         """Add a picture: what it shows, and its own columns."""

@@ -119,6 +119,20 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     assert (one / "small" / "summary.csv").read_bytes() == (killed / "small" / "summary.csv").read_bytes()
 
 
+def test_a_study_killed_while_it_cleaned_up_is_finished(tmp_path):
+    study = small("focal", (0.0,), replications=2, n=20)
+    laboratory.run([study], tmp_path)
+    before = (tmp_path / "focal" / TRIALS).stat().st_mtime_ns
+    report = (tmp_path / laboratory.REPORT).read_bytes()
+    (tmp_path / "focal" / PARTIAL).mkdir()
+    told = []
+    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: told.append(counts))
+    assert told == [(2, 2)]
+    assert not (tmp_path / "focal" / PARTIAL).exists()
+    assert (tmp_path / "focal" / TRIALS).stat().st_mtime_ns == before
+    assert (tmp_path / laboratory.REPORT).read_bytes() == report
+
+
 def test_a_folder_of_another_study_is_left_alone(tmp_path):
     study = small("focal", (0.0,), replications=2, n=20)
     laboratory.run([study], tmp_path)

@@ -1,0 +1,43 @@
+"""Types of options, shared by verbs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from simgrab.destination import check_file, check_folder, check_new_folder
+from simgrab.errors import DatasetError, RunError, SimgrabError
+
+
+class _Place(click.Path):
+    """A path; an empty one, which would be the working folder, is a slip."""
+
+    def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Refuse what is empty."""
+        if value == "":
+            self.fail("a path must not be empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class _Destination(_Place):
+    """A path to write to, which is checked before the verb's own modules are imported, which takes seconds."""
+
+    def __init__(self, check: Callable[..., None], error: type[SimgrabError] = RunError) -> None:
+        super().__init__(path_type=Path)
+        self._check, self._error = check, error
+
+    def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Refuse what cannot be written."""
+        path = super().convert(value, param, ctx)
+        self._check(path, self._error, param.opts[0] if param else "path")
+        return path
+
+
+PATH = _Place(path_type=Path)
+FOLDER, NEW_FOLDER = _Destination(check_folder), _Destination(check_new_folder)
+FILE = _Destination(check_file, DatasetError)
+WORKERS = click.IntRange(1, 256)

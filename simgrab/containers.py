@@ -1,0 +1,127 @@
+"""Video files that can be read however early they break off, and whether one does.
+
+An MP4 file without fragments is lost with its index, which stands in one place. In fragments each group of pictures
+comes with its own index, and the segment index before them (``sidx``) tells how long the whole file is.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from dataclasses import dataclass
+from typing import BinaryIO
+
+# For FFmpeg's muxer. A fragment starts at each key frame, or a minute after the last, so that memory is bounded.
+# Pictures must come in the order of their time stamps, the first of which is 0.
+FRAGMENTED = {
+    "movflags": "+frag_keyframe+empty_moov+default_base_moof+global_sidx",
+    "frag_duration": "60000000",
+}
+
+_MP4 = {b"ftyp", b"styp", b"moov", b"moof", b"mdat", b"free", b"skip", b"wide", b"sidx", b"pnot", b"uuid"}
+_EBML, _SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far a video file goes.
+
+    Attributes
+    ----------
+    end : int
+        Bytes that a demuxer may read: without a last box that holds no pictures and is cut off.
+    whole : bool
+        Whether all pictures that the container states are there, as far as it states how many bytes they take.
+    """
+
+    end: int
+    whole: bool
+
+
+def extent(file: BinaryIO) -> Extent:
+    """Find whether a video file is cut off: MP4, Matroska and AVI state their lengths; others count as whole.
+
+    Parameters
+    ----------
+    file : binary file
+        Is left anywhere.
+    """
+    size = file.seek(0, os.SEEK_END)
+    start = _at(file, 0, 12)
+    if start[4:8] in _MP4:
+        return _mp4(file, size)
+    if start[:4] == _EBML:
+        return _matroska(file, size)
+    if start[:4] == b"RIFF" and start[8:12] == b"AVI ":
+        return _avi(file, size)
+    return Extent(size, True)
+
+
+def _at(file: BinaryIO, offset: int, length: int) -> bytes:
+    file.seek(offset)
+    return file.read(length)
+
+
+def _mp4(file: BinaryIO, size: int) -> Extent:
+    """Go from box to box."""
+    at = stated = 0
+    while at < size:
+        header = _at(file, at, 16)
+        if len(header) < 8:
+            return Extent(at, 0 < stated <= at)
+        length, kind = struct.unpack_from(">I4s", header)
+        if length == 1 and len(header) == 16:
+            (length,) = struct.unpack_from(">Q", header, 8)
+        elif length == 0:  # up to the end of the file
+            break
+        if length < 8:  # no box: what follows is not of the container
+            break
+        if at + length > size:
+            return Extent(size if kind == b"mdat" else at, 0 < stated <= at)
+        if kind == b"sidx":
+            stated = at + length + _indexed(_at(file, at, length))
+        at += length
+    return Extent(size, stated <= size)
+
+
+def _indexed(box: bytes) -> int:
+    """Bytes after a segment index of what it lists (ISO/IEC 14496-12, 8.16.3)."""
+    try:
+        fields = ">QQHH" if box[8] else ">IIHH"
+        _, first, _, count = struct.unpack_from(fields, box, 20)
+        references = struct.unpack_from(">" + "III" * count, box, 20 + struct.calcsize(fields))
+    except (IndexError, struct.error):
+        return 0
+    return int(first) + sum(length & 0x7FFFFFFF for length in references[::3])
+
+
+def _matroska(file: BinaryIO, size: int) -> Extent:
+    """Compare the segment's length with the file's; one that was streamed states none."""
+    start, length = _element(file, 0)
+    segment = start + (length or 0)
+    if _at(file, segment, 4) != _SEGMENT:
+        return Extent(size, True)
+    start, length = _element(file, segment)
+    return Extent(size, length is None or start + length <= size)
+
+
+def _element(file: BinaryIO, at: int) -> tuple[int, int | None]:
+    """Offset of the content of an element with four bytes of identity, and its length where that is stated."""
+    data = _at(file, at + 4, 8)
+    width = 9 - data[0].bit_length() if data else 9
+    if width > len(data):
+        return at, None
+    ones = (1 << 7 * width) - 1
+    value = int.from_bytes(data[:width], "big") & ones
+    return at + 4 + width, None if value == ones else value
+
+
+def _avi(file: BinaryIO, size: int) -> Extent:
+    """Go from one list of at most 1 GB to the next."""
+    at = 0
+    while (header := _at(file, at, 8))[:4] == b"RIFF" and len(header) == 8:
+        (length,) = struct.unpack_from("<I", header, 4)
+        at += 8 + length + length % 2
+        if at > size + length % 2:
+            return Extent(size, False)
+    return Extent(size, True)

@@ -1,0 +1,12 @@
+"""Text for tables in the terminal."""
+
+from __future__ import annotations
+
+from rich.markup import escape
+
+from simgrab.text import printable
+
+
+def cell(text: object) -> str:
+    """Write text for rich, whoever chose it: markup stays text, and control characters are shown."""
+    return escape(printable(text))

@@ -1,0 +1,218 @@
+"""Read what users write as text: one reader of text files, one parser of TOML and one of JSON.
+
+Whatever a file holds, and whatever lies in its place, is answered by one line with the file and the reason: a folder, a
+pipe or a device, bytes that are no UTF-8, nesting without end, numbers beyond 64 bits. A byte order mark is skipped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import json
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from datetime import date, time
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+from simgrab.errors import SimgrabError, first_line
+
+Refuse = Callable[[str], SimgrabError]
+
+MOST_BYTES = 16 * 2**20
+"""Of a JSON file that simgrab writes about a dataset, a run, a suite or a study."""
+MOST_TOML_BYTES = 4 * 2**20
+"""Of a TOML file that a person writes: a scene, a camera, a suite … The parser takes seconds for so much."""
+MOST_LEVELS = 64
+"""Of tables and lists within each other."""
+MOST_SHOWN = 80  # characters of a value in a message
+LEAST_INTEGER, MOST_INTEGER = -(2**63), 2**63 - 1
+
+_KINDS = (
+    (stat.S_ISREG, "a file"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def read_toml(path: str | Path, refuse: Refuse, kind: str = "") -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : path
+    refuse : callable
+        From a line with file and reason to what is raised.
+    kind : str
+        What such a file is called, e.g. ``"camera file"``.
+    """
+    text = read_text(path, refuse, kind, most_bytes=MOST_TOML_BYTES)
+    return parse_toml(text, refuse, f"{cannot(path, kind)}: it is not valid TOML")
+
+
+def read_json(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int = MOST_BYTES) -> Any:
+    """Read a JSON file; parameters as those of `read_toml`, and the most bytes that it may have."""
+    text = read_text(path, refuse, kind, most_bytes=most_bytes)
+    return parse_json(text, refuse, f"{cannot(path, kind)}: it is not valid JSON")
+
+
+def read_text(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int = MOST_BYTES) -> str:
+    """Read a text file, UTF-8 with or without a byte order mark; parameters as those of `read_json`."""
+    with opened(path, refuse, kind, most_bytes=most_bytes) as file:
+        data = file.read(most_bytes + 1)
+    what = cannot(path, kind)
+    if len(data) > most_bytes:
+        raise refuse(f"{what}: it holds more than {_size(most_bytes)}")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        raise refuse(f"{what}: it is not UTF-8 text (byte {problem.start + 1}: {problem.reason})") from None
+
+
+@contextlib.contextmanager
+def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int | None = None) -> Iterator[BinaryIO]:
+    """Open a regular file to read bytes; never waits for the other end of a pipe."""
+    what = cannot(path, kind)
+    try:
+        # A pipe without a writer would block until there is one.
+        file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")  # noqa: PTH123, SIM115
+    except (OSError, ValueError) as problem:  # ValueError: a name with a NUL byte
+        raise refuse(f"{what}: {why_not_read(path, problem)}") from None
+    with file:
+        about = os.fstat(file.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            raise refuse(f"{what}: it is {kind_of(about.st_mode)}, not a file")
+        if most_bytes is not None and about.st_size > most_bytes:
+            raise refuse(f"{what}: it has {_size(about.st_size)}, and at most {_size(most_bytes)} are read")
+        try:
+            yield file
+        except OSError as problem:
+            raise refuse(f"{what}: {first_line(problem)}") from None
+
+
+def cannot(path: str | Path, kind: str = "") -> str:
+    """Begin the line that says why a file cannot be read."""
+    return " ".join(filter(None, ("cannot read", kind, str(path))))
+
+
+def kind_of(mode: int) -> str:
+    """Name what lies at a path, from its mode."""
+    return next((name for is_it, name in _KINDS if is_it(mode)), "something else")
+
+
+def why_not_read(path: str | Path, problem: Exception) -> str:
+    """Say why a file could not be opened."""
+    if isinstance(problem, OSError) and problem.errno == errno.ENOENT and Path(path).is_symlink():
+        return f"it is a link to {os.readlink(path)}, which does not exist"  # noqa: PTH115
+    if isinstance(problem, OSError) and problem.errno == errno.EISDIR:
+        return "it is a folder, not a file"
+    if isinstance(problem, OSError) and problem.errno == errno.ENXIO:
+        return "it is a socket or a device, not a file"
+    return first_line(problem)
+
+
+def parse_toml(text: str, refuse: Refuse, what: str) -> dict[str, Any]:
+    """Parse TOML; ``what`` begins the line that says what is wrong with it."""
+    if _LONG_KEY.search(text):  # for which the parser takes time by the square of its length
+        raise refuse(f"{what}: {_TOO_DEEP}")
+    return dict(_parse(tomllib.loads, text, refuse, what))
+
+
+def parse_value(text: str, refuse: Refuse, what: str) -> Any:
+    """Parse one value as TOML; a date, and one line that is no TOML, are taken as text."""
+    try:
+        data = tomllib.loads(f"v = {text}")
+    except tomllib.TOMLDecodeError:
+        data = {"v": text} if len(text.splitlines()) <= 1 else {}
+    except (RecursionError, ValueError):  # too deep, or thousands of digits
+        data = parse_toml(f"v = {text}", refuse, what)
+    if list(data) != ["v"]:
+        raise refuse(f"{what} takes one value, got {shown(text)}")
+    return text if isinstance(data["v"], date | time) else data["v"]
+
+
+def parse_json(text: str | bytes, refuse: Refuse, what: str) -> Any:
+    """Parse JSON, in which no table may have a key twice; ``what`` begins the line that says what is wrong with it."""
+    return _parse(functools.partial(json.loads, object_pairs_hook=_unique), text, refuse, what)
+
+
+def _parse(parse: Callable[[Any], Any], text: str | bytes, refuse: Refuse, what: str) -> Any:
+    try:
+        data = parse(text)
+    except RecursionError:
+        raise refuse(f"{what}: {_TOO_DEEP}") from None
+    except ValueError as problem:  # of both parsers, of int() where there are thousands of digits, and of UTF-8
+        reason = f"a number must have {_MOST_DIGITS}" if "integer string conversion" in str(problem) else problem
+        raise refuse(f"{what}: {first_line(Exception(str(reason)))}") from None
+    if misfit := find_misfit(data):
+        raise refuse(f"{what}: {': '.join(filter(None, misfit))}")
+    return data
+
+
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){200}""")
+_MOST_DIGITS = "64 bits at most"
+_TOO_DEEP = f"tables and lists must not be nested deeper than {MOST_LEVELS} levels"
+
+
+def find_misfit(data: Any) -> tuple[str, str] | None:
+    """Find what no file of ours has room for: returns its dotted key and what is wrong, or None.
+
+    That is an integer beyond 64 bits, nesting beyond `MOST_LEVELS`, and a text or key that is no Unicode: half of a
+    pair of surrogates, as JSON may escape it and as Python decodes bytes of an argument that are no UTF-8.
+    """
+    left: list[tuple[Any, tuple[str, ...]]] = [([data], ())]
+    while left:
+        table, path = left.pop()
+        for key, value in table.items() if isinstance(table, Mapping) else enumerate(table):
+            if isinstance(key, str) and not _is_unicode(key):
+                return _dotted((*path, key)), "a key must be UTF-8 text"
+            if isinstance(value, str) and not _is_unicode(value):
+                return _dotted((*path, str(key))), f"must be UTF-8 text, got {shown(value)}"
+            if isinstance(value, int) and not LEAST_INTEGER <= value <= MOST_INTEGER:
+                return _dotted((*path, str(key))), f"an integer must have {_MOST_DIGITS}"
+            if isinstance(value, Mapping | list | tuple):
+                if len(path) >= MOST_LEVELS:
+                    return _dotted(path[:4]), _TOO_DEEP
+                left.append((value, (*path, str(key))))
+    return None
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _dotted(path: tuple[str, ...]) -> str:
+    return ".".join(path[1:])  # the first is the place of the whole
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        _twice(next(key for i, key in enumerate(keys) if key in keys[:i]))
+    return table
+
+
+def _twice(key: str) -> NoReturn:
+    raise ValueError(f"the key {key!r} is there twice")
+
+
+def shown(value: Any) -> str:
+    """Write a value for a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
+
+
+def _size(size: int) -> str:
+    return f"{size / 2**20:.0f} MiB" if size >= 2**20 else f"{size} bytes"

@@ -1,0 +1,36 @@
+"""Names that others chose, made fit for where they are shown: terminals, pages, tables and files."""
+
+from __future__ import annotations
+
+
+def printable(text: object) -> str:
+    r"""Write what would steer a terminal, break a line, or is no Unicode as escapes, e.g. ``\x1b`` or ``\u202e``.
+
+    Examples
+    --------
+    >>> import os
+    >>> print(printable("red\x1b[31m"), printable(os.fsdecode(b"a\xff.jpg")))
+    red\x1b[31m a\xff.jpg
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in encodable(text))
+
+
+def encodable(text: object) -> str:
+    """Write bytes of a file's name that are no UTF-8 as escapes, whatever the locale is: no file of text holds them."""
+    whole = str(text)
+    try:
+        data = whole.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:  # surrogates that no file's name has
+        data = whole.encode("utf-8", "backslashreplace")
+    return data.decode("utf-8", "backslashreplace")
+
+
+def cell(text: str) -> str:
+    """Write text so that a spreadsheet takes it for no formula: a quote comes before what would begin one."""
+    text = encodable(text)
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+
+
+def markdown(text: object) -> str:
+    """Write text as a part of a line, or a cell, of Markdown: no HTML, link, code or cell of its own begins in it."""
+    return "".join(f"\\{c}" if c in "\\`<|[" else c for c in printable(text))

@@ -1,0 +1,105 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RunError
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.judge import runs
+from simgrab.judge.run import measure
+
+CAMERA = Calibration(64, 48, 60.0, 32.0, 24.0)
+
+
+class Fixed:
+    name = "fixed"
+
+    def __call__(self, frames, calibration):  # noqa: ARG002
+        return [
+            Measurement(status="ok", alpha=0.2, danger=0.9, centre=(30.0 + i, 20.0), rope_text="1500 1600")
+            for i, _ in enumerate(frames)
+        ]
+
+
+@pytest.fixture
+def made():
+    frames = [Frame(np.zeros((48, 64, 3), np.uint8), i / 9) for i in range(12)]
+    return measure(frames, CAMERA, Fixed(), source="video")
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    runs.save(made, tmp_path)
+    return tmp_path
+
+
+def change(path, place, value):
+    data = json.loads(path.read_text())
+    inner = data
+    for step in place[:-1]:
+        inner = inner[step]
+    inner[place[-1]] = value
+    path.write_text(json.dumps(data))
+
+
+def test_a_saved_run_is_read_back(made, folder):
+    again = runs.load(folder)
+    assert len(again.events) == len(made.events) == 1
+    assert (again.instrument, again.source, again.names) == (made.instrument, made.source, made.names)
+    np.testing.assert_array_equal(again.time, made.time)
+    assert runs.alarms(again.events)[0] == pytest.approx(runs.alarms(made.events)[0])
+    for one, other in zip(runs.rows(again), runs.rows(made), strict=True):
+        assert one == pytest.approx(other)
+    assert again.about == json.loads(json.dumps(made.about))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "named"),
+    [
+        (("rule", "frames"), [1], "rule.frames"),
+        (("rule", "quiet_s"), "6", "rule.quiet_s"),
+        (("counts", "ok"), "many", "counts"),
+        (("counts",), 3, "counts"),
+        (("tilt",), {"beta_deg": 3}, "tilt"),
+        (("estimate",), [], "estimate"),
+        (("timed",), "yes", "timed"),
+        (("instrument",), {}, "instrument"),
+    ],
+)
+def test_facts_of_another_kind_are_refused(folder, place, value, named):
+    change(folder / runs.ABOUT, place, value)
+    with pytest.raises(RunError, match=rf"not a run of simgrab .*{named}"):
+        runs.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("end_s", [1.0]), ("peak_frame", 1.5), ("danger", None), ("alpha_deg", "x")]
+)
+def test_alarms_of_another_kind_are_refused(folder, key, value):
+    change(folder / runs.ALARMS, (0, key), value)
+    with pytest.raises(RunError, match="not a run of simgrab"):
+        runs.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "named"),
+    [
+        ("rope_text", ["15"] * 12, "rope_text: four digits"),
+        ("u_px", [float("nan")] * 12, "centre: .* is not finite"),
+        ("alpha_deg", [91.0] * 12, "beyond the horizontal"),
+        ("time_s", [None] * 12, "float"),
+        ("file", [3] * 12, "str"),
+        ("file", None, "file"),
+        ("status", [2**62] * 12, "status"),
+    ],
+)
+def test_rows_that_no_instrument_gives_are_refused(folder, column, values, named):
+    table = pq.read_table(folder / runs.TABLE)
+    i = table.column_names.index(column)
+    changed = table.remove_column(i) if values is None else table.set_column(i, column, pa.array(values))
+    pq.write_table(changed, folder / runs.TABLE)
+    with pytest.raises(RunError, match=rf"not a run of simgrab .*{named}"):
+        runs.load(folder)

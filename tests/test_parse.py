@@ -1,0 +1,182 @@
+"""Whatever a user's text file holds, and whatever lies in its place, one line with the file and the reason answers."""
+
+import codecs
+import json
+import os
+
+import pytest
+import tomli_w
+
+from simgrab import calibration, layouts, parse, scenes
+from simgrab.errors import ScenarioError, SimgrabError
+from simgrab.instrument.estimate import follow
+from simgrab.judge.check import baseline, golden, suite
+from simgrab.judge.stress import catalogue
+from simgrab.judge.tables import read_record
+from simgrab.world.export import calibration_of
+
+CAMERA = calibration_of(scenes.load("quay-day"))
+TILT = follow.Known("mean-ray", 9, 3.0, 0.0, None, ((1e-6, 0.0), (0.0, 1e-6)))
+SUITE = {"name": "mine", "scenes": {"calm": {"scene": "quay-day", "frames": 4}}}
+STUDY = {
+    "name": "mine", "title": "x", "axes": [{"axis": "sigma", "values": [1.0]}], "estimators": ["mean-ray"],
+}  # fmt: skip
+BASELINE = {"suite": "mine", "instrument": "a", "simgrab": "0.1", "seeds": [1], "scenes": {}}
+
+# By file: its name, how it is read, and a text that is good.
+FILES = {
+    "scene": ("scene.toml", scenes.load, scenes.load("quay-day").to_toml()),
+    "manifest": ("manifest.json", scenes.load, json.dumps({"scenario": scenes.load("quay-day").to_dict()})),
+    "camera": ("camera.toml", calibration.load, CAMERA.to_toml()),
+    "layout": ("layout.toml", layouts.read, (layouts.FOLDER / "two-by-four.toml").read_text()),
+    "suite": ("suite.toml", suite.load, tomli_w.dumps(SUITE)),
+    "study": ("study.toml", catalogue.load, tomli_w.dumps(STUDY)),
+    "tilt": ("tilt.toml", follow.load, TILT.to_toml()),
+    "baseline": (baseline.FILE, lambda path: baseline.load(path.parent), json.dumps(BASELINE)),
+    "golden": (golden.FILE, lambda path: golden.load(path.parent), "{}"),
+    "table": ("pixels.csv", lambda path: read_record(path, CAMERA), "u_px,v_px\n900,500\n910,510\n"),
+    "parquet": ("pixels.parquet", lambda path: read_record(path, CAMERA), None),
+}
+DEEP, DIGITS, LARGE = "[" * 100_000, "1" * 6000, "0x" + "f" * 6000
+
+
+def text_of(name, value):
+    return f'{{"a": {value}}}' if name.endswith(".json") else f"a = {value}"
+
+
+BROKEN = {
+    "deep": lambda name: text_of(name, DEEP).encode(),
+    "deep by dots": lambda _: f"{'a.' * 500_000}b = 1".encode(),
+    "many digits": lambda name: text_of(name, DIGITS).encode(),
+    "large": lambda name: text_of(name, "1" * 400 if name.endswith(".json") else LARGE).encode(),
+    "latin-1": lambda name: text_of(name, '"\xe4"').encode("latin-1"),
+    "utf-16": lambda name: text_of(name, '"x"').encode("utf-16"),
+    "NUL": lambda _: b"\0" * 100,
+    "half": lambda _: b"{",
+    "a list": lambda _: b"[]",
+}
+
+
+def refused(read, path, *, nameless=False):
+    with pytest.raises(SimgrabError) as problem:
+        read(path)
+    line = str(problem.value)
+    assert nameless or str(path) in line
+    assert "\n" not in line
+    assert len(line) < len(str(path)) + 1000
+    return line
+
+
+@pytest.mark.parametrize("what", BROKEN)
+@pytest.mark.parametrize("kind", FILES)
+def test_a_broken_file_is_answered_in_one_line(kind, what, tmp_path):
+    name, read, _ = FILES[kind]
+    path = tmp_path / name
+    path.write_bytes(BROKEN[what](name))
+    refused(read, path)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_what_is_no_file_is_called_by_its_kind(kind, tmp_path):
+    name, read, _ = FILES[kind]
+    path = tmp_path / name
+    path.mkdir()
+    assert "folder" in refused(read, path)
+    path.rmdir()
+    os.mkfifo(path)
+    assert "it is a pipe, not a file" in refused(read, path)
+    path.unlink()
+    path.symlink_to(tmp_path / "gone")
+    assert "it is a link to" in refused(read, path)
+
+
+@pytest.mark.parametrize("kind", sorted(FILES.keys() - {"parquet"}))
+def test_a_large_file_is_refused_before_it_is_read(kind, tmp_path):
+    name, read, _ = FILES[kind]
+    path = tmp_path / name
+    path.touch()
+    os.truncate(path, 8 * 2**30)  # a hole takes no room on the disk, and more memory than there may be
+    assert "at most" in refused(read, path)
+
+
+@pytest.mark.parametrize("kind", sorted(FILES.keys() - {"parquet"}))
+def test_a_byte_order_mark_is_skipped(kind, tmp_path):
+    name, read, good = FILES[kind]
+    path = tmp_path / name
+    path.write_text(good, encoding="utf-8")
+    plain = read(path)
+    path.write_bytes(codecs.BOM_UTF8 + good.encode())
+    again = read(path)
+    assert repr(again) == repr(plain)
+
+
+def test_a_table_of_json_has_no_key_twice(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('{"scenario": {"seed": 1, "seed": 2}}')
+    assert "'seed' is there twice" in refused(scenes.load, path)
+
+
+def test_levels_are_counted():
+    def nested(levels):
+        return "[" * levels + "]" * levels
+
+    parse.parse_toml(f"a = {nested(parse.MOST_LEVELS - 1)}", ScenarioError, "")
+    with pytest.raises(SimgrabError, match="nested deeper than 64"):
+        parse.parse_json(nested(parse.MOST_LEVELS + 1), SimgrabError, "")
+
+
+@pytest.mark.parametrize("kind", ["scene", "camera", "tilt", "suite", "study"])
+@pytest.mark.parametrize("value", ["1e400", "-1e400", "nan", "true", "0x7fffffffffffffff"])
+def test_numbers_that_are_none_are_refused_by_key(kind, value, tmp_path):
+    name, read, _ = FILES[kind]
+    key = {"scene": "frames", "camera": "focal_length_px", "tilt": "beta_deg", "suite": "seed", "study": "n"}[kind]
+    path = tmp_path / name
+    path.write_text(f"{key} = {value}")
+    assert key in refused(read, path, nameless=kind == "scene")  # its keys may come from its base, or from --set
+
+
+@pytest.mark.parametrize(
+    ("assignment", "why"),
+    [
+        ('name="a"\nseed=7', "--set takes one value"),
+        ("name=a\nb", "--set takes one value"),
+        (f"seed={DIGITS}", "64 bits"),
+        (f"seed={LARGE}", "64 bits"),
+        (f"seed={DEEP}", "nested"),
+        ("seed=1e400", "finite"),
+        ("seed=-1", "seed"),
+        ("description=\udcff", "UTF-8"),
+        ("frames=0", "frames"),
+        ("frames=true", "int"),
+        ("camera.beta_deg=nan", "finite"),
+        ("name=", "key=value"),
+        ("description=\udcff", "description: must be UTF-8 text"),
+        ("camera.mount.model=\udcff", "camera.mount.model: must be UTF-8 text"),
+        ("camera.\udcff=1", "a key must be UTF-8 text"),
+        (f"{'a.' * 5000}b=1", "nested"),
+        (f"camera.{'a.' * 5000}b=1", "nested"),
+    ],
+)
+def test_set_takes_one_sound_value(assignment, why):
+    with pytest.raises(ScenarioError, match=why) as problem:
+        scenes.load("quay-day", scenes.parse_changes([assignment]))
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "why"),
+    [
+        ('{"description": "\\ud800"}', "scenario.description: must be UTF-8 text"),
+        ('{"vary": {"\\udfff": 1}}', "a key must be UTF-8 text"),
+        ('{"camera": [{"x": ["\\ud800\\ud800"]}]}', "scenario.camera.0.x.0: must be UTF-8 text"),
+    ],
+)
+def test_half_a_pair_of_surrogates_is_no_text(scenario, why, tmp_path):
+    path = tmp_path / "manifest.json"
+    path.write_text(f'{{"scenario": {scenario}}}')
+    assert why in refused(scenes.load, path)
+
+
+def test_set_gives_no_key_twice():
+    with pytest.raises(ScenarioError, match="frames: --set gives it twice"):
+        scenes.parse_changes(["frames=3", "frames=5"])

@@ -1,0 +1,125 @@
+"""Picture files: what OpenCV decodes, whole or not at all, and of a size within the limit."""
+
+import os
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from simgrab.errors import PictureError
+from simgrab.pictures import MOST_BYTES, MOST_PIXELS, MOST_SIDE, read
+
+KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
+
+
+def rgb(width=48, height=36):
+    noise = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+    return cv2.GaussianBlur(noise, (0, 0), 1.5)
+
+
+def refused(path, data):
+    path.write_bytes(data)
+    with pytest.raises(PictureError) as error:
+        read(path)
+    assert str(error.value) == f"{path} cannot be read as a picture: {error.value.reason}"
+    return error.value.reason
+
+
+def png(width, height):
+    """A PNG header of any size, with too few pixels."""
+    parts = {b"IHDR": struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0), b"IDAT": zlib.compress(b""), b"IEND": b""}
+    chunks = (struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in parts.items())
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def saved(path, **options):
+    Image.fromarray(rgb()).save(path, **options)
+    return path
+
+
+WHOLE = {
+    "turned.jpg": {"exif": b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"},
+    "progressive.jpg": {"progressive": True},
+    "restarts.jpg": {"restart_marker_rows": 1},
+    "plain.png": {}, "plain.bmp": {}, "plain.tif": {}, "lzw.tif": {"compression": "tiff_lzw"},
+    "jpeg.tif": {"compression": "jpeg"}, "big.tif": {"big_tiff": True}, "lossy.webp": {},
+    "lossless.webp": {"lossless": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_whole_files_are_what_opencv_makes_of_them(tmp_path, name):
+    path = saved(tmp_path / name, **WHOLE[name])
+    for mode in (cv2.IMREAD_COLOR_RGB, cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE):
+        np.testing.assert_array_equal(read(path, mode), cv2.imread(str(path), mode))
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_a_file_that_is_cut_off_anywhere_is_refused(tmp_path, name):
+    data = saved(tmp_path / name, **WHOLE[name]).read_bytes()
+    for end in range(16, len(data) - 8, len(data) // 60):
+        assert refused(tmp_path / name, data[:end]) in ("it is cut off", "it is damaged"), end
+    assert refused(tmp_path / name, data[: len(data) // 2]) == "it is cut off"
+
+
+def test_what_a_camera_appends_to_a_jpeg_or_puts_before_its_picture_does_no_harm(tmp_path):
+    whole, small = (cv2.imencode(".jpg", rgb(*size))[1].tobytes() for size in ((48, 36), (16, 12)))
+    (tmp_path / "a.jpg").write_bytes(whole)
+    thumbnail = b"\xff\xe1" + struct.pack(">H", 2 + len(small)) + small
+    for data in (whole + b"GPS" * 100, whole[:2] + thumbnail + whole[2:]):
+        (tmp_path / "b.jpg").write_bytes(data)
+        np.testing.assert_array_equal(read(tmp_path / "b.jpg"), read(tmp_path / "a.jpg"))
+    assert refused(tmp_path / "b.jpg", (whole[:2] + thumbnail + whole[2:])[:-100]) == "it is cut off"
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "it is empty"),
+        (b"no picture", "it is no JPEG, PNG, BMP, TIFF or WebP"),
+        (b"GIF89a" + bytes(50), "it is no JPEG, PNG, BMP, TIFF or WebP"),
+        (png(0, 5), "it is damaged"),
+        (png(8, 8), "it is damaged"),
+    ],
+)
+def test_what_is_no_picture_is_refused(tmp_path, data, reason):
+    assert refused(tmp_path / "a.png", data) == reason
+
+
+@pytest.mark.parametrize("size", [(50_000, 50_000), (10_001, 10_000), (MOST_SIDE + 1, 1), (1, 2**31 - 1)])
+def test_a_picture_that_is_too_large_is_refused_by_its_header(tmp_path, size):
+    reason = refused(tmp_path / "a.png", png(*size))
+    assert reason == f"it has {size[0]} x {size[1]} px; at most 100 megapixels and 16384 px a side are read"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kinds_header_tells_its_size(tmp_path, kind, monkeypatch):
+    monkeypatch.setattr("simgrab.pictures.MOST_SIDE", 40)
+    assert "48 x 36 px" in refused(tmp_path / "a", cv2.imencode(kind, rgb())[1].tobytes())
+
+
+def test_a_camera_of_8k_fits():
+    assert MOST_PIXELS > 7680 * 4320
+    assert max(7680, 4320) < MOST_SIDE
+
+
+def test_what_is_no_file_or_too_long_is_refused(tmp_path):
+    with pytest.raises(PictureError, match=r"none\.jpg cannot be read as a picture: No such file"):
+        read(tmp_path / "none.jpg")
+    os.mkfifo(tmp_path / "pipe.jpg")  # which would be waited for
+    for path in (tmp_path, tmp_path / "pipe.jpg"):
+        with pytest.raises(PictureError, match="it is no file"):
+            read(path)
+    with (tmp_path / "long.jpg").open("wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    with pytest.raises(PictureError, match="it has 800 MB; at most 800 MB"):
+        read(tmp_path / "long.jpg")
+
+
+def test_any_name_will_do(tmp_path):
+    path = tmp_path / os.fsdecode(b"\xff.png")
+    path.write_bytes(cv2.imencode(".png", rgb())[1].tobytes())
+    np.testing.assert_array_equal(read(path, cv2.IMREAD_COLOR), rgb())

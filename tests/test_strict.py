@@ -1,0 +1,141 @@
+"""A struct made or changed in Python is checked as strictly as one from a file, with the same message."""
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+import pytest
+
+from simgrab import calibration, layouts, scenes
+from simgrab.distributions import Choice, Normal, Uniform
+from simgrab.errors import CalibrationError, LayoutError, RunError, ScenarioError, StressError, SuiteError
+from simgrab.instrument.alarm import Rule
+from simgrab.instrument.estimate.follow import Known
+from simgrab.judge.check.suite import Limit, Suite
+from simgrab.judge.stress.study import Study, Sweep
+from simgrab.scenario import Camera, Iid, Image, Light, OneOf, Scenario, Vibration
+from simgrab.strict import Checked, convert
+
+CAMERA = calibration.Calibration(640, 480, 500.0, 320.0, 240.0)
+LAYOUT = layouts.load("two-by-four")
+
+
+class Inner(Checked, frozen=True):
+    share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.5
+    kind: Literal["a", "b"] = "a"
+
+    def check(self):
+        if self.kind == "b" and self.share > 0.9:
+            raise ValueError("share must not be above 0.9 with kind 'b'")
+
+
+class Outer(Checked, frozen=True):
+    inner: Inner = Inner()
+    count: Annotated[int, msgspec.Meta(ge=0, le=9)] = 0
+    pair: tuple[float, float] = (0.0, 0.0)
+    table: dict[str, Inner] = msgspec.field(default_factory=dict)
+
+
+BAD = [
+    {"share": 2.0}, {"share": -0.1}, {"share": math.nan}, {"share": math.inf}, {"share": True}, {"share": "1"},
+    {"share": None}, {"share": 10**400}, {"kind": "c"}, {"kind": 1}, {"share": 0.95, "kind": "b"},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("values", BAD)
+def test_python_and_a_file_are_refused_alike(values):
+    with pytest.raises(ScenarioError) as from_file:
+        convert(values, Inner)
+    with pytest.raises(ScenarioError) as from_python:
+        Inner(**values)
+    assert str(from_python.value) == str(from_file.value)
+    with pytest.raises(ScenarioError) as changed:
+        msgspec.structs.replace(Inner(), **values)
+    assert str(changed.value) == str(from_file.value)
+
+
+@pytest.mark.parametrize("values", BAD)
+def test_a_struct_within_is_named_by_its_dotted_key(values):
+    with pytest.raises(ScenarioError) as alone:
+        convert(values, Inner)
+    for place, data in (("inner", {"inner": values}), ("table.x", {"table": {"x": values}})):
+        with pytest.raises(ScenarioError) as within:
+            convert(data, Outer)
+        assert within.value.key == ".".join(filter(None, (place, alone.value.key)))
+        assert within.value.problem == alone.value.problem
+
+
+def test_values_become_what_they_are_from_a_file():
+    made = Outer(count=np.int64(3), pair=[1, np.float64(2)], inner={"share": 1})
+    read = convert({"count": 3, "pair": [1, 2], "inner": {"share": 1}}, Outer)
+    assert made == read
+    assert msgspec.json.encode(made) == msgspec.json.encode(read)
+    assert type(made.inner.share) is float
+    assert Outer(pair=np.array([1.0, 2.0])).pair == (1.0, 2.0)
+
+
+def test_a_scenario_of_either_door_has_one_digest():
+    made = Scenario(camera=Camera(beta_deg=5))
+    assert made.digest() == convert(made.to_dict(), Scenario).digest()
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "key"),
+    [
+        (lambda: Camera(beta_deg=500), ScenarioError, "beta_deg: expected float <= 30"),
+        (lambda: msgspec.structs.replace(scenes.load("quay-day"), frames=-3), ScenarioError, "frames: expected int >="),
+        (lambda: Scenario(frames=True), ScenarioError, "frames: expected int, got bool"),
+        (lambda: Scenario(frames=10**12), ScenarioError, "frames: expected int <="),
+        (lambda: Camera(width_px=10**9), ScenarioError, "width_px: expected int <="),
+        (lambda: Camera(mount=Vibration()), ScenarioError, "mount"),
+        (lambda: Image(format="bmp"), ScenarioError, "format: must be one of: jpeg, png"),
+        (lambda: Image(shadow_map_px=10**9), ScenarioError, "shadow_map_px: must be one of"),
+        (lambda: Light(sun=0.0, sky=0.0), ScenarioError, "must not all be 0"),
+        (lambda: Iid(rope_length_m=7.0), ScenarioError, "rope_length_m"),
+        (lambda: Uniform(2.0, 1.0), ScenarioError, "low must not exceed high"),
+        (lambda: Uniform(-1e300, 1e300), ScenarioError, "low"),
+        (lambda: Normal(sd=-1.0), ScenarioError, "sd"),
+        (lambda: Choice(()), ScenarioError, "values"),
+        (lambda: OneOf(tuple(range(10_001))), ScenarioError, "values"),
+        (lambda: OneOf((object(),)), ScenarioError, "values.0: <object"),
+        (lambda: OneOf(("\udcff",)), ScenarioError, "values.0: must be UTF-8"),
+        (lambda: msgspec.structs.replace(CAMERA, width_px=0), CalibrationError, "width_px"),
+        (lambda: msgspec.structs.replace(CAMERA, focal_length_px=math.inf), CalibrationError, "focal_length_px"),
+        (lambda: msgspec.structs.replace(CAMERA, offset_m=(0.0, 1e9, 0.0)), CalibrationError, "offset_m.1"),
+        (lambda: msgspec.structs.replace(LAYOUT, decimals=7), LayoutError, "decimals"),
+        (lambda: msgspec.structs.replace(LAYOUT, width_px=100), LayoutError, "outside the picture"),
+        (lambda: Known("x", 0, 3.0, 0.0, None, ()), CalibrationError, "frames"),
+        (lambda: Known("x", 1, 3.0, 0.0, None, ((1.0,), (1.0, 2.0))), CalibrationError, ""),
+        (lambda: Rule(raised_at=2.0), RunError, "raised_at"),
+        (lambda: Rule(frames=True), RunError, "frames: expected int, got bool"),
+        (lambda: Limit(), SuiteError, "lower, upper or both"),
+        (lambda: Suite("mine", {}), SuiteError, "a suite needs scenes"),
+        (lambda: Suite("mine", {"a": {"scene": "b"}}, seeds=0), SuiteError, "seeds"),
+        (lambda: Study("mine", "x", (Sweep("beta", (1.0,)),), ("mean-ray",), n=3), StressError, "n: expected int >="),
+        (lambda: Study("mine", "x", (Sweep("beta", tuple(range(1000))),) * 2, ("a",)), StressError, "points"),
+        (
+            lambda: Study("mine", "x", (Sweep("beta", tuple(range(100))),), ("a",), replications=10**6),
+            StressError,
+            "replications",
+        ),
+    ],
+)
+def test_impossible_structs_are_refused_in_one_line(make, error, key):
+    with pytest.raises(error) as problem:
+        make()
+    assert key in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_what_would_take_years_is_refused():
+    slow = {"frames": 10_000_000, "clip.frame_rate_hz": 0.01}
+    with pytest.raises(ScenarioError, match="days of physics; at most 366"):
+        scenes.load("work-cycles", slow)
+    with pytest.raises(ScenarioError, match="days of physics"):
+        scenes.load("work-cycles", {"frames": 10_000, "clip.clip_frames": 1, "swing.settle_s": 3600.0})
+    laws = {
+        f"weather.{key}": {"dist": "choice", "values": [0.0] * 9000} for key in ("wetness", "rain_mm_h", "snow_cover")
+    }
+    with pytest.raises(ScenarioError, match="27000 values; at most"):
+        scenes.load("quay-day", {"clip.clip_frames": 2, "vary": laws})

@@ -1,0 +1,194 @@
+"""Names that others chose are shown as text wherever they come: they run nothing, steer nothing and break no line."""
+
+import contextlib
+import csv
+import html.parser
+import io
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+from rich.table import Table
+
+from simgrab import cli, text
+from simgrab.calibration import Calibration
+from simgrab.datasets import Data
+from simgrab.errors import MOST_CHARACTERS, SimgrabError
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.judge import detections, run_page, runs, terminal
+from simgrab.judge import html as pages
+from simgrab.judge.check.report import Report, as_junit
+from simgrab.judge.check.verdicts import Verdict
+from simgrab.judge.run import measure
+from simgrab.judge.stress import catalogue, laboratory
+from simgrab.judge.stress import page as stress_page
+from simgrab.records import Detection
+from simgrab.training.card import Card, markdown
+
+CAMERA = Calibration(64, 36, 60.0, 32.0, 18.0)
+HOSTILE = {
+    "markup": "<script>alert(1)</script><img src=x onerror='alert(2)'>\"&amp;</title></style>",
+    "controls": "a\x1b[31mred\r\n\x07\x00\x9b\u202eltr\u2028",
+    "rich": "[red]x[/red][/nothing] [link=file:///etc]y[/]",
+    "formula": "=cmd()|'/c calc'!A1",
+    "surrogates": "\udcff\udcfe.png",
+    "Markdown": "`x` | <b>y</b> | [z](http://a) $\\frac$",
+    "long": "x" * 100_000,
+}
+every = pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
+
+
+class Elements(html.parser.HTMLParser):
+    """Gathers elements with the names of their attributes, and text."""
+
+    def __init__(self, page):
+        super().__init__(convert_charrefs=True)
+        self.found, self.text = [], ""
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.found.append((tag, tuple(name for name, _ in attributes)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def shows(page, plain, name):
+    """Whether a page has the elements of one with a plain name, and shows the name as text."""
+    page.encode("utf-8")
+    assert Elements(page).found == Elements(plain).found
+    assert text.printable(name) in Elements(page).text
+    assert not any(c in page for c in "\x1b\x07\x00\x9b\u202e\u2028")
+
+
+@every
+def test_pages_show_names_as_text(name):
+    def page(name):
+        parts = [pages.section(name, pages.table([name], [[name]])), pages.photograph(b"", name)]
+        return pages.page(name, pages.text(name), parts)
+
+    shows(page(name), page("plain"), name)
+
+
+class Named:
+    """An instrument that calls itself and its reasons anything."""
+
+    def __init__(self, name):
+        self.name = name
+
+    def __call__(self, frames, calibration):  # noqa: ARG002
+        return [Measurement(status="missed", reason=self.name) for _ in frames]
+
+
+def run_of(name):
+    frames = [Frame(np.zeros((36, 64, 3), np.uint8), None, name=name) for _ in range(2)]
+    return measure(frames, CAMERA, Named(name), source=name)
+
+
+def test_a_run_shows_and_keeps_names_as_text(tmp_path):
+    name = "".join(HOSTILE[kind] for kind in ("formula", "markup", "controls", "rich", "surrogates", "Markdown"))
+    found = run_of(name)
+    shows(run_page.page(found, {}), run_page.page(run_of("plain"), {}), name)
+    runs.save(found, tmp_path)
+    assert pq.read_table(tmp_path / runs.TABLE)["file"].to_pylist() == [text.encodable(name)] * 2
+    with (tmp_path / runs.SHEET).open(encoding="utf-8", newline="") as file:
+        csv.field_size_limit(10**6)
+        for row in csv.DictReader(file):
+            assert not row["file"].startswith("=")
+            assert not row["reason"].startswith("=")
+    again = runs.load(tmp_path)
+    assert (again.instrument, again.source) == (text.encodable(name),) * 2
+
+
+@every
+def test_a_table_of_detections_holds_any_name(name, tmp_path):
+    watched = detections.Watched("x", (Path(name),), (Detection("none", name, 0.0),), (0.1,))
+    for ending in (".csv", ".parquet"):
+        detections.save(watched, tmp_path / f"found{ending}")
+    assert pq.read_table(tmp_path / "found.parquet")["reason"].to_pylist() == [name] or name == HOSTILE["surrogates"]
+    with (tmp_path / "found.csv").open(encoding="utf-8", newline="") as file:
+        csv.field_size_limit(10**6)
+        (row,) = csv.DictReader(file)
+    assert not row["file"].startswith("=")
+    assert row["file"].removeprefix("'") == text.encodable(Path(name))
+
+
+@every
+def test_the_terminal_shows_names_as_text(name):
+    table, out = Table("a"), io.StringIO()
+    table.add_row(terminal.cell(name))
+    Console(file=out, width=200_000, color_system="standard", force_terminal=True).print(table)
+    assert text.printable(name) in out.getvalue()
+    assert "\x1b[31m" not in out.getvalue()
+
+
+@every
+def test_errors_are_one_line_whatever_they_name(name, capsys):
+    def fails(**_):
+        raise SimgrabError(f"cannot read {name}")
+
+    with pytest.raises(SystemExit) as ended:
+        cli.main(fails)
+    assert ended.value.code == 2
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert len(printed) <= len("simgrab: \n") + MOST_CHARACTERS
+    if len(name) < MOST_CHARACTERS // 2:
+        assert printed == f"simgrab: cannot read {text.printable(name)}\n"
+
+
+@every
+def test_paths_in_output_are_text(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli.cli, ["audit", name.replace("\0", "")[:200]])
+    assert isinstance(result.exception, SimgrabError)
+
+
+@every
+def test_cards_show_names_as_text(name):
+    card = Card(
+        name="find", task="Finds.", data=(Data(name, "d1", "d2", 0, 800),), examples=640, recipe={}, epochs=3,
+        seconds=90.0, metrics={"recall": 0.9, "by_weather": {name: {name: 1.0}}},
+    )  # fmt: skip
+    lines = markdown(card.to_dict(b"weights")).splitlines()
+    data, metrics = (Data("plain", "d1", "d2", 0, 800),), {"recall": 0.9, "by_weather": {"plain": {"plain": 1.0}}}
+    plain = markdown(Card(**vars(card) | {"data": data, "metrics": metrics}).to_dict(b"weights")).splitlines()
+    assert len(lines) == len(plain)
+    for line, other in zip(lines, plain, strict=True):
+        assert line.replace("\\|", "").count("|") == other.count("|") or "frames of `" in line
+        assert "<b>" not in line.replace("\\<", "") or "frames of `" in line
+    assert not any("\x1b" in line for line in lines)
+
+
+@every
+def test_reports_for_servers_hold_any_name(name):
+    verdict = Verdict(scene=name, what=name, status="failed", message=name)
+    report = Report(suite="mine", instrument=name, seed=0, general=(verdict,))
+    (case,) = ElementTree.fromstring(as_junit(report)).iter("testcase")
+    assert case.get("name") == "".join(c if c.isprintable() else " " for c in name)
+
+
+def test_a_study_shows_its_words_as_text(tmp_path, monkeypatch):
+    monkeypatch.setattr(stress_page, "svg", lambda *_: "<svg></svg>")  # whose drawing takes long
+    # Nor are processes what is tested.
+    here = SimpleNamespace(map=lambda work, items, name: map(work, items))  # noqa: ARG005
+    monkeypatch.setattr(laboratory, "crew", lambda _: contextlib.nullcontext(here))
+
+    def page(words):
+        study = catalogue.read({
+            "name": "mine", "title": words, "axes": [{"axis": "sigma", "values": [1.0]}], "estimators": ["mean-ray"],
+            "n": 20, "replications": 2,
+            "accept": [{"at": [1.0], "estimator": "mean-ray", "quantity": "refused", "high": 1.0, "says": words}],
+        })  # fmt: skip
+        folder = tmp_path / str(len(words))
+        laboratory.run([study], folder)
+        return (folder / laboratory.REPORT).read_text()
+
+    words = HOSTILE["markup"] + HOSTILE["controls"] + HOSTILE["Markdown"]
+    shows(page(words), page("plain"), words)
