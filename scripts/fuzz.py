@@ -1,0 +1,176 @@
+"""Does simgrab survive whatever file it is given? ``python -m scripts.fuzz [--only KIND] [--count N] [--seed S]``.
+
+Makes hostile files of every kind that a user hands to simgrab, half of them by replacing values in sound ones, half by
+damaging their bytes, and opens each as the command line does. The law: it is accepted, or refused by a `SimgrabError`
+of one printable line of 1,000 characters at most; within a limit of time and memory; and nothing else is raised, nor
+does the process die. Failing inputs are written to ``--out``, each with its traceback; ``--replay`` opens one again.
+Exits with 1 if there is any.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from scripts.fuzzing import case as cases
+from scripts.fuzzing import corpus, generators
+from scripts.fuzzing.case import Case
+from scripts.fuzzing.watch import ACCEPTED, FAILED, LIMIT, MESSAGE, REFUSED, SIGNAL, TRACEBACK, Limits, Outcome, Watched
+
+OPENERS = "scripts.fuzzing.openers"
+COLUMNS = {
+    "accepted": ACCEPTED, "refused": REFUSED, "tracebacks": TRACEBACK, "messages": MESSAGE, "signals": SIGNAL,
+    "limits": LIMIT,
+}  # fmt: skip
+
+
+@dataclass
+class Tally:
+    """What became of the inputs of a kind."""
+
+    kind: str
+    counts: Counter[str] = field(default_factory=Counter)
+    seconds: float = 0.0
+    memory_mib: float = 0.0
+    failures: list[tuple[Path, Outcome]] = field(default_factory=list)
+
+    def add(self, outcome: Outcome) -> None:
+        """Count an input."""
+        self.counts[outcome.status] += 1
+        self.seconds = max(self.seconds, outcome.seconds)
+        self.memory_mib = max(self.memory_mib, outcome.memory_mib)
+
+
+def fuzz(
+    kinds: Sequence[str], count: int, seed: int, out: Path, *, made: Path | None = None, limits: Limits | None = None,
+    progress: Callable[[Tally], None] | None = None,
+) -> list[Tally]:  # fmt: skip
+    """Open hostile inputs.
+
+    Parameters
+    ----------
+    kinds : sequence of str
+        See `scripts.fuzzing.generators.KINDS`.
+    count : int
+        Of inputs, shared out among the kinds.
+    seed : int
+    out : Path
+        Folder of failing inputs.
+    made : Path, optional
+        Folder of `scripts.fuzzing.corpus.make`; made anew by default.
+    limits : Limits, optional
+        Of each input.
+    progress : callable, optional
+        Called with each kind's tally once it is done.
+    """
+    tallies = []
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
+        made = made or corpus.make(Path(scratch) / "corpus")
+        with Watched(OPENERS, made, Path(scratch) / "printed", limits or Limits()) as watched:
+            for i, kind in enumerate(kinds):
+                share = count // len(kinds) + (i < count % len(kinds))
+                tally = Tally(kind)
+                for one in generators.cases(kind, share, seed, made):
+                    outcome = _open(watched, one, Path(scratch))
+                    tally.add(outcome)
+                    if outcome.status in FAILED:
+                        name = f"{one.kind}-{one.number:05d}"
+                        tally.failures.append((cases.keep(one, out / name, outcome.text), outcome))
+                tallies.append(tally)
+                if progress:
+                    progress(tally)
+    return tallies
+
+
+def _open(watched: Watched, one: Case, scratch: Path) -> Outcome:
+    folder = scratch / "case"
+    try:
+        one.files.write(folder)
+        return watched.open(one.kind, folder / one.files.target)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def replay(file: Path, limits: Limits | None = None) -> Outcome:
+    """Open an input again that a run wrote."""
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
+        made = corpus.make(Path(scratch) / "corpus")
+        with Watched(OPENERS, made, Path(scratch) / "printed", limits or Limits()) as watched:
+            return _open(watched, cases.load(file), Path(scratch))
+
+
+def table(tallies: Sequence[Tally]) -> Table:
+    """Show tallies."""
+    result = Table("kind", "inputs", *COLUMNS, "worst time (s)", "worst memory (MiB)")
+    for column in result.columns[1:]:
+        column.justify = "right"
+    for tally in tallies:
+        counts = [str(tally.counts[status]) for status in COLUMNS.values()]
+        worst = f"{tally.seconds:.2f}", f"{tally.memory_mib:.0f}"
+        result.add_row(tally.kind, str(tally.counts.total()), *counts, *worst)
+    total: Counter[str] = sum((tally.counts for tally in tallies), Counter())
+    worst = f"{max(t.seconds for t in tallies):.2f}", f"{max(t.memory_mib for t in tallies):.0f}"
+    result.add_section()
+    result.add_row("all", str(total.total()), *(str(total[status]) for status in COLUMNS.values()), *worst)
+    return result
+
+
+def distinct(tally: Tally) -> list[str]:
+    """One line for each failure that is not like another: how often, what, and the first input of it."""
+    alike: dict[str, list[Path]] = {}
+    for path, outcome in tally.failures:
+        alike.setdefault(_gist(outcome), []).append(path)
+    return [
+        f"{len(paths):5d} {gist}  {paths[0]}" for gist, paths in sorted(alike.items(), key=lambda item: -len(item[1]))
+    ]
+
+
+def _gist(outcome: Outcome) -> str:
+    """Say where a failure arose and of what kind it is, without the values in its message."""
+    lines = outcome.text.strip().splitlines() or [""]
+    places = [line.strip() for line in lines if line.strip().startswith("File ") and "/simgrab/" in line]
+    place = places[-1].split("/simgrab/")[-1].replace('", line ', ":").split(",")[0] if places else ""
+    what = (lines[-1] if outcome.status == TRACEBACK else lines[0]).split(":")[0]
+    return f"{outcome.status} {re.sub('[0-9]+', 'N', what)[:80]} {place}"
+
+
+@click.command()
+@click.option("--count", default=10_000, show_default=True, help="Inputs, shared out among the kinds.")
+@click.option("--seed", default=0, show_default=True)
+@click.option("--only", multiple=True, type=click.Choice(list(generators.KINDS)), help="Kind; as often as wanted.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default="runs/fuzz", show_default=True, help="Of failing inputs."
+)
+@click.option("--seconds", default=Limits.seconds, show_default=True, help="Limit of each input, processor time.")
+@click.option("--memory", default=Limits.memory_mib, show_default=True, help="Limit of the process that opens it, MiB.")
+@click.option("--replay", "file", type=click.Path(path_type=Path, exists=True), help="case.json of a failing input.")
+def main(
+    count: int, seed: int, only: tuple[str, ...], out: Path, seconds: float, memory: float, file: Path | None
+) -> None:
+    """Open hostile inputs of every kind."""
+    limits = Limits(seconds=seconds, memory_mib=memory)
+    if file is not None:
+        outcome = replay(file, limits)
+        print(f"{outcome.status}: {outcome.text}\n{outcome.seconds:.2f} s, {outcome.memory_mib:.0f} MiB")
+        sys.exit(outcome.status in FAILED)
+
+    def progress(tally: Tally) -> None:
+        print(f"{tally.kind}: {dict(tally.counts)}", *distinct(tally), sep="\n", file=sys.stderr, flush=True)
+
+    tallies = fuzz(only or list(generators.KINDS), count, seed, out, limits=limits, progress=progress)
+    Console(width=140).print(table(tallies))
+    sys.exit(any(tally.failures for tally in tallies))
+
+
+if __name__ == "__main__":
+    main()
