@@ -1,0 +1,33 @@
+"""A killed command, run again, gives what it gives undisturbed."""
+
+import pytest
+
+from scripts.kill_runs import WORKER, Killer
+
+
+@pytest.fixture(scope="module")
+def killer(tmp_path_factory):
+    killer = Killer(tmp_path_factory.mktemp("kills"), ["render"])
+    killer.prepare()
+    return killer
+
+
+@pytest.mark.parametrize(("kind", "moment"), [("SIGTERM", 0.7), (WORKER, 0.5)])
+def test_killed_and_run_again_it_gives_the_same_bytes(killer, kind, moment):
+    killer.kill("render", kind, moment)
+    assert killer.found.notes == []
+
+
+def test_what_differs_is_found(killer):
+    labels, extra = "labels.parquet", "images/train/999999.jpg"
+    expected = killer.expected["render"]
+    try:
+        killer.expected["render"] = expected | {labels: "other", extra: "there is none"}
+        killer.kill("render", "SIGINT", 1.0)
+        notes = " ".join(killer.found.notes)
+        assert f"differs: {labels}" in notes
+        assert f"lost: {extra}" in notes
+        assert not killer.found.sound
+    finally:
+        killer.expected["render"] = expected
+        killer.found.notes.clear()
