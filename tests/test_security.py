@@ -1,0 +1,125 @@
+"""What SECURITY.md claims of the code as a whole; claims of one room are tested in that room."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from simgrab import scenario, scenes
+from simgrab.errors import ScenarioError
+from simgrab.resources import ASSETS, SCENES
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "simgrab"
+# What makes objects or runs code out of bytes that may be a user's.
+MODULES = {
+    "pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop", "runpy",
+    "pty", "yaml", "ruamel",
+}  # fmt: skip
+BUILTINS = {"eval", "exec", "compile", "__import__"}
+# Modules that users name by --instrument or --estimator, in suites and in studies; and our own by name.
+IMPORTERS = {
+    "__init__.py", "cli/__init__.py", "judge/subject.py", "judge/stress/estimators.py", "world/gl.py",
+}  # fmt: skip
+
+
+def name_of(node):
+    """Dotted name of what is called."""
+    if isinstance(node, ast.Attribute):
+        return f"{name_of(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def executes(source, path=""):
+    """What in a module may make objects or run code out of a file."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+            found |= {name for name in names if name.split(".")[0] in MODULES}
+        if not isinstance(node, ast.Call):
+            continue
+        name = name_of(node.func)
+        given = {word.arg: getattr(word.value, "value", None) for word in node.keywords}
+        last = name.rpartition(".")[2]
+        if name in BUILTINS or name in ("os.system", "os.popen", "importlib.util.spec_from_file_location"):
+            found.add(name)
+        if last == "import_module" and path not in IMPORTERS:
+            found.add(name)
+        if name.startswith("torch") and last in ("load", "jit.load") and given.get("weights_only") is not True:
+            found.add(name)
+        if name in ("np.load", "numpy.load") and given.get("allow_pickle") is not False:
+            found.add(name)
+        if given.get("shell") or (given.get("allow_pickle") and last != "save"):
+            found.add(name)
+        if last == "read_pickle" or name == "np.lib.format.read_array":
+            found.add(name)
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_file_is_executed(path):
+    assert not executes(path.read_text(encoding="utf-8"), str(path.relative_to(PACKAGE)))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import pickle", "from pickle import loads", "import yaml", "import joblib", "eval(text)", "exec(text)",
+        "torch.load(path)", "torch.load(path, weights_only=False)", "np.load(path)", "np.load(path, allow_pickle=True)",
+        "os.system(text)", "subprocess.run(text, shell=True)", "importlib.import_module(text)", "pd.read_pickle(path)",
+        "def f():\n    import dill",
+    ],
+)  # fmt: skip
+def test_a_planted_execution_is_seen(line):
+    assert executes(line)
+
+
+def texts(node, path=""):
+    """Places of a JSON schema that take any text."""
+    if isinstance(node, list):
+        return set().union(*(texts(one, path) for one in node))
+    if not isinstance(node, dict):
+        return set()
+    free = node.get("type") == "string" and not {"enum", "const", "pattern"} & set(node)
+    return ({path} if free else set()).union(*(texts(value, f"{path}.{key}") for key, value in node.items()))
+
+
+def test_a_scene_names_no_file(tmp_path):
+    places = {path.removeprefix(".$defs.") for path in texts(scenario.schema())}
+    assert places == {
+        "Display.properties.layout.anyOf",  # bundled, tested below
+        "Display.properties.start",  # a time
+        "OneOf.properties.names.items",  # what a choice is called
+        "Scenario.properties.base",  # bundled, tested below
+        "Scenario.properties.description",
+    }
+    mine = tmp_path / "mine.toml"
+    mine.write_text((SCENES / "calm-day.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    scenes.load(mine)
+    for line in (f'base = "{mine}"', 'base = "../scenes/calm-day"'):
+        (tmp_path / "other.toml").write_text(line, encoding="utf-8")
+        with pytest.raises(ScenarioError, match=r"base: .*no bundled scene"):
+            scenes.load(tmp_path / "other.toml")
+    layout = ASSETS / "osd" / "two-by-four.toml"
+    for name in (layout, "../osd/two-by-four"):
+        with pytest.raises(ScenarioError, match="layout must be one of"):
+            scenes.load("calm-day", {"display.layout": str(name)})
+
+
+def test_every_test_that_is_named_exists():
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    named = re.findall(r"`?(tests/[\w/]+\.py)::(\w+)", text)
+    assert len(named) >= 20
+    for file, test in named:
+        assert re.search(rf"^def {test}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE), f"{file}::{test}"
+
+
+def test_every_limit_that_is_named_exists_and_has_its_value():
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    limits = re.findall(r"`simgrab\.([\w.]+)\.([A-Z_]+)` = ([\d.]+)", text)
+    assert len(limits) >= 5
+    for module, constant, value in limits:
+        found = __import__(f"simgrab.{module}", fromlist=[constant])
+        assert float(getattr(found, constant)) == float(value), f"{module}.{constant}"
