@@ -62,6 +62,19 @@ def drafted_folder(path: Path) -> Iterator[Path]:
         draft.replace(path)
 
 
+@contextlib.contextmanager
+def scratch(path: Path) -> Iterator[Path]:
+    """Give a hidden folder beside ``path`` to work in; at the end it is removed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    with _draft(path, Path.mkdir) as folder:
+        yield folder
+
+
 def discard(path: Path) -> None:
     """Remove a folder, or a file, at once: none is left half removed under its name.
 
@@ -70,8 +83,8 @@ def discard(path: Path) -> None:
     OSError
         If it cannot be moved.
     """
-    with _draft(path, Path.mkdir) as draft:
-        path.replace(draft / path.name)
+    with scratch(path) as folder:
+        path.replace(folder / path.name)
 
 
 def remove_left(path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from simgrab.destination import check_file
 from simgrab.errors import RecordError
+from simgrab.files import drafted
 from simgrab.geometry import camera_rotation
 from simgrab.judge.estimate import Measured
 from simgrab.judge.plots import Axes, Figure
@@ -36,7 +37,9 @@ def check(path: Path) -> None:
 
 def save(measured: Measured, path: str | Path) -> None:
     """Write the figure; the ending says as what (.svg, .png, .pdf)."""
-    draw(measured).savefig(path, dpi=130)
+    path = Path(path)
+    with drafted(path) as draft:
+        draw(measured).savefig(draft, format=path.suffix[1:].lower(), dpi=130)
 
 
 def _headline(measured: Measured) -> str:

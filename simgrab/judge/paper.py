@@ -12,6 +12,7 @@ import numpy as np
 
 from simgrab.destination import check_folder
 from simgrab.errors import RunError
+from simgrab.files import drafted
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import Estimator, GeometricMedian, MeanRay, PaperIteration
 from simgrab.judge.paper_law import AXIS_DIRECTION, camera, draw
@@ -220,13 +221,14 @@ def run(
     folder = Path(out)
     check_folder(folder, RunError)
     found = study(settings or PaperSettings(), tell)
-    folder.mkdir(parents=True, exist_ok=True)
     tell("figures")
     figures = paper_figures.draw_all(found)
     for name, figure in figures.items():
         for ending in ("svg", "png"):
-            figure.savefig(folder / f"{name}.{ending}", dpi=130)
-    (folder / "paper.html").write_text(paper_page.page(found, figures), encoding="utf-8")
+            with drafted(folder / f"{name}.{ending}") as draft:
+                figure.savefig(draft, format=ending, dpi=130)
+    with drafted(folder / "paper.html") as draft:
+        draft.write_text(paper_page.page(found, figures), encoding="utf-8")
     return found
 
 

@@ -1,11 +1,16 @@
+import errno
 import json
+import os
+from pathlib import Path
 
+import cv2
 import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from simgrab.calibration import Calibration
 from simgrab.cli.estimate import command
@@ -201,3 +206,21 @@ def test_files_that_are_not_there(tmp_path, camera, table):
     assert "cannot read" in str(call(tmp_path / "no.csv", "--camera", camera).exception)
     file = write(tmp_path / "swing.csv", table)
     assert "cannot read camera file" in str(call(file, "--camera", tmp_path / "no.toml").exception)
+
+
+def test_a_figure_appears_whole_or_not_at_all(tmp_path, camera, table, monkeypatch):
+    target = tmp_path / "swing.PNG"
+    target.write_bytes(b"before")
+
+    def full(_figure, place, **_options):
+        Path(place).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Figure, "savefig", full)
+        result = call(write(tmp_path / "swing.csv", table), "--camera", camera, "--figure", target)
+    assert result.exit_code != 0
+    assert target.read_bytes() == b"before"
+    assert not list(tmp_path.glob(".*"))
+    assert call(tmp_path / "swing.csv", "--camera", camera, "--figure", target).exit_code == 0
+    assert cv2.imread(str(target)) is not None

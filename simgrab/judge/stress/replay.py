@@ -13,6 +13,7 @@ import numpy as np
 
 from simgrab.destination import check_file
 from simgrab.errors import StressError
+from simgrab.files import drafted
 from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
 from simgrab.judge.plots import Figure
@@ -123,11 +124,12 @@ def pictures(again: Replay, out: str | Path) -> list[Path]:
     paths = [path]
     check_file(path, StressError)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw(again).savefig(path, dpi=110)
+        with drafted(path) as draft:
+            draw(again).savefig(draft, format="png", dpi=110)
         if again.sheet is not None:
             paths.append(path.with_stem(f"{path.stem}-frames"))
-            paths[-1].write_bytes(cv2.imencode(".png", again.sheet)[1].tobytes())
+            with drafted(paths[-1]) as draft:
+                draft.write_bytes(cv2.imencode(".png", again.sheet)[1].tobytes())
     except OSError as problem:
         raise StressError(f"cannot write {path}: {problem.strerror or problem}") from None
     return paths

@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import hashlib
 import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import torch
 
 from simgrab import datasets
 from simgrab.errors import TrainingError
+from simgrab.files import scratch
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
@@ -175,10 +175,10 @@ def fit(
     settled = _learn(start, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
     write = functools.partial(export.export, settled.net, example, ["told"])
 
-    with tempfile.TemporaryDirectory() as draft:  # a folder with settle.onnx in it is a detector, settings and all
+    with scratch(out / "settle.onnx") as draft:  # a folder with settle.onnx in it is a detector, settings and all
         for name in ("find.onnx", "refine.onnx"):
-            shutil.copyfile(out / name, Path(draft) / name)
-        write(Path(draft) / "settle.onnx", {"task": SETTLE})
+            shutil.copyfile(out / name, draft / name)
+        write(draft / "settle.onnx", {"task": SETTLE})
         looks = Bundled(draft, Settings(least_presence=0.0))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("looking at val pictures"))
     presence = round(evaluate.least_presence(seen), 4)
