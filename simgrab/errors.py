@@ -19,7 +19,7 @@ class SimgrabError(Exception):
     """
 
     def __str__(self) -> str:
-        return _whole(printable(self._message()))
+        return shortened(printable(self._message()))
 
     def _message(self) -> str:
         return super().__str__()
@@ -123,7 +123,7 @@ class WorkerError(SimgrabError):
 
 
 def memory_problem(problem: BaseException | None) -> str | None:
-    """Tell an error that is for want of memory, of whatever library, from others: what it says, or None."""
+    """Return the message of an out-of-memory error of any library; None of another error."""
     while problem is not None:
         text, code = str(problem), getattr(problem, "errno", None)
         if isinstance(problem, MemoryError) or code == errno.ENOMEM or any(sign in text for sign in _WANT_OF_MEMORY):
@@ -145,8 +145,8 @@ _WANT_OF_MEMORY = (
 )
 
 
-def _whole(line: str) -> str:
-    """Leave out the middle of what is too long."""
+def shortened(line: str) -> str:
+    """Leave out the middle of what is longer than `MOST_CHARACTERS`."""
     half = (MOST_CHARACTERS - len(_LEFT_OUT)) // 2
     return line if len(line) <= MOST_CHARACTERS else line[:half] + _LEFT_OUT + line[-half:]
 

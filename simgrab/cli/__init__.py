@@ -15,8 +15,11 @@ import click
 
 from simgrab import __version__
 from simgrab.cli._signals import stoppable
-from simgrab.errors import SimgrabError, first_line, memory_problem
+from simgrab.errors import SimgrabError, first_line, memory_problem, shortened
 from simgrab.text import printable
+
+
+_INTERRUPTED = 128 + signal.SIGINT
 
 
 class Verbs(click.Group):
@@ -45,19 +48,23 @@ def main(command: click.Command = cli) -> NoReturn:
     Exit status: 0 done, 1 a check failed or nothing measured, 2 bad input; interrupted, 128 + the signal's number,
     which is 130 for Ctrl-C.
     """
-    _stand_in()
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     with stoppable() as received:
-        status = _status(command)
-        if status and received.number is not None:  # whatever came of it: a terminal may be gone
+        try:
+            status = _status(command)
+        except KeyboardInterrupt:  # it came while something else was reported; there is no second one
+            status = _INTERRUPTED
+        if status == _INTERRUPTED and received.number is not None:
             status = 128 + received.number
-        _let_go()
+        with suppress(KeyboardInterrupt):
+            _drop_unprintable()
         sys.exit(status)
 
 
-def _stand_in() -> None:
+def _open_closed_streams() -> None:
     """Open the null device in the place of a standard stream that is closed.
 
     Else a file would take its number, into which libraries and worker processes would print.
@@ -76,31 +83,48 @@ def _status(command: click.Command) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
         return status or 0
+    except click.exceptions.NoArgsIsHelpError as nothing:
+        nothing.show()
+        return nothing.exit_code
     except click.ClickException as problem:
-        problem.show()
+        context = getattr(problem, "ctx", None)
+        advice = f"; see {context.command_path} --help" if context else ""
+        _report(" ".join(problem.format_message().split()).removesuffix(".") + advice)
         return problem.exit_code
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
-    except (click.Abort, KeyboardInterrupt) as stop:
-        notes = getattr(stop.__cause__ if isinstance(stop, click.Abort) else stop, "__notes__", ())
-        _complain("; ".join(("interrupted", *notes)))
-        return 128 + signal.SIGINT
-    except BrokenPipeError:
-        return 1
-    except Exception as problem:
-        line = _line(problem)
+    except BaseException as problem:
+        # click raises Abort for an interrupt, and for an EOFError as well.
+        cause = (problem.__cause__ or problem) if isinstance(problem, click.Abort) else problem
+        line, status = _answer(cause)
         if line is None:
-            raise
-        _complain(line)
-        return 2
+            raise cause from None
+        if line:
+            _report("; ".join((line, *getattr(cause, "__notes__", ()))))
+        return status
 
 
-def _complain(line: str) -> None:
+def _answer(problem: BaseException) -> tuple[str | None, int]:
+    """Say in one line, which may be empty, what went wrong, and the exit status; no line of an error of simgrab's own."""
+    if _is_interrupted(problem):  # whatever came of it: a terminal may be gone
+        return "interrupted", _INTERRUPTED
+    if isinstance(problem, BrokenPipeError):
+        return "", 1
+    return (_line(problem) if isinstance(problem, Exception) else None), 2
+
+
+def _is_interrupted(problem: BaseException | None) -> bool:
+    while problem is not None and not isinstance(problem, KeyboardInterrupt | click.Abort):
+        problem = problem.__cause__ or problem.__context__
+    return problem is not None
+
+
+def _report(line: str) -> None:
     with suppress(OSError):  # nobody may be there to read it
-        click.echo(printable(f"simgrab: {line}"), err=True)
+        click.echo(shortened(printable(f"simgrab: {line}")), err=True)
 
 
-def _let_go() -> None:
+def _drop_unprintable() -> None:
     """Drop what cannot be printed, of which Python would complain once more when it ends."""
     for stream in (sys.stdout, sys.stderr):
         try:

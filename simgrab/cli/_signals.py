@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,26 +25,26 @@ class Received:
     """The signal that asked the command to end; None as long as none did."""
 
     number: int | None = None
-    time_s: float = 0.0
 
 
 @contextmanager
 def stoppable() -> Iterator[Received]:
-    """Let the first of these signals raise `Stopped`, and a second one end the process at once.
+    """Let the first of these signals raise `Stopped`, once, and a second one end the process at once.
 
-    Signals that are ignored stay ignored.
+    Python raises only between two of its own instructions: while a library computes or waits, the first signal is
+    pending. The second is waited for by a thread, which needs no such moment. Signals that are ignored stay ignored.
     """
     received = Received()
 
     def stop(number: int, _frame: FrameType | None) -> None:
-        now = time.monotonic()
         if received.number is None:
-            received.number, received.time_s = number, now
+            received.number = number
             raise Stopped
-        if now - received.time_s > TOGETHER_S:
-            signal.signal(number, signal.SIG_DFL)
-            os.kill(os.getpid(), number)
 
+    numbers, written = os.pipe()
+    os.set_blocking(written, False)
+    wakeup = signal.set_wakeup_fd(written, warn_on_full_buffer=False)
+    threading.Thread(target=_end_at_the_second, args=(numbers,), daemon=True).start()
     before = {}
     for number in STOPS:
         if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None):
@@ -54,3 +55,19 @@ def stoppable() -> Iterator[Received]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        signal.set_wakeup_fd(wakeup)
+        os.close(written)
+
+
+def _end_at_the_second(numbers: int) -> None:
+    """Read the numbers of signals from a pipe, and end the process at one that comes some time after the first."""
+    first_s: float | None = None
+    while number := os.read(numbers, 1):
+        now_s = time.monotonic()
+        if number[0] not in STOPS:
+            continue
+        if first_s is None:
+            first_s = now_s
+        elif now_s - first_s > TOGETHER_S:
+            os._exit(128 + number[0])
+    os.close(numbers)

@@ -69,7 +69,7 @@ def test_bad_input_ends_in_one_line_and_status_2(case):
     assert message in err
     assert out == ""
     assert "Traceback" not in err
-    assert len(err.strip().splitlines()) == 1 or "Usage:" in err  # click adds its usage
+    assert len(err.strip().splitlines()) == 1 or "Usage:" in err  # the runner shows what click would
 
 
 def test_the_process_itself_ends_with_status_2():
