@@ -18,7 +18,6 @@ from simgrab.cli._signals import stoppable
 from simgrab.errors import SimgrabError, first_line, memory_problem, shortened
 from simgrab.text import printable
 
-
 _INTERRUPTED = 128 + signal.SIGINT
 
 
@@ -79,7 +78,7 @@ def _open_closed_streams() -> None:
 def _status(command: click.Command) -> int:
     """Run a command, and say in one line what went wrong."""
     try:
-        status = command(standalone_mode=False)
+        status = command(prog_name="simgrab", standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
         return status or 0
@@ -105,7 +104,7 @@ def _status(command: click.Command) -> int:
 
 
 def _answer(problem: BaseException) -> tuple[str | None, int]:
-    """Say in one line, which may be empty, what went wrong, and the exit status; no line of an error of simgrab's own."""
+    """Give the line that says what went wrong (may be empty; None for a fault of simgrab) and the exit status."""
     if _is_interrupted(problem):  # whatever came of it: a terminal may be gone
         return "interrupted", _INTERRUPTED
     if isinstance(problem, BrokenPipeError):
@@ -136,7 +135,7 @@ def _drop_unprintable() -> None:
 
 
 def _line(problem: Exception) -> str | None:
-    """Say in one line what went wrong; None of an error that is simgrab's own."""
+    """Say in one line what went wrong; None for a fault of simgrab."""
     if isinstance(problem, SimgrabError):
         return str(problem)
     memory = memory_problem(problem)

@@ -176,7 +176,8 @@ def _live(
                 tilt = one.tilt
                 film.add(one.frame, one.measurement)
         except KeyboardInterrupt:
-            pass
+            if not measured:
+                raise
     if not measured:
         raise SourceError(f"{source.name}: it held no frame")
     seconds = time.perf_counter() - begun

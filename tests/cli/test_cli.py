@@ -80,6 +80,27 @@ def test_the_process_itself_ends_with_status_2():
     assert done.stderr == "simgrab: camera.beta_deg: expected float <= 30.0, got 95.0\n"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "begins", "ends"),
+    [
+        (["render", "--betta", "5"], "No such option", "see simgrab render --help"),
+        (["render", "--frames", "x"], "Invalid value for '--frames'", "see simgrab render --help"),
+        (["renders"], "No such command 'renders'", "see simgrab --help"),
+        (["estimate"], "Missing argument 'FILE'", "see simgrab estimate --help"),
+        (["detect", "--a\x1b[31m"], "No such option", "see simgrab detect --help"),
+    ],
+)
+def test_a_wrong_option_ends_in_one_line(arguments, begins, ends, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["simgrab", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"simgrab: {begins}")
+    assert said.endswith(f"; {ends}\n")
+    assert said[:-1].isprintable()
+
+
 def test_an_error_is_one_line_whatever_a_file_is_called(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["simgrab", "detect", "no\nsuch\x1b[31m\udcff.jpg"])
     with pytest.raises(SystemExit) as ended:
@@ -105,7 +126,10 @@ def test_main_turns_errors_into_status_2(monkeypatch, capsys):
         (OSError(errno.ENOSPC, "No space left"), 2, "No space left"),
         (OSError("no such thing"), 2, "no such thing"),
         (MemoryError(), 2, "out of memory (no more could be had)"),
+        (OSError(errno.ENAMETOOLONG, "Too long", "a" * 5000), 2, f"{'a' * 489} … {'a' * 488}: Too long"),
+        (av.error.EOFError(1, "End of file"), 2, "FFmpeg cannot go on: End of file"),
         (BrokenPipeError(), 1, None),
+        (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
 def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkeypatch, capsys):
@@ -117,7 +141,7 @@ def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkey
     with pytest.raises(SystemExit) as ended:
         main(fails)
     assert ended.value.code == status
-    assert capsys.readouterr().err == (f"simgrab: {line}\n" if line else "")
+    assert capsys.readouterr().err.lstrip("\n") == (f"simgrab: {line}\n" if line else "")  # click ends the line of a ^C
 
 
 @pytest.mark.parametrize("stderr", ["a pipe", "a full disk"])

@@ -65,8 +65,56 @@ def test_a_second_signal_ends_it_at_once(tmp_path):
     time.sleep(1.2)
     process.send_signal(signal.SIGTERM)
     process.communicate()
-    assert process.returncode == -signal.SIGTERM
+    assert process.returncode == 143
     assert not (tmp_path / "clean").exists()
+
+
+def test_a_second_signal_ends_a_library_that_computes(tmp_path):
+    in_c = WAITS.replace("time.sleep(600)", "__import__('hashlib').pbkdf2_hmac('sha256', b'', b'', 2**31 - 1)")
+    process = start(tmp_path, code=in_c)
+    try:
+        time.sleep(0.2)
+        process.send_signal(signal.SIGTERM)
+        time.sleep(1.2)
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 143
+
+
+REPORTS = """
+import os, signal, sys, time
+import click
+from simgrab import cli
+from simgrab.errors import RunError
+
+def interrupted(report):
+    def inner(*arguments):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.01)
+        report(*arguments)
+    return inner
+
+cli.{step} = interrupted(cli.{step})
+
+@click.command()
+def ends():
+    {end}
+
+cli.main(ends)
+"""
+
+
+@pytest.mark.parametrize(
+    ("step", "end"),
+    [("_report", "raise RunError('a folder is in the way')"), ("_drop_unprintable", "print('done')")],
+)
+def test_a_signal_while_the_end_is_reported_gives_no_traceback(step, end):
+    code = REPORTS.format(step=step, end=end)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    assert done.returncode == {"_report": 143, "_drop_unprintable": 0}[step]
 
 
 def test_what_was_ignored_stays_ignored(tmp_path):
