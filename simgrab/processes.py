@@ -130,10 +130,7 @@ class Pool:
             job, how = running.pop(place), self._bury(place)
             job.deaths += 1
             if job.deaths == ATTEMPTS:
-                raise WorkerError(
-                    f"{called(job)}: {ATTEMPTS} worker processes died of it, and the last {how}; what is finished is "
-                    "kept: go on with --resume, where memory is short with fewer --workers"
-                )
+                raise WorkerError(f"{called(job)}: {ATTEMPTS} worker processes died of it, and the last {how}")
             _log.warning("%s: its worker process %s; the item is done again", called(job), how)
             waiting.append(job)
 

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from simgrab.cli._options import FILE, FOLDER, WORKERS
 from simgrab.cli._progress import drawing
+from simgrab.cli._resume import resumable
 from simgrab.cli._scene import load_scene, scene_options
 from simgrab.text import printable
 
@@ -41,23 +42,19 @@ def command(
     from simgrab.world.video.render import VideoSummary, render_video
 
     summary: Summary | VideoSummary
-    try:
-        with drawing(shown=not (quiet or as_json)) as (progress, checking):
-            if out is not None:
-                summary = render(
-                    scenario, out, video=video, workers=workers, resume=resume, progress=progress, checking=checking
-                )
-            else:
-                assert video is not None
-                summary = render_video(
-                    scenario, video, workers=workers, resume=resume, progress=progress, checking=checking
-                )
-    except KeyboardInterrupt as stop:
-        places = " and ".join(str(path) for path in (out, video) if path is not None)
-        stop.add_note(f"the same command with --resume goes on in {places}")
-        raise
+    places = [path for path in (out, video) if path is not None]
+    with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
+        if out is not None:
+            summary = render(
+                scenario, out, video=video, workers=workers, resume=resume, progress=progress, checking=checking
+            )
+        else:
+            assert video is not None
+            summary = render_video(
+                scenario, video, workers=workers, resume=resume, progress=progress, checking=checking
+            )
     if as_json:
-        click.echo(json.dumps(dataclasses.asdict(summary), default=printable))
+        click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
         Console().print(_table(dataclasses.asdict(summary)))
         if out is not None:

@@ -13,6 +13,7 @@ import click
 import msgspec
 
 from simgrab.cli._options import PATH, WORKERS
+from simgrab.cli._resume import resumable
 from simgrab.destination import check_folder
 from simgrab.errors import StressError
 from simgrab.text import printable
@@ -24,7 +25,7 @@ from simgrab.text import printable
 @click.option("--depth", help="In place of the study's own; of --all, which studies.  [default: geometric]")
 @click.option("--quick", is_flag=True, help="Few replications of short records: does it work?")
 @click.option("--out", type=PATH, default="runs/stress", show_default=True)
-@click.option("--workers", type=click.IntRange(max=WORKERS.max), help="Processes.  [default: one a core]")
+@click.option("--workers", type=WORKERS, help="Processes.  [default: one a core]")
 @click.option("--resume", is_flag=True, help="Go on with an unfinished run.")
 @click.option("--frames", "n", type=click.IntRange(10, 1_000_000), help="n, in place of the study's own.")
 @click.option("--replications", type=click.IntRange(2, 10_000_000), help="M, in place of the study's own.")
@@ -78,12 +79,8 @@ def _run(chosen: list[Any], out: Path, workers: int, resume: bool, as_json: bool
     from simgrab.cli._progress import bar
     from simgrab.judge.stress.laboratory import REPORT, failures, run
 
-    try:
-        with bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
-            findings = run(chosen, out, workers=workers, resume=resume, progress=progress)
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"the same command with --resume goes on in {out}")
-        raise
+    with resumable(out), bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
+        findings = run(chosen, out, workers=workers, resume=resume, progress=progress)
     verdicts = [verdict for finding in findings for verdict in finding.verdicts]
     failed = failures(findings)
     if as_json:

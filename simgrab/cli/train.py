@@ -5,29 +5,20 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from simgrab.cli._options import FOLDER, PATH
+from simgrab.cli._resume import resumable
 from simgrab.text import printable
 
 
 @click.group(name="train")
 def command() -> None:
     """Train the instrument's nets from rendered datasets alone. Needs `pip install 'simgrab[train]'`."""
-
-
-@contextmanager
-def _interruptible(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"the same command with --resume goes on in {out}")
-        raise
 
 
 def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
@@ -79,7 +70,7 @@ def detector(
         recipes, quick=quick, epochs=epochs, batch=batch, half=half, seed=seed, patience=patience, device=device,
         threads=threads,
     )  # fmt: skip
-    with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
+    with resumable(out), board(shown=not (quiet or as_json)) as shown:
         result = train(datasets, out, chosen, hard=hard, resume=resume, watch=shown.step, report=shown.training)
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
@@ -119,6 +110,6 @@ def reader(
         RECIPE, seed=seed, epochs=(QUICK_EPOCHS if quick else RECIPE.epochs) if epochs is None else epochs,
         batch=batch, patience=patience, device=device, threads=threads,
     )  # fmt: skip
-    with _interruptible(out), board(shown=not (quiet or as_json)) as shown:
+    with resumable(out), board(shown=not (quiet or as_json)) as shown:
         card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))
     _tell(card.metrics, out / "reader.md", as_json=as_json, quiet=quiet)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import io
+import tempfile
 import warnings
+from pathlib import Path
 
 import onnx
 import torch
@@ -26,12 +27,12 @@ def traced(net: nn.Module, example: torch.Tensor, taken: str, outputs: list[str]
     outputs : list of str
         Names of what comes out.
     """
-    graph = io.BytesIO()
-    with warnings.catch_warnings():
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        draft = Path(folder) / "draft.onnx"
         # TorchScript's exporter is deprecated; it folds norms into convolutions, and writes the plainest graphs.
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            net, (example,), graph, input_names=[taken], output_names=outputs,
+            net, (example,), str(draft), input_names=[taken], output_names=outputs,
             dynamic_axes={name: {0: "n"} for name in (taken, *outputs)}, opset_version=OPSET, dynamo=False,
         )  # fmt: skip
-    return onnx.load_model_from_string(graph.getvalue())
+        return onnx.load(draft)

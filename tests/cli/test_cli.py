@@ -20,7 +20,7 @@ from seconds import SECOND_RENDERERS
 
 from simgrab import __version__, scenes
 from simgrab.cli import cli, main
-from simgrab.errors import SimgrabError
+from simgrab.errors import SimgrabError, WorkerError
 from simgrab.world.second_renderer import choice, install_hint
 
 
@@ -142,6 +142,25 @@ def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkey
         main(fails)
     assert ended.value.code == status
     assert capsys.readouterr().err.lstrip("\n") == (f"simgrab: {line}\n" if line else "")  # click ends the line of a ^C
+
+
+@pytest.mark.parametrize(
+    ("stop", "line"),
+    [
+        (KeyboardInterrupt(), "interrupted; {}"),
+        (WorkerError("frame 3: it died"), "frame 3: it died; {}; where memory is short, with fewer --workers"),
+    ],
+)
+def test_what_can_be_taken_up_again_says_how(stop, line, monkeypatch, capsys):
+    def render(*_, **__):
+        raise stop
+
+    monkeypatch.setattr("simgrab.world.dataset.render", render)
+    monkeypatch.setattr(sys, "argv", ["simgrab", "render", "--frames", "1", "--out", "out"])
+    with pytest.raises(SystemExit):
+        main()
+    advice = "the same command with --resume goes on in out"
+    assert capsys.readouterr().err.strip().splitlines()[-1] == f"simgrab: {line.format(advice)}"
 
 
 @pytest.mark.parametrize("stderr", ["a pipe", "a full disk"])

@@ -202,6 +202,17 @@ def test_a_file_that_is_no_table(content, message, tmp_path, camera):
     assert "\n" not in str(result.exception)
 
 
+def test_columns_that_are_not_read_may_have_any_names(tmp_path, camera, table):
+    file = write(tmp_path / "plain.csv", table)
+    header, *rows = file.read_text().splitlines()
+    (tmp_path / "sheet.csv").write_text("\n".join([f"{header},note,note,,", *(f"{row},a,b,," for row in rows)]))
+    found = [call(tmp_path / name, "--camera", camera, "--json", "--no-figure") for name in ("plain.csv", "sheet.csv")]
+    assert [one.exit_code for one in found] == [0, 0]
+    assert found[0].output == found[1].output
+    (tmp_path / "bad.csv").write_text("u_px,v_px,u_px\n1,2,3\n")
+    assert "column u_px is there twice" in str(call(tmp_path / "bad.csv", "--camera", camera).exception)
+
+
 def test_files_that_are_not_there(tmp_path, camera, table):
     assert "cannot read" in str(call(tmp_path / "no.csv", "--camera", camera).exception)
     file = write(tmp_path / "swing.csv", table)

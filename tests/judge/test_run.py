@@ -282,7 +282,10 @@ def test_an_interrupted_live_run_keeps_what_it_has(tmp_path):
     assert len(result.measurements) == len(result.time) == len(runs.load(tmp_path / "out").measurements) == 12
     with pytest.raises(KeyboardInterrupt):
         run(path, CAMERA, tmp_path / "whole", Pipeline(impatient, None))
+    with pytest.raises(KeyboardInterrupt):  # twelve are seen already, so that nothing is measured
+        run(path, CAMERA, tmp_path / "at once", Pipeline(impatient, None), Options(live=True))
     assert not (tmp_path / "whole").exists()
+    assert not (tmp_path / "at once").exists()
 
 
 def test_nothing_is_overwritten(tmp_path):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import pyarrow.parquet as pq
 from simgrab import __version__, parquet
 from simgrab.destination import check_folder
 from simgrab.errors import StressError
-from simgrab.files import drafted
+from simgrab.files import drafted, held
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
@@ -32,6 +33,7 @@ _SAME = {
 
 Progress = Callable[[int, int], None]
 STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
+LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -80,11 +82,32 @@ def run(
     WorkerError
         If processes die of a part again and again.
     """
-    from simgrab.judge.stress import page
-
     check_workers(workers)
     folder = Path(out)
     check_folder(folder, StressError)
+    with _locked(folder):
+        return _run(studies, folder, workers, resume=resume, progress=progress)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the folder against a second run into it."""
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(held(folder / LOCK))
+        except BlockingIOError:
+            raise StressError(f"{folder} is being written by another simgrab") from None
+        except OSError as problem:
+            raise StressError(f"cannot write {folder}: {problem.strerror or problem}") from None
+        yield
+
+
+def _run(
+    studies: Sequence[Study], folder: Path, workers: int, *, resume: bool, progress: Progress | None
+) -> list[Finding]:
+    from simgrab.judge.stress import page
+
     missing: list[tuple[Study, Path, Part]] = []
     try:
         for study in studies:

@@ -152,3 +152,17 @@ def test_a_folder_of_another_study_is_left_alone(tmp_path):
 def test_more_replications_begin_with_the_fewer():
     few, many = (make(small("noise", (1.0,), n=50, replications=m), Part(0, 0, m)).to_pylist() for m in (3, 9))
     assert [r for r in many if r["trial"] < 3] == few
+
+
+def test_a_second_run_into_a_folder_is_refused_and_the_first_goes_on(tmp_path):
+    study = small("focal", (0.0,), replications=2, n=20)
+    refused = []
+
+    def second(*_):
+        with pytest.raises(StressError) as problem:
+            laboratory.run([study], tmp_path, resume=True)
+        refused.append(str(problem.value))
+
+    laboratory.run([study], tmp_path, progress=second)
+    assert set(refused) == {f"{tmp_path} is being written by another simgrab"}
+    assert (tmp_path / "focal" / TRIALS).exists()

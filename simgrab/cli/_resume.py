@@ -1,0 +1,23 @@
+"""What a command says when it ends early and can be taken up again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from simgrab.errors import WorkerError
+
+
+@contextmanager
+def resumable(*places: Path) -> Iterator[None]:
+    """Add the way to go on to the line that is printed after an interrupt, or after workers died."""
+    advice = f"the same command with --resume goes on in {' and '.join(map(str, places))}"
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.add_note(advice)
+        raise
+    except WorkerError as problem:
+        problem.add_note(f"{advice}; where memory is short, with fewer --workers")
+        raise
