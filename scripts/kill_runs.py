@@ -44,7 +44,9 @@ MARK = "SIMGRAB_KILL_RUNS"  # in the environment of every process of a run, by w
 HANGS_S = 120.0
 LINGERS_S = 30.0  # that processes may take to be gone
 WORKER = "worker"
+TMP = "tmp"  # for what would lie in /tmp
 KINDS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL", WORKER)
+OURS = ("main()", "Process Spawn", "processes.py")  # in a traceback that is not of Python's own start
 FAULTS = ("status", "traceback", "half", "left", "again", "lost", "differs", "draft")
 SMALL = {
     "camera.width_px": 480, "camera.height_px": 270, "camera.focal": '{model="pixels", focal_length_px=411.2}',
@@ -200,7 +202,7 @@ class Killer:
         """Start a command, kill it after a share of the time that it takes, and run it again."""
         case, folder = self.cases[name], self.place / "killed"
         shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
+        (folder / TMP).mkdir(parents=True)
         self.found.counts[name, kind, "kills"] += 1
 
         def fault(what: str, text: str) -> None:
@@ -217,7 +219,7 @@ class Killer:
         expected, there = self.expected[name], contents(folder / "out")
         for text in _status_faults(process.returncode, kind, ended, there not in ({}, expected)):
             fault("status", f"{text}: {said}")
-        if kind != "SIGKILL" and "Traceback" in said and ("main()" in said or "Process Spawn" in said):
+        if kind != "SIGKILL" and "Traceback" in said and any(sign in said for sign in OURS):
             fault("traceback", said)
         for file, digest in there.items():
             if _final(file) and expected.get(file, digest) != digest:
@@ -232,6 +234,8 @@ class Killer:
             if process.returncode != 0:
                 fault("again", f"status {process.returncode}: {_said(folder)}")
             there = contents(folder / "out")
+        for file in sorted(contents(folder / TMP)) if kind != "SIGKILL" else ():
+            fault("draft", f"{TMP}/{file}")
         for file in sorted(expected.keys() - there.keys()):
             fault("lost", file)
         for file in sorted(there):
@@ -244,6 +248,8 @@ class Killer:
         self._mark = uuid.uuid4().hex
         environment = os.environ | {MARK: self._mark, "PYTHONPATH": os.pathsep.join([str(self.place), str(Path.cwd())])}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process compiles all that it imports
+        if (folder / TMP).exists():
+            environment["TMPDIR"] = str(folder / TMP)
         with (folder / "said").open("wb") as said:
             return subprocess.Popen(
                 command, cwd=folder, env=environment, stdout=said, stderr=said, start_new_session=True
@@ -398,11 +404,13 @@ def plan(kills: int, seed: int, killer: Killer) -> Iterator[tuple[str, str, floa
 @click.command()
 @click.option("--kills", default=100, show_default=True)
 @click.option("--seed", default=0, show_default=True)
-@click.option("--only", multiple=True, help="Command to kill, as often as wanted.  [default: all six]")
+@click.option(
+    "--only", multiple=True, type=click.Choice([*cases(Path())]), help="As often as wanted.  [default: all six]"
+)
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder to work in.  [default: a temporary one]")
 def main(kills: int, seed: int, only: tuple[str, ...], keep: Path | None) -> None:
     """Kill commands, and print what came of it."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # else what a shell started with & would be deaf to it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores for what it starts with &
     with tempfile.TemporaryDirectory() as temporary:
         place = keep or Path(temporary)
         place.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
 """matplotlib, made ready for files: every module that draws a figure takes it from here.
 
-Where it can keep no cache, as in a home that is read-only, it says so in two lines on stderr each time it is imported;
-it does without, in a temporary folder, and so that is no news to a user.
+Its warnings are silenced: on each import it would report that its cache cannot be written, as in a read-only home, and
+it uses a temporary folder instead.
 """
 
 from __future__ import annotations

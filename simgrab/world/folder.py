@@ -78,7 +78,10 @@ class Folder:
         return True
 
     def check(self, identity: dict[str, Any], *, resume: bool) -> bool:
-        """Find out, writing nothing, what `open` would do; takes, returns and raises the same."""
+        """Find out what `open` would do, which takes, returns and raises the same.
+
+        The working folder of a finished dataset is removed.
+        """
         check_folder(self.path, DatasetError)
         known = self._identity()
         if known is not None:
@@ -150,7 +153,7 @@ class Folder:
             self.write(str(row.relative_to(self.path)), msgspec.json.encode(frame.record))
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file whole or not at all."""
+        """Write a file whole or not at all; unlike `files.drafted` it is not synchronised to the disk, which is slow."""
         target = self.path / name
         target.parent.mkdir(parents=True, exist_ok=True)
         draft = self.partial / f"draft-{os.getpid()}"
