@@ -24,6 +24,9 @@ IMPORTERS = {
 }  # fmt: skip
 
 
+PIPES = "processes.py"  # between a command and its workers, whose items are pickled
+
+
 def name_of(node):
     """Dotted name of what is called."""
     if isinstance(node, ast.Attribute):
@@ -47,6 +50,8 @@ def executes(source, path=""):
             found.add(name)
         if last == "import_module" and path not in IMPORTERS:
             found.add(name)
+        if last in ("loads", "load") and "Pickler" in name and path != PIPES:
+            found.add(name)
         if name.startswith("torch") and last in ("load", "jit.load") and given.get("weights_only") is not True:
             found.add(name)
         if name in ("np.load", "numpy.load") and given.get("allow_pickle") is not False:
@@ -69,6 +74,7 @@ def test_no_file_is_executed(path):
         "import pickle", "from pickle import loads", "import yaml", "import joblib", "eval(text)", "exec(text)",
         "torch.load(path)", "torch.load(path, weights_only=False)", "np.load(path)", "np.load(path, allow_pickle=True)",
         "os.system(text)", "subprocess.run(text, shell=True)", "importlib.import_module(text)", "pd.read_pickle(path)",
+        "ForkingPickler.loads(data)", "reduction.ForkingPickler.loads(data)",
         "def f():\n    import dill",
     ],
 )  # fmt: skip

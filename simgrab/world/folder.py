@@ -153,7 +153,7 @@ class Folder:
             self.write(str(row.relative_to(self.path)), msgspec.json.encode(frame.record))
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file whole or not at all; unlike `files.drafted` it is not synchronised to the disk, which is slow."""
+        """Write a file whole or not at all; not synchronised to the disk, as `files.drafted` is."""
         target = self.path / name
         target.parent.mkdir(parents=True, exist_ok=True)
         draft = self.partial / f"draft-{os.getpid()}"
