@@ -307,25 +307,19 @@ def _is_draft(file: str) -> bool:
     return any(part.endswith((".draft", ".partial")) or part.startswith("draft-") for part in Path(file).parts)
 
 
-def _environment(pid: str) -> bytes:
-    try:
-        return Path("/proc", pid, "environ").read_bytes()
-    except OSError:
-        return b""
-
-
 def _workers(parent: int) -> list[int]:
     """Find the processes that a process started, but for the one that looks after shared memory."""
     try:
         children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
     except OSError:
         return []
-    return [int(pid) for pid in children if b"spawn_main" in _command(pid)]
+    return [int(pid) for pid in children if b"spawn_main" in _of(pid, "cmdline")]
 
 
-def _command(pid: str) -> bytes:
+def _of(pid: str, file: str) -> bytes:
+    """Read a file of /proc about a process; empty where it is gone."""
     try:
-        return Path("/proc", pid, "cmdline").read_bytes()
+        return Path("/proc", pid, file).read_bytes()
     except OSError:
         return b""
 
@@ -333,9 +327,9 @@ def _command(pid: str) -> bytes:
 def _left(mark: str) -> list[str]:
     """Find processes that stay when a run has ended; zombies, whose environment is gone, are none."""
     until = time.monotonic() + LINGERS_S
-    while left := [p.name for p in Path("/proc").glob("[0-9]*") if f"{MARK}={mark}".encode() in _environment(p.name)]:
+    while left := [p.name for p in Path("/proc").glob("[0-9]*") if f"{MARK}={mark}".encode() in _of(p.name, "environ")]:
         if time.monotonic() > until:
-            return [f"process {pid}: {_command(pid).decode(errors='replace')}" for pid in left]
+            return [f"process {pid}: {_of(pid, 'cmdline').decode(errors='replace')}" for pid in left]
         time.sleep(0.1)
     return []
 
