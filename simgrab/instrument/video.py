@@ -26,6 +26,7 @@ from av.video.stream import VideoStream
 from simgrab import containers
 from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
+from simgrab.instrument.estimate.frames import LATEST_S
 from simgrab.pictures import MOST_PIXELS, too_large
 from simgrab.text import printable
 
@@ -34,9 +35,9 @@ MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
 # FFmpeg's names of formats that hold pictures themselves and open nothing else.
 FORMATS = (
     "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "h264", "hevc", "m4v", "mjpeg", "obu",
-    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe",
+    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe", "mpjpeg", "gif", "wtv", "rm",
 )  # fmt: skip
-STREAM_FORMATS = ("rtsp", "rtp", "mpjpeg")
+STREAM_FORMATS = ("rtsp", "rtp")
 SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp", "tcp")
 PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
 _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
@@ -255,9 +256,10 @@ class _Clock:
         self._last: float | None = None
 
     def next(self, stamp: float | None) -> float:
-        """Time of the next frame; a step after the last where its stamp is missing or goes back."""
-        if stamp is None or not math.isfinite(stamp) or (self._last is not None and stamp <= self._last):
-            stamp = 0.0 if self._last is None else self._last + self.step
+        """Time of the next frame; a step after the last where its stamp is missing, goes back or exceeds LATEST_S."""
+        if stamp is None or not abs(stamp) <= LATEST_S or (self._last is not None and stamp <= self._last):
+            # A step may be less than what doubles resolve there.
+            stamp = 0.0 if self._last is None else max(self._last + self.step, math.nextafter(self._last, math.inf))
         self._last = stamp
         return stamp
 

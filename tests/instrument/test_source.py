@@ -5,8 +5,11 @@ import socket
 import sys
 import threading
 import time
+from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from simgrab.errors import SourceError
 from simgrab.instrument.ahead import ahead
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.source import camera_beside, fitting, open_source
+from simgrab.instrument.video import _Clock
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import SIZE, film, picture
@@ -26,6 +30,23 @@ RATE = 9.0
 
 def even(n, rate=RATE):
     return np.arange(n) / rate
+
+
+def coded(path, codec, pixels, stamp=None):
+    """Write 20 pictures at 25 a second, or at these time stamps in ms."""
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25)
+        stream.width, stream.height = size = (128, 96)
+        stream.pix_fmt = pixels
+        if stamp:
+            stream.time_base = stream.codec_context.time_base = Fraction(1, 1000)
+        for i in range(20):
+            frame = av.VideoFrame.from_ndarray(picture(i, size), format="rgb24")
+            if stamp:
+                frame.pts, frame.time_base = stamp(i), Fraction(1, 1000)
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode(None))
+    return path
 
 
 def times_of(frames):
@@ -70,6 +91,40 @@ def test_a_change_of_frame_rate_is_followed(tmp_path):
 def test_an_endless_gap_is_one_lost_frame(tmp_path):
     frames = list(open_source(film(tmp_path / "a.mp4", [0, 1 / 9, 2 / 9, 100_000])))
     assert [f.picture is None for f in frames] == [False, False, False, True, False]
+
+
+@pytest.mark.parametrize("stamp", [2**61, -(2**61)])
+def test_time_stamps_beyond_what_doubles_resolve_count_as_missing(tmp_path, stamp):
+    path = coded(tmp_path / "a.mkv", "mjpeg", "yuvj420p", lambda i: stamp + 40 * i)
+    assert times_of(open_source(path)) == pytest.approx(even(20, 25))
+
+
+def test_times_increase_however_short_a_step_is():
+    class Fast:
+        average_rate, guessed_rate = 10**9, None
+
+    clock = _Clock(Fast())
+    times = [clock.next(stamp) for stamp in (1e12, None, 1e12, 1e13, float("nan"))]
+    assert all(later > earlier for earlier, later in pairwise(times))
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels"),
+    [("a.gif", "gif", "rgb8"), ("a.wtv", "mpeg2video", "yuv420p"), ("a.rm", "rv20", "yuv420p")],
+)
+def test_gif_wtv_and_realmedia_are_read(tmp_path, name, codec, pixels):
+    frames = list(open_source(coded(tmp_path / name, codec, pixels)))
+    assert np.diff(times_of(frames)) == pytest.approx(np.full(19, 0.04), abs=1e-3)
+    assert all(frame.picture is not None for frame in frames)
+
+
+def test_a_recorded_multipart_stream_of_a_camera_is_read(tmp_path):
+    jpegs = (cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(8))
+    head = b"--frame\r\nContent-Type: image/jpeg\r\n\r\n"
+    (tmp_path / "mp.mjpg").write_bytes(b"".join(head + jpeg + b"\r\n" for jpeg in jpegs))
+    frames = list(open_source(tmp_path / "mp.mjpg"))
+    assert len(frames) == 8
+    assert np.abs(frames[7].picture.astype(int) - picture(7)).mean() < 6
 
 
 @pytest.mark.parametrize(("name", "options"), [("a.mkv", {}), ("a.mp4", {"movflags": "frag_keyframe+empty_moov"})])
