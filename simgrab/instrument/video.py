@@ -138,7 +138,8 @@ class Stream:
         self.name = printable(url)
         scheme = url.partition("://")[0].lower()
         if scheme not in SCHEMES:
-            raise SourceError(f"{self.name}: no stream, which begins with {', '.join(f'{s}://' for s in SCHEMES)}")
+            streams = ", ".join(f"{s}://" for s in SCHEMES)
+            raise SourceError(f"{self.name}: no stream, which begins with {streams}; name a file by its path alone")
         rules = {
             "format_whitelist": ",".join((*FORMATS, *STREAM_FORMATS)),
             "protocol_whitelist": ",".join(PROTOCOLS),

@@ -1,5 +1,6 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
+import dataclasses
 import os
 import socket
 import sys
@@ -11,9 +12,11 @@ from pathlib import Path
 
 import av
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
+from simgrab import datasets
 from simgrab.calibration import Calibration
 from simgrab.errors import SourceError
 from simgrab.instrument.ahead import ahead
@@ -169,6 +172,39 @@ def test_what_is_no_source(tmp_path):
         open_source("tcp://127.0.0.1:9")
 
 
+def test_what_cannot_be_a_source_is_named(tmp_path, monkeypatch):
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "socket"))
+    os.mkfifo(tmp_path / "pipe.png")
+    for path, reason in {
+        "/dev/null": "it is a device, not a file or folder",
+        tmp_path / "pipe.png": "it is a pipe, not a file or folder",
+        tmp_path / "socket": "it is a socket, not a file or folder",
+        tmp_path / ("a" * 300): r"cannot be read \(File name too long\)",
+        "/dev/null/a.mp4": r"cannot be read \(Not a directory\)",
+        "a\0.mp4": r"cannot be read \(embedded null byte\)",
+    }.items():
+        with pytest.raises(SourceError, match=reason):
+            open_source(path)
+        with pytest.raises(SourceError, match="no camera file in or beside it"):
+            camera_beside(path)
+    cv2.imwrite(str(tmp_path / "a.png"), picture(3))
+    (tmp_path / "camera.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert open_source(".").count == 2
+    assert camera_beside(".").is_file()
+    for ask in (open_source, camera_beside):
+        with pytest.raises(SourceError, match="the source is empty"):
+            ask("")
+
+    def closed(_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", closed)
+    with pytest.raises(SourceError, match=r"cannot be read \(Permission denied\)"):
+        open_source(tmp_path)
+
+
 def test_a_stream_is_read_once_and_gives_what_came_before_it_broke(tmp_path):
     data = film(tmp_path / "a.mkv", even(40)).read_bytes()
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -251,7 +287,7 @@ def test_a_camera_over_rtsp_is_read(tmp_path):
 
 @pytest.mark.parametrize("url", ["file:///etc/hostname", "concat://a.mp4", "subfile://a.mp4", "data://a", "://"])
 def test_a_url_of_anything_but_a_stream_is_refused(url):
-    with pytest.raises(SourceError, match="no stream, which begins with rtsp://"):
+    with pytest.raises(SourceError, match=r"no stream, which begins with rtsp://.*; name a file by its path alone"):
         open_source(url)
 
 
@@ -329,6 +365,13 @@ def test_a_dataset_without_time_has_none(dataset):
     source = open_source(dataset)
     assert source.count == 6
     assert times_of(source) == [None] * 6
+
+
+def test_clips_without_time_are_independent_frames(dataset, monkeypatch):
+    known = datasets.read(dataset)
+    rows = tuple(msgspec.structs.replace(row, clip=i // 2, time_s=None) for i, row in enumerate(known.rows))
+    monkeypatch.setattr(datasets, "read", lambda _: dataclasses.replace(known, rows=rows))
+    assert times_of(open_source(dataset)) == [None] * 6
 
 
 def test_pictures_of_another_size(tmp_path):
