@@ -68,7 +68,9 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.name, self._path = printable(path), path
-        with self._opened() as (container, _):
+        with self._file() as file:
+            self._extent = containers.extent(file)
+        with self._opened() as container:
             self.count = _count(container.streams.video[0])
 
     def __iter__(self) -> Iterator[Frame]:
@@ -79,22 +81,21 @@ class Video:
         SourceError
             If the file is gone, or breaks off before its first picture.
         """
-        with self._opened() as (container, whole):
-            yield from _with_gaps(_decoded(container, self.name, whole=whole))
+        with self._opened() as container:
+            yield from _with_gaps(_decoded(container, self.name, whole=self._extent.whole))
 
-    @contextmanager
-    def _opened(self) -> Iterator[tuple[InputContainer, bool]]:
+    def _file(self) -> BinaryIO:
         try:
-            file = self._path.open("rb")
+            return self._path.open("rb")
         except OSError as problem:
             raise SourceError(f"{self.name}: cannot be read ({first_line(problem)})") from None
-        with file:
-            known = containers.extent(file)
-            file.seek(0)
-            # No protocol: FFmpeg opens nothing itself.
-            rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
-            with closing(_open(_First(file, known.end), self.name, rules)) as container:
-                yield container, known.whole
+
+    @contextmanager
+    def _opened(self) -> Iterator[InputContainer]:
+        # No protocol: FFmpeg opens nothing itself.
+        rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
+        with self._file() as file, closing(_open(_First(file, self._extent.end), self.name, rules)) as container:
+            yield container
 
 
 class _First:

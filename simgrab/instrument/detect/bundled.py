@@ -205,7 +205,7 @@ class Bundled:
         """Look at more candidates more often, each time from where the grab was seen, and settle them all.
 
         The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
-        hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine is lost.
+        hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine fails.
         """
         places = [_scaled(candidates[0].box, by) for by in _SIZES]
         surely = len(places) + _MOST

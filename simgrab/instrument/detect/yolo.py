@@ -70,8 +70,8 @@ class Yolo:
     Raises
     ------
     DetectorError
-        If the file is no detector of a known layout, or of its several classes none is the grab; the message has what was
-        expected and what is there.
+        If the file is no detector of a known layout, or of its several classes none is the grab; the message states
+        what was expected and what is there.
     """
 
     def __init__(self, net: Net | str | Path, least_score: float = LEAST_SCORE) -> None:
