@@ -1,7 +1,7 @@
 """Video files that can be read however early they break off, and whether one does.
 
 An MP4 file without fragments is lost with its index, which stands in one place. In fragments each group of pictures
-comes with its own index, and the segment index before them (``sidx``) tells how long the whole file is.
+comes with its own index, and the segment index before them (``sidx``) states how long the whole file is.
 """
 
 from __future__ import annotations

@@ -184,10 +184,10 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
         if frame.picture is not None:
             given = (frame.picture.shape[1], frame.picture.shape[0])
             if given != size:
-                told = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
+                problem = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
                 if not seen:
-                    named = f"{frame.name} is {told}" if frame.name else told
+                    named = f"{frame.name} is {problem}" if frame.name else problem
                     raise SourceError(f"{named}: not of this camera")
-                frame = Frame(None, frame.time_s, told, frame.name)
+                frame = Frame(None, frame.time_s, problem, frame.name)
             seen = True
         yield frame

@@ -91,7 +91,7 @@ def test_settings_in_python_are_checked_as_those_of_a_file_are():
     for wrong in ({"least_heat": -0.1}, {"room": 4}, {"rivals": "all"}, {"least_presence": np.nan}):
         with pytest.raises(DetectorError, match=f"^{next(iter(wrong))}: .*got"):
             Settings(**wrong)
-    with pytest.raises(DetectorError, match="^outward: "):
+    with pytest.raises(DetectorError, match=r"^outward: "):
         Trust(outward=-2)
 
 
@@ -289,7 +289,7 @@ def test_pictures_go_in_as_the_trainers_feed_them(family, tmp_path, monkeypatch)
     looks = Yolo(constant_yolo(tmp_path / "any.onnx", out))
     assert looks.layout.family == family
     fed = []
-    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures, names: fed.append(pictures) or [out])
+    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures, *_names: fed.append(pictures) or [out])
     picture = np.full((64, 128, 3), (200, 100, 50), np.uint8)  # RGB, twice as wide as high
     looks(picture)
     ((pixels,),) = fed

@@ -272,7 +272,7 @@ def test_what_ends_in_time_is_not_stopped():
     assert not stopped
 
 
-# What a net outputs ---------------------------------------------------------------------------------------------
+# What a net outputs ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
