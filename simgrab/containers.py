@@ -1,7 +1,7 @@
 """Video files that can be read however early they break off, and whether one does.
 
 An MP4 file without fragments is lost with its index, which stands in one place. In fragments each group of pictures
-comes with its own index, and the segment index before them (``sidx``) tells how long the whole file is.
+comes with its own index, and the segment index before them (``sidx``) states how long the whole file is.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ FRAGMENTED = {
 }
 
 _MP4 = {b"ftyp", b"styp", b"moov", b"moof", b"mdat", b"free", b"skip", b"wide", b"sidx", b"pnot", b"uuid"}
+_MOST_BOXES = 500_000  # that are looked at: a day of a fragment for each of four frames
+_MOST_INDEX = 2**20  # bytes; 65,535 references, the most, take 786 kB
+_UNSTATED = 0xFFFFFFFF  # length of an AVI list whose recorder did not come back to write it
 _EBML, _SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
 
 
@@ -29,7 +32,8 @@ class Extent:
     Attributes
     ----------
     end : int
-        Bytes that a demuxer may read: without a last box that holds no pictures and is cut off.
+        Bytes that a demuxer may read: without a last box that holds no pictures and is cut off, and without what is
+        appended to an MP4.
     whole : bool
         Whether all pictures that the container states are there, as far as it states how many bytes they take.
     """
@@ -63,25 +67,27 @@ def _at(file: BinaryIO, offset: int, length: int) -> bytes:
 
 
 def _mp4(file: BinaryIO, size: int) -> Extent:
-    """Go from box to box."""
+    """Go from box to box; what follows the last, e.g. zeros or a dashcam's positions, is not of the container."""
     at = stated = 0
-    while at < size:
-        header = _at(file, at, 16)
-        if len(header) < 8:
-            return Extent(at, 0 < stated <= at)
+    kinds = set()
+    for _ in range(_MOST_BOXES):
+        header = _at(file, at, 16).ljust(16, b"\xff")
         length, kind = struct.unpack_from(">I4s", header)
-        if length == 1 and len(header) == 16:
+        if length == 1:
             (length,) = struct.unpack_from(">Q", header, 8)
-        elif length == 0:  # up to the end of the file
+        elif length == 0 and kind in _MP4:  # up to the end of the file
+            length = size - at
+        if at + length > size and kind in _MP4:
+            return Extent(size if kind == b"mdat" else at, False)
+        if length < 8 or at + length > size:
             break
-        if length < 8:  # no box: what follows is not of the container
-            break
-        if at + length > size:
-            return Extent(size if kind == b"mdat" else at, 0 < stated <= at)
         if kind == b"sidx":
-            stated = at + length + _indexed(_at(file, at, length))
+            stated = at + length + _indexed(_at(file, at, min(length, _MOST_INDEX)))
+        kinds.add(kind)
         at += length
-    return Extent(size, stated <= size)
+    else:
+        return Extent(size, stated <= size)
+    return Extent(at, stated <= at and {b"moov", b"mdat"} <= kinds)
 
 
 def _indexed(box: bytes) -> int:
@@ -117,11 +123,11 @@ def _element(file: BinaryIO, at: int) -> tuple[int, int | None]:
 
 
 def _avi(file: BinaryIO, size: int) -> Extent:
-    """Go from one list of at most 1 GB to the next."""
+    """Go from one list of at most 1 GB to the next. Some recorders count the 8 bytes of a list's own header too."""
     at = 0
     while (header := _at(file, at, 8))[:4] == b"RIFF" and len(header) == 8:
         (length,) = struct.unpack_from("<I", header, 4)
         at += 8 + length + length % 2
-        if at > size + length % 2:
+        if at > size + 8 and length != _UNSTATED:
             return Extent(size, False)
     return Extent(size, True)

@@ -9,11 +9,13 @@ from __future__ import annotations
 import re
 import stat
 import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
+from cv2.utils import logging
 from numpy.typing import NDArray
 
 from simgrab.errors import PictureError, first_line
@@ -37,6 +39,10 @@ _TIFF_DATA = ((273, 279), (324, 325))  # offsets and lengths of strips, and of t
 
 class _CutOffError(Exception):
     """The file ends before its picture does."""
+
+
+class _DamagedError(Exception):
+    """A checksum is wrong."""
 
 
 def of(folder: Path) -> tuple[Path, ...]:
@@ -87,10 +93,13 @@ def decode(data: bytes, path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray
     """
     if problem := _problem(data):
         raise PictureError(path, problem)
+    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # else OpenCV prints what is wrong with a TIFF
     try:
         found = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     except cv2.error as error:
         raise PictureError(path, first_line(error)) from None
+    finally:
+        logging.setLogLevel(level)
     if found is None:
         raise PictureError(path, "it is damaged")
     return np.asarray(found, np.uint8)
@@ -114,6 +123,8 @@ def _problem(data: bytes) -> str:
                 return too_large(*size(data))
             except (_CutOffError, struct.error):
                 return "it is cut off"
+            except _DamagedError:
+                return "it is damaged"
     return "it is no JPEG, PNG, BMP, TIFF or WebP"
 
 
@@ -138,12 +149,16 @@ def _jpeg(data: bytes) -> Size:
 
 
 def _png(data: bytes) -> Size:
-    """Go from chunk to chunk up to the last."""
+    """Go from chunk to chunk up to the last; libpng would print which checksum is wrong."""
     at, kind = 8, b""
     while kind != b"IEND":
         length, kind = struct.unpack_from(">I4s", data, at)
-        at += 12 + length
-        _within(data, at)
+        end = at + 8 + length
+        _within(data, end + 4)
+        checksum = int.from_bytes(data[end : end + 4])
+        if kind[:1].isupper() and zlib.crc32(memoryview(data)[at + 4 : end]) != checksum:  # the picture needs it
+            raise _DamagedError
+        at = end + 4
     width, height = struct.unpack_from(">II", data, 16)
     return width, height
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import ctypes
+import fcntl
 import logging
 import os
 import signal
@@ -14,7 +14,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from multiprocessing import connection, get_context, resource_tracker
+from multiprocessing import connection, get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from types import FrameType, TracebackType
@@ -25,7 +25,6 @@ from simgrab.errors import WorkerError
 ATTEMPTS = 3  # at an item, before it is given up
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that ask a command to end
 _PATIENCE_S = 10.0  # for a worker to end, before it is killed
-_PR_SET_PDEATHSIG = 1
 
 Item = TypeVar("Item")
 T = TypeVar("T")
@@ -127,7 +126,7 @@ class Pool:
                 self._give(place, work, job.item)
 
         def lost(place: int) -> None:
-            job, how = running.pop(place), self._bury(place)
+            job, how = running.pop(place), self._discard(place)
             job.deaths += 1
             if job.deaths == ATTEMPTS:
                 raise WorkerError(f"{called(job)}: {ATTEMPTS} worker processes died of it, and the last {how}")
@@ -176,14 +175,14 @@ class Pool:
                 idle.pipe.send((work, item))
                 return
             except OSError:
-                self._bury(place)
+                self._discard(place)
         fresh = self._workers[place] = _Worker(self.setup)
         fresh.start(self._environment)
-        with contextlib.suppress(OSError):  # it died of this, or at once: its pipe will say so
+        with contextlib.suppress(OSError):  # it died of this, or at once: its pipe is at its end then
             fresh.pipe.send((work, item))
 
-    def _bury(self, place: int) -> str:
-        """Let go of a dead worker; says how it died."""
+    def _discard(self, place: int) -> str:
+        """Forget a dead worker; returns how it died."""
         worker, self._workers[place] = self._workers[place], None
         assert worker is not None
         worker.pipe.close()
@@ -217,11 +216,11 @@ class _Worker:
 
     def __init__(self, setup: Callable[[], None] | None) -> None:
         self.pipe, self._theirs = _spawn.Pipe()
-        self.process = _spawn.Process(target=_serve, args=(os.getpid(), self._theirs, setup))
+        self.process = _spawn.Process(target=_serve, args=(self._theirs, setup))
 
     def start(self, environment: Mapping[str, str]) -> None:
         resource_tracker.ensure_running()  # else the first start would do so, and unblock signals
-        # A worker is deaf until it knows what to do about signals; this process gets them a moment later.
+        # Signals are blocked in a worker until it has set its handlers. This process gets them a moment later.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
         try:
             with _variables(environment), self._theirs:
@@ -266,7 +265,7 @@ def _death(status: int | None) -> str:
     return f"{text} (out of memory?)" if -status == signal.SIGKILL else text
 
 
-# What a worker says.
+# Kinds of a worker's messages.
 _TICK, _DONE, _RAISED = "tick", "done", "raised"
 
 _answers: Connection[Any, Any] | None = None
@@ -282,7 +281,7 @@ class _Ended(BaseException):
     """A worker was asked to end."""
 
 
-def _serve(parent: int, pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None:
+def _serve(pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None:
     """Work on what comes through the pipe until it is closed.
 
     The process ends without the interpreter's own ending: nothing is left to be done, and what threads of libraries do
@@ -291,8 +290,9 @@ def _serve(parent: int, pipe: Connection[Any, Any], setup: Callable[[], None] | 
     global _answers
     status = 1
     try:
-        die_with(parent)
-        _obey()
+        _handle_signals()
+        pipe.poll(None)  # for the first item: by then `die_with_parent` can be called
+        die_with_parent()
         _answers = pipe
         problem = _set_up(setup)
         while True:
@@ -311,14 +311,25 @@ def _serve(parent: int, pipe: Connection[Any, Any], setup: Callable[[], None] | 
         os._exit(status)
 
 
-def die_with(parent: int) -> None:
-    """Ask Linux to end this process with its parent, which may be gone already; else it would work unseen."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
+def die_with_parent() -> None:
+    """Let Linux kill this process when its parent ends, or has ended already; else it would go on unnoticed.
+
+    The parent, however it ends, closes its end of the pipe through which `multiprocessing` started this process. The
+    kernel kills this process then, also within C code that holds the GIL. (A signal at the parent's death, by prctl,
+    would come as soon as the thread ends that started this process.) Call it once the parent's ``start`` has returned:
+    a write to the pipe would kill as well. Where the parent forks without exec, its children keep the pipe open.
+    """
+    parent = parent_process()
+    assert parent is not None
+    pipe = parent.sentinel
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(pipe, fcntl.F_SETFL, os.O_ASYNC)
+    if connection.wait([pipe], 0):
         os._exit(1)
 
 
-def _obey() -> None:
+def _handle_signals() -> None:
     """Leave it to the parent what an interrupt means, which all processes of a terminal get; end when asked to."""
 
     def end(_number: int, _frame: FrameType | None) -> None:

@@ -26,7 +26,7 @@ class Checked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Numbers and lists become what they are from a file: 3 is 3.0 where a float is wanted, and a list a tuple.
     """
 
-    error: ClassVar[type[InvalidError]] = ScenarioError
+    error: ClassVar[type[SimgrabError]] = ScenarioError
     """Raised in one line: the dotted key, what is wrong, and the valid values."""
 
     def __post_init__(self) -> None:

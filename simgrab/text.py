@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 
 def printable(text: object) -> str:
     r"""Write what would steer a terminal, break a line, or is no Unicode as escapes, e.g. ``\x1b`` or ``\u202e``.
@@ -32,5 +34,16 @@ def cell(text: str) -> str:
 
 
 def markdown(text: object) -> str:
-    """Write text as a part of a line, or a cell, of Markdown: no HTML, link, code or cell of its own begins in it."""
-    return "".join(f"\\{c}" if c in "\\`<|[" else c for c in printable(text))
+    r"""Write text as a part of a line, or a cell, of Markdown: no HTML, link, code or cell of its own begins in it.
+
+    That includes URLs, which GitHub links by themselves; it links e-mail addresses even where they are escaped.
+
+    Examples
+    --------
+    >>> print(markdown("a|b <i> https://example.org www.example.org"))
+    a\|b \<i> https\://example.org www\.example.org
+    """
+    return _MARKDOWN.sub(r"\\\g<0>", printable(text))
+
+
+_MARKDOWN = re.compile(r"[\\`<|[]|:(?=//)|(?<=www)\.", re.IGNORECASE)

@@ -3,6 +3,7 @@
 import io
 import struct
 import sys
+import time
 from pathlib import Path
 
 import av
@@ -10,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.containers import extent
+from simgrab import containers
+from simgrab.containers import Extent, extent
 from simgrab.errors import SourceError
 from simgrab.instrument.video import Video
 from simgrab.scenario import Camera, Clip
@@ -126,8 +128,89 @@ def test_half_of_any_container_that_states_its_length_breaks_off(tmp_path):
         assert frames[-1].reason == "the video breaks off here (the file is cut off)"
 
 
-@pytest.mark.parametrize(
-    "data", [b"", b"a", b"anything else", b"\x1a\x45\xdf\xa3", b"\0\0\0\1mdat", b"RIFF\0\0\0\0AVI "]
-)
-def test_what_states_no_length_counts_as_whole_or_as_cut_off_but_is_read(data):
-    assert 0 <= extent(io.BytesIO(data)).end <= len(data)
+def box(kind, content=b"", length=None):
+    return struct.pack(">I4s", 8 + len(content) if length is None else length, kind) + content
+
+
+def sidx(first, count=0):
+    """A segment index of no more references than none, which states that the media begin so many bytes after it."""
+    return box(b"sidx", struct.pack(">IIIIIHH", 0, 1, 90_000, 0, first, 0, count))
+
+
+def riff(length, content=b"AVI " + b"c" * 100):
+    return b"RIFF" + struct.pack("<I", length) + content
+
+
+HEAD, MEDIA = box(b"ftyp", b"isom") + box(b"moov", b"x" * 50), box(b"mdat", b"y" * 50)
+MP4 = HEAD + MEDIA
+LARGE = struct.pack(">I4sQ", 1, b"mdat", 66) + b"y" * 50
+EXTENTS = {  # bytes, how many of them are the container's, whether it is whole
+    "empty": (b"", 0, True),
+    "a byte": (b"a", 1, True),
+    "another format": (b"anything else", 13, True),
+    "Matroska without a segment": (b"\x1a\x45\xdf\xa3", 4, True),
+    "MP4": (MP4, len(MP4), True),
+    "index at its end": (MEDIA + HEAD, len(MP4), True),
+    "MP4 of large boxes": (HEAD + LARGE, len(HEAD + LARGE), True),
+    "media up to the end": (HEAD + box(b"mdat", b"y" * 50, 0), len(MP4), True),
+    "zero padding": (MP4 + bytes(1000), len(MP4), True),
+    "GPS trailer": (MP4 + b"GPS 57.7N 11.9E" * 20, len(MP4), True),
+    "a short tail": (MP4 + b"\0\0\0\x08mda", len(MP4), True),
+    "boxes of a maker's own": (MP4 + box(b"gps ", b"z" * 90) + MEDIA, 2 * len(MEDIA) + len(HEAD) + 98, True),
+    "no media": (HEAD, len(HEAD), False),
+    "no index": (MEDIA, len(MEDIA), False),
+    "media cut off": (MP4[:-1], len(MP4) - 1, False),
+    "media of a large box cut off": ((HEAD + LARGE)[:-1], len(HEAD + LARGE) - 1, False),
+    "in the header of a large box": ((HEAD + LARGE)[:-54], len(HEAD + LARGE) - 54, False),
+    "fragment cut off": (MP4 + box(b"moof", b"z" * 50)[:-1], len(MP4), False),
+    "as long as stated": (HEAD + sidx(len(MEDIA)) + MEDIA, len(MP4) + 32, True),
+    "longer than stated": (HEAD + sidx(len(MEDIA)) + MEDIA + b"\0\0", len(MP4) + 32, True),
+    "less than stated": (HEAD + sidx(len(MEDIA) + 1) + MEDIA, len(MP4) + 32, False),
+    "less than stated, and a tail": (HEAD + sidx(len(MEDIA) + 99) + MEDIA + bytes(200), len(MP4) + 32, False),
+    "references that are not there": (HEAD + sidx(10**6, 9) + MEDIA, len(MP4) + 32, True),
+    "AVI": (riff(104), 112, True),
+    "AVI that counts its header": (riff(112), 112, True),
+    "AVI of a length not written": (riff(0), 112, True),
+    "AVI of no stated length": (riff(0xFFFFFFFF), 112, True),
+    "AVI cut off": (riff(114), 112, False),
+    "two lists": (riff(104) + riff(104, b"AVIX" + b"c" * 100), 224, True),
+    "second list cut off": (riff(104) + riff(200, b"AVIX" + b"c" * 100), 224, False),
+}
+
+
+@pytest.mark.parametrize("name", EXTENTS)
+def test_how_far_a_file_goes_and_whether_it_is_whole(name):
+    data, end, whole = EXTENTS[name]
+    assert extent(io.BytesIO(data)) == Extent(end, whole)
+
+
+@pytest.mark.parametrize("tail", [bytes(4096), b"GPS 57.7N 11.9E" * 50, b"\0\0\0"])
+def test_what_is_appended_to_an_mp4_does_no_harm(own, tmp_path, tail):
+    film(tmp_path / "plain.mp4", np.arange(COUNT) / 9, SIZE, draw=noise)
+    (tmp_path / "own.mp4").write_bytes(own[0].read_bytes())
+    for name in ("plain.mp4", "own.mp4"):
+        frames = list(Video(tmp_path / name))
+        with (tmp_path / name).open("ab") as file:
+            file.write(tail)
+        more = list(Video(tmp_path / name))
+        assert [(frame.time_s, frame.reason) for frame in more] == [(frame.time_s, frame.reason) for frame in frames]
+
+
+def test_how_much_is_read_of_boxes_is_bounded(tmp_path):
+    with (tmp_path / "long.mp4").open("wb") as file:  # most of it takes no room on the disk
+        file.write(HEAD + struct.pack(">I4sQ", 1, b"sidx", 40 * 2**30))
+        file.truncate(len(HEAD) + 40 * 2**30)
+    empty = HEAD + box(b"free") * 2**23
+    for file, end in ((tmp_path / "long.mp4").open("rb"), len(HEAD) + 40 * 2**30), (io.BytesIO(empty), len(empty)):
+        begun = time.process_time()
+        with file:
+            assert extent(file).end == end
+        assert time.process_time() - begun < 1.5
+
+
+def test_boxes_are_looked_at_once(own, monkeypatch):
+    looked = []
+    monkeypatch.setattr(containers, "extent", lambda file: looked.append(file) or extent(file))
+    video = Video(own[0])
+    assert len(list(video)) == len(list(video))
+    assert len(looked) == 1

@@ -1,5 +1,6 @@
 """Picture files: what OpenCV decodes, whole or not at all, and of a size within the limit."""
 
+import contextlib
 import os
 import struct
 import zlib
@@ -87,6 +88,30 @@ def test_what_a_camera_appends_to_a_jpeg_or_puts_before_its_picture_does_no_harm
 )
 def test_what_is_no_picture_is_refused(tmp_path, data, reason):
     assert refused(tmp_path / "a.png", data) == reason
+
+
+@pytest.mark.parametrize("name", ["plain.png", "lzw.tif", "jpeg.tif"])
+def test_a_damaged_picture_prints_nothing(tmp_path, name, capfd):
+    data = saved(tmp_path / name, **WHOLE[name]).read_bytes()
+    level = cv2.utils.logging.getLogLevel()
+    for at in range(len(data) // 4, len(data) * 3 // 4, len(data) // 30):
+        path = tmp_path / name
+        path.write_bytes(data[:at] + bytes([data[at] ^ 255]) + data[at + 1 :])
+        if name == "plain.png":
+            assert refused(path, path.read_bytes()) == "it is damaged"
+        else:
+            with contextlib.suppress(PictureError):
+                read(path)
+    assert capfd.readouterr() == ("", "")
+    assert cv2.utils.logging.getLogLevel() == level
+
+
+def test_a_wrong_checksum_of_a_comment_does_no_harm(tmp_path):
+    path = saved(tmp_path / "a.png")
+    data, whole = path.read_bytes(), read(path)
+    comment = struct.pack(">I", 3) + b"tEXta\0b" + bytes(4)
+    path.write_bytes(data[:33] + comment + data[33:])
+    np.testing.assert_array_equal(read(path), whole)
 
 
 @pytest.mark.parametrize("size", [(50_000, 50_000), (10_001, 10_000), (MOST_SIDE + 1, 1), (1, 2**31 - 1)])

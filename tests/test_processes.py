@@ -1,11 +1,15 @@
 """A pool gives what its work gives, whatever becomes of its processes."""
 
+import itertools
 import logging
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
+from collections import deque
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -79,6 +83,16 @@ def gives_a_lock(_):
     return threading.Lock()
 
 
+def pid(_):
+    return os.getpid()
+
+
+def holds_the_interpreter(marker):
+    """Never returns from C code that never releases the GIL."""
+    marker.write_text(str(os.getpid()))
+    deque(itertools.repeat(None), maxlen=0)
+
+
 def naps(item):
     time.sleep(600 if item else 0)
 
@@ -139,6 +153,47 @@ def test_an_idle_worker_that_died_is_replaced():
         assert list(pool.map(square, [3])) == [9]
 
 
+def test_a_worker_outlives_the_thread_that_started_it():
+    first = []
+    with Pool(1) as pool:
+        starting = threading.Thread(target=lambda: first.extend(pool.map(pid, [0])))
+        starting.start()
+        starting.join()
+        time.sleep(0.3)  # the thread's end follows that of its work
+        assert list(pool.map(pid, [0])) == first
+
+
+def test_a_worker_does_not_outlive_its_parent_whatever_it_does(tmp_path):
+    marker = tmp_path / "worker"
+    code = (
+        "import pathlib, sys\n"
+        "from test_processes import Pool, holds_the_interpreter\n"
+        "if __name__ == '__main__':\n"
+        "    list(Pool(1).map(holds_the_interpreter, [pathlib.Path(sys.argv[1])]))\n"
+    )
+    (tmp_path / "pool.py").write_text(code)
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "pool.py", marker], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ) as parent:
+        wait_until(lambda: marker.exists() and marker.read_text(), parent)
+        time.sleep(0.2)
+        parent.kill()
+    worker = Path("/proc", marker.read_text())
+    try:
+        wait_until(lambda: not worker.exists())
+    finally:
+        if worker.exists():
+            os.kill(int(worker.name), signal.SIGKILL)
+
+
+def wait_until(holds, process=None):
+    end = time.monotonic() + 30
+    while not holds():
+        assert time.monotonic() < end
+        assert process is None or process.poll() is None
+        time.sleep(0.02)
+
+
 def test_an_error_ends_the_work_and_says_where():
     with Pool(2) as pool, pytest.raises(DatasetError, match=r"^item 7 is bad$") as raised:
         list(pool.map(raises, [7]))
@@ -163,20 +218,27 @@ def test_work_that_is_left_alone_ends():
     assert multiprocessing.active_children() == []
 
 
-def test_a_worker_that_is_asked_to_end_cleans_up_and_is_deaf_to_interrupts(tmp_path):
+def test_a_worker_that_is_asked_to_end_cleans_up_and_ignores_interrupts(tmp_path):
+    interrupted = []
+
     def ask():
-        while not (tmp_path / "begun").exists():
-            time.sleep(0.01)
-        (worker,) = multiprocessing.active_children()
-        os.kill(worker.pid, signal.SIGINT)
-        os.kill(worker.pid, signal.SIGHUP)
-        time.sleep(0.3)
-        assert not (tmp_path / "clean").exists()
-        os.kill(worker.pid, signal.SIGTERM)
+        try:
+            wait_until((tmp_path / "begun").exists)
+            for number in (signal.SIGINT, signal.SIGHUP):
+                send(number)
+            time.sleep(0.3)
+            interrupted.append((tmp_path / "clean").exists())
+        finally:
+            send(signal.SIGTERM)
+
+    def send(number):
+        for worker in multiprocessing.active_children():
+            os.kill(worker.pid, number)
 
     asking = threading.Thread(target=ask)
     asking.start()
     with Pool(1) as pool:
         assert list(pool.map(cleans_up, [tmp_path])) == [None]
     asking.join()
+    assert interrupted == [False]
     assert (tmp_path / "clean").exists()

@@ -2,8 +2,10 @@
 
 import contextlib
 import csv
+import html
 import html.parser
 import io
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from markdown_it import MarkdownIt
 from rich.console import Console
 from rich.table import Table
 
@@ -164,6 +167,15 @@ def test_cards_show_names_as_text(name):
         assert line.replace("\\|", "").count("|") == other.count("|") or "frames of `" in line
         assert "<b>" not in line.replace("\\<", "") or "frames of `" in line
     assert not any("\x1b" in line for line in lines)
+
+
+@pytest.mark.parametrize("name", [*HOSTILE.values(), "https://evil.example", "(ftp://a.b/c) WWW.evil.example www.a.b"])
+def test_markdown_shows_names_as_text(name):
+    line = text.markdown(name)
+    assert not re.search(r"(https?|ftp)://|www\.", line, re.IGNORECASE)  # GitHub Flavored Markdown, 6.9: autolinks
+    shown = MarkdownIt("commonmark").renderInline(line)
+    assert html.unescape(shown) == html.unescape(text.printable(name))
+    assert "<" not in shown
 
 
 @every

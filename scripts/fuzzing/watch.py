@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any
 
 from simgrab.errors import SimgrabError
-from simgrab.processes import die_with
+from simgrab.processes import die_with_parent
 
 ACCEPTED, REFUSED, TRACEBACK, MESSAGE, SIGNAL, LIMIT = "accepted", "refused", "traceback", "message", "signal", "limit"
 FAILED = (TRACEBACK, MESSAGE, SIGNAL, LIMIT)
@@ -82,7 +82,7 @@ class Watched:
     """
 
     def __init__(self, openers: str, corpus: Path, log: Path, limits: Limits) -> None:
-        self._arguments = openers, corpus, log, os.getpid()
+        self._arguments = openers, corpus, log
         self.limits = limits
         self._log = log
         self._pipe: Connection | None = None
@@ -148,9 +148,9 @@ class Watched:
             self._pipe = None
 
 
-def _work(pipe: Connection, openers: str, corpus: Path, log: Path, parent: int) -> None:
+def _work(pipe: Connection, openers: str, corpus: Path, log: Path) -> None:
     """Open inputs as they come."""
-    die_with(parent)
+    die_with_parent()
     printed = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     os.dup2(printed, 1)
     os.dup2(printed, 2)

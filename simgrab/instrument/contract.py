@@ -97,7 +97,7 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def flaw(m: Measurement) -> str:
-    """Say what is wrong with a measurement that its types do not tell; empty where nothing is."""
+    """Say what is wrong with a measurement beyond its types; empty where nothing is."""
     for name, value in msgspec.structs.asdict(m).items():
         numbers = value if isinstance(value, tuple) else (value,)
         if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):

@@ -1,7 +1,8 @@
 """Opens ONNX files and runs them.
 
 onnxruntime and not cv2.dnn: on one core find took 7.5 ms and refine 3.4 ms against 17 and 9 (OpenCV 5.0.0), and what
-cv2.dnn said was off by up to 0.3 in refine. It also tells a file's shapes and metadata, by which others are refused.
+cv2.dnn returned was off by up to 0.3 in refine. It also reports a file's shapes and metadata, by which other files are
+refused.
 
 A file is read whole and handed over as bytes, and no other file is opened for it. What a net may take is limited:
 bytes of its file, numbers in an output, memory and time. Two things are not: the memory of constants that onnxruntime
@@ -13,7 +14,7 @@ from __future__ import annotations
 import functools
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ import onnxruntime
 from simgrab.errors import DetectorError, SimgrabError, first_line, one_line
 from simgrab.instrument import onnx_parts
 from simgrab.instrument.deadline import within
+from simgrab.parse import opened
 
 THREADS = 2
 KEY = "simgrab"  # of the metadata in our own files
@@ -67,22 +69,33 @@ class Net:
     metadata: Mapping[str, str]
     refuse: Callable[[str], SimgrabError] = DetectorError
 
-    def __call__(self, pictures: NDArray[np.generic]) -> list[NDArray[np.floating[Any]]]:
-        """Run a batch, of the shape in `inputs`; returns the outputs in the order of `outputs`.
+    def __call__(
+        self, pictures: NDArray[np.generic], names: Sequence[str] | None = None
+    ) -> list[NDArray[np.floating[Any]]]:
+        """Run a batch.
+
+        Parameters
+        ----------
+        pictures : ndarray
+            Of the shape in `inputs`.
+        names : sequence of str, optional
+            Of the outputs that are returned; others may be of any type. By default all, in the order of `outputs`.
 
         Raises
         ------
         SimgrabError
-            Of the kind of `refuse`, if it does not run, takes more than a net may, or gives other things than floats.
+            Of the kind of `refuse`, if it does not run, takes more than a net may, or outputs something else than
+            floats.
         """
+        names = list(self.outputs) if names is None else names
         options = onnxruntime.RunOptions()
         options.log_severity_level = _FATAL
         try:
             with within(MOST_SECONDS, lambda: setattr(options, "terminate", True)):
-                found = list(self.session.run(None, {next(iter(self.inputs)): pictures}, options))
+                found = list(self.session.run(names, {next(iter(self.inputs)): pictures}, options))
         except Exception as problem:  # onnxruntime's errors have no common base
             raise self.refuse(f"{self.path} does not run: {_why(problem)}") from None
-        for name, out in zip(self.outputs, found, strict=True):
+        for name, out in zip(names, found, strict=True):
             if not isinstance(out, np.ndarray) or out.dtype.kind != "f":
                 raise self.refuse(f"{self.path}: its output {one_line(name)} is no array of floats")
             if out.size > MOST_NUMBERS:
@@ -118,7 +131,8 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
         output has more than `MOST_NUMBERS` numbers.
     """
     path = Path(path)
-    content = _read(path, refuse)
+    with opened(path, refuse, most_bytes=MOST_BYTES) as file:
+        content = file.read(MOST_BYTES)
     onnx_parts.check(content, lambda problem: refuse(f"{path} {problem}"))
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
@@ -152,20 +166,6 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
     return net
 
 
-def _read(path: Path, refuse: Callable[[str], SimgrabError]) -> bytes:
-    if not path.is_file():  # a device or a pipe may never end
-        raise refuse(f"{path}: no such file")
-    try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            content = file.read(MOST_BYTES) if size <= MOST_BYTES else b""
-    except OSError as problem:
-        raise refuse(f"cannot read {path}: {first_line(problem)}") from None
-    if size > MOST_BYTES:
-        raise refuse(f"{path} is larger than {MOST_BYTES >> 20} MiB, the most that a net may be")
-    return content
-
-
 def _facts(path: Path, metadata: Mapping[str, str], refuse: Callable[[str], SimgrabError]) -> dict[str, Any]:
     text = metadata.get(KEY, "{}")
     try:
@@ -173,7 +173,7 @@ def _facts(path: Path, metadata: Mapping[str, str], refuse: Callable[[str], Simg
     except (ValueError, RecursionError):
         facts = None
     if not isinstance(facts, dict):
-        raise refuse(f"{path}: its metadata {KEY!r} is none that simgrab wrote")
+        raise refuse(f"{path}: its metadata {KEY!r} was not written by simgrab")
     return facts
 
 

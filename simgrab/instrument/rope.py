@@ -32,7 +32,7 @@ class Rope:
 
 @dataclass(frozen=True)
 class Bridge:
-    """How readings are told from misreadings, and how long one may stand in for others.
+    """How readings are distinguished from misreadings, and how long one may stand in for others.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ class Sighting(msgspec.Struct, frozen=True, gc=False):
         Why no grab was found in it; empty where one was.
     score : float
     box, centre, centre_sd : tuple of floats, or None
-        As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector tells no other.
+        As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector predicts no other.
     rope_text : str or None
     rope_status, rope_reason : str
         As in `simgrab.records.Reading`; empty where no display was to be read.
@@ -58,7 +58,7 @@ def look(
     Raises
     ------
     DetectorError, ReaderError, LayoutError
-        If a picture is none that they can look at.
+        If they cannot use a picture.
     """
     for frame in frames:
         yield one(frame, detector, reader, calibration)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +11,10 @@ from typing import Protocol
 
 from simgrab import datasets, pictures
 from simgrab.calibration import Calibration
-from simgrab.errors import PictureError, SourceError
+from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.video import Stream, Video
+from simgrab.parse import kind_of
 from simgrab.text import encodable, printable
 
 RATE_HZ = 9.0  # of the port's camera, for pictures that say nothing of time
@@ -95,22 +98,38 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     DatasetError
         If it is a dataset that cannot be read.
     """
+    _refuse_empty(source)
     if "://" in str(source):
         return _timed(Stream(str(source)), rate_hz)
-    path, name = Path(source), printable(source)
-    if datasets.is_dataset(path):
-        return _timed(_dataset(path), rate_hz)
-    if path.is_dir():
-        files = pictures.of(path)
-        if not files:
-            raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
-        rate = RATE_HZ if rate_hz is None else rate_hz
-        return Files(name, files, tuple(i / rate for i in range(len(files))), path)
-    if not path.is_file():
-        raise SourceError(f"{path}: there is no such file or folder")
+    path = Path(source)
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return _timed(_dataset(path), rate_hz) if datasets.is_dataset(path) else _folder(path, rate_hz)
+    except FileNotFoundError:
+        raise SourceError(f"{path}: there is no such file or folder") from None
+    except SimgrabError:
+        raise
+    except (OSError, ValueError) as problem:  # ValueError: a name with a NUL byte
+        raise SourceError(f"{path}: cannot be read ({first_line(problem)})") from None
+    if not stat.S_ISREG(mode):
+        raise SourceError(f"{path}: it is {kind_of(mode)}, not a file or folder")
     if path.suffix.lower() in pictures.SUFFIXES:
-        return _timed(Files(name, (path,), (0.0,), path.parent), rate_hz)
+        return _timed(Files(printable(path), (path,), (0.0,), path.parent), rate_hz)
     return _timed(Video(path), rate_hz)
+
+
+def _refuse_empty(source: str | Path) -> None:
+    if not str(source):  # which as a path would be the working folder
+        raise SourceError("the source is empty: name a video, a stream's URL, a folder of pictures, or a dataset")
+
+
+def _folder(path: Path, rate_hz: float | None) -> Files:
+    files = pictures.of(path)
+    if not files:
+        raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
+    rate = RATE_HZ if rate_hz is None else rate_hz
+    return Files(printable(path), files, tuple(i / rate for i in range(len(files))), path)
 
 
 def _timed(source: Source, rate_hz: float | None) -> Source:
@@ -127,7 +146,7 @@ def _dataset(path: Path) -> Files:
     begin, clip = 0.0, rows[0].clip
     for row in rows:
         if row.clip != clip:
-            begin, clip = max(t for t in times if t is not None) + CLIP_GAP_S, row.clip
+            begin, clip = max((t for t in times if t is not None), default=0.0) + CLIP_GAP_S, row.clip
         times.append(None if row.time_s is None else begin + row.time_s)
     files = tuple(path / row.file for row in rows)
     return Files(printable(path), files, tuple(times), path, dataset.data.labels_sha256)
@@ -141,11 +160,14 @@ def camera_beside(source: str | Path) -> Path:
     SourceError
         If there is none.
     """
+    _refuse_empty(source)
     path = Path(source)
-    beside = path / "camera.toml" if path.is_dir() else path.with_suffix(".camera.toml")
-    if "://" in str(source) or not beside.is_file():
-        raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
-    return beside
+    if "://" not in str(source):
+        # Unlike Path's methods these answer no where a name is too long or a folder closed.
+        beside = path / "camera.toml" if os.path.isdir(path) else path.with_suffix(".camera.toml")  # noqa: PTH112
+        if os.path.isfile(beside):  # noqa: PTH113
+            return beside
+    raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
 
 
 def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame]:
@@ -162,10 +184,10 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
         if frame.picture is not None:
             given = (frame.picture.shape[1], frame.picture.shape[0])
             if given != size:
-                told = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
+                problem = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
                 if not seen:
-                    named = f"{frame.name} is {told}" if frame.name else told
+                    named = f"{frame.name} is {problem}" if frame.name else problem
                     raise SourceError(f"{named}: not of this camera")
-                frame = Frame(None, frame.time_s, told, frame.name)
+                frame = Frame(None, frame.time_s, problem, frame.name)
             seen = True
         yield frame

@@ -26,6 +26,7 @@ from av.video.stream import VideoStream
 from simgrab import containers
 from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
+from simgrab.instrument.estimate.frames import LATEST_S
 from simgrab.pictures import MOST_PIXELS, too_large
 from simgrab.text import printable
 
@@ -34,9 +35,9 @@ MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
 # FFmpeg's names of formats that hold pictures themselves and open nothing else.
 FORMATS = (
     "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "h264", "hevc", "m4v", "mjpeg", "obu",
-    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe",
+    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe", "mpjpeg", "gif", "wtv", "rm",
 )  # fmt: skip
-STREAM_FORMATS = ("rtsp", "rtp", "mpjpeg")
+STREAM_FORMATS = ("rtsp", "rtp")
 SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp", "tcp")
 PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
 _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
@@ -67,7 +68,9 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.name, self._path = printable(path), path
-        with self._opened() as (container, _):
+        with self._file() as file:
+            self._extent = containers.extent(file)
+        with self._opened() as container:
             self.count = _count(container.streams.video[0])
 
     def __iter__(self) -> Iterator[Frame]:
@@ -78,22 +81,21 @@ class Video:
         SourceError
             If the file is gone, or breaks off before its first picture.
         """
-        with self._opened() as (container, whole):
-            yield from _with_gaps(_decoded(container, self.name, whole=whole))
+        with self._opened() as container:
+            yield from _with_gaps(_decoded(container, self.name, whole=self._extent.whole))
 
-    @contextmanager
-    def _opened(self) -> Iterator[tuple[InputContainer, bool]]:
+    def _file(self) -> BinaryIO:
         try:
-            file = self._path.open("rb")
+            return self._path.open("rb")
         except OSError as problem:
             raise SourceError(f"{self.name}: cannot be read ({first_line(problem)})") from None
-        with file:
-            known = containers.extent(file)
-            file.seek(0)
-            # No protocol: FFmpeg opens nothing itself.
-            rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
-            with closing(_open(_First(file, known.end), self.name, rules)) as container:
-                yield container, known.whole
+
+    @contextmanager
+    def _opened(self) -> Iterator[InputContainer]:
+        # No protocol: FFmpeg opens nothing itself.
+        rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
+        with self._file() as file, closing(_open(_First(file, self._extent.end), self.name, rules)) as container:
+            yield container
 
 
 class _First:
@@ -137,7 +139,8 @@ class Stream:
         self.name = printable(url)
         scheme = url.partition("://")[0].lower()
         if scheme not in SCHEMES:
-            raise SourceError(f"{self.name}: no stream, which begins with {', '.join(f'{s}://' for s in SCHEMES)}")
+            streams = ", ".join(f"{s}://" for s in SCHEMES)
+            raise SourceError(f"{self.name}: no stream, which begins with {streams}; name a file by its path alone")
         rules = {
             "format_whitelist": ",".join((*FORMATS, *STREAM_FORMATS)),
             "protocol_whitelist": ",".join(PROTOCOLS),
@@ -255,9 +258,10 @@ class _Clock:
         self._last: float | None = None
 
     def next(self, stamp: float | None) -> float:
-        """Time of the next frame; a step after the last where its stamp is missing or goes back."""
-        if stamp is None or not math.isfinite(stamp) or (self._last is not None and stamp <= self._last):
-            stamp = 0.0 if self._last is None else self._last + self.step
+        """Time of the next frame; a step after the last where its stamp is missing, goes back or exceeds LATEST_S."""
+        if stamp is None or not abs(stamp) <= LATEST_S or (self._last is not None and stamp <= self._last):
+            # A step may be less than what doubles resolve there.
+            stamp = 0.0 if self._last is None else max(self._last + self.step, math.nextafter(self._last, math.inf))
         self._last = stamp
         return stamp
 

@@ -28,7 +28,7 @@ from simgrab.judge import runs
 from simgrab.judge.estimate import estimate_json
 from simgrab.judge.run_video import Film
 from simgrab.judge.runs import Progress, Run
-from simgrab.judge.subject import held
+from simgrab.judge.subject import checked
 from simgrab.records import Estimate
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
@@ -123,7 +123,7 @@ def measure(
     RunError
         If it does not give one measurement a frame.
     """
-    instrument = held(instrument)
+    instrument = checked(instrument)
     notes = _Notes()
     begun = time.perf_counter()
     passed = fitting(notes.of(frames), calibration)

@@ -1,4 +1,4 @@
-"""The pipeline under test: found by name, held to the contract, and its failures told in one line."""
+"""The pipeline under test: found by name, checked against the contract, and its failures reported in one line."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def open_instrument(name: str) -> Instrument:
         make = bundled if name == BUNDLED else getattr(importlib.import_module(module), factory)
     with told(f"instrument {name}: cannot be made"):
         made = make()
-    return held(made, name)
+    return checked(made, name)
 
 
-def held(instrument: Any, what: str = "instrument") -> Instrument:
-    """Hold an instrument to the contract, so that whatever goes wrong in it is an `InstrumentError`."""
-    if isinstance(instrument, Pipeline | Held):
+def checked(instrument: Any, what: str = "instrument") -> Instrument:
+    """Check an instrument against the contract, so that whatever goes wrong in it is an `InstrumentError`."""
+    if isinstance(instrument, Pipeline | CheckedInstrument):
         return instrument
     with told(f"{what}: has no name"):
         name = instrument.name
@@ -59,12 +59,12 @@ def held(instrument: Any, what: str = "instrument") -> Instrument:
         raise InstrumentError(f"{what}: its name must be a text, got {name!r}")
     if not callable(instrument):
         raise InstrumentError(f"{what}: {name} cannot be called with frames and a calibration")
-    return Held(name, instrument)
+    return CheckedInstrument(name, instrument)
 
 
 @dataclass(frozen=True)
-class Held:
-    """Somebody's instrument, whose measurements are looked through before they are believed."""
+class CheckedInstrument:
+    """Somebody's instrument, whose measurements are checked before they are used."""
 
     name: str
     instrument: Instrument

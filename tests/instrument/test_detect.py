@@ -7,7 +7,7 @@ from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save
 from simgrab.errors import DetectorError
 from simgrab.instrument.detect import Bundled, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
-from simgrab.instrument.detect.bundled import SETTLE, Settings, peaks, read
+from simgrab.instrument.detect.bundled import SETTLE, Settings, Trust, peaks, read
 from simgrab.instrument.detect.patches import (
     GREY,
     LEVEL_ROOM,
@@ -19,7 +19,7 @@ from simgrab.instrument.detect.patches import (
     cut_with_mask,
     whole,
 )
-from simgrab.instrument.net import KEY
+from simgrab.instrument.net import KEY, open_net
 
 onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper  # noqa: E402
@@ -85,6 +85,14 @@ def test_iou():
 
 
 # Bundled ---------------------------------------------------------------------------------------------------------
+
+
+def test_settings_in_python_are_checked_as_those_of_a_file_are():
+    for wrong in ({"least_heat": -0.1}, {"room": 4}, {"rivals": "all"}, {"least_presence": np.nan}):
+        with pytest.raises(DetectorError, match=f"^{next(iter(wrong))}: .*got"):
+            Settings(**wrong)
+    with pytest.raises(DetectorError, match=r"^outward: "):
+        Trust(outward=-2)
 
 
 def test_peaks_lie_apart_and_come_hottest_first():
@@ -261,9 +269,9 @@ def test_of_several_classes_the_grab_alone_counts(tmp_path):
         looks = Yolo(constant_yolo(tmp_path / "two.onnx", turned, metadata={"names": names}))
         assert looks(picture).score == pytest.approx(score)
     for names, problem in {
-        "{0: 'truck', 1: 'crane'}": r"tells 2 classes \(truck, crane\), of which one must be called 'grab'",
+        "{0: 'truck', 1: 'crane'}": r"outputs 2 classes \(truck, crane\), of which one must be called 'grab'",
         "no literal": "no names",
-        "{0: 'grab'}": "names 1 classes and tells 2",
+        "{0: 'grab'}": "names 1 classes and outputs 2",
     }.items():
         with pytest.raises(DetectorError, match=problem):
             Yolo(constant_yolo(tmp_path / "bad.onnx", turned, metadata={"names": names}))
@@ -281,7 +289,7 @@ def test_pictures_go_in_as_the_trainers_feed_them(family, tmp_path, monkeypatch)
     looks = Yolo(constant_yolo(tmp_path / "any.onnx", out))
     assert looks.layout.family == family
     fed = []
-    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures: fed.append(pictures) or [out])
+    monkeypatch.setattr(type(looks._net), "__call__", lambda _, pictures, *_names: fed.append(pictures) or [out])
     picture = np.full((64, 128, 3), (200, 100, 50), np.uint8)  # RGB, twice as wide as high
     looks(picture)
     ((pixels,),) = fed
@@ -302,7 +310,7 @@ def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
     out = rows(4 * CELLS, 5).transpose(0, 2, 1)
     looks = Yolo(constant_yolo(tmp_path / "free.onnx", out, shape=free, metadata={"imgsz": "[128, 128]"}))
     assert (looks.height, looks.width) == (128, 128)
-    with pytest.raises(DetectorError, match="no detector"):  # 640 then, of which it tells too few cells
+    with pytest.raises(DetectorError, match="no detector"):  # 640 then, of which it outputs too few cells
         Yolo(constant_yolo(tmp_path / "none.onnx", out, shape=free))
     with pytest.raises(DetectorError, match=r"640 x 640 of tensor\(float16\)"):
         Yolo(half_precision(tmp_path / "half.onnx"))
@@ -320,6 +328,28 @@ def test_yolov8_layout(tmp_path):
     assert looks.layout.family == "yolov8"
     # Letterboxed: a picture twice as wide as high has a quarter of the square above and below it.
     np.testing.assert_allclose(looks(np.zeros((64, 128, 3), np.uint8)).box, [44, 6, 84, 26])
+
+
+def test_outputs_besides_the_boxes_may_be_of_any_type(tmp_path):
+    out = rows(CELLS, 5)
+    out[0, 9] = [32, 24, 20, 10, 0.8]
+    path = constant_yolo(tmp_path / "v8.onnx", out.transpose(0, 2, 1))
+    net = onnx.load(path)
+    net.graph.node.append(helper.make_node("Shape", ["images"], ["size"]))
+    net.graph.output.append(helper.make_tensor_value_info("size", TensorProto.INT64, [4]))
+    onnx.save(net, path)
+    assert Yolo(path)(np.zeros((64, 64, 3), np.uint8)).score == pytest.approx(0.8)
+    with pytest.raises(DetectorError, match="its output size is no array of floats"):
+        open_net(path)(np.zeros((1, 3, SIDE, SIDE), np.float32))
+
+
+def test_scores_that_are_rounded_to_more_than_1_count_as_1(tmp_path):
+    out = rows(CELLS, 5)
+    out[0, 9] = [32, 24, 20, 10, 1.0000002]
+    out[0, 30] = [12, 24, 20, 10, 0.9]
+    found = Yolo(constant_yolo(tmp_path / "v8.onnx", out.transpose(0, 2, 1)))(np.zeros((64, 64, 3), np.uint8))
+    assert found.score == 1
+    np.testing.assert_allclose(found.box, [22, 19, 42, 29])
 
 
 def test_yolox_layouts(tmp_path):
@@ -360,7 +390,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
         assert "this has inputs images 1 x" in str(told.value), name
     masks = rows(CELLS, 38)
     masks[0, :, 6:] = 3.2  # coefficients
-    with pytest.raises(DetectorError, match="tells 34 classes"):
+    with pytest.raises(DetectorError, match="outputs 34 classes"):
         detector(constant_yolo(tmp_path / "m.onnx", masks.transpose(0, 2, 1)))
     logits = rows(CELLS, 5)
     logits[0, :, 4] = 3.2
@@ -376,18 +406,18 @@ def test_what_is_no_detector_is_refused(tmp_path):
     (tmp_path / "text.onnx").write_text("no model")
     with pytest.raises(DetectorError, match="no ONNX model that can be run"):
         detector(tmp_path / "text.onnx")
-    with pytest.raises(DetectorError, match="no such file"):
+    with pytest.raises(DetectorError, match="No such file"):
         detector(tmp_path / "missing.onnx")
-    with pytest.raises(DetectorError, match=r"find\.onnx: no such file"):
+    with pytest.raises(DetectorError, match=r"find\.onnx: No such file"):
         detector(tmp_path)
     (tmp_path / "f").mkdir()
     with pytest.raises(DetectorError, match="not simgrab's refine-grab net"):
         detector(hand_made(tmp_path / "f", task="something"))
     ours = hand_made(tmp_path / "g")
     for facts, problem in {
-        "no JSON": "none that simgrab wrote",
-        "[1]": "none that simgrab wrote",
-        json.dumps({"task": SETTLE, "settings": {"moon": 1}}): "another version",
+        "no JSON": "was not written by simgrab",
+        "[1]": "was not written by simgrab",
+        json.dumps({"task": SETTLE, "settings": {"moon": 1}}): "settings: moon: unknown key",
         json.dumps({"task": SETTLE}): "holds no settings",
     }.items():
         net = onnx.load(ours / "settle.onnx")

@@ -1,21 +1,28 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
+import dataclasses
 import os
 import socket
 import sys
 import threading
 import time
+from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
+import av
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
+from simgrab import datasets
 from simgrab.calibration import Calibration
 from simgrab.errors import SourceError
 from simgrab.instrument.ahead import ahead
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.source import camera_beside, fitting, open_source
+from simgrab.instrument.video import _Clock
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import SIZE, film, picture
@@ -26,6 +33,23 @@ RATE = 9.0
 
 def even(n, rate=RATE):
     return np.arange(n) / rate
+
+
+def coded(path, codec, pixels, stamp=None):
+    """Write 20 pictures at 25 a second, or at these time stamps in ms."""
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25)
+        stream.width, stream.height = size = (128, 96)
+        stream.pix_fmt = pixels
+        if stamp:
+            stream.time_base = stream.codec_context.time_base = Fraction(1, 1000)
+        for i in range(20):
+            frame = av.VideoFrame.from_ndarray(picture(i, size), format="rgb24")
+            if stamp:
+                frame.pts, frame.time_base = stamp(i), Fraction(1, 1000)
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode(None))
+    return path
 
 
 def times_of(frames):
@@ -72,6 +96,40 @@ def test_an_endless_gap_is_one_lost_frame(tmp_path):
     assert [f.picture is None for f in frames] == [False, False, False, True, False]
 
 
+@pytest.mark.parametrize("stamp", [2**61, -(2**61)])
+def test_time_stamps_beyond_what_doubles_resolve_count_as_missing(tmp_path, stamp):
+    path = coded(tmp_path / "a.mkv", "mjpeg", "yuvj420p", lambda i: stamp + 40 * i)
+    assert times_of(open_source(path)) == pytest.approx(even(20, 25))
+
+
+def test_times_increase_however_short_a_step_is():
+    class Fast:
+        average_rate, guessed_rate = 10**9, None
+
+    clock = _Clock(Fast())
+    times = [clock.next(stamp) for stamp in (1e12, None, 1e12, 1e13, float("nan"))]
+    assert all(later > earlier for earlier, later in pairwise(times))
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels"),
+    [("a.gif", "gif", "rgb8"), ("a.wtv", "mpeg2video", "yuv420p"), ("a.rm", "rv20", "yuv420p")],
+)
+def test_gif_wtv_and_realmedia_are_read(tmp_path, name, codec, pixels):
+    frames = list(open_source(coded(tmp_path / name, codec, pixels)))
+    assert np.diff(times_of(frames)) == pytest.approx(np.full(19, 0.04), abs=1e-3)
+    assert all(frame.picture is not None for frame in frames)
+
+
+def test_a_recorded_multipart_stream_of_a_camera_is_read(tmp_path):
+    jpegs = (cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(8))
+    head = b"--frame\r\nContent-Type: image/jpeg\r\n\r\n"
+    (tmp_path / "mp.mjpg").write_bytes(b"".join(head + jpeg + b"\r\n" for jpeg in jpegs))
+    frames = list(open_source(tmp_path / "mp.mjpg"))
+    assert len(frames) == 8
+    assert np.abs(frames[7].picture.astype(int) - picture(7)).mean() < 6
+
+
 @pytest.mark.parametrize(("name", "options"), [("a.mkv", {}), ("a.mp4", {"movflags": "frag_keyframe+empty_moov"})])
 def test_a_truncated_video_gives_what_it_held(tmp_path, name, options):
     path = film(tmp_path / name, even(60), options=options)
@@ -112,6 +170,39 @@ def test_what_is_no_source(tmp_path):
             open_source(tmp_path / name)
     with pytest.raises(SourceError, match="127"):
         open_source("tcp://127.0.0.1:9")
+
+
+def test_what_cannot_be_a_source_is_named(tmp_path, monkeypatch):
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "socket"))
+    os.mkfifo(tmp_path / "pipe.png")
+    for path, reason in {
+        "/dev/null": "it is a device, not a file or folder",
+        tmp_path / "pipe.png": "it is a pipe, not a file or folder",
+        tmp_path / "socket": "it is a socket, not a file or folder",
+        tmp_path / ("a" * 300): r"cannot be read \(File name too long\)",
+        "/dev/null/a.mp4": r"cannot be read \(Not a directory\)",
+        "a\0.mp4": r"cannot be read \(embedded null byte\)",
+    }.items():
+        with pytest.raises(SourceError, match=reason):
+            open_source(path)
+        with pytest.raises(SourceError, match="no camera file in or beside it"):
+            camera_beside(path)
+    cv2.imwrite(str(tmp_path / "a.png"), picture(3))
+    (tmp_path / "camera.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert open_source(".").count == 2
+    assert camera_beside(".").is_file()
+    for ask in (open_source, camera_beside):
+        with pytest.raises(SourceError, match="the source is empty"):
+            ask("")
+
+    def closed(_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", closed)
+    with pytest.raises(SourceError, match=r"cannot be read \(Permission denied\)"):
+        open_source(tmp_path)
 
 
 def test_a_stream_is_read_once_and_gives_what_came_before_it_broke(tmp_path):
@@ -196,7 +287,7 @@ def test_a_camera_over_rtsp_is_read(tmp_path):
 
 @pytest.mark.parametrize("url", ["file:///etc/hostname", "concat://a.mp4", "subfile://a.mp4", "data://a", "://"])
 def test_a_url_of_anything_but_a_stream_is_refused(url):
-    with pytest.raises(SourceError, match="no stream, which begins with rtsp://"):
+    with pytest.raises(SourceError, match=r"no stream, which begins with rtsp://.*; name a file by its path alone"):
         open_source(url)
 
 
@@ -274,6 +365,13 @@ def test_a_dataset_without_time_has_none(dataset):
     source = open_source(dataset)
     assert source.count == 6
     assert times_of(source) == [None] * 6
+
+
+def test_clips_without_time_are_independent_frames(dataset, monkeypatch):
+    known = datasets.read(dataset)
+    rows = tuple(msgspec.structs.replace(row, clip=i // 2, time_s=None) for i, row in enumerate(known.rows))
+    monkeypatch.setattr(datasets, "read", lambda _: dataclasses.replace(known, rows=rows))
+    assert times_of(open_source(dataset)) == [None] * 6
 
 
 def test_pictures_of_another_size(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from simgrab.errors import DetectorError
@@ -37,7 +38,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
             "no detector's weights are bundled: make them by `python -m scripts.build_weights --only detector`, "
             "or name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
         )
-    if path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
         return Bundled(path)
     net = open_net(path)
     if net.facts.get("task") in (FIND, REFINE, SETTLE):

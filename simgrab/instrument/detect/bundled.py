@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,13 +39,14 @@ from simgrab.instrument.detect.patches import (
 from simgrab.instrument.net import Net, open_net
 from simgrab.records import Detection
 from simgrab.resources import ASSETS
+from simgrab.strict import Checked, convert
 
 BUNDLED, WEIGHTS = "bundled", ASSETS / "weights"
 # Tasks that the files' metadata names.
 FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
 _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
 _STRIDE = 8
-# Shapes of what they tell of each picture.
+# Shapes of their outputs for each picture.
 _MAPS = ((FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE), (4, FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE))
 _ROWS = ((16,),)
 _MOST = 3  # candidates, the hottest, that are looked at closely
@@ -55,35 +57,14 @@ _SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is looked at 
 _LIKELY = 0.5  # presence at the first of these looks that makes a place after the hottest worth the others
 
 
-_LIMIT = 50.0  # of what a net tells, logits and shares alike: beyond it exponentials are 0 or 1 all the same
+_LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
 
 
-@dataclass(frozen=True)
-class _Numbers:
-    """Numbers, each within its range.
-
-    Raises
-    ------
-    DetectorError
-        If one is none, or out of its range, `_RANGES`.
-    """
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value, (least, most) = getattr(self, field.name), _RANGES[field.name]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-                shown = one_line(repr(value), 40)
-                raise DetectorError(f"{field.name} must be a number from {least:g} to {most:g}, got {shown}")
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Factor = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 
 
-_RANGES = {
-    "least_heat": (0.0, 1.0), "least_presence": (0.0, 1.0), "rivals": (0.0, 1.0), "room": (0.5, 3.0),
-    "box": (0.0, 1e3), "centre": (0.0, 1e3), "yaw": (0.0, 1e3), "outward": (-1.0, 1.0),
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Settings(_Numbers):
+class Settings(Checked, frozen=True):
     """How candidates are judged; a file's metadata may set them anew.
 
     Attributes
@@ -98,29 +79,32 @@ class Settings(_Numbers):
         Side of refine's crop, over the box's longer side.
     """
 
-    least_heat: float = 0.05
-    least_presence: float = 0.5
-    rivals: float = 0.3
-    room: float = 1.5
+    error = DetectorError
+
+    least_heat: Share = 0.05
+    least_presence: Share = 0.5
+    rivals: Share = 0.3
+    room: Annotated[float, msgspec.Meta(ge=0.5, le=3)] = 1.5
 
 
-@dataclass(frozen=True)
-class Trust(_Numbers):
-    """What validation frames showed of what the nets tell.
+class Trust(Checked, frozen=True):
+    """Corrections of the nets' outputs, measured on validation frames.
 
     Attributes
     ----------
     box, centre, yaw : float
         By what stated standard deviations are multiplied.
     outward : float
-        How far out told centres lie: in longer sides of the box, a picture's width from its middle. Crops do not show
-        from how far aside the grab is seen, and so the nets tell too little of the parallax.
+        How far out predicted centres lie: in longer sides of the box, a picture's width from its middle. Crops do not
+        show from how far aside the grab is seen, and so the nets predict too little of the parallax.
     """
 
-    box: float = 1.0
-    centre: float = 1.0
-    yaw: float = 1.0
-    outward: float = 0.0
+    error = DetectorError
+
+    box: Factor = 1.0
+    centre: Factor = 1.0
+    yaw: Factor = 1.0
+    outward: Annotated[float, msgspec.Meta(ge=-1, le=1)] = 0.0
 
 
 @dataclass(frozen=True)
@@ -194,13 +178,9 @@ class Bundled:
         facts = self._settle.facts
         if not settings and "settings" not in facts:
             raise DetectorError(f"{self._settle.path} holds no settings: train it again")
-        try:
-            self.settings = settings or Settings(**facts.get("settings", {}))
-            self.trust = Trust(**facts.get("trust", {}))
-        except TypeError:
-            raise DetectorError(f"{self._settle.path}: its settings are of another version of simgrab") from None
-        except DetectorError as problem:
-            raise DetectorError(f"{self._settle.path}: {problem}") from None
+        path = self._settle.path
+        self.settings = settings or convert(facts["settings"], Settings, DetectorError, f"{path}: settings")
+        self.trust = convert(facts.get("trust", {}), Trust, DetectorError, f"{path}: trust")
         self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
@@ -225,7 +205,7 @@ class Bundled:
         """Look at more candidates more often, each time from where the grab was seen, and settle them all.
 
         The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
-        hottest at its own size: find may mark the grab, and tell a box so much too great or small that refine is lost.
+        hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine fails.
         """
         places = [_scaled(candidates[0].box, by) for by in _SIZES]
         surely = len(places) + _MOST
@@ -255,7 +235,7 @@ class Bundled:
         return read(_run(self._refine, crops, _ROWS)[0], patches, picture.shape[1], picture.shape[0])
 
     def settle(self, picture: Picture, refined: Refined) -> Refined:
-        """Tell presence, centre and yaw of one refined box (n = 1) anew."""
+        """Predict presence, centre and yaw of one refined box (n = 1) again."""
         level = refined.level()
         crop = cut_level(picture, level, REFINE_SIZE)[None]
         return settled(refined, _run(self._settle, crop, _ROWS)[0], level)
@@ -316,12 +296,12 @@ def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined
 
 
 def _bounded(values: NDArray[Any], missing: float) -> NDArray[Any]:
-    """Bound what a net tells, and put something in the place of what is no number."""
+    """Bound a net's outputs, NaN replaced by ``missing``."""
     return np.clip(np.nan_to_num(values, nan=missing, posinf=_LIMIT, neginf=-_LIMIT), -_LIMIT, _LIMIT)
 
 
 def _sane(rows: NDArray[np.floating[Any]]) -> Array:
-    """Rows (n, 16) of refine or settle within bounds; one with what is no number says that there is no grab."""
+    """Rows (n, 16) of refine or settle within bounds; one with NaN or infinity gets a presence of 0."""
     result = _bounded(rows.astype(float), 0.0)
     result[~np.isfinite(rows).all(axis=1), 15] = -_LIMIT
     return result
@@ -366,20 +346,20 @@ def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: Shapes) ->
         raise DetectorError(f"{path} is not simgrab's {task} net (its task is {one_line(repr(found), 40)}; {net})")
     blank = np.zeros((1, *picture), np.uint8)
     if not all(np.isfinite(out).all() for out in _run(net, blank, outputs)):
-        raise DetectorError(f"{path} tells what are no numbers")
+        raise DetectorError(f"{path} outputs NaN or infinity")
     return net
 
 
 def _run(net: Net, pictures: Picture, outputs: Shapes) -> list[Any]:
-    """Run a net that tells something of these shapes about each picture.
+    """Run a net, whose outputs have these shapes for each picture.
 
     Raises
     ------
     DetectorError
-        If it tells something else.
+        If they have others.
     """
-    told = net(pictures)
-    if [out.shape for out in told] != [(len(pictures), *shape) for shape in outputs]:
-        shapes = ", ".join(" x ".join(map(str, out.shape)) for out in told)
-        raise DetectorError(f"{net.path} tells arrays of other shapes than simgrab's ({one_line(shapes)})")
-    return told
+    found = net(pictures)
+    if [out.shape for out in found] != [(len(pictures), *shape) for shape in outputs]:
+        shapes = ", ".join(" x ".join(map(str, out.shape)) for out in found)
+        raise DetectorError(f"{net.path} has unexpected output shapes ({one_line(shapes)})")
+    return found

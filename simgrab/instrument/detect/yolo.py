@@ -1,6 +1,6 @@
 """A user's own YOLO, as its exporter wrote it.
 
-Layouts, told from each other by their shapes:
+Layouts, which differ in their shapes:
 
 - YOLOv5 (three anchors a cell): 1 x n x (5 + classes), a row being centre, size, objectness, class scores;
 - YOLOX, of Megvii or libreyolo (one a cell): the same, decoded to pixels or raw, in which case a row's place and the
@@ -19,7 +19,7 @@ import ast
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from simgrab.records import Detection
 from simgrab.text import printable
 
 LEAST_SCORE = 0.25
+_MOST_SCORE = 1.001  # a product of half-precision sigmoids may be rounded to more than 1
 _STRIDES = (8, 16, 32)
 MOST_SIDE = 4096  # px of a picture that a net takes
 _SIZE = 640  # px of a picture, where the file leaves it free and names none
@@ -53,7 +54,7 @@ class Layout:
 
     @property
     def columns(self) -> int:
-        """What a row tells before its classes."""
+        """How many columns come before the classes."""
         return 4 if self.family == "yolov8" else 5
 
 
@@ -69,23 +70,23 @@ class Yolo:
     Raises
     ------
     DetectorError
-        If the file is no detector of a known layout, or of its several classes none is the grab; says what was expected
-        and what is there.
+        If the file is no detector of a known layout, or of its several classes none is the grab; the message states
+        what was expected and what is there.
     """
 
     def __init__(self, net: Net | str | Path, least_score: float = LEAST_SCORE) -> None:
         self._net = net if isinstance(net, Net) else open_net(net)
         self.least_score = least_score
         self.height, self.width = _input(self._net)
-        # On a blank picture: tells shapes that the file leaves free, and whether places are decoded.
-        blank = self._net(np.full((1, 3, self.height, self.width), 0.5, np.float32))[0]
+        # Its output on a blank picture shows shapes that the file leaves free, and whether places are decoded.
+        blank = self._run(np.full((1, 3, self.height, self.width), 0.5, np.float32))
         found = layout(blank, self.height, self.width)
         if found is None or not _detects(self._net, self.height, self.width):
             raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")
         self.layout = found
         self.column = _column(self._net, blank.shape[1 if found.family == "yolov8" else 2] - found.columns)
         highest = decode(blank, found, self.column, self.height, self.width)[1].max()
-        if not 0 <= highest <= 1:
+        if not 0 <= highest <= _MOST_SCORE:
             raise DetectorError(f"{self._net.path} gives scores of {highest:.3g}, which is no detector's: {EXPECTED}")
 
     @property
@@ -100,10 +101,10 @@ class Yolo:
         patch = whole(picture.shape[1], picture.shape[0], self.width / self.height, centred=not yolox)
         small = cut(picture, patch, self.width, self.height)
         pixels = small[..., ::-1].astype(np.float32) if yolox else small.astype(np.float32) / 255
-        out = self._net(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))[0]
+        out = self._run(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))
         boxes, scores = decode(out, self.layout, self.column, self.height, self.width)
-        sound = np.isfinite(boxes).all(axis=1) & (scores >= 0) & (scores <= 1)
-        scores = np.where(sound, scores, 0.0)
+        sound = np.isfinite(boxes).all(axis=1) & (scores >= 0) & (scores <= _MOST_SCORE)
+        scores = np.where(sound, np.minimum(scores, 1.0), 0.0)
         best = int(scores.argmax())
         score = float(scores[best])
         if score < self.least_score:
@@ -114,15 +115,19 @@ class Yolo:
             return Detection("none", "its box lies outside the picture", score)
         return Detection("found", "", score, box=np.array([x0, y0, x1, y1]))
 
+    def _run(self, pictures: NDArray[np.float32]) -> NDArray[np.floating[Any]]:
+        """Return the first output; exporters may add others, of any type."""
+        return self._net(pictures, [next(iter(self._net.outputs))])[0]
+
 
 def _detects(net: Net, height: int, width: int) -> bool:
-    """Whether it tells boxes and nothing else, whose numbers would pass for class scores: no masks, no key points."""
+    """Whether it predicts boxes alone: coefficients of masks or key points would pass for class scores."""
     masks = any(shape[2:] == (height // 4, width // 4) for shape in net.outputs.values() if len(shape) == 4)
     return net.metadata.get("task", "detect") == "detect" and not masks
 
 
 def layout(out: NDArray[np.generic], height: int, width: int) -> Layout | None:
-    """Tell an output's layout from what a blank picture gave; None if it is none that is known."""
+    """Recognize an output's layout, by its values on a blank picture; None if it is no known one."""
     if out.ndim != 3 or out.shape[0] != 1:
         return None
     cells = sum((height // s) * (width // s) for s in _STRIDES)
@@ -159,7 +164,7 @@ def decode(out: NDArray[np.generic], how: Layout, column: int, height: int, widt
     """
     rows = np.asarray(out[0].T if how.family == "yolov8" else out[0], float)
     centre, size = rows[:, :2], rows[:, 2:4]
-    with np.errstate(over="ignore", invalid="ignore"):  # a net may tell infinite numbers
+    with np.errstate(over="ignore", invalid="ignore"):  # a net may output infinite numbers
         if how.raw:
             grid, stride = _grid(height, width)
             centre, size = (centre + grid) * stride, np.exp(size) * stride
@@ -176,15 +181,15 @@ def _column(net: Net, classes: int) -> int:
     ------
     DetectorError
     """
-    told = _literal(net, "names")
-    names = list(told.values()) if isinstance(told, dict) else told if isinstance(told, list) else []
+    given = _literal(net, "names")
+    names = list(given.values()) if isinstance(given, dict) else given if isinstance(given, list) else []
     if names and len(names) != classes:
-        raise DetectorError(f"{net.path} is no detector: it names {len(names)} classes and tells {classes}")
+        raise DetectorError(f"{net.path} is no detector: it names {len(names)} classes and outputs {classes}")
     if classes == 1:
         return 0
     if names.count(GRAB) != 1:
         listed = ", ".join(one_line(name, 40) for name in names[:10]) or "no names"
-        raise DetectorError(f"{net.path} tells {classes} classes ({listed}), of which one must be called {GRAB!r}")
+        raise DetectorError(f"{net.path} outputs {classes} classes ({listed}), of which one must be called {GRAB!r}")
     return names.index(GRAB)
 
 
@@ -220,8 +225,9 @@ def _input(net: Net) -> tuple[int, int]:
     fits = len(net.inputs) == 1 and net.types[0] == "tensor(float)" and len(shape) == 4
     if not fits or shape[0] not in (1, None) or shape[1] not in (3, None):
         raise DetectorError(f"{net.path} is no detector: {EXPECTED}; this has {net}")
-    told = _literal(net, "imgsz")
-    usual = told if isinstance(told, list) and len(told) == 2 and all(isinstance(n, int) for n in told) else [_SIZE] * 2
+    usual = _literal(net, "imgsz")
+    if not isinstance(usual, list) or len(usual) != 2 or not all(isinstance(side, int) for side in usual):
+        usual = [_SIZE] * 2
     height, width = (own or size for own, size in zip(shape[2:], usual, strict=True))
     if any(side % _STRIDES[-1] or not 0 < side <= MOST_SIDE for side in (height, width)):
         raise DetectorError(

@@ -64,7 +64,7 @@ class Reader:
         try:
             self.threshold = float(parse_json(known, ReaderError, METADATA)["threshold"])
         except (ReaderError, ValueError, LookupError, TypeError, OverflowError):
-            raise ReaderError(f"{model}: its metadata {METADATA!r} is none that simgrab wrote") from None
+            raise ReaderError(f"{model}: its metadata {METADATA!r} was not written by simgrab") from None
         if not 0 < self.threshold <= 1:
             raise ReaderError(f"{model}: its threshold must be more than 0 and 1 at most, got {self.threshold:g}")
         sums = self.probabilities(np.zeros((1, 1, INPUT_PX, INPUT_PX), np.float32)).sum(axis=1)
@@ -98,7 +98,7 @@ class Reader:
         """Probability of each digit and of "no digit", shape (n, 11), for crops of shape (n, 1, 32, 32)."""
         (result,) = self._net(entered)
         if result.shape != (len(entered), CLASSES):
-            raise ReaderError(f"{self._net.path} tells an array of shape {result.shape}, not {(len(entered), CLASSES)}")
+            raise ReaderError(f"{self._net.path} outputs shape {result.shape}, not {(len(entered), CLASSES)}")
         return np.asarray(result, np.float32)
 
 

@@ -21,7 +21,7 @@ from simgrab.judge.check.report import Outcome, Report, write
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
-from simgrab.judge.subject import held, open_instrument
+from simgrab.judge.subject import checked, open_instrument
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
@@ -149,7 +149,7 @@ def record(suite: Suite, options: Options | None = None, seeds: int | None = Non
 
 def _instrument(suite: Suite, options: Options) -> Instrument:
     chosen = suite.instrument if options.instrument is None else options.instrument
-    return open_instrument(chosen) if isinstance(chosen, str) else held(chosen)
+    return open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
 
 
 def _foreign(suite: Suite, options: Options) -> bool:

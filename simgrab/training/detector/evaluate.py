@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
 import numpy as np
 from scipy.special import expit, logit
 
@@ -177,4 +178,4 @@ def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
 
 def as_dict(factors: Trust) -> dict[str, float]:
     """Plain factors, rounded as metadata."""
-    return {name: round(value, 4) for name, value in asdict(factors).items()}
+    return {name: round(value, 4) for name, value in msgspec.structs.asdict(factors).items()}

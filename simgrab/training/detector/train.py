@@ -183,7 +183,7 @@ def fit(
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("looking at val pictures"))
     presence = round(evaluate.least_presence(seen), 4)
     seen = evaluate.by(presence, seen)
-    settings = dataclasses.asdict(Settings(least_presence=presence))
+    settings = msgspec.structs.asdict(Settings(least_presence=presence))
     trust = evaluate.trust(seen)
     write(out / "settle.onnx", {"task": SETTLE, "settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
