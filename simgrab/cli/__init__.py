@@ -18,6 +18,7 @@ from simgrab.cli._signals import stoppable
 from simgrab.errors import SimgrabError, first_line, memory_problem, shortened
 from simgrab.text import printable
 
+
 _INTERRUPTED = 128 + signal.SIGINT
 
 
