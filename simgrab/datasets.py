@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import operator
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import cv2
@@ -21,7 +22,7 @@ from simgrab import calibration, labels, parquet, pictures
 from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError, first_line
 from simgrab.geometry import Array, Intrinsics
-from simgrab.parse import cannot, opened, parse_json, read_json
+from simgrab.parse import cannot, is_dir, is_file, opened, parse_json, read_bytes, read_json
 from simgrab.records import SPLITS, Truth
 
 if TYPE_CHECKING:
@@ -267,8 +268,14 @@ class Dataset(Sequence[LabelledFrame]):
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures."""
-    return (path / "labels.parquet").is_file() or (path / ".partial").is_dir()
+    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures.
+
+    Raises
+    ------
+    DatasetError
+        If that cannot be determined: the name is too long, or the folder may not be searched.
+    """
+    return is_file(path / "labels.parquet", DatasetError) or is_dir(path / ".partial", DatasetError)
 
 
 def read(path: str | Path) -> Dataset:
@@ -309,30 +316,32 @@ def read(path: str | Path) -> Dataset:
     """
     path = Path(path)
     file = path / "labels.parquet"
-    if not file.is_file():
+    if not is_file(file, DatasetError):
         state = "unfinished; go on with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         raise DatasetError(f"{path} is {state}: it has no labels.parquet")
-    with opened(file, DatasetError) as handle:
-        content = handle.read()
-    plain = parquet.rows(parquet.parse_table(content, DatasetError, cannot(file)), DatasetError, cannot(file))
+    with opened(file, DatasetError, most_bytes=parquet.MOST_BYTES) as handle:
+        table = parquet.parse_table(handle, DatasetError, cannot(file))
+        handle.seek(0)
+        labels_sha256 = hashlib.file_digest(handle, "sha256").hexdigest()
+    plain = parquet.rows(table, DatasetError, cannot(file))
     manifest = read_json(path / "manifest.json", DatasetError)
     try:
         rows = tuple(msgspec.convert(row, Truth) for row in plain)
         known = msgspec.convert(manifest, Manifest)
         data = Data(
             scenario=known.scenario.name, scenario_digest=known.digest,
-            labels_sha256=hashlib.sha256(content).hexdigest(), seed=known.seed, frames=len(rows),
+            labels_sha256=labels_sha256, seed=known.seed, frames=len(rows),
         )  # fmt: skip
     except (ValueError, LookupError, TypeError) as problem:
         raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
     if not rows:
         raise DatasetError(f"{path}: no frames in labels.parquet")
+    folder = os.path.realpath(path)
     for row in rows:
-        inside = PurePath(row.file)
-        if inside.is_absolute() or ".." in inside.parts:
-            raise DatasetError(f"{path}: frame {row.frame} names the picture {row.file}, which is not in the dataset")
-        if not (path / row.file).is_file():
+        if not is_file(path / row.file, DatasetError):
             raise DatasetError(f"{path}: frame {row.frame} has labels and no picture; {row.file} is missing")
+        if os.path.commonpath([folder, os.path.realpath(path / row.file)]) != folder:
+            raise DatasetError(f"{path}: frame {row.frame} names the picture {row.file}, which is not in the dataset")
     return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
 
 
@@ -377,10 +386,7 @@ def picture(file: Path, row: Truth, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray
     DatasetError
         If it cannot be read, or is not the labels' picture.
     """
-    try:
-        data = file.read_bytes()
-    except OSError as problem:
-        raise DatasetError(f"{file} cannot be read: {problem.strerror or problem}") from None
+    data = read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES)
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
         raise DatasetError(f"{file} is not the picture that its labels are of: it was changed or damaged")
     return pictures.decode(data, file, mode)
