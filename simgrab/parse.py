@@ -17,8 +17,9 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from datetime import date, time
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from simgrab.errors import SimgrabError, first_line, one_line
 
@@ -88,7 +89,7 @@ def read_bytes(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: 
 
 
 @contextlib.contextmanager
-def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int | None = None) -> Iterator[BinaryIO]:
+def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> Iterator[BufferedReader]:
     """Open a regular file to read bytes; never waits for the other end of a pipe."""
     what = cannot(path, kind)
     try:
@@ -99,7 +100,7 @@ def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int 
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise refuse(f"{what}: it is {kind_of(about.st_mode)}, not a file")
-        if most_bytes is not None and about.st_size > most_bytes:
+        if about.st_size > most_bytes:
             raise refuse(f"{what}: it has {_size(about.st_size)}, and at most {_size(most_bytes)} are read")
         try:
             yield file
