@@ -120,6 +120,13 @@ def test_a_few_bytes_do_not_take_much_memory(tmp_path):
         ), name
 
 
+def test_rows_are_counted_before_they_are_read(file, monkeypatch):
+    monkeypatch.setattr(parquet, "MOST_ROWS", 4999)
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", None)
+    with pytest.raises(RecordError, match="it has 5000 rows, and at most 4999 are read"):
+        parquet.read_table(file, RecordError)
+
+
 def test_no_thread_is_started(file):
     subprocess.run([sys.executable, "-c", COUNT, str(file)], check=True)
 

@@ -13,7 +13,7 @@ from simgrab.errors import ScenarioError, SimgrabError
 from simgrab.instrument.estimate import follow
 from simgrab.judge.check import baseline, golden, suite
 from simgrab.judge.stress import catalogue
-from simgrab.judge.tables import read_record
+from simgrab.judge.tables import MOST_HEADER_BYTES, read_record
 from simgrab.world.export import calibration_of
 
 CAMERA = calibration_of(scenes.load("quay-day"))
@@ -98,6 +98,17 @@ def test_a_large_file_is_refused_before_it_is_read(kind, tmp_path):
     path.touch()
     os.truncate(path, 8 * 2**30)  # a hole takes no room on the disk, and more memory than there may be
     assert "at most" in refused(read, path)
+
+
+def test_the_header_of_a_table_is_limited(tmp_path):
+    path = tmp_path / "pixels.csv"
+    for length, rows in ((MOST_HEADER_BYTES, 2), (MOST_HEADER_BYTES + 1, 0)):
+        header = "u_px,v_px,".ljust(length, "x")
+        path.write_text(f"{header}\n900,500,\n910,510,\n")
+        if rows:
+            assert len(read_record(path, CAMERA).pixels) == rows
+        else:
+            assert "its first line is no header" in refused(lambda path: read_record(path, CAMERA), path)
 
 
 @pytest.mark.parametrize("kind", sorted(FILES.keys() - {"parquet"}))
