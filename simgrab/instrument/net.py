@@ -28,6 +28,7 @@ import onnxruntime
 from simgrab.errors import DetectorError, SimgrabError, first_line, one_line
 from simgrab.instrument import onnx_parts
 from simgrab.instrument.deadline import within
+from simgrab.parse import read_bytes
 
 THREADS = 2
 KEY = "simgrab"  # of the metadata in our own files
@@ -118,7 +119,7 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
         output has more than `MOST_NUMBERS` numbers.
     """
     path = Path(path)
-    content = _read(path, refuse)
+    content = read_bytes(path, refuse, most_bytes=MOST_BYTES)
     onnx_parts.check(content, lambda problem: refuse(f"{path} {problem}"))
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
@@ -150,20 +151,6 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
         if _numbers(shape) > MOST_NUMBERS:
             raise refuse(f"{path}: its output {one_line(name)} has more than {MOST_NUMBERS} numbers")
     return net
-
-
-def _read(path: Path, refuse: Callable[[str], SimgrabError]) -> bytes:
-    if not path.is_file():  # a device or a pipe may never end
-        raise refuse(f"{path}: no such file")
-    try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            content = file.read(MOST_BYTES) if size <= MOST_BYTES else b""
-    except OSError as problem:
-        raise refuse(f"cannot read {path}: {first_line(problem)}") from None
-    if size > MOST_BYTES:
-        raise refuse(f"{path} is larger than {MOST_BYTES >> 20} MiB, the most that a net may be")
-    return content
 
 
 def _facts(path: Path, metadata: Mapping[str, str], refuse: Callable[[str], SimgrabError]) -> dict[str, Any]:

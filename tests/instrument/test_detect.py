@@ -376,9 +376,9 @@ def test_what_is_no_detector_is_refused(tmp_path):
     (tmp_path / "text.onnx").write_text("no model")
     with pytest.raises(DetectorError, match="no ONNX model that can be run"):
         detector(tmp_path / "text.onnx")
-    with pytest.raises(DetectorError, match="no such file"):
+    with pytest.raises(DetectorError, match="No such file"):
         detector(tmp_path / "missing.onnx")
-    with pytest.raises(DetectorError, match=r"find\.onnx: no such file"):
+    with pytest.raises(DetectorError, match=r"find\.onnx: No such file"):
         detector(tmp_path)
     (tmp_path / "f").mkdir()
     with pytest.raises(DetectorError, match="not simgrab's refine-grab net"):

@@ -183,7 +183,7 @@ def test_one_clear_message(reader, tmp_path):
         layouts.read(outside)
     with pytest.raises(LayoutError, match="cannot read layout"):
         layouts.read(tmp_path / "none.toml")
-    with pytest.raises(ReaderError, match=re.escape("none.onnx: no such file")):
+    with pytest.raises(ReaderError, match=re.escape("none.onnx: No such file")):
         Reader(tmp_path / "none.onnx")
     (tmp_path / "text.onnx").write_text("no model")
     with pytest.raises(ReaderError, match="no ONNX model"):

@@ -89,7 +89,7 @@ def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, h
 
     with pytest.raises(KilledError):
         train([halves], tmp_path / "out", tiny, watch=watch)
-    with pytest.raises(DetectorError, match=r"settle\.onnx: no such file"):
+    with pytest.raises(DetectorError, match=r"settle\.onnx: No such file"):
         detector(tmp_path / "out")
     shutil.copytree(trained.folder, tmp_path / "done")
     with pytest.raises(KilledError):
