@@ -18,7 +18,7 @@ from simgrab.strict import Checked, convert
 Meta = msgspec.Meta
 Side = Annotated[int, Meta(ge=1, le=65_536)]
 Pixel = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Coefficient = Annotated[float, Meta(ge=-1000, le=1000)]
+Coefficient = Annotated[float, Meta(ge=-1e9, le=1e9)]  # of a long lens, whose rays have small slopes, thousands
 Metres = Annotated[float, Meta(ge=-1000, le=1000)]
 
 

@@ -4,31 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import operator
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, overload
 
 import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from pycocotools import mask as coco_mask
 
 from simgrab import calibration, labels, parquet, pictures
 from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError, first_line
 from simgrab.geometry import Array, Intrinsics
-from simgrab.parse import cannot, opened, parse_json, read_json
+from simgrab.masks import Masks
+from simgrab.parse import cannot, is_dir, is_file, opened, parse_json, read_bytes, read_json
 from simgrab.records import SPLITS, Truth
 
 if TYPE_CHECKING:
     from simgrab.scenario import Scenario
-
-
-MOST_COCO_BYTES = 4 * 2**30
 
 
 class _Labels(msgspec.Struct, frozen=True):
@@ -66,39 +65,6 @@ class Data:
     labels_sha256: str
     seed: int
     frames: int
-
-
-class Masks:
-    """The masks in a dataset's COCO files, each of which is read when a mask of its split is first asked for.
-
-    Parameters
-    ----------
-    path : Path
-        Of the dataset.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._coded: dict[str, dict[int, Any]] = {}
-
-    def of(self, row: Truth) -> NDArray[np.bool_] | None:
-        """Decode the mask of a row, shape (height, width); None where the labels hold none."""
-        if row.split not in self._coded:
-            self._coded[row.split] = self._read(row.split)
-        coded = self._coded[row.split].get(row.frame)
-        return None if coded is None else np.asarray(coco_mask.decode(coded), bool)
-
-    def _read(self, split: str) -> dict[int, Any]:
-        file = self._path / "annotations" / f"instances_{split}.json"
-
-        def refusal(why: str) -> DatasetError:
-            return DatasetError(f"{file}: not COCO labels, or they cannot be read ({why})")
-
-        known = read_json(file, refusal, most_bytes=MOST_COCO_BYTES)
-        try:
-            return {annotation["image_id"]: annotation["segmentation"] for annotation in known["annotations"]}
-        except (LookupError, TypeError) as problem:
-            raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
 
 
 @dataclass(frozen=True)
@@ -267,8 +233,14 @@ class Dataset(Sequence[LabelledFrame]):
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures."""
-    return (path / "labels.parquet").is_file() or (path / ".partial").is_dir()
+    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures.
+
+    Raises
+    ------
+    DatasetError
+        If that cannot be determined: the name is too long, or the folder may not be searched.
+    """
+    return is_file(path / "labels.parquet", DatasetError) or is_dir(path / ".partial", DatasetError)
 
 
 def read(path: str | Path) -> Dataset:
@@ -309,31 +281,51 @@ def read(path: str | Path) -> Dataset:
     """
     path = Path(path)
     file = path / "labels.parquet"
-    if not file.is_file():
+    if not is_file(file, DatasetError):
         state = "unfinished; go on with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         raise DatasetError(f"{path} is {state}: it has no labels.parquet")
-    with opened(file, DatasetError) as handle:
-        content = handle.read()
-    plain = parquet.rows(parquet.parse_table(content, DatasetError, cannot(file)), DatasetError, cannot(file))
+    with opened(file, DatasetError, most_bytes=parquet.MOST_BYTES) as handle:
+        table = parquet.parse_table(handle, DatasetError, cannot(file))
+        handle.seek(0)
+        labels_sha256 = hashlib.file_digest(handle, "sha256").hexdigest()
+    plain = parquet.rows(table, DatasetError, cannot(file))
     manifest = read_json(path / "manifest.json", DatasetError)
     try:
-        rows = tuple(msgspec.convert(row, Truth) for row in plain)
+        rows = msgspec.convert(plain, tuple[Truth, ...])
         known = msgspec.convert(manifest, Manifest)
         data = Data(
             scenario=known.scenario.name, scenario_digest=known.digest,
-            labels_sha256=hashlib.sha256(content).hexdigest(), seed=known.seed, frames=len(rows),
+            labels_sha256=labels_sha256, seed=known.seed, frames=len(rows),
         )  # fmt: skip
     except (ValueError, LookupError, TypeError) as problem:
         raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
     if not rows:
         raise DatasetError(f"{path}: no frames in labels.parquet")
+    _check_order(path, rows)
+    folder = os.path.realpath(path)
     for row in rows:
-        inside = PurePath(row.file)
-        if inside.is_absolute() or ".." in inside.parts:
+        if os.path.isabs(row.file) or os.path.normpath(row.file).startswith(".."):  # noqa: PTH117
             raise DatasetError(f"{path}: frame {row.frame} names the picture {row.file}, which is not in the dataset")
-        if not (path / row.file).is_file():
+        if not is_file(path / row.file, DatasetError):
             raise DatasetError(f"{path}: frame {row.frame} has labels and no picture; {row.file} is missing")
+        if os.path.commonpath([folder, os.path.realpath(path / row.file)]) != folder:
+            _content(path / row.file, row)  # a cache may link to it; who knows its digest knows it already
     return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
+
+
+def _check_order(path: Path, rows: Sequence[Truth]) -> None:
+    """Refuse rows that are not in the order of their frames and, within a clip, of their times."""
+    for row in rows:
+        if len({row.clip is None, row.time_s is None, rows[0].clip is None}) > 1:
+            raise DatasetError(f"{path}: frame {row.frame}: clip and time_s must be given in every frame or in none")
+    for before, row in pairwise(rows):
+        if row.frame <= before.frame:
+            raise DatasetError(f"{path}: frame {row.frame} comes after frame {before.frame}; they must increase")
+        if row.clip is not None and (row.clip, row.time_s) <= (before.clip, before.time_s):
+            raise DatasetError(
+                f"{path}: frame {row.frame}: clip {row.clip}, time_s {row.time_s:g} comes after clip {before.clip}, "
+                f"time_s {before.time_s:g}; they must increase"
+            )
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
@@ -377,10 +369,12 @@ def picture(file: Path, row: Truth, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray
     DatasetError
         If it cannot be read, or is not the labels' picture.
     """
-    try:
-        data = file.read_bytes()
-    except OSError as problem:
-        raise DatasetError(f"{file} cannot be read: {problem.strerror or problem}") from None
+    return pictures.decode(_content(file, row), file, mode)
+
+
+def _content(file: Path, row: Truth) -> bytes:
+    """Read a row's picture file; refuse another one than that of the labels."""
+    data = read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES)
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
         raise DatasetError(f"{file} is not the picture that its labels are of: it was changed or damaged")
-    return pictures.decode(data, file, mode)
+    return data

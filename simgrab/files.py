@@ -8,16 +8,19 @@ removes it. Processes that write to one place are to be of one machine.
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import glob
 import itertools
 import os
 import re
 import shutil
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 _numbers = itertools.count()
+_ITSELF = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # follow no link, wait for no pipe
 
 
 def by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
@@ -90,25 +93,40 @@ def discard(path: Path) -> None:
 def remove_left(path: Path) -> None:
     """Remove drafts of ``path`` that dead processes left."""
     for left in path.parent.glob(f".{glob.escape(path.name)}.*.draft"):
-        if re.fullmatch(r"[0-9]+(-[0-9]+)?", left.suffixes[-2].lstrip(".")):  # else it is not ours to judge
+        if re.fullmatch(re.escape(f".{path.name}.") + r"[0-9]+(-[0-9]+)?\.draft", left.name):  # else it is not a draft
             with contextlib.suppress(OSError), _locked(left, fcntl.LOCK_NB):
                 _remove(left)
 
 
 @contextlib.contextmanager
-def held(lock: Path) -> Iterator[None]:
-    """Hold a lock, which is a file, against other processes and threads, until left or the process stops.
+def locked(lock: Path, *, wait: bool = False) -> Iterator[None]:
+    """Lock a file, which is made where there is none, against other processes and threads.
+
+    It stays locked until the context is left or the process ends. What the file holds is not changed.
+
+    Parameters
+    ----------
+    lock : Path
+    wait : bool
+        Wait until another process or thread unlocks it.
 
     Raises
     ------
     BlockingIOError
-        If another holds it.
+        If another has locked it, unless ``wait``.
     OSError
-        If it cannot be written.
+        If it cannot be opened to write, or is not a regular file: a link is not followed.
     """
-    with lock.open("w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if lock.is_symlink():
+        raise OSError(errno.ELOOP, f"{lock.name} is a link, and must be a file")
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT | _ITSELF, 0o666)
+    try:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, f"{lock.name} is not a file")
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         yield
+    finally:
+        os.close(handle)
 
 
 @contextlib.contextmanager
@@ -149,10 +167,10 @@ def _locked(path: Path, how: int = 0) -> Iterator[None]:
     OSError
         If it cannot be locked.
     """
-    handle = os.open(path, os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY | _ITSELF)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | how)
-        if not os.path.samestat(os.fstat(handle), path.stat()):
+        if not os.path.samestat(os.fstat(handle), path.lstat()):
             raise FileNotFoundError(path)
         yield
     finally:

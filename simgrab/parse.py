@@ -14,12 +14,14 @@ import os
 import re
 import stat
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from datetime import date, time
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any
 
-from simgrab.errors import SimgrabError, first_line
+from simgrab.errors import SimgrabError, first_line, one_line
 
 Refuse = Callable[[str], SimgrabError]
 
@@ -29,6 +31,7 @@ MOST_TOML_BYTES = 4 * 2**20
 """Of a TOML file that a person writes: a scene, a camera, a suite … The parser takes seconds for so much."""
 MOST_LEVELS = 64
 """Of tables and lists within each other."""
+_MOST_GROWTH = 2**20  # bytes of a file, while it is read
 MOST_SHOWN = 80  # characters of a value in a message
 LEAST_INTEGER, MOST_INTEGER = -(2**63), 2**63 - 1
 
@@ -65,36 +68,68 @@ def read_json(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: i
 
 def read_text(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int = MOST_BYTES) -> str:
     """Read a text file, UTF-8 with or without a byte order mark; parameters as those of `read_json`."""
-    with opened(path, refuse, kind, most_bytes=most_bytes) as file:
-        data = file.read(most_bytes + 1)
-    what = cannot(path, kind)
-    if len(data) > most_bytes:
-        raise refuse(f"{what}: it holds more than {_size(most_bytes)}")
+    data = read_bytes(path, refuse, kind, most_bytes=most_bytes)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        raise refuse(f"{what}: it is not UTF-8 text (byte {problem.start + 1}: {problem.reason})") from None
+        raise refuse(
+            f"{cannot(path, kind)}: it is not UTF-8 text (byte {problem.start + 1}: {problem.reason})"
+        ) from None
+
+
+def read_bytes(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> bytes:
+    """Read a regular file; parameters as those of `read_json`."""
+    with opened(path, refuse, kind, most_bytes=most_bytes) as file:
+        # Memory is taken for as much as is asked for. A file may grow meanwhile, and one in /proc states no size.
+        most = min(most_bytes, os.fstat(file.fileno()).st_size + _MOST_GROWTH)
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise refuse(f"{cannot(path, kind)}: it holds more than {_size(most)}")
+    return data
 
 
 @contextlib.contextmanager
-def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int | None = None) -> Iterator[BinaryIO]:
+def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> Iterator[BufferedReader]:
     """Open a regular file to read bytes; never waits for the other end of a pipe."""
     what = cannot(path, kind)
     try:
-        # A pipe without a writer would block until there is one.
-        file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")  # noqa: PTH123, SIM115
+        file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115
     except (OSError, ValueError) as problem:  # ValueError: a name with a NUL byte
         raise refuse(f"{what}: {why_not_read(path, problem)}") from None
     with file:
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise refuse(f"{what}: it is {kind_of(about.st_mode)}, not a file")
-        if most_bytes is not None and about.st_size > most_bytes:
+        if about.st_size > most_bytes:
             raise refuse(f"{what}: it has {_size(about.st_size)}, and at most {_size(most_bytes)} are read")
         try:
             yield file
         except OSError as problem:
             raise refuse(f"{what}: {first_line(problem)}") from None
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)  # a pipe without a writer would block until there is one
+
+
+def is_file(path: str | Path, refuse: Refuse) -> bool:
+    """Whether a regular file, or a link to one, lies at a path; refuses a path at which that cannot be determined."""
+    return stat.S_ISREG(_mode(path, refuse))
+
+
+def is_dir(path: str | Path, refuse: Refuse) -> bool:
+    """Whether a folder, or a link to one, lies at a path; refuses a path at which that cannot be determined."""
+    return stat.S_ISDIR(_mode(path, refuse))
+
+
+def _mode(path: str | Path, refuse: Refuse) -> int:
+    """Mode of what lies at a path; 0 where there is nothing."""
+    try:
+        return Path(path).stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return 0
+    except (OSError, ValueError) as problem:  # a name that is too long, a folder that may not be searched, a NUL byte
+        raise refuse(f"{cannot(path)}: {first_line(problem)}") from None
 
 
 def cannot(path: str | Path, kind: str = "") -> str:
@@ -120,15 +155,13 @@ def why_not_read(path: str | Path, problem: Exception) -> str:
 
 def parse_toml(text: str, refuse: Refuse, what: str) -> dict[str, Any]:
     """Parse TOML; ``what`` begins the line that says what is wrong with it."""
-    if _LONG_KEY.search(text):  # for which the parser takes time by the square of its length
-        raise refuse(f"{what}: {_TOO_DEEP}")
-    return dict(_parse(tomllib.loads, text, refuse, what))
+    return dict(_parse(_loads_toml, text, refuse, what))
 
 
 def parse_value(text: str, refuse: Refuse, what: str) -> Any:
     """Parse one value as TOML; a date, and one line that is no TOML, are taken as text."""
     try:
-        data = tomllib.loads(f"v = {text}")
+        data = _loads_toml(f"v = {text}")
     except tomllib.TOMLDecodeError:
         data = {"v": text} if len(text.splitlines()) <= 1 else {}
     except (RecursionError, ValueError):  # too deep, or thousands of digits
@@ -136,6 +169,12 @@ def parse_value(text: str, refuse: Refuse, what: str) -> Any:
     if list(data) != ["v"]:
         raise refuse(f"{what} takes one value, got {shown(text)}")
     return text if isinstance(data["v"], date | time) else data["v"]
+
+
+def _loads_toml(text: str) -> dict[str, Any]:
+    if _LONG_KEY.search(text):  # for which the parser takes time by the square of its length
+        raise RecursionError("a key of too many parts")
+    return tomllib.loads(text)
 
 
 def parse_json(text: str | bytes, refuse: Refuse, what: str) -> Any:
@@ -150,13 +189,15 @@ def _parse(parse: Callable[[Any], Any], text: str | bytes, refuse: Refuse, what:
         raise refuse(f"{what}: {_TOO_DEEP}") from None
     except ValueError as problem:  # of both parsers, of int() where there are thousands of digits, and of UTF-8
         reason = f"a number must have {_MOST_DIGITS}" if "integer string conversion" in str(problem) else problem
-        raise refuse(f"{what}: {first_line(Exception(str(reason)))}") from None
+        raise refuse(f"{what}: {one_line(reason)}") from None
     if misfit := find_misfit(data):
         raise refuse(f"{what}: {': '.join(filter(None, misfit))}")
     return data
 
 
-_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){200}""")
+_LONG_KEY = re.compile(
+    r"""(?:^|[\[{,])[ \t]*+(?:(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|[\w-]++)[ \t]*+\.[ \t]*+){200}""", re.MULTILINE
+)
 _MOST_DIGITS = "64 bits at most"
 _TOO_DEEP = f"tables and lists must not be nested deeper than {MOST_LEVELS} levels"
 
@@ -199,13 +240,9 @@ def _dotted(path: tuple[str, ...]) -> str:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        _twice(next(key for i, key in enumerate(keys) if key in keys[:i]))
+        counts = Counter(key for key, _ in pairs)
+        raise ValueError(f"the key {next(key for key, count in counts.items() if count > 1)!r} is there twice")
     return table
-
-
-def _twice(key: str) -> NoReturn:
-    raise ValueError(f"the key {key!r} is there twice")
 
 
 def shown(value: Any) -> str:

@@ -7,7 +7,6 @@ decodes whatever size a header states.
 from __future__ import annotations
 
 import re
-import stat
 import struct
 import zlib
 from collections.abc import Callable
@@ -20,29 +19,29 @@ from numpy.typing import NDArray
 
 from simgrab.errors import PictureError, first_line
 from simgrab.files import by_number
+from simgrab.parse import cannot, read_bytes
 
 MOST_PIXELS = 100_000_000  # three times 8K; as RGB such a picture takes 300 MB
 MOST_SIDE = 16_384  # a detector pads a narrow strip to the net's aspect, and OpenCV warps no more than 32,766
 MOST_BYTES = 8 * MOST_PIXELS  # four channels of 16 bits, uncompressed
 
+MOST_SCANS = 500  # of a JPEG, each of which takes time for all of its pixels; a progressive one has about 10
+
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")  # by which a folder's pictures are known
 
 Size = tuple[int, int]
 
+_CUT_OFF = "it is cut off"
 _JPEG_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd8\xff]")  # without fill bytes and those that stand within coded data
-_JPEG_END = 0xD9
+_JPEG_END, _JPEG_SCAN = 0xD9, 0xDA
 _JPEG_FRAME = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TIFF_CODES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q"}
 _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
 _TIFF_DATA = ((273, 279), (324, 325))  # offsets and lengths of strips, and of tiles
 
 
-class _CutOffError(Exception):
-    """The file ends before its picture does."""
-
-
-class _DamagedError(Exception):
-    """A checksum is wrong."""
+class _RefusedError(Exception):
+    """Says why a file is not given to OpenCV."""
 
 
 def of(folder: Path) -> tuple[Path, ...]:
@@ -70,16 +69,11 @@ def read(path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
     PictureError
         If it cannot be read, or `decode` refuses it.
     """
-    try:
-        about = path.stat()
-        if not stat.S_ISREG(about.st_mode):
-            raise ValueError("it is no file")
-        if about.st_size > MOST_BYTES:
-            raise ValueError(f"it has {about.st_size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB are read")
-        data = path.read_bytes()
-    except (OSError, ValueError) as problem:
-        raise PictureError(path, first_line(problem)) from None
-    return decode(data, path, mode)
+
+    def refusal(line: str) -> PictureError:
+        return PictureError(path, line.removeprefix(f"{cannot(path)}: "))
+
+    return decode(read_bytes(path, refusal, most_bytes=MOST_BYTES), path, mode)
 
 
 def decode(data: bytes, path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
@@ -88,8 +82,8 @@ def decode(data: bytes, path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray
     Raises
     ------
     PictureError
-        If it is no JPEG, PNG, BMP, TIFF or WebP, is cut off or damaged, or has more than `MOST_PIXELS` pixels or a
-        side above `MOST_SIDE`.
+        If it is no JPEG, PNG, BMP, TIFF or WebP, is cut off or damaged, or has more than `MOST_PIXELS` pixels, a
+        side above `MOST_SIDE` or more than `MOST_SCANS` scans.
     """
     if problem := _problem(data):
         raise PictureError(path, problem)
@@ -121,31 +115,34 @@ def _problem(data: bytes) -> str:
         if starts.match(data):
             try:
                 return too_large(*size(data))
-            except (_CutOffError, struct.error):
-                return "it is cut off"
-            except _DamagedError:
-                return "it is damaged"
+            except struct.error:
+                return _CUT_OFF
+            except _RefusedError as reason:
+                return str(reason)
     return "it is no JPEG, PNG, BMP, TIFF or WebP"
 
 
 def _within(data: bytes, end: int) -> None:
     if end > len(data):
-        raise _CutOffError
+        raise _RefusedError(_CUT_OFF)
 
 
 def _jpeg(data: bytes) -> Size:
     """Go from marker to marker up to the end of the image. What a camera appends after it does not count."""
-    size, at = (0, 0), 2
+    size, scans, at = (0, 0), 0, 2
     while marker := _JPEG_MARKER.search(data, at):
         code = data[marker.end() - 1]
         if code == _JPEG_END:
             return size
+        scans += code == _JPEG_SCAN
+        if scans > MOST_SCANS:
+            raise _RefusedError(f"it has more than {MOST_SCANS} scans")
         (length,) = struct.unpack_from(">H", data, marker.end())
         if code in _JPEG_FRAME and size == (0, 0):
             height, width = struct.unpack_from(">HH", data, marker.end() + 3)
             size = width, height
         at = marker.end() + length
-    raise _CutOffError
+    raise _RefusedError(_CUT_OFF)
 
 
 def _png(data: bytes) -> Size:
@@ -157,7 +154,7 @@ def _png(data: bytes) -> Size:
         _within(data, end + 4)
         checksum = int.from_bytes(data[end : end + 4])
         if kind[:1].isupper() and zlib.crc32(memoryview(data)[at + 4 : end]) != checksum:  # the picture needs it
-            raise _DamagedError
+            raise _RefusedError("it is damaged")
         at = end + 4
     width, height = struct.unpack_from(">II", data, 16)
     return width, height

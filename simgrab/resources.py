@@ -38,9 +38,8 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
     """
     path = Path(wanted)
     try:
-        bundled = folder / f"{wanted}.toml"
-        if isinstance(wanted, str) and bundled.is_file():
-            return bundled
+        if wanted in names(folder):
+            return folder / f"{wanted}.toml"
         if wanted and not path.is_dir() and (path.exists() or path.is_symlink()):
             return path
         folder_there = bool(str(wanted)) and path.is_dir()

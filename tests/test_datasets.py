@@ -1,8 +1,10 @@
 import doctest
+import os
 import pickle
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import msgspec
@@ -71,6 +73,93 @@ def test_a_dataset_names_no_picture_outside(copy, name):
     for read in (datasets.read, open_source):
         with pytest.raises(DatasetError, match=r"frame 2 names the picture .*, which is not in the dataset"):
             read(copy)
+
+
+@pytest.mark.parametrize("what", ["a file", "a folder", "a file through itself"])
+def test_a_link_leads_to_no_other_picture_outside(copy, what):
+    picture = copy / datasets.read(copy).rows[2].file
+    if what == "a folder":
+        shutil.move(picture.parent, copy.parent / "elsewhere")
+        picture.parent.symlink_to("../../elsewhere")
+    else:
+        shutil.move(picture, copy.parent / "picture.jpg")
+        picture.symlink_to(copy.parent / "picture.jpg" if what == "a file" else picture.name)
+    if "itself" not in what:  # as in a cache that keeps files by their digests
+        assert datasets.read(copy)[2].picture.any()
+        with picture.open("ab") as file:
+            file.write(b"\n")
+    why = "Too many levels" if "itself" in what else "not the picture that its labels are of"
+    for read in (datasets.read, open_source):
+        with pytest.raises(DatasetError, match=why):
+            read(copy)
+
+
+def test_a_dataset_may_be_a_link_and_hold_links_within(copy):
+    picture = copy / datasets.read(copy).rows[2].file
+    picture.rename(copy / "picture.jpg")
+    picture.symlink_to("../../picture.jpg")
+    (copy.parent / "link").symlink_to("copy")
+    assert datasets.read(copy.parent / "link")[2].picture.any()
+
+
+def test_paths_that_cannot_be_are_refused_in_one_line(copy):
+    for path in ("a" * 300, copy / ("b" * 300), "a\0b"):
+        for read in (datasets.read, datasets.is_dataset):
+            with pytest.raises(DatasetError, match=r"cannot read .*: (File name too long|embedded null byte)"):
+                read(path if read is datasets.read else Path(path))
+    for name, why in (("c" * 300, "File name too long"), ("a\0b", "embedded null byte")):
+        altered(copy, "file", lambda names, name=name: [*names[:-1], name])
+        with pytest.raises(DatasetError, match=why):
+            datasets.read(copy)
+
+
+def altered(path, column, change):
+    """Rewrite a column of a dataset's labels."""
+    table = pq.read_table(path / "labels.parquet")
+    place = table.schema.get_field_index(column)
+    values = change(table[column].to_pylist())
+    pq.write_table(table.set_column(place, column, [values]), path / "labels.parquet")
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("fx_px", float("nan")), ("fx_px", 0.0), ("alpha_deg", 1e308), ("alpha_deg", -1.0), ("beta_deg", float("inf")),
+        ("width_px", -1), ("height_px", 10**9), ("frame", -1), ("split", "moon"), ("k1", None), ("k1", float("-inf")),
+        ("keypoints", [0.0] * 3), ("keypoints", [float("nan")] * 30), ("jib_from_camera", [0.0] * 11),
+        ("oriented_box", [0.0] * 7), ("m_px", float("nan")), ("box_x0_px", -1),
+    ],
+)  # fmt: skip
+def test_a_label_that_cannot_be_is_refused_with_its_row(copy, column, value):
+    altered(copy, column, lambda values: [*values[:3], value, *values[4:]])
+    with pytest.raises(DatasetError, match=rf"not a simgrab dataset .*\$\[3\]\.{column}"):
+        datasets.read(copy)
+
+
+@pytest.mark.parametrize(
+    ("columns", "why"),
+    [
+        ({"frame": [0, 1, 1, 3, 4, 5]}, "frame 1 comes after frame 1; they must increase"),
+        ({"frame": [0, 2, 1, 3, 4, 5]}, "frame 1 comes after frame 2; they must increase"),
+        ({"clip": [0] * 6}, "frame 0: clip and time_s must be given in every frame or in none"),
+        ({"time_s": [None] * 5 + [0.0]}, "frame 5: clip and time_s must be given in every frame or in none"),
+        ({"clip": [None] * 5 + [1], "time_s": [None] * 5 + [0.0]}, "frame 5: clip and time_s must be given in every"),
+        (
+            {"clip": [0] * 3 + [1] * 3, "time_s": [0.0, 1.0, 2.0, 0.0, 0.5, 0.5]},
+            r"frame 5: clip 1, time_s 0\.5 comes after clip 1, time_s 0\.5; they must increase",
+        ),
+        ({"clip": [1] + [0] * 5, "time_s": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]}, "frame 1: clip 0, time_s 1 comes after"),
+        ({"clip": [0, 0, 1, 1, 1, 1], "time_s": [0.0, 0.5, 0.0, 1.0, 2.0, 3.0]}, None),
+    ],
+)
+def test_frames_and_times_of_a_clip_increase(copy, columns, why):
+    for column, values in columns.items():
+        altered(copy, column, lambda _, values=values: values)
+    if why is None:
+        assert open_source(copy).times == (0.0, 0.5, 60.5, 61.5, 62.5, 63.5)
+        return
+    with pytest.raises(DatasetError, match=why):
+        datasets.read(copy)
 
 
 def test_reading_starts_no_threads(dataset):
@@ -170,6 +259,18 @@ def test_pictures_and_masks_are_read_only_when_asked_for(copy):
     (copy / "annotations" / f"instances_{frame.truth.split}.json").unlink()
     with pytest.raises(DatasetError, match="cannot be read"):
         _ = frame.mask
+
+
+def test_a_picture_file_is_not_read_beyond_its_limit(copy):
+    frame = simgrab.open(copy)[2]
+    with frame.file.open("wb") as file:
+        file.truncate(40 * 2**30)
+    with pytest.raises(DatasetError, match="at most 763 MiB are read"):
+        _ = frame.picture
+    frame.file.unlink()
+    os.mkfifo(frame.file)  # which would be waited for
+    with pytest.raises(DatasetError, match="it is a pipe, not a file"):
+        _ = frame.picture
 
 
 def test_a_dataset_goes_to_another_process(dataset):

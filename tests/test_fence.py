@@ -25,6 +25,7 @@ GROUND = {
     "resources",
     "datasets",
     "labels",
+    "masks",
     "processes",
     "parse",
     "destination",

@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 
 import pytest
 
-from simgrab.files import discard, drafted, drafted_folder, remove_left
+from simgrab.files import discard, drafted, drafted_folder, locked, remove_left
 
 CUT_OFF = """
 import os, pathlib, sys
@@ -101,3 +102,48 @@ def test_a_full_folder_is_in_the_way(tmp_path):
         (draft / "mine").touch()
     assert names(path) == ["theirs"]
     assert names(tmp_path) == ["run"]
+
+
+def test_a_locked_file_is_locked_until_it_is_left(tmp_path):
+    lock = tmp_path / "lock"
+    lock.write_text("theirs")
+    waiting = threading.Thread(target=lambda: locked(lock, wait=True).__enter__())
+    with locked(lock):
+        with pytest.raises(BlockingIOError), locked(lock):
+            pass
+        waiting.start()
+        waiting.join(0.2)
+        assert waiting.is_alive()
+    waiting.join()
+    with locked(lock):
+        assert lock.read_text() == "theirs"
+
+
+def test_a_lock_is_a_file_of_its_own(tmp_path):
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    (tmp_path / "link").symlink_to(mine)
+    (tmp_path / "loose").symlink_to(tmp_path / "new")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name, why in (("link", "is a link"), ("loose", "is a link"), ("pipe", "not a file"), ("folder", "directory")):
+        with pytest.raises(OSError, match=why), locked(tmp_path / name):
+            pass
+    assert mine.read_text() == "mine"
+    assert not (tmp_path / "new").exists()
+
+
+def test_what_has_a_drafts_name_is_neither_followed_nor_waited_for(tmp_path):
+    path = tmp_path / "a.x"
+    mine = tmp_path / "mine.txt"
+    mine.touch()
+    (tmp_path / ".a.x.1-1.draft").symlink_to(mine)
+    os.mkfifo(tmp_path / ".a.x.1-2.draft")  # which would be waited for
+    for name in (".a.x.b.1-1.draft", ".a.x.1-1-1.draft", ".a.x..1-1.draft"):  # of other files
+        (tmp_path / name).touch()
+    remove_left(path)
+    assert names(tmp_path) == [".a.x..1-1.draft", ".a.x.1-1-1.draft", ".a.x.1-1.draft", ".a.x.b.1-1.draft", "mine.txt"]
+    dots = tmp_path / "..."
+    (tmp_path / ".....1-1.draft").touch()
+    remove_left(dots)
+    assert ".....1-1.draft" not in names(tmp_path)

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from simgrab import geometry as g
+from simgrab.calibration import Calibration
 
 angle = st.floats(-np.pi, np.pi)
 small = st.floats(0.0, np.radians(30))
@@ -101,6 +102,13 @@ def test_points_behind_the_camera_and_beyond_the_fold_have_no_pixel():
     assert np.isnan(folding.project([edge * 1.001, 0.0, 1.0])).all()
     beyond = folding.cx_px + folding.f_px * (2 / 3 * edge) + 1.0  # the fold's image is at 2/3 of its radius
     assert np.isnan(folding.undistort([beyond, 540.0])).all()
+
+
+def test_a_long_lens_has_large_coefficients():
+    """Its rays have slopes below 0.1, whose sixth power the last of them multiplies."""
+    lens = Calibration(1920, 1080, 12_000.0, 960.0, 540.0, k2=60.0, k3=-3500.0).intrinsics
+    pixels = np.stack(np.meshgrid(np.linspace(0, 1920, 33), np.linspace(0, 1080, 19)), axis=-1)
+    np.testing.assert_allclose(lens.distort(lens.undistort(pixels)), pixels, atol=1e-9)
 
 
 def test_everything_broadcasts_over_frames():

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -39,13 +40,91 @@ def file(tmp_path_factory):
 def test_a_table_is_what_arrow_reads(file):
     whole = pq.ParquetFile(file).read()
     assert parquet.read_table(file, RecordError) == whole
-    assert parquet.parse_table(file.read_bytes(), RecordError, "x") == whole
+    with file.open("rb") as handle:
+        assert parquet.parse_table(handle, RecordError, "x") == whole
+        assert not handle.closed
     assert (
         parquet.read_table(file, RecordError, columns=["c", "a"]).column_names
         == pq.ParquetFile(file).read(["c", "a"]).column_names
     )
     assert [group.num_rows for group in parquet.groups(file)] == [2000, 2000, 1000]
     assert pa.concat_tables(parquet.groups(file)) == whole
+
+
+def test_texts_are_what_was_written(tmp_path):
+    texts = ["é", None, "", "é", "x" * 1000] * 20
+    kinds = (pa.string(), pa.large_string(), pa.string_view(), pa.dictionary(pa.int32(), pa.string()))
+    table = pa.table({str(kind): pa.array(texts, kind) for kind in kinds} | {"b": pa.array(texts, pa.binary())})
+    table = table.replace_schema_metadata({"of": "all"})
+    pq.write_table(table, tmp_path / "a.parquet", row_group_size=30)
+    found = parquet.read_table(tmp_path / "a.parquet", RecordError)
+    assert found.schema.metadata == table.schema.metadata
+    for name in found.column_names[:-1]:
+        assert found[name].type == pa.string()
+        assert found[name].to_pylist() == texts
+    assert found["b"] == table["b"]
+
+
+MANY = 30_000_000
+
+
+def shared(value, rows):
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int32)), pa.array([value]))
+
+
+BOMBS = {
+    "text": lambda: shared("x" * 1_000_000, 1000),
+    "bytes": lambda: shared(b"x" * 1_000_000, 1000),
+    "list": lambda: pa.array([np.zeros(MANY, np.int8)]),
+    "list of nothing": lambda: pa.ListArray.from_arrays([0, MANY], pa.nulls(MANY)),
+    "list of lists": lambda: pa.ListArray.from_arrays([0, 1], pa.array([np.zeros(MANY, np.int8)])),
+    "struct": lambda: pa.array([{"b": "x" * 100_000}] * 1000),
+}
+LIMITED = """
+import resource, sys
+from pathlib import Path
+import pyarrow as pa
+from simgrab import parquet
+from simgrab.errors import RecordError
+
+parquet.read_table(Path(sys.argv[1]) / "sound", RecordError)
+status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+limit = int(status["VmSize"].split()[0]) * 1024 + 400 * 2**20
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    try:
+        parquet.rows(parquet.read_table(path, RecordError), RecordError, "x")
+    except RecordError as problem:
+        print(path.name, problem, sep=": ")
+"""
+
+
+def test_a_few_bytes_do_not_take_much_memory(tmp_path):
+    for name, column in BOMBS.items():
+        pq.write_table(pa.table({"a": column()}), tmp_path / name, compression="zstd", store_schema=False)
+        assert (tmp_path / name).stat().st_size < 10_000
+    pq.write_table(pa.table({"a": ["x"]}), tmp_path / "sound")
+    for name, size in (("hole", 3 * 2**30), ("larger hole", parquet.MOST_BYTES + 1)):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(size)
+    told = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, check=True)
+    found = dict(line.split(": ", 1) for line in told.stdout.splitlines())
+    assert found.keys() == {*BOMBS, "hole", "larger hole"}
+    assert "not a parquet file" in found.pop("hole")
+    assert "at most 4096 MiB are read" in found.pop("larger hole")
+    assert "column a is of type struct<b: " in found.pop("struct")
+    for name, problem in found.items():
+        assert (
+            "its table takes more than 65536000 bytes" in problem
+            or "its table takes more than 16777216 bytes" in problem
+        ), name
+
+
+def test_rows_are_counted_before_they_are_read(file, monkeypatch):
+    monkeypatch.setattr(parquet, "MOST_ROWS", 4999)
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", None)
+    with pytest.raises(RecordError, match="it has 5000 rows, and at most 4999 are read"):
+        parquet.read_table(file, RecordError)
 
 
 def test_no_thread_is_started(file):
@@ -68,9 +147,11 @@ def test_rows_are_what_was_written():
     [
         (pa.table({"when": TEXTS_OF_BYTES}), "x: column when cannot be read"),
         (pa.table({"when": pa.array([2**62], pa.timestamp("us"))}), "x: column when cannot be read"),
+        (pa.table({"a": [[["x"]]]}), "x: column a is of type list<.*, which no table of simgrab has"),
+        (pa.table({"a": [{"b": 1}]}), "x: column a is of type struct<b: int64>"),
         (pa.Table.from_arrays([pa.array([1])] * 3, ["a", "b", "a"]), "x: column a is there twice"),
     ],
-    ids=["text", "date", "twice"],
+    ids=["text", "date", "list", "struct", "twice"],
 )
 def test_a_column_that_python_cannot_hold_is_named(table, problem):
     with pytest.raises(RecordError, match=problem):

@@ -3,6 +3,7 @@
 import codecs
 import json
 import os
+from pathlib import Path
 
 import pytest
 import tomli_w
@@ -12,7 +13,7 @@ from simgrab.errors import ScenarioError, SimgrabError
 from simgrab.instrument.estimate import follow
 from simgrab.judge.check import baseline, golden, suite
 from simgrab.judge.stress import catalogue
-from simgrab.judge.tables import read_record
+from simgrab.judge.tables import MOST_HEADER_BYTES, read_record
 from simgrab.world.export import calibration_of
 
 CAMERA = calibration_of(scenes.load("quay-day"))
@@ -99,6 +100,17 @@ def test_a_large_file_is_refused_before_it_is_read(kind, tmp_path):
     assert "at most" in refused(read, path)
 
 
+def test_the_header_of_a_table_is_limited(tmp_path):
+    path = tmp_path / "pixels.csv"
+    for length, rows in ((MOST_HEADER_BYTES, 2), (MOST_HEADER_BYTES + 1, 0)):
+        header = "u_px,v_px,".ljust(length, "x")
+        path.write_text(f"{header}\n900,500,\n910,510,\n")
+        if rows:
+            assert len(read_record(path, CAMERA).pixels) == rows
+        else:
+            assert "its first line is no header" in refused(lambda path: read_record(path, CAMERA), path)
+
+
 @pytest.mark.parametrize("kind", sorted(FILES.keys() - {"parquet"}))
 def test_a_byte_order_mark_is_skipped(kind, tmp_path):
     name, read, good = FILES[kind]
@@ -114,6 +126,76 @@ def test_a_table_of_json_has_no_key_twice(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('{"scenario": {"seed": 1, "seed": 2}}')
     assert "'seed' is there twice" in refused(scenes.load, path)
+
+
+def test_a_repeated_key_is_found_in_one_pass():
+    class Key(str):
+        compared = 0
+        __hash__ = str.__hash__
+
+        def __eq__(self, other):
+            Key.compared += 1
+            return str.__eq__(self, other)
+
+    pairs = [(Key(i), i) for i in range(1000)] * 2
+    with pytest.raises(ValueError, match="'0' is there twice"):
+        parse._unique(pairs)
+    assert Key.compared < 10 * len(pairs)
+
+
+@pytest.mark.parametrize("separator", [".", " . ", "\t.\t"])
+@pytest.mark.parametrize("part", ["a", '"a b"', "'a b'", '"\\""', '"\'"', '""'])
+def test_a_key_of_many_parts_is_refused_before_it_is_parsed(part, separator, monkeypatch):
+    """The parser takes time by the square of its length."""
+    key = separator.join([part] * 1000)
+    parse.parse_toml(f"{separator.join([part] * 40)} = 1", SimgrabError, "x")
+    monkeypatch.setattr("tomllib.loads", None)
+    for text in (
+        f"{key} = 1",
+        f"b = 1\n  {key} = 1",
+        f"[{key}]",
+        f"[[{key}]]",
+        f"v = {{{key} = 1}}",
+        f"v = {{b = 1, {key} = 1}}",
+    ):
+        with pytest.raises(SimgrabError, match="nested deeper than 64"):
+            parse.parse_toml(text, SimgrabError, "x")
+    with pytest.raises(SimgrabError, match="nested deeper than 64"):
+        parse.parse_value(f"{{{key} = 1}}", SimgrabError, "x")
+
+
+def test_what_cannot_be_opened_leaves_no_descriptor(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    before = sorted(Path("/proc/self/fd").iterdir())
+    for path in (tmp_path, tmp_path / "pipe", tmp_path / "none", "a\0b"):
+        with pytest.raises(SimgrabError, match="cannot read"):
+            parse.read_text(path, SimgrabError)
+    assert sorted(Path("/proc/self/fd").iterdir()) == before
+
+
+def test_a_file_that_grows_while_it_is_read_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "a"
+    path.write_bytes(b"12345678")
+    assert parse.read_bytes(path, SimgrabError, most_bytes=8) == b"12345678"
+    about = path.stat()
+    path.write_bytes(b"123456789")
+    monkeypatch.setattr("os.fstat", lambda _: about)
+    with pytest.raises(SimgrabError, match="it holds more than 8 bytes"):
+        parse.read_bytes(path, SimgrabError, most_bytes=8)
+
+
+def test_what_lies_at_a_path_is_found_or_refused_in_one_line(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("file")
+    (tmp_path / "round").symlink_to("round")
+    for name, file, folder in (("file", True, False), ("link", True, False), ("", False, True), ("none", False, False)):
+        assert parse.is_file(tmp_path / name, SimgrabError) == file
+        assert parse.is_dir(tmp_path / name, SimgrabError) == folder
+    assert not parse.is_file(tmp_path / "file" / "inside", SimgrabError)
+    for name, why in (("a" * 300, "File name too long"), ("a\0b", "null byte"), ("round", "symbolic links")):
+        for ask in (parse.is_file, parse.is_dir):
+            with pytest.raises(SimgrabError, match=why):
+                ask(tmp_path / name, SimgrabError)
 
 
 def test_levels_are_counted():

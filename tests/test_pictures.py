@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from simgrab.errors import PictureError
-from simgrab.pictures import MOST_BYTES, MOST_PIXELS, MOST_SIDE, read
+from simgrab.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, read
 
 KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
 
@@ -126,6 +126,20 @@ def test_every_kinds_header_tells_its_size(tmp_path, kind, monkeypatch):
     assert "48 x 36 px" in refused(tmp_path / "a", cv2.imencode(kind, rgb())[1].tobytes())
 
 
+def test_scans_of_a_jpeg_are_counted_before_it_is_decoded(tmp_path, monkeypatch):
+    """Each takes time for every pixel of the picture, and a few bytes of the file."""
+    data = saved(tmp_path / "a.jpg", progressive=True).read_bytes()
+    scans = data.count(b"\xff\xda")
+    assert scans > 5
+    last, end = data.rindex(b"\xff\xda"), data.rindex(b"\xff\xd9")
+    (tmp_path / "b.jpg").write_bytes(data[:end] + data[last:end] * (MOST_SCANS - scans) + data[end:])
+    read(tmp_path / "b.jpg")
+    monkeypatch.setattr("cv2.imdecode", None)
+    assert refused(tmp_path / "b.jpg", data[:end] + data[last:end] * (MOST_SCANS - scans + 1) + data[end:]) == (
+        f"it has more than {MOST_SCANS} scans"
+    )
+
+
 def test_a_camera_of_8k_fits():
     assert MOST_PIXELS > 7680 * 4320
     assert max(7680, 4320) < MOST_SIDE
@@ -135,12 +149,12 @@ def test_what_is_no_file_or_too_long_is_refused(tmp_path):
     with pytest.raises(PictureError, match=r"none\.jpg cannot be read as a picture: No such file"):
         read(tmp_path / "none.jpg")
     os.mkfifo(tmp_path / "pipe.jpg")  # which would be waited for
-    for path in (tmp_path, tmp_path / "pipe.jpg"):
-        with pytest.raises(PictureError, match="it is no file"):
+    for path, kind in ((tmp_path, "a folder"), (tmp_path / "pipe.jpg", "a pipe")):
+        with pytest.raises(PictureError, match=f"cannot be read as a picture: it is {kind}, not a file"):
             read(path)
     with (tmp_path / "long.jpg").open("wb") as file:
         file.truncate(MOST_BYTES + 1)
-    with pytest.raises(PictureError, match="it has 800 MB; at most 800 MB"):
+    with pytest.raises(PictureError, match="it has 763 MiB, and at most 763 MiB are read"):
         read(tmp_path / "long.jpg")
 
 

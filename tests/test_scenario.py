@@ -132,3 +132,14 @@ def test_unknown_scenes_are_named(tmp_path):
 def test_a_date_needs_no_quotes_in_the_shell():
     changes = scenes.parse_changes(["display.start=2022-01-26T14:05:38", "frames=3"])
     assert scenes.load("quay-day", changes).display.start == "2022-01-26T14:05:38"
+
+
+def test_a_path_opens_the_file_of_that_name(tmp_path, monkeypatch):
+    """And not the one beside it that ends in .toml, as the bundled ones do."""
+    (tmp_path / "mine").write_text('name = "mine"')
+    (tmp_path / "mine.toml").write_text('name = "other"')
+    monkeypatch.chdir(tmp_path)
+    for path in ("mine", "./mine", str(tmp_path / "mine"), tmp_path / "mine"):
+        assert scenes.load(path).name == "mine"
+    with pytest.raises(ScenarioError, match="no scene or file"):
+        scenes.load("../scenes/calm-day")

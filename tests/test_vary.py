@@ -158,3 +158,22 @@ def test_a_key_set_by_hand_varies_no_more():
     assert np.isin("place", list(every.vary))
     with pytest.raises(ScenarioError, match="change that factor under vary"):
         scenes.load("quay-day", {"clip.clip_frames": 2, "vary": factors, "place.fill": 0.1, "place.model": "hold"})
+
+
+def test_what_does_not_vary_is_not_checked_again():
+    """It would be for each of thousands of values."""
+    scenario = varied()
+    one = variant(scenario, 0).scenario
+    kept = {name for name in scenario.__struct_fields__ if getattr(one, name) is getattr(scenario, name)}
+    assert kept == {*scenario.__struct_fields__} - {"camera", "place", "vary"}
+
+
+def test_weights_are_summed_once(monkeypatch):
+    from simgrab.scenario import factor
+
+    sums = []
+    monkeypatch.setattr(factor, "sum", lambda values: sums.append(1) or sum(values), raising=False)
+    choice = factor.OneOf(tuple(range(1000)), weights=tuple(range(1000)))
+    sums.clear()
+    np.testing.assert_allclose(choice.probabilities, np.arange(1000) / 499_500)
+    assert len(sums) == 1

@@ -29,7 +29,7 @@ import onnxruntime
 from simgrab.errors import DetectorError, SimgrabError, first_line, one_line
 from simgrab.instrument import onnx_parts
 from simgrab.instrument.deadline import within
-from simgrab.parse import opened
+from simgrab.parse import read_bytes
 
 THREADS = 2
 KEY = "simgrab"  # of the metadata in our own files
@@ -131,8 +131,7 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
         output has more than `MOST_NUMBERS` numbers.
     """
     path = Path(path)
-    with opened(path, refuse, most_bytes=MOST_BYTES) as file:
-        content = file.read(MOST_BYTES)
+    content = read_bytes(path, refuse, most_bytes=MOST_BYTES)
     onnx_parts.check(content, lambda problem: refuse(f"{path} {problem}"))
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1

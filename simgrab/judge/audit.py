@@ -15,10 +15,10 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab import parquet, pictures
-from simgrab.datasets import MOST_COCO_BYTES
 from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
 from simgrab.judge import identities, silhouettes
 from simgrab.judge.proof import Audit, Finding, Findings, Proof
+from simgrab.masks import MOST_COCO_BYTES
 from simgrab.parse import cannot, parse_json, read_json
 from simgrab.records import SPLITS, Truth
 from simgrab.scenario import Scenario

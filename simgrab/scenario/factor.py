@@ -43,7 +43,8 @@ class OneOf(Checked, frozen=True, tag_field="dist", tag="one-of"):
     def probabilities(self) -> tuple[float, ...]:
         """Of each value; they sum to 1."""
         weights = self.weights or (1.0,) * len(self.values)
-        return tuple(w / sum(weights) for w in weights)
+        total = sum(weights)
+        return tuple(weight / total for weight in weights)
 
     def called(self, index: int) -> Any:
         """Give what labels hold of a value: its name, or itself."""

@@ -130,7 +130,10 @@ def _by_key(name: str, value: Any) -> dict[str, Any]:
 
 def _changed(scenario: Scenario, change: Mapping[str, Any]) -> Scenario:
     """Lay dotted keys over a scenario, which varies no more."""
-    data = scenario.to_dict() | {"vary": {}}
+    sections = {key.split(".")[0] for key in change}
+    # Sections that do not change stay structs, which are not checked again: this is done for thousands of values.
+    data = msgspec.structs.asdict(scenario) | {"vary": {}}
+    data |= {name: plain for name, plain in scenario.to_dict().items() if name in sections}
     for key in sorted(change):
         if key.split(".")[0] in FIXED:
             raise ScenarioError(key, _FIXED_WHY)

@@ -13,6 +13,7 @@ from typing import Any
 import torch
 
 from simgrab.errors import TrainingError, one_line
+from simgrab.parse import shown
 from simgrab.training.folder import write
 
 
@@ -49,8 +50,7 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
     differing = [key for key in sorted(known.keys() | identity.keys(), key=str) if known.get(key) != identity.get(key)]
     if differing:
         changes = ", ".join(
-            f"{one_line(key, 40)} {one_line(repr(known.get(key)), 80)} became {one_line(repr(identity.get(key)), 80)}"
-            for key in differing[:3]
+            f"{one_line(key, 40)} {shown(known.get(key))} became {shown(identity.get(key))}" for key in differing[:3]
         )
         raise TrainingError(
             f"{path} is of another training ({changes}): --resume needs the same, or choose another --out"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from simgrab.destination import check_folder
 from simgrab.errors import TrainingError
-from simgrab.files import drafted, held
+from simgrab.files import drafted, locked
 
 LOCK = ".lock"
 TRACES = ("checkpoint.pt", "*/checkpoint.pt")
@@ -34,7 +34,7 @@ def claim(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> Iterato
     with ExitStack() as stack:
         try:
             out.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(held(out / LOCK))
+            stack.enter_context(locked(out / LOCK))
         except BlockingIOError:
             raise TrainingError(f"{out} is being written by another training") from None
         except OSError as problem:

@@ -23,11 +23,11 @@ from simgrab.world.frames import Record
 
 _YOLO_NEEDS = ("train", "val")
 _ARROW = {
-    "bool": pa.bool_(),
-    "int": pa.int64(),
-    "float": pa.float64(),
-    "str": pa.string(),
-    "tuple": pa.list_(pa.float64()),
+    pa.bool_(): ("bool",),
+    pa.int64(): ("Index", "Side"),
+    pa.float64(): ("Finite", "Length", "Angle"),
+    pa.string(): ("str", "Split"),
+    pa.list_(pa.float64()): ("Vector", "Corners", "Pose", "Points"),
 }
 
 
@@ -45,7 +45,7 @@ def labels_schema() -> pa.Schema:
 
 def _arrow_type(annotation: str) -> pa.DataType:
     inner = annotation.removeprefix("Annotated[").lstrip()
-    return next(kind for word, kind in _ARROW.items() if inner.startswith(word))
+    return next(kind for kind, words in _ARROW.items() if inner.startswith(words))
 
 
 def parquet(rows: Sequence[Truth], metadata: dict[str, Any]) -> bytes:

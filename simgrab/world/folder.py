@@ -17,9 +17,9 @@ from typing import Any
 
 import msgspec
 
+from simgrab import files
 from simgrab.destination import check_folder
 from simgrab.errors import DatasetError, first_line
-from simgrab.files import held
 from simgrab.parse import read_json
 from simgrab.world.frames import Frame, Record
 
@@ -176,7 +176,7 @@ def locked(partial: Path, path: Path) -> Iterator[None]:
     """Hold what is being made in ``partial`` and will lie at ``path`` against a second writer."""
     with writing(path), ExitStack() as stack:
         try:
-            stack.enter_context(held(partial / "lock"))
+            stack.enter_context(files.locked(partial / "lock"))
         except BlockingIOError:
             raise DatasetError(f"{path} is being written by another simgrab") from None
         yield

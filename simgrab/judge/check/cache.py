@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
 from simgrab import datasets
 from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError, RendererError
-from simgrab.files import discard, remove_left
+from simgrab.files import discard, locked, remove_left
 from simgrab.resources import ASSETS
 from simgrab.scenario import Scenario
 from simgrab.world import manifest
@@ -55,11 +55,11 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
         As `simgrab.world.dataset.render`.
     """
     folder = where / f"{scenario.name}-{_key(scenario)}"
-    with writing(where):
-        where.mkdir(parents=True, exist_ok=True)
-        lock = (where / f".{folder.name}.lock").open("w")
-    with lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # another check may be rendering the same
+    with ExitStack() as stack:
+        with writing(where):
+            where.mkdir(parents=True, exist_ok=True)
+            # another check may be rendering the same
+            stack.enter_context(locked(where / f".{folder.name}.lock", wait=True))
         remove_left(folder)
         if (folder / MANIFEST).exists() and not _sound(folder):
             discard(folder)

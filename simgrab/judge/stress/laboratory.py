@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from simgrab import __version__, parquet
 from simgrab.destination import check_folder
 from simgrab.errors import StressError
-from simgrab.files import drafted, held
+from simgrab.files import drafted, locked
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
@@ -95,7 +95,7 @@ def _locked(folder: Path) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(held(folder / LOCK))
+            stack.enter_context(locked(folder / LOCK))
         except BlockingIOError:
             raise StressError(f"{folder} is being written by another simgrab") from None
         except OSError as problem:
