@@ -1,4 +1,4 @@
-"""Refuse, before anything is computed, a place where a result could not be written."""
+"""Refuse, before anything is computed, a place where a result could not be written, or another process writes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import errno
 import os
 import stat
 import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from simgrab.errors import first_line
+from simgrab.files import locked
 from simgrab.parse import Refuse, kind_of
 
+LOCK = ".lock"
 LONGEST_SUFFIX = 40
 """Bytes that a draft's name has more than the name that it will take."""
 LONGEST_INSIDE = 200
@@ -32,6 +36,20 @@ def check_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
     if found is not None and not stat.S_ISDIR(found):
         raise refuse(f"{path} is {kind_of(found)}, not a folder; choose another {option}")
     _check_parents(path, refuse, option, inside=found is not None)
+
+
+@contextmanager
+def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab") -> Iterator[None]:
+    """Make a folder, and refuse it to every other process until left; ``who`` is what writes there."""
+    with ExitStack() as stack:
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(path / LOCK))
+        except BlockingIOError:
+            raise refuse(f"{path} is being written by another {who}") from None
+        except OSError as problem:
+            raise refuse(f"cannot write to {path}: {first_line(problem)}") from None
+        yield
 
 
 def check_new_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:

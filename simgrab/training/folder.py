@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
-from simgrab.destination import check_folder
+from simgrab.destination import LOCK, check_folder, locked_folder
 from simgrab.errors import TrainingError
-from simgrab.files import drafted, locked
+from simgrab.files import drafted
 
-LOCK = ".lock"
 TRACES = ("checkpoint.pt", "*/checkpoint.pt")
 
 
@@ -31,14 +30,7 @@ def claim(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> Iterato
     TrainingError
     """
     check(out, resume=resume, traces=traces)
-    with ExitStack() as stack:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(out / LOCK))
-        except BlockingIOError:
-            raise TrainingError(f"{out} is being written by another training") from None
-        except OSError as problem:
-            raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
+    with locked_folder(out, TrainingError, who="training"):
         yield
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from simgrab import __version__, parquet
-from simgrab.destination import check_folder
+from simgrab.destination import check_folder, locked_folder
 from simgrab.errors import StressError
-from simgrab.files import drafted, locked
+from simgrab.files import drafted
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
@@ -33,7 +32,6 @@ _SAME = {
 
 Progress = Callable[[int, int], None]
 STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
-LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -85,22 +83,8 @@ def run(
     check_workers(workers)
     folder = Path(out)
     check_folder(folder, StressError)
-    with _locked(folder):
+    with locked_folder(folder, StressError):
         return _run(studies, folder, workers, resume=resume, progress=progress)
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder against a second run into it."""
-    with contextlib.ExitStack() as stack:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(folder / LOCK))
-        except BlockingIOError:
-            raise StressError(f"{folder} is being written by another simgrab") from None
-        except OSError as problem:
-            raise StressError(f"cannot write {folder}: {problem.strerror or problem}") from None
-        yield
 
 
 def _run(
