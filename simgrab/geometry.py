@@ -147,9 +147,10 @@ class Distortion:
     @cached_property
     def fold_radius(self) -> float:
         """Normalised radius beyond which the radial part maps points back inwards; inf without a fold."""
-        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1.0])
+        # Of 1/r², as a coefficient may be as small as a float can be, and all of them are finite this way round.
+        roots = np.roots([1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3])
         real = roots[np.isreal(roots) & (roots.real > 0)].real
-        return float(np.sqrt(real.min())) if real.size else math.inf
+        return 1 / math.sqrt(real.max()) if real.size else math.inf
 
     def _jacobian(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """∂x_d/∂x, ∂y_d/∂y and the (equal) mixed derivatives."""

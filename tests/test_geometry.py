@@ -104,6 +104,12 @@ def test_points_behind_the_camera_and_beyond_the_fold_have_no_pixel():
     assert np.isnan(folding.undistort([beyond, 540.0])).all()
 
 
+@pytest.mark.parametrize("k3", [5e-324, -5e-324, 1e-300, 1e9, -1e9])
+def test_a_fold_is_found_whatever_the_size_of_a_coefficient(k3):
+    radius = g.Distortion(k3=k3).fold_radius
+    assert radius == pytest.approx((-7 * k3) ** (-1 / 6) if k3 < 0 else np.inf)
+
+
 def test_a_long_lens_has_large_coefficients():
     """Its rays have slopes below 0.1, whose sixth power the last of them multiplies."""
     lens = Calibration(1920, 1080, 12_000.0, 960.0, 540.0, k2=60.0, k3=-3500.0).intrinsics

@@ -53,7 +53,8 @@ def find(name: str) -> Estimating:
             f"estimators: unknown estimator {name!r}; one of: {', '.join(ESTIMATORS)}, or package.module:Class"
         )
     try:
-        made = getattr(importlib.import_module(module), attribute)()
+        kind = getattr(importlib.import_module(module), attribute)
+        made = kind() if isinstance(kind, type) and hasattr(kind, "estimate") else None  # no function is called
     except (ImportError, AttributeError, TypeError, ValueError) as problem:
         raise StressError(f"estimators: cannot make {name!r}: {problem}") from problem
     if not isinstance(made, Estimating):

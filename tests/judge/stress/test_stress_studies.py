@@ -114,6 +114,12 @@ def test_anybodys_estimator_is_judged_like_the_packages_own():
     assert summary.at((10.0,), name, "miss").count == 0
 
 
+@pytest.mark.parametrize("name", ["os:abort", "os:environ", "pathlib:Path"])
+def test_what_is_no_class_of_estimators_is_refused_and_not_called(name):
+    with pytest.raises(StressError, match="has no method estimate"):
+        estimators.find(name)
+
+
 def test_an_estimator_that_fails_is_named():
     records = geometric.draw(situation(small("noise", n=20), (0.0,)), 0, [0])
     with pytest.raises(StressError, match=r":Broken failed with ZeroDivisionError: oh"):
@@ -146,4 +152,5 @@ def test_a_replay_shows_diagnostics_and_its_picture(tmp_path):
 
 def test_a_verb_takes_one_thing_at_a_time():
     assert invoke("focal", "--all").exit_code == 2
-    assert isinstance(invoke("focal", "--workers", 0, "--out", "/proc/nowhere").exception, StressError)
+    assert invoke("focal", "--workers", 0).exit_code == 2
+    assert isinstance(invoke("focal", "--out", "/proc/nowhere").exception, StressError)
