@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from simgrab.errors import first_line, one_line
@@ -24,6 +23,7 @@ MOST_BYTES = 4 * 2**30
 """Of a file, and of its table in memory."""
 MOST_ROW_BYTES = 2**16
 """Of a row in memory, on average over the rows of a table, or over 256 where it has fewer."""
+_ROWS_AT_ONCE = 64  # so that a long text in each of them takes little
 
 
 def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequence[str] | None = None) -> pa.Table:
@@ -46,51 +46,29 @@ def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequen
 def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str] | None = None) -> pa.Table:
     """Read an open parquet file; ``what`` begins the line that says what is wrong with it.
 
-    A few bytes of a file can stand for a table of any size. Its footer states how many numbers it holds and how many
-    bytes of text. A text that many rows share is kept once until it is known how long the texts of all rows are.
+    A few bytes of a file can stand for a table of any size, so that its rows are read some at a time and their memory
+    is counted. Nothing but schema and number of rows is looked up in the footer: Arrow aborts on some that are damaged.
     """
     with _refusing(refuse, what):
         known = pq.ParquetFile(file, pre_buffer=False)  # buffering would be done in threads
-        about, names = known.metadata, known.schema_arrow.names
-        chunks = [about.row_group(i).column(j) for i in range(about.num_row_groups) for j in range(about.num_columns)]
-        texts = {chunk.path_in_schema for chunk in chunks if chunk.physical_type == "BYTE_ARRAY"}
-        size = sum(max(8 * chunk.num_values, chunk.total_uncompressed_size) for chunk in chunks)
-    if about.num_rows > MOST_ROWS:
-        raise refuse(f"{what}: it has {about.num_rows} rows, and at most {MOST_ROWS} are read")
-    most = min(MOST_BYTES, MOST_ROW_BYTES * max(about.num_rows, 256))
-    too_large = f"{what}: its table takes more than {most} bytes of memory"
-    if size > most:
-        raise refuse(too_large)
-    missing = [name for name in columns or () if name not in names]
+        count, schema = known.metadata.num_rows, known.schema_arrow
+    if count > MOST_ROWS:
+        raise refuse(f"{what}: it has {count} rows, and at most {MOST_ROWS} are read")
+    missing = [name for name in columns or () if name not in schema.names]
     if missing:
         raise refuse(f"{what}: it has no column {missing[0]}")
+    most, size, batches = min(MOST_BYTES, MOST_ROW_BYTES * max(count, 256)), 0, []
     with _refusing(refuse, what):
-        table = pq.ParquetFile(file, pre_buffer=False, read_dictionary=list(texts)).read(columns, use_threads=False)
-    if sum(_whole_size(column) for column in table.columns) > most:
-        raise refuse(too_large)
-    with _refusing(refuse, what):
-        return _with_texts(table)
-
-
-def _whole_size(column: pa.ChunkedArray) -> int:
-    """Bytes that a column takes once each row has its own text."""
-    if not _is_shared_text(column.type):
-        return int(column.nbytes)
-    lengths = (pc.binary_length(chunk.dictionary).take(chunk.indices) for chunk in column.chunks)
-    return 8 * len(column) + sum(pc.sum(each).as_py() or 0 for each in lengths)
-
-
-def _with_texts(table: pa.Table) -> pa.Table:
-    """Give each row its own text."""
-    for i, field in enumerate(table.schema):
-        if _is_shared_text(field.type):
-            kind = field.type.value_type
-            table = table.set_column(i, field.with_type(kind), table.column(i).cast(kind))
+        for batch in known.iter_batches(_ROWS_AT_ONCE, columns=columns, use_threads=False):
+            size += batch.nbytes
+            if size > most:
+                break
+            batch.validate(full=True)  # texts are UTF-8, and lists lie within their column
+            batches.append(batch)
+        table = pa.Table.from_batches(batches) if batches else known.read(columns, use_threads=False)
+    if size > most:
+        raise refuse(f"{what}: its table takes more than {most} bytes of memory")
     return table
-
-
-def _is_shared_text(kind: pa.DataType) -> bool:
-    return pa.types.is_dictionary(kind) and (pa.types.is_string(kind.value_type) or pa.types.is_binary(kind.value_type))
 
 
 def rows(table: pa.Table, refuse: Refuse, what: str) -> list[dict[str, Any]]:
@@ -116,6 +94,8 @@ def rows(table: pa.Table, refuse: Refuse, what: str) -> list[dict[str, Any]]:
 def _is_plain(kind: pa.DataType) -> bool:
     if pa.types.is_list(kind):
         return bool(pa.types.is_float64(kind.value_type))
+    if pa.types.is_dictionary(kind):  # as pandas writes categories
+        kind = kind.value_type
     return pa.types.is_primitive(kind) or pa.types.is_string(kind) or pa.types.is_null(kind)
 
 

@@ -60,7 +60,6 @@ def test_texts_are_what_was_written(tmp_path):
     found = parquet.read_table(tmp_path / "a.parquet", RecordError)
     assert found.schema.metadata == table.schema.metadata
     for name in found.column_names[:-1]:
-        assert found[name].type == pa.string()
         assert found[name].to_pylist() == texts
     assert found["b"] == table["b"]
 
@@ -112,12 +111,9 @@ def test_a_few_bytes_do_not_take_much_memory(tmp_path):
     assert found.keys() == {*BOMBS, "hole", "larger hole"}
     assert "not a parquet file" in found.pop("hole")
     assert "at most 4096 MiB are read" in found.pop("larger hole")
-    assert "column a is of type struct<b: " in found.pop("struct")
+    assert "which no table of simgrab has" in found.pop("list of nothing")  # which takes none
     for name, problem in found.items():
-        assert (
-            "its table takes more than 65536000 bytes" in problem
-            or "its table takes more than 16777216 bytes" in problem
-        ), name
+        assert problem.endswith("bytes of memory"), name
 
 
 def test_rows_are_counted_before_they_are_read(file, monkeypatch):
@@ -156,3 +152,31 @@ def test_rows_are_what_was_written():
 def test_a_column_that_python_cannot_hold_is_named(table, problem):
     with pytest.raises(RecordError, match=problem):
         parquet.rows(table, RecordError, "x")
+
+
+def test_a_changed_byte_is_read_or_refused(tmp_path):
+    """In a process of its own, which a fault of Arrow would abort."""
+    pq.write_table(pa.table({"text": ["left", "right", None] * 20}), tmp_path / "a.parquet", compression="none")
+    done = subprocess.run(
+        [sys.executable, "-c", CHANGE, str(tmp_path / "a.parquet")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-10:] + done.stderr
+    assert {"read", "refused"} <= set(done.stdout.split())
+
+
+CHANGE = """
+import pathlib, sys
+from simgrab import parquet
+from simgrab.errors import RecordError
+
+path = pathlib.Path(sys.argv[1])
+whole = path.read_bytes()
+for i in range(len(whole)):
+    print(i, end=" ")
+    path.write_bytes(whole[:i] + bytes([whole[i] ^ 0x05]) + whole[i + 1 :])
+    try:
+        parquet.read_table(path, RecordError).to_pylist()
+        print("read")
+    except RecordError:
+        print("refused")
+"""
