@@ -28,9 +28,9 @@ def encodable(text: object) -> str:
 
 
 def cell(text: str) -> str:
-    """Write text so that a spreadsheet takes it for no formula: a quote comes before what would begin one."""
-    text = encodable(text)
-    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+    """Write text for CSV: controls as escapes, and a quote before what a spreadsheet would take for a formula."""
+    text = printable(text)
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def markdown(text: object) -> str:

@@ -48,7 +48,7 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option(
     "--calibrate",
     callback=_stretch,
-    help="Take the tilt from the first stretch, e.g. 300s.  [default: the whole record]",
+    help="Take the tilt from the first stretch, e.g. 300s, or all of a shorter record.  [default: the whole record]",
 )
 @click.option("--calibration", type=PATH, help="Take the tilt of another run: its tilt.toml.")
 @click.option("--live", is_flag=True, help="Estimate anew as frames come; streams are always read so.")

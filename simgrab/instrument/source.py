@@ -158,7 +158,9 @@ def camera_beside(source: str | Path) -> Path:
     Raises
     ------
     SourceError
-        If there is none.
+        If there is none, or no source.
+    DatasetError
+        If the source is a dataset that cannot be read, such as an unfinished one.
     """
     _refuse_empty(source)
     path = Path(source)
@@ -167,6 +169,7 @@ def camera_beside(source: str | Path) -> Path:
         beside = path / "camera.toml" if os.path.isdir(path) else path.with_suffix(".camera.toml")  # noqa: PTH112
         if os.path.isfile(beside):  # noqa: PTH113
             return beside
+        open_source(path)  # which says what is wrong with a source that is none
     raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
 
 

@@ -100,9 +100,13 @@ class Run:
         if "ok" in counts:
             return None
         listed = ", ".join(f"{n} {status}" for status, n in counts.items())
-        first = next((m.reason for m in self.measurements if m.reason), "no frames")
         what = "no picture could be read" if set(counts) <= {"lost"} else "no frame gave an angle"
-        return printable(f"{self.source}: {what} ({listed}; the first: {first})")
+        estimate = self.about.get("estimate") or {}
+        if estimate.get("status") == "refused" and any(m.centre for m in self.measurements):
+            why = f"{estimate['estimator']} refused: {estimate['reason']}"
+        else:
+            why = f"the first: {next((m.reason for m in self.measurements if m.reason), 'no frames')}"
+        return printable(f"{self.source}: {what} ({listed}; {why})")
 
     @property
     def alpha(self) -> Array:

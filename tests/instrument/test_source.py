@@ -186,7 +186,7 @@ def test_what_cannot_be_a_source_is_named(tmp_path, monkeypatch):
     }.items():
         with pytest.raises(SourceError, match=reason):
             open_source(path)
-        with pytest.raises(SourceError, match="no camera file in or beside it"):
+        with pytest.raises(SourceError, match=reason):
             camera_beside(path)
     cv2.imwrite(str(tmp_path / "a.png"), picture(3))
     (tmp_path / "camera.toml").touch()
@@ -399,7 +399,10 @@ def test_the_camera_file_lies_in_or_beside_the_source(tmp_path, dataset):
     assert camera_beside(dataset) == dataset / "camera.toml"
     (tmp_path / "a.camera.toml").touch()
     assert camera_beside(tmp_path / "a.mp4") == tmp_path / "a.camera.toml"
-    with pytest.raises(SourceError, match="--camera"):
+    cv2.imwrite(str(tmp_path / "b.png"), picture(0))
+    with pytest.raises(SourceError, match="no camera file in or beside it; name one by --camera"):
+        camera_beside(tmp_path / "b.png")
+    with pytest.raises(SourceError, match="there is no such file or folder"):
         camera_beside(tmp_path / "b.mp4")
 
 

@@ -218,6 +218,17 @@ def test_a_run_that_measured_nothing_has_failed_and_says_why(tmp_path, live):
         assert json.loads((tmp_path / "c" / "run.json").read_text())["failure"] is None
 
 
+def test_a_run_with_too_few_frames_says_so():
+    def middle(_picture):
+        from simgrab.records import Detection
+
+        return Detection("found", "", 0.9, np.array([20.0, 10.0, 40.0, 30.0]), np.array([30.0, 20.0]))
+
+    middle.name = "middle"
+    found = measure([Frame(picture(i), None) for i in range(2)], CAMERA, Pipeline(middle, None), source="two")
+    assert found.failure.endswith("(2 unread; mean-ray refused: 2 frames: fewer than the 3 parameters)")
+
+
 def test_the_command_line_ends_with_1_where_nothing_was_measured(tmp_path, monkeypatch):
     from simgrab.instrument import pipeline
 
