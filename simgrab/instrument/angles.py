@@ -138,7 +138,7 @@ def _status(s: Sighting, alpha: bool, rope: bool, jump: bool, refused: str) -> t
         return "missed", s.missed
     if alpha:
         return "ok", ""
-    if not rope:
-        told = "the hoist cannot have got to what was read" if jump else s.rope_reason
-        return "unread", told or "the camera file states no display to read the rope's length from"
+    unread = "the hoist cannot have got to what was read" if jump else s.rope_reason
+    if not rope and (unread or not refused):
+        return "unread", unread or "the camera file states no display to read the rope's length from"
     return "refused", refused or "no swing reaches the pixel: the rope is shorter than the offset"

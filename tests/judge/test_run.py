@@ -226,7 +226,8 @@ def test_a_run_with_too_few_frames_says_so():
 
     middle.name = "middle"
     found = measure([Frame(picture(i), None) for i in range(2)], CAMERA, Pipeline(middle, None), source="two")
-    assert found.failure.endswith("(2 unread; mean-ray refused: 2 frames: fewer than the 3 parameters)")
+    assert found.failure.endswith("(2 refused; mean-ray refused: 2 frames: fewer than the 3 parameters)")
+    assert {m.reason for m in found.measurements} == {"no tilt: 2 frames: fewer than the 3 parameters"}
 
 
 def test_the_command_line_ends_with_1_where_nothing_was_measured(tmp_path, monkeypatch):
