@@ -47,6 +47,7 @@ def main(command: click.Command = cli) -> NoReturn:
     Exit status: 0 done, 1 a check failed or nothing measured, 2 bad input; interrupted, 128 + the signal's number,
     which is 130 for Ctrl-C.
     """
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own crashes where memory is limited
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

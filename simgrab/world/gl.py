@@ -6,6 +6,7 @@ import ctypes
 import hashlib
 import importlib
 import importlib.util
+import logging
 import os
 import re
 from collections.abc import Iterator
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
 PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
+_GL_OUT_OF_MEMORY = "0x505"
+
+_log = logging.getLogger(__name__)
 
 
 def choose() -> str:
@@ -131,6 +135,27 @@ class Offscreen:
 
 
 @contextmanager
+def _out_of_memory_raises() -> Iterator[None]:
+    """Raise where MuJoCo only warns that OpenGL had no memory for a model: rendering it could crash the process.
+
+    Its other warnings are logged, and not written to a file in the working folder.
+    """
+    import mujoco
+
+    warnings: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warnings.append)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+    for warning in warnings:
+        if _GL_OUT_OF_MEMORY in warning:
+            raise MemoryError(f"MuJoCo: {warning}")
+        _log.warning("MuJoCo: %s", warning)
+
+
+@contextmanager
 def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[Offscreen]:
     """Open an offscreen context for a model and make it current; free it afterwards.
 
@@ -154,7 +179,8 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         window = platform.GLContext(width_px, height_px)
         window.make_current()
         model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
-        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        with _out_of_memory_raises():
+            context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except (ImportError, AttributeError, RuntimeError, mujoco.FatalError) as problem:
         raise RendererError(f"no offscreen OpenGL ({problem}); {INSTALL_HINT}") from problem
     try:

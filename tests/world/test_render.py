@@ -9,6 +9,7 @@ import pytest
 from conftest import small_scene
 
 from simgrab import geometry
+from simgrab.world import gl
 from simgrab.world.frames import Studio
 from simgrab.world.meshes import grab
 from simgrab.world.model import GRAB
@@ -156,3 +157,12 @@ def test_a_sun_that_does_not_shine_casts_no_shadows_and_none_are_missed():
         np.testing.assert_array_equal(studio.renderer.rgb(), without)
     with Studio(small_scene(light={"sun": 0.5})) as studio:
         assert studio.world.model.light_castshadow.any()
+
+
+def test_opengl_without_memory_for_a_model_raises_before_it_renders(caplog):
+    with gl._out_of_memory_raises():
+        mujoco.get_mju_user_warning()("OpenGL error 0x502 in or before mjr_makeContext")
+    assert "0x502" in caplog.text
+    with pytest.raises(MemoryError, match="0x505"), gl._out_of_memory_raises():
+        mujoco.get_mju_user_warning()("OpenGL error 0x505 in or before mjr_makeContext")
+    assert mujoco.get_mju_user_warning() is None
