@@ -88,7 +88,7 @@ VERBS = {
     "check's baseline": (["check", "smoke", "--update-baseline", "--baseline"], "simgrab.judge.check.gate._instrument"),
     "stress": (["stress", "sigma", "--out"], "simgrab.judge.stress.catalogue.load"),
     "stress --replay": (["stress", "--replay", "sigma", "1", "--out"], "simgrab.judge.stress.catalogue.load"),
-    "paper": (["paper", "--out"], "simgrab.judge.paper.study"),
+    "paper": (["paper", "--out"], "simgrab.judge.paper_run.study"),
     "evaluate": (["evaluate", "none", "none", "--page"], "simgrab.judge.runs.load"),
     "detect": (["detect", "none", "--out"], "simgrab.judge.detections.pictures"),
     "estimate": (["estimate", "none.csv", "--camera", "none", "--figure"], "simgrab.judge.estimate.measure"),

@@ -1,6 +1,8 @@
 """Imports run downwards only: see the table. The instrument never sees the world, its scenes or MuJoCo."""
 
 import ast
+import functools
+import graphlib
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "simgrab"
 GROUND = {
+    "_version",
     "geometry",
     "records",
     "distributions",
@@ -43,6 +46,7 @@ FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender", "embreex"}
 ONLY_TO_TRAINING = {"torch", "onnx", "onnxscript"}
 
 
+@functools.cache
 def imported(source: str) -> set[str]:
     """Dotted names that a module imports, wherever in it."""
     names = set()
@@ -69,13 +73,58 @@ def violations(room: str, source: str) -> set[str]:
     return bad
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_imports_run_downwards(path):
-    relative = path.relative_to(PACKAGE)
-    room = relative.parts[0] if len(relative.parts) > 1 else "ground"
-    if room == "ground" and relative.name in ("__init__.py", "__main__.py", "pytest_plugin.py"):  # the front doors
-        return
-    assert not violations(room, path.read_text(encoding="utf-8"))
+FRONT_DOORS = ("__init__.py", "__main__.py", "pytest_plugin.py")
+
+
+def test_imports_run_downwards():
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        relative = path.relative_to(PACKAGE)
+        room = relative.parts[0] if len(relative.parts) > 1 else "ground"
+        if room != "ground" or relative.name not in FRONT_DOORS:
+            found[str(relative)] = violations(room, path.read_text(encoding="utf-8"))
+    assert len(found) > 200
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+def sources():
+    """Sources of all modules of the package by dotted name."""
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_text(encoding="utf-8")
+    return found
+
+
+def check_cycles(sources):
+    """Raise graphlib.CycleError where modules import each other, wherever in them."""
+    graph = {}
+    for module, source in sources.items():
+        graph[module] = set()
+        for name in imported(source):
+            while name and name not in sources:  # a name within a module
+                name = name.rpartition(".")[0]
+            graph[module] |= {name} - {"", module}
+    graphlib.TopologicalSorter(graph).prepare()
+
+
+def test_no_modules_import_each_other():
+    check_cycles(sources())
+
+
+@pytest.mark.parametrize(
+    ("module", "line"),
+    [
+        ("simgrab.errors", "def f():\n    from simgrab.parse import read_text"),
+        ("simgrab.world.manifest", "from simgrab import __version__"),
+        ("simgrab.judge.stress.page", "from simgrab.judge.stress.laboratory import run"),
+    ],
+)
+def test_a_planted_cycle_is_seen(module, line):
+    planted = sources()
+    planted[module] += f"\n{line}\n"
+    with pytest.raises(graphlib.CycleError):
+        check_cycles(planted)
 
 
 @pytest.mark.parametrize(

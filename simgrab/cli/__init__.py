@@ -13,7 +13,7 @@ from typing import NoReturn
 
 import click
 
-from simgrab import __version__
+from simgrab._version import __version__
 from simgrab.cli._signals import stoppable
 from simgrab.errors import SimgrabError, first_line, memory_problem, shortened
 from simgrab.text import printable

@@ -28,7 +28,8 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     from rich.console import Console
     from rich.table import Table
 
-    from simgrab.judge.paper import PaperSettings, run
+    from simgrab.judge.paper import PaperSettings
+    from simgrab.judge.paper_run import run
     from simgrab.judge.paper_table import INCONSISTENT, rows
     from simgrab.judge.terminal import cell
 

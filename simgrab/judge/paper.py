@@ -6,13 +6,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from simgrab.destination import check_folder
-from simgrab.errors import RunError
-from simgrab.files import drafted
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import Estimator, GeometricMedian, MeanRay, PaperIteration
 from simgrab.judge.paper_law import AXIS_DIRECTION, camera, draw
@@ -196,40 +192,6 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
         mean_cos=float(cos_psi.mean()),
         expected_cos=float(np.cos(settings.beta) * np.exp(-np.mean(alpha**2) / 2)),
     )
-
-
-def run(
-    out: str | Path, settings: PaperSettings | None = None, tell: Callable[[str], None] = lambda _: None
-) -> PaperStudy:
-    """Run the study and write its figures (SVG and PNG) and ``paper.html`` into a folder.
-
-    Parameters
-    ----------
-    out : path
-        Folder, made if there is none.
-    settings : PaperSettings, optional
-    tell : callable
-        Told what is being done.
-
-    Raises
-    ------
-    RunError
-        If nothing can be written there.
-    """
-    from simgrab.judge import paper_figures, paper_page
-
-    folder = Path(out)
-    check_folder(folder, RunError)
-    found = study(settings or PaperSettings(), tell)
-    tell("figures")
-    figures = paper_figures.draw_all(found)
-    for name, figure in figures.items():
-        for ending in ("svg", "png"):
-            with drafted(folder / f"{name}.{ending}") as draft:
-                figure.savefig(draft, format=ending, dpi=130)
-    with drafted(folder / "paper.html") as draft:
-        draft.write_text(paper_page.page(found, figures), encoding="utf-8")
-    return found
 
 
 def _draw(settings: PaperSettings, name: str, frames: int) -> tuple[Array, Array]:

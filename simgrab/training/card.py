@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from simgrab import __version__
+from simgrab._version import __version__
 from simgrab.datasets import Data
 from simgrab.text import markdown as markdown_text
 from simgrab.text import printable

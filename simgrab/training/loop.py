@@ -20,7 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from simgrab import __version__
+from simgrab._version import __version__
 from simgrab.errors import TrainingError
 from simgrab.rng import stream
 from simgrab.training import checkpoint

@@ -7,7 +7,7 @@ import platform
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from simgrab import __version__
+from simgrab._version import __version__
 from simgrab.errors import RendererError
 from simgrab.world import gl
 from simgrab.world.manifest import PACKAGES

@@ -7,7 +7,7 @@ import json
 from importlib.metadata import version
 from typing import Any
 
-from simgrab import __version__
+from simgrab._version import __version__
 from simgrab.scenario import Scenario
 from simgrab.world.gl import Fingerprint
 

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 from scipy import stats
 
-from simgrab import __version__
+from simgrab._version import __version__
 from simgrab.errors import SuiteError
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.judge.check.trial import Trial

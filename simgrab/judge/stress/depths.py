@@ -11,8 +11,7 @@ from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, geometric, rendered, score, situation, study
 from simgrab.judge.stress.axes import AXES
 from simgrab.judge.stress.knobs import Value
-from simgrab.judge.stress.records import Records
-from simgrab.judge.stress.rendered import Picture
+from simgrab.judge.stress.records import Picture, Records
 from simgrab.judge.stress.situation import Situation
 from simgrab.judge.stress.study import Study
 from simgrab.scenario import Scenario

@@ -6,7 +6,6 @@ import functools
 import json
 import shutil
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,14 @@ import msgspec
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from simgrab import __version__, parquet
+from simgrab import parquet
+from simgrab._version import __version__
 from simgrab.destination import check_folder, locked_folder
 from simgrab.errors import StressError
 from simgrab.files import drafted
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
-from simgrab.judge.stress.summary import Moments, Summary, Verdict, judge
+from simgrab.judge.stress.summary import Finding, Moments, Summary, Verdict, judge
 from simgrab.judge.stress.work import Part, check_workers, crew, parts, schema, store
 from simgrab.parse import read_json
 
@@ -32,20 +32,6 @@ _SAME = {
 
 Progress = Callable[[int, int], None]
 STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A finished study: its folder, figures, and how they stand against its limits."""
-
-    path: Path
-    summary: Summary
-    verdicts: tuple[Verdict, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every limit is met."""
-        return all(verdict.passed for verdict in self.verdicts)
 
 
 def run(

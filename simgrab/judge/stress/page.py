@@ -15,7 +15,7 @@ from simgrab.judge.stress.score import MARGIN_DEG
 from simgrab.judge.stress.summary import Summary
 
 if TYPE_CHECKING:
-    from simgrab.judge.stress.laboratory import Finding
+    from simgrab.judge.stress.summary import Finding
 
 _STYLE = """
 td.hot { text-align: right; font-variant-numeric: tabular-nums; } ul { margin: .5rem 0 0; padding-left: 1.2rem; }

@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from simgrab.calibration import Calibration
 from simgrab.geometry import Array
 
 PROBE_ALPHA = math.radians(10.0)
 """The swing that sets off the alarm."""
 PROBES = 72
+
+Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

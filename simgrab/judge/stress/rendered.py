@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.errors import StressError
 from simgrab.geometry import Array, camera_rotation, grab_centre, to_camera
 from simgrab.judge.stress import estimators, study, swings
 from simgrab.judge.stress.knobs import Value
-from simgrab.judge.stress.records import PROBE_ALPHA, PROBES, Records
+from simgrab.judge.stress.records import PROBE_ALPHA, PROBES, Picture, Records
 from simgrab.judge.stress.study import BASE, Study
 from simgrab.judge.stress.swings import Draws, Motion
 from simgrab.scenario import Iid, Scenario
@@ -26,8 +25,6 @@ KEYS = (
     "shutter", "clip.frame_rate_hz", "display",
 )  # fmt: skip
 """Keys of a scenario, or tables of keys, that pictures and their times depend on; and the scene itself."""
-
-Picture = NDArray[np.uint8]
 
 # `simgrab.judge.stress.watch` is imported late: geometric studies do without OpenGL and onnxruntime.
 

@@ -20,8 +20,7 @@ from simgrab.judge.plots import Figure
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.knobs import Value
-from simgrab.judge.stress.records import Records
-from simgrab.judge.stress.rendered import Picture
+from simgrab.judge.stress.records import Picture, Records
 from simgrab.judge.stress.study import Study
 from simgrab.parse import shown
 from simgrab.records import Estimates

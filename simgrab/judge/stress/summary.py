@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -169,3 +170,17 @@ def _consistent(summary: Summary, name: str) -> Iterator[Verdict]:
 
 def _plain(value: Value) -> str:
     return value if isinstance(value, str) else f"{value:g}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finished study: its folder, figures, and how they stand against its limits."""
+
+    path: Path
+    summary: Summary
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit is met."""
+        return all(verdict.passed for verdict in self.verdicts)

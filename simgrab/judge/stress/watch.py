@@ -21,7 +21,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import Pipeline, bundled
 from simgrab.instrument.rope import rope
 from simgrab.instrument.sight import Sighting, look
-from simgrab.judge.stress.rendered import Picture
+from simgrab.judge.stress.records import Picture
 from simgrab.resources import ASSETS
 from simgrab.rng import stream
 from simgrab.scenario import Iid, Scenario
