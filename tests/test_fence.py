@@ -156,6 +156,17 @@ def test_rendering_starts_without_what_only_other_scenes_and_commands_need():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_drawing_figures_leaves_the_users_backend_alone():
+    code = """
+import io, matplotlib
+matplotlib.rcParams["backend"] = "pdf"
+from simgrab.judge.plots import Figure
+Figure().savefig(io.BytesIO(), format="png")
+assert matplotlib.rcParams["backend"] == "pdf" and "matplotlib.pyplot" not in __import__("sys").modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_the_pytest_plugin_is_light():
     # Every run of pytest loads it, where simgrab is installed.
     heavy = {"mujoco", "OpenGL", "torch", "numpy", "cv2", "simgrab.world", "simgrab.judge", "simgrab.instrument"}
