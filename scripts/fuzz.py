@@ -67,7 +67,7 @@ def fuzz(
     out : Path
         Folder of failing inputs.
     made : Path, optional
-        Folder of `scripts.fuzzing.corpus.make`; made anew by default.
+        Folder of `scripts.fuzzing.corpus.make`; by default it is made first.
     limits : Limits, optional
         Of each input.
     progress : callable, optional

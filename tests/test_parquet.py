@@ -106,8 +106,8 @@ def test_a_few_bytes_do_not_take_much_memory(tmp_path):
     for name, size in (("hole", 3 * 2**30), ("larger hole", parquet.MOST_BYTES + 1)):
         with (tmp_path / name).open("wb") as file:
             file.truncate(size)
-    told = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, check=True)
-    found = dict(line.split(": ", 1) for line in told.stdout.splitlines())
+    done = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, check=True)
+    found = dict(line.split(": ", 1) for line in done.stdout.splitlines())
     assert found.keys() == {*BOMBS, "hole", "larger hole"}
     assert "not a parquet file" in found.pop("hole")
     assert "at most 4096 MiB are read" in found.pop("larger hole")

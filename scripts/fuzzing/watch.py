@@ -69,7 +69,7 @@ class Outcome:
 
 
 class Watched:
-    """A process that opens inputs, made anew where it dies. Use as a context manager.
+    """A process that opens inputs, replaced where it dies. Use as a context manager.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def _stop_late_ones() -> None:
 
 
 def _forked() -> None:
-    """Begin anew in a forked process, which has no other thread."""
+    """Start over in a forked process, which has no other thread."""
     global _watches, _lock
     _watches, _lock = False, threading.Lock()
     _under_way.clear()

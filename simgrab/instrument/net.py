@@ -55,7 +55,7 @@ class Net:
     facts : dict
         What simgrab wrote into the file's metadata; empty in others.
     metadata : dict of str to str
-        The file's, whoever wrote it, but for entries of more than `MOST_METADATA` characters.
+        The file's, of any origin, but for entries of more than `MOST_METADATA` characters.
     refuse : callable
         From a message to the error that is raised.
     """

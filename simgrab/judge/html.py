@@ -26,7 +26,7 @@ figcaption { color: #4a535b; font-size: .86rem; }
 
 
 def text(value: object) -> str:
-    """Write text as HTML, whoever chose it: markup stays text, and control characters are shown."""
+    """Write text of any origin as HTML: markup stays text, and control characters are shown."""
     return escape(printable(value))
 
 

@@ -23,7 +23,7 @@ def run(
         Folder, made if there is none.
     settings : PaperSettings, optional
     tell : callable
-        Told what is being done.
+        Called with what is being done.
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -94,9 +95,7 @@ class Run:
     @property
     def failure(self) -> str | None:
         """Why the run measured nothing, in one line; None where at least one frame has an angle."""
-        counts: dict[str, int] = {}
-        for m in self.measurements:
-            counts[m.status] = counts.get(m.status, 0) + 1
+        counts = Counter(m.status for m in self.measurements)
         if "ok" in counts:
             return None
         listed = ", ".join(f"{n} {status}" for status, n in counts.items())

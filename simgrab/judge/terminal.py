@@ -8,5 +8,5 @@ from simgrab.text import printable
 
 
 def cell(text: object) -> str:
-    """Write text for rich, whoever chose it: markup stays text, and control characters are shown."""
+    """Write text of any origin for rich: markup stays text, and control characters are shown."""
     return escape(printable(text))

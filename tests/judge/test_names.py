@@ -21,7 +21,7 @@ SMALLER = SMALL | {"frames": 2, "camera.width_px": 320, "camera.height_px": 180}
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
-def told(*arguments, status=0):
+def output_of(*arguments, status=0):
     """What a command prints."""
     said = CliRunner().invoke(cli, [*map(str, arguments)])
     assert said.exit_code == status, said.output
@@ -39,16 +39,16 @@ def simgrab(*arguments, **env):
 def test_what_is_rendered_can_be_measured_and_compared(tmp_path):
     folder = tmp_path / NAME
     data, video, made = folder / "data", folder / "a.mp4", folder / "run"
-    assert r"w\xff/data/preview.jpg" in told("render", *as_options(SMALLER), "--out", data, "--video", video)
-    assert rf"audit of {tmp_path}/w\xff/data: " in told("audit", data)
-    told("detect", data, "--out", folder / "found.parquet")
+    assert r"w\xff/data/preview.jpg" in output_of("render", *as_options(SMALLER), "--out", data, "--video", video)
+    assert rf"audit of {tmp_path}/w\xff/data: " in output_of("audit", data)
+    output_of("detect", data, "--out", folder / "found.parquet")
     with (folder / "found.parquet").open("rb") as file:
         assert all(r"/w\xff/data/images/" in row for row in pq.read_table(file)["file"].to_pylist())
-    told("run", video, "--out", made, "--quiet", status=1)  # two frames are too few
-    scores = json.loads(told("evaluate", made, video, "--json", "--page", folder / "page.html"))
+    output_of("run", video, "--out", made, "--quiet", status=1)  # two frames are too few
+    scores = json.loads(output_of("evaluate", made, video, "--json", "--page", folder / "page.html"))
     assert scores["run"]["source"] == rf"{tmp_path}/w\xff/a.mp4"
-    told("run", data, "--out", folder / "other", "--quiet", status=1)
-    told("evaluate", folder / "other", data)
+    output_of("run", data, "--out", folder / "other", "--quiet", status=1)
+    output_of("evaluate", folder / "other", data)
 
 
 def test_pictures_of_any_name_are_detected_and_run(tmp_path):
@@ -57,9 +57,9 @@ def test_pictures_of_any_name_are_detected_and_run(tmp_path):
     for raw in (b"\xff.jpg", b"a\nb.jpg"):
         (pictures / os.fsdecode(raw)).write_bytes(cv2.imencode(".jpg", np.full((180, 320, 3), 90, np.uint8))[1])
     Calibration(320, 180, 300.0, 160.0, 90.0).save(tmp_path / "camera.toml")
-    lines = told("detect", pictures, "--json").splitlines()
+    lines = output_of("detect", pictures, "--json").splitlines()
     assert [json.loads(line)["file"] for line in lines] == [f"{pictures}/{name}" for name in names]
-    told("run", pictures, "--camera", tmp_path / "camera.toml", "--out", tmp_path / NAME, "--quiet", status=1)
+    output_of("run", pictures, "--camera", tmp_path / "camera.toml", "--out", tmp_path / NAME, "--quiet", status=1)
     assert runs.load(tmp_path / NAME).names == tuple(names)
     for name in ("angles.csv", "report.html", "run.json"):
         (tmp_path / NAME / name).read_text(encoding="utf-8")

@@ -159,13 +159,13 @@ def test_frames_are_counted_once_when_a_run_goes_on_within_a_clip(tmp_path):
     scene = small_scene(
         frames=6, clip__clip_frames=3, vary={"camera.roll_deg": {"dist": "uniform", "low": 0, "high": 9}}
     )
-    folder, told = tmp_path / "out", []
+    folder, counted = tmp_path / "out", []
     stopping = Stopping(4)
     with pytest.raises(KeyboardInterrupt):
         render(scene, folder, progress=stopping)
-    assert render(scene, folder, resume=True, progress=lambda *counts: told.append(counts)).made == 2
-    assert (told[0], told[-1]) == ((3, 6), (6, 6))
-    assert told == sorted(told)
+    assert render(scene, folder, resume=True, progress=lambda *counts: counted.append(counts)).made == 2
+    assert (counted[0], counted[-1]) == ((3, 6), (6, 6))
+    assert counted == sorted(counted)
 
 
 class Stopping:

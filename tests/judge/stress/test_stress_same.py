@@ -125,9 +125,9 @@ def test_a_study_killed_while_it_cleaned_up_is_finished(tmp_path):
     before = (tmp_path / "focal" / TRIALS).stat().st_mtime_ns
     report = (tmp_path / laboratory.REPORT).read_bytes()
     (tmp_path / "focal" / PARTIAL).mkdir()
-    told = []
-    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: told.append(counts))
-    assert told == [(2, 2)]
+    counted = []
+    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: counted.append(counts))
+    assert counted == [(2, 2)]
     assert not (tmp_path / "focal" / PARTIAL).exists()
     assert (tmp_path / "focal" / TRIALS).stat().st_mtime_ns == before
     assert (tmp_path / laboratory.REPORT).read_bytes() == report
