@@ -25,11 +25,11 @@ import numpy as np
 
 from simgrab import scenes
 from simgrab.scenario import Scenario
-from simgrab.world.folder import Folder
+from simgrab.world.camera.optics import to_linear
 from simgrab.world.frames import Studio
-from simgrab.world.manifest import identity
-from simgrab.world.motion.timeline import Timeline
-from simgrab.world.optics import to_linear
+from simgrab.world.output.folder import Folder
+from simgrab.world.output.manifest import identity
+from simgrab.world.trajectory.clip import Timeline
 
 
 def render(pairs: int, memory_frames: int) -> None:

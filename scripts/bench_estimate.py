@@ -10,7 +10,7 @@ import tracemalloc
 import numpy as np
 
 from simgrab.instrument.estimate import ESTIMATORS, Estimator
-from simgrab.judge.paper_law import camera, draw
+from simgrab.judge.paper.law import camera, draw
 
 FRAMES = 3699  # the paper's video
 PAPER_MS = 28.0

@@ -19,11 +19,11 @@ import msgspec
 from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import drawing
-from simgrab.files import drafted
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
 from simgrab.training import need_torch
-from simgrab.world.dataset import render
+from simgrab.utilities.files import drafted
+from simgrab.world.output.dataset import render
 
 ROOT = Path(__file__).parents[1]
 

@@ -23,12 +23,12 @@ from simgrab import calibration, scenes
 from simgrab.calibration import Calibration
 from simgrab.cli._progress import bar
 from simgrab.instrument.pipeline import bundled
+from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import open_source
-from simgrab.judge.evaluate import evaluate
-from simgrab.judge.evaluate_table import text
-from simgrab.judge.run import measure
+from simgrab.judge.evaluate.evaluation import evaluate
+from simgrab.judge.evaluate.table import text
 from simgrab.rng import stream
-from simgrab.world.dataset import render
+from simgrab.world.output.dataset import render
 
 OFFSET_SD_M = 0.05
 FIXED = {"camera.mount": {"model": "fixed"}, "display.layout": "two-by-four"}

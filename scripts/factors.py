@@ -17,13 +17,14 @@ import click
 import numpy as np
 from scipy import stats
 
-from simgrab import parquet, scenes
+from simgrab import scenes
 from simgrab.distributions import Choice, Constant, Law
 from simgrab.errors import DatasetError
 from simgrab.geometry import Array
 from simgrab.scenario import Factor, Iid, OneOf, Scenario, Variant, variants
-from simgrab.world import swing
-from simgrab.world.moment import Moment
+from simgrab.utilities import parquet
+from simgrab.world.trajectory import iid as swing
+from simgrab.world.trajectory.moment import Moment
 
 ALARM = 0.001  # so rare a draw is worth a look
 DRAWN = 1_000_000  # of a law, to have its distribution function

@@ -22,8 +22,8 @@ from simgrab.instrument.alarm import Rule, events
 from simgrab.instrument.estimate import ESTIMATORS, RopeAware
 from simgrab.instrument.pipeline import INTERVALS, Pipeline
 from simgrab.instrument.read import Reader
-from simgrab.judge import swings
-from simgrab.records import Detection
+from simgrab.judge.evaluate import swings
+from simgrab.records.observations import Detection
 from simgrab.rng import stream
 
 # The records are those of the tests, at full length.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import simgrab
 from simgrab.world.frames import Studio, encode
-from simgrab.world.preview import captioned
+from simgrab.world.output.preview import captioned
 
 DOCS = Path(__file__).parents[1] / "docs"
 SHOWN = {"quay-day": 6, "quay-truck": 3, "hold-coal": 5, "hold-grain": 2, "water-side": 4, "paper-ideal": 1}

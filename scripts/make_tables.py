@@ -9,7 +9,7 @@ from pathlib import Path
 
 from simgrab import scenes
 from simgrab.judge.stress.axes import AXES
-from simgrab.records import columns
+from simgrab.labels.truth import columns
 
 DOCS = Path(__file__).parents[1] / "docs"
 

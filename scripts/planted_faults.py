@@ -20,7 +20,7 @@ from simgrab.instrument.detect import Detector
 from simgrab.instrument.pipeline import Pipeline, bundled
 from simgrab.instrument.read import Reader
 from simgrab.judge.check import baseline, cache, gate, suite
-from simgrab.records import Detection
+from simgrab.records.observations import Detection
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from faults import LongLens, Mirrored  # type: ignore[import-not-found]

@@ -16,13 +16,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from simgrab import datasets
 from simgrab.cli import main as run
 from simgrab.cli._progress import bar
 from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
-from simgrab.judge import detection, detections
-from simgrab.judge.runs import write
+from simgrab.instrument.detect import pictures as detections
+from simgrab.instrument.run.runs import write
+from simgrab.judge.evaluate import detection
+from simgrab.labels import datasets
 
 _WIDTH = 172  # columns of text
 
@@ -37,7 +38,7 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
         elif any(row.split == "train" for row in dataset.rows):
             click.echo(f"{path}: frames of the split train are scored too; --split test leaves them out", err=True)
         with bar(str(path), shown=True) as progress:
-            watched = detections.watch_dataset(dataset, looks, progress)
+            watched = detections.watch_dataset(dataset.path, dataset.rows, looks, progress)
         some += detection.cases(dataset, watched.detections)
         seconds += watched.seconds
     if not some:

@@ -2,8 +2,8 @@
 
     uv run python -m scripts.score_reader [--digits 100000] [--model reader.onnx] [--json scores.json] [DATASET ...]
 
-With DATASETs only these are read. See `simgrab.judge.reading_trial` for how displays are laid on and coded: as JPEG of
-the scene's quality and as H.264 of 2 and 4 Mbit/s, torn ones apart.
+With DATASETs only these are read. See `simgrab.judge.evaluate.reading_trial` for how displays are laid on and coded: as
+JPEG of the scene's quality and as H.264 of 2 and 4 Mbit/s, torn ones apart.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from simgrab import layouts, scenes
 from simgrab.cli import main as run
 from simgrab.instrument.read import BUNDLED, Reader
-from simgrab.judge import reading, reading_trial
-from simgrab.judge.reading import Read
-from simgrab.judge.runs import write
+from simgrab.instrument.run.runs import write
+from simgrab.judge.evaluate import reading, reading_trial
+from simgrab.judge.evaluate.reading import Read
 from simgrab.layouts import Layout
 from simgrab.scenario import Iid
 

@@ -19,9 +19,9 @@ import click
 
 from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.judge.silhouettes import NONE, Difference, grab_shapes, samples_a_pixel, silhouette
+from simgrab.judge.audit.second_renderer import RENDERERS
+from simgrab.judge.audit.silhouettes import NONE, Difference, grab_shapes, samples_a_pixel, silhouette
 from simgrab.world.frames import Studio
-from simgrab.world.second_renderer import RENDERERS
 
 MUJOCO = "MuJoCo"
 LEAST_IOU, MOST_CENTROID_PX = 0.9995, 0.005  # an edge may fall on either side of a sample

@@ -27,7 +27,7 @@ from scripts.training_studies import (
     results,
 )
 from simgrab.cli import main as run
-from simgrab.judge.intervals import clopper_pearson
+from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.training.folder import write as keep
 
 PAGE = Path(__file__).parents[1] / "docs" / "training-studies.md"

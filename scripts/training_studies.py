@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from simgrab import datasets, scenes
+from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import drawing
 from simgrab.errors import TrainingError
@@ -29,8 +29,9 @@ from simgrab.geometry import PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect.bundled import Bundled
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, whole
 from simgrab.instrument.read.reader import NO_DIGIT
-from simgrab.judge import detection
-from simgrab.records import Detection
+from simgrab.judge.evaluate import detection
+from simgrab.labels import datasets
+from simgrab.records.observations import Detection
 from simgrab.rng import stream
 from simgrab.training import loop
 from simgrab.training.detector import cache, evaluate, find
@@ -43,7 +44,7 @@ from simgrab.training.reader.cells import Cells, gather
 from simgrab.training.reader.lenet import LeNet5
 from simgrab.training.reader.task import Digits
 from simgrab.training.recipe import Recipe
-from simgrab.world.dataset import render
+from simgrab.world.output.dataset import render
 
 RATES, OPTIMISERS, FINALS = (0.0005, 0.001, 0.005, 0.01), ("sgd", "adam"), (0.001, 0.005, 0.01)
 COUNTS = (50, 200, 800, 3200, 10_000)

@@ -34,8 +34,8 @@ from simgrab import scenes
 from simgrab.geometry import to_camera
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.scenario import Scenario
-from simgrab.world.export import calibration_of
-from simgrab.world.story import Story
+from simgrab.world.output.export import calibration_of
+from simgrab.world.trajectory.trajectory import Story
 
 # Name, published value, accepted deviation (share of it), format. None where the paper gives words.
 PUBLISHED: list[tuple[str, float | None, float, str]] = [

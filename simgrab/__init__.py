@@ -17,25 +17,25 @@ from typing import TYPE_CHECKING, Any
 from simgrab._version import __version__
 
 if TYPE_CHECKING:
-    from simgrab.datasets import read as open  # noqa: F401
-    from simgrab.judge.audit import audit as audit
+    from simgrab.instrument.run.run import run as run
+    from simgrab.judge.audit.audit import audit as audit
     from simgrab.judge.check.gate import check as check
-    from simgrab.judge.evaluate import evaluate as evaluate
-    from simgrab.judge.run import run as run
+    from simgrab.judge.evaluate.evaluation import evaluate as evaluate
+    from simgrab.labels.datasets import read as open  # noqa: F401
     from simgrab.scenes import load as load
-    from simgrab.world.dataset import render as render
-    from simgrab.world.video.render import render_video as render_video
+    from simgrab.world.output.dataset import render as render
+    from simgrab.world.output.video.render import render_video as render_video
 
 # Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
 _HOME = {
     "load": "simgrab.scenes",
-    "render": "simgrab.world.dataset",
-    "render_video": "simgrab.world.video.render",
-    "open": "simgrab.datasets:read",
-    "audit": "simgrab.judge.audit",
+    "render": "simgrab.world.output.dataset",
+    "render_video": "simgrab.world.output.video.render",
+    "open": "simgrab.labels.datasets:read",
+    "audit": "simgrab.judge.audit.audit",
     "check": "simgrab.judge.check.gate",
-    "run": "simgrab.judge.run",
-    "evaluate": "simgrab.judge.evaluate",
+    "run": "simgrab.instrument.run.run",
+    "evaluate": "simgrab.judge.evaluate.evaluation",
 }
 __all__ = ["__version__", *_HOME]
 

@@ -12,8 +12,8 @@ from simgrab import layouts
 from simgrab.errors import CalibrationError, LayoutError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.layouts import Layout
-from simgrab.parse import read_toml
-from simgrab.strict import Checked, convert
+from simgrab.utilities.parse import read_toml
+from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
 Side = Annotated[int, Meta(ge=1, le=65_536)]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from simgrab.geometry import Array
-from simgrab.strict import Checked
+from simgrab.utilities.strict import Checked
 
 MOST = 1e9
 """Largest magnitude of a value or a weight."""

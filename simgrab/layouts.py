@@ -14,11 +14,11 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
-from simgrab import resources
 from simgrab.errors import LayoutError
-from simgrab.parse import read_toml
-from simgrab.resources import ASSETS, suggestion
-from simgrab.strict import Checked, convert
+from simgrab.utilities import resources
+from simgrab.utilities.parse import read_toml
+from simgrab.utilities.resources import ASSETS, suggestion
+from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
 MOST_PX = 65_536

@@ -14,10 +14,10 @@ import pytest
 
 if TYPE_CHECKING:
     from simgrab.calibration import Calibration
-    from simgrab.datasets import Dataset
     from simgrab.instrument.contract import Frame, Instrument
     from simgrab.judge.check.suite import Limit
-    from simgrab.records import Truth
+    from simgrab.labels.datasets import Dataset
+    from simgrab.labels.truth import Truth
 
 MARKER = "simgrab_limit"
 

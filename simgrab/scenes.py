@@ -10,13 +10,13 @@ from typing import Any
 
 import msgspec
 
-from simgrab import resources
 from simgrab.errors import ScenarioError
-from simgrab.parse import parse_value, read_json, read_toml, shown
-from simgrab.resources import SCENES
 from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
-from simgrab.strict import convert
+from simgrab.utilities import resources
+from simgrab.utilities.parse import parse_value, read_json, read_toml, shown
+from simgrab.utilities.resources import SCENES
+from simgrab.utilities.strict import convert
 
 _REFUSE = functools.partial(ScenarioError, "")
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from simgrab import datasets, labels
 from simgrab.errors import DatasetError
-from simgrab.records import Detection, Reading
+from simgrab.labels import arrays as labels
+from simgrab.labels import datasets
+from simgrab.records.observations import Detection, Reading
 
 
 def digest(picture):

@@ -63,7 +63,7 @@ def crooked_scene():
 @pytest.fixture(scope="session")
 def dataset(scene, tmp_path_factory):
     """A finished small dataset; copy it before changing it."""
-    from simgrab.world.dataset import render
+    from simgrab.world.output.dataset import render
 
     path = tmp_path_factory.mktemp("data") / "small"
     render(scene, path)
@@ -72,7 +72,7 @@ def dataset(scene, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def crooked_dataset(crooked_scene, tmp_path_factory):
-    from simgrab.world.dataset import render
+    from simgrab.world.output.dataset import render
 
     path = tmp_path_factory.mktemp("data") / "crooked"
     render(crooked_scene, path)
@@ -82,7 +82,7 @@ def crooked_dataset(crooked_scene, tmp_path_factory):
 @pytest.fixture(scope="session")
 def split_dataset(tmp_path_factory):
     """Frames in every split, of which some show little or nothing of the grab."""
-    from simgrab.world.dataset import render
+    from simgrab.world.output.dataset import render
 
     path = tmp_path_factory.mktemp("data") / "split"
     law = {"dist": "choice", "values": [0.0, 1.0]}

@@ -2,9 +2,9 @@
 
 import pytest
 
-from simgrab.world.second_renderer.choice import embree_has_wheels
-from simgrab.world.second_renderer.embree_rays import EmbreeRays
-from simgrab.world.second_renderer.pyrender_process import PyrenderProcess
+from simgrab.judge.audit.second_renderer.choice import embree_has_wheels
+from simgrab.judge.audit.second_renderer.embree_rays import EmbreeRays
+from simgrab.judge.audit.second_renderer.pyrender_process import PyrenderProcess
 
 needs_embree = pytest.mark.skipif(not embree_has_wheels(), reason="embreex has no wheels for this machine")
 SECOND_RENDERERS = [

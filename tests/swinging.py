@@ -10,8 +10,8 @@ from simgrab import scenes
 from simgrab.calibration import Calibration
 from simgrab.geometry import to_camera
 from simgrab.instrument.sight import Sighting
-from simgrab.world.export import calibration_of
-from simgrab.world.story import Story
+from simgrab.world.output.export import calibration_of
+from simgrab.world.trajectory.trajectory import Story
 
 
 @dataclass(frozen=True)

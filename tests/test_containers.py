@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab import containers
-from simgrab.containers import Extent, extent
 from simgrab.errors import SourceError
 from simgrab.instrument.video import Video
 from simgrab.scenario import Camera, Clip
-from simgrab.world.video.coder import Coder
+from simgrab.utilities import containers
+from simgrab.utilities.containers import Extent, extent
+from simgrab.world.output.video.coder import Coder
 
 sys.path.insert(0, str(Path(__file__).parent))
 from films import film

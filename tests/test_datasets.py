@@ -14,9 +14,11 @@ import pytest
 from pycocotools.coco import COCO
 
 import simgrab
-from simgrab import calibration, datasets
+from simgrab import calibration
 from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
+from simgrab.labels import datasets
+from simgrab.records import frame_files
 
 
 @pytest.fixture
@@ -104,7 +106,7 @@ def test_a_dataset_may_be_a_link_and_hold_links_within(copy):
 
 def test_paths_that_cannot_be_are_refused_in_one_line(copy):
     for path in ("a" * 300, copy / ("b" * 300), "a\0b"):
-        for read in (datasets.read, datasets.is_dataset):
+        for read in (datasets.read, frame_files.is_dataset):
             with pytest.raises(DatasetError, match=r"cannot read .*: (File name too long|embedded null byte)"):
                 read(path if read is datasets.read else Path(path))
     for name, why in (("c" * 300, "File name too long"), ("a\0b", "embedded null byte")):
@@ -165,7 +167,7 @@ def test_frames_and_times_of_a_clip_increase(copy, columns, why):
 def test_reading_starts_no_threads(dataset):
     """One of Arrow's that lets go of Python's bytes while Python ends aborts the process, now and then."""
     counts = (
-        "import os, sys; from simgrab import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
+        "import os, sys; from simgrab.labels import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
         "before = count(); datasets.read(sys.argv[1]); print(before, count())"
     )
     told = subprocess.run([sys.executable, "-c", counts, str(dataset)], capture_output=True, text=True, check=True)

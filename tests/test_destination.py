@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from simgrab.cli import cli
-from simgrab.destination import check_file, check_folder, check_new_folder
 from simgrab.errors import RunError, SimgrabError
-from simgrab.judge import runs
+from simgrab.instrument.run import runs
+from simgrab.utilities.destination import check_file, check_folder, check_new_folder
 
 AFILE, DANGLING, LONG = "afile", "dangling", "n" * 250
 # By place: what its refusal says. Each is refused as a folder and as a file.
@@ -79,19 +79,22 @@ def test_a_folder_without_permission_is_refused(here):
 
 # By verb: arguments with the place to come, and what must not have been called by then.
 VERBS = {
-    "render": (["render", "--out"], "simgrab.world.crew.vetted"),
-    "render a video": (["render", "--out", "data", "--video"], "simgrab.world.crew.vetted"),
-    "render a video alone": (["render", "--video"], "simgrab.world.crew.vetted"),
+    "render": (["render", "--out"], "simgrab.world.output.workers.vetted"),
+    "render a video": (["render", "--out", "data", "--video"], "simgrab.world.output.workers.vetted"),
+    "render a video alone": (["render", "--video"], "simgrab.world.output.workers.vetted"),
     "run": (["run", "none.mp4", "--out"], "simgrab.instrument.pipeline.assemble"),
     "check": (["check", "smoke", "--out"], "simgrab.judge.check.gate.check"),
     "check's cache": (["check", "smoke", "--cache"], "simgrab.judge.check.gate._instrument"),
     "check's baseline": (["check", "smoke", "--update-baseline", "--baseline"], "simgrab.judge.check.gate._instrument"),
     "stress": (["stress", "sigma", "--out"], "simgrab.judge.stress.catalogue.load"),
     "stress --replay": (["stress", "--replay", "sigma", "1", "--out"], "simgrab.judge.stress.catalogue.load"),
-    "paper": (["paper", "--out"], "simgrab.judge.paper_run.study"),
-    "evaluate": (["evaluate", "none", "none", "--page"], "simgrab.judge.runs.load"),
-    "detect": (["detect", "none", "--out"], "simgrab.judge.detections.pictures"),
-    "estimate": (["estimate", "none.csv", "--camera", "none", "--figure"], "simgrab.judge.estimate.measure"),
+    "paper": (["paper", "--out"], "simgrab.judge.paper.run.study"),
+    "evaluate": (["evaluate", "none", "none", "--page"], "simgrab.instrument.run.runs.load"),
+    "detect": (["detect", "none", "--out"], "simgrab.instrument.detect.pictures.pictures"),
+    "estimate": (
+        ["estimate", "none.csv", "--camera", "none", "--figure"],
+        "simgrab.instrument.estimate.measure.measure",
+    ),
     "train detector": (["train", "detector", "none", "--out"], "simgrab.training.need_torch"),
     "train reader": (["train", "reader", "none", "--out"], "simgrab.training.need_torch"),
 }

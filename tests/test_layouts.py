@@ -13,7 +13,7 @@ from simgrab.calibration import Calibration
 from simgrab.errors import CalibrationError, LayoutError, ScenarioError
 from simgrab.layouts import CLOCK_PATTERN, Layout
 from simgrab.scenario import Scenario
-from simgrab.strict import convert
+from simgrab.utilities.strict import convert
 
 NAMES = ("four-point-four", "two-by-four")
 BASE = msgspec.to_builtins(layouts.load("two-by-four"))

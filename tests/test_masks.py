@@ -8,8 +8,8 @@ import pytest
 from pycocotools import mask as coco_mask
 
 import simgrab
-from simgrab import masks
 from simgrab.errors import DatasetError
+from simgrab.labels import masks
 
 
 def written(mask):

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from simgrab import parquet
 from simgrab.errors import RecordError
+from simgrab.utilities import parquet
 
 COUNT = """
 import pathlib, sys

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from simgrab.errors import PictureError
-from simgrab.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, read
+from simgrab.utilities.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, read
 
 KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
 
@@ -122,7 +122,7 @@ def test_a_picture_that_is_too_large_is_refused_by_its_header(tmp_path, size):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kinds_header_tells_its_size(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr("simgrab.pictures.MOST_SIDE", 40)
+    monkeypatch.setattr("simgrab.utilities.pictures.MOST_SIDE", 40)
     assert "48 x 36 px" in refused(tmp_path / "a", cv2.imencode(kind, rgb())[1].tobytes())
 
 

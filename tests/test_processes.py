@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from simgrab.errors import DatasetError, WorkerError
-from simgrab.processes import ATTEMPTS, Pool, tick
+from simgrab.utilities.processes import ATTEMPTS, Pool, tick
 
 ready = None
 

@@ -21,7 +21,7 @@ from simgrab.instrument.contract import Frame, Measurement
 from simgrab.judge.check.suite import Suite
 from simgrab.scenario import Scenario, merged
 from simgrab.scenes import load
-from simgrab.strict import convert
+from simgrab.utilities.strict import convert
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]

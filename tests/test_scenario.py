@@ -7,9 +7,9 @@ import pytest
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.resources import SCENES
 from simgrab.scenario import Scenario, merged, schema
-from simgrab.strict import convert
+from simgrab.utilities.resources import SCENES
+from simgrab.utilities.strict import convert
 
 BAD = {
     "camera.betta_deg": (1.0, "did you mean 'beta_deg'"),

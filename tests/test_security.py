@@ -8,7 +8,7 @@ import pytest
 
 from simgrab import scenario, scenes
 from simgrab.errors import ScenarioError
-from simgrab.resources import ASSETS, SCENES
+from simgrab.utilities.resources import ASSETS, SCENES
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "simgrab"

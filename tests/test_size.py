@@ -125,7 +125,7 @@ def test_sizes_out_of_range_are_refused(size):
 
 
 def test_labels_of_a_smaller_picture_are_the_same_but_for_scale(dataset, tmp_path):
-    from simgrab.world.dataset import render
+    from simgrab.world.output.dataset import render
 
     render(resized(small_scene(), 240, 135), tmp_path / "half")
     rows, halves = (pq.read_table(p / "labels.parquet").to_pylist() for p in (dataset, tmp_path / "half"))

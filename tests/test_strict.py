@@ -15,7 +15,7 @@ from simgrab.instrument.estimate.follow import Known
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.judge.stress.study import Study, Sweep
 from simgrab.scenario import Camera, Iid, Image, Light, OneOf, Scenario, Vibration
-from simgrab.strict import Checked, convert
+from simgrab.utilities.strict import Checked, convert
 
 CAMERA = calibration.Calibration(640, 480, 500.0, 320.0, 240.0)
 LAYOUT = layouts.load("two-by-four")

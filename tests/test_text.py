@@ -20,17 +20,20 @@ from rich.table import Table
 
 from simgrab import cli, text
 from simgrab.calibration import Calibration
-from simgrab.datasets import Data
 from simgrab.errors import MOST_CHARACTERS, SimgrabError
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.judge import detections, run_page, runs, terminal
-from simgrab.judge import html as pages
+from simgrab.instrument.detect import pictures as detections
+from simgrab.instrument.run import page as run_page
+from simgrab.instrument.run import runs
+from simgrab.instrument.run.run import measure
 from simgrab.judge.check.report import Report, as_junit
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.judge.run import measure
 from simgrab.judge.stress import catalogue, laboratory
 from simgrab.judge.stress import page as stress_page
-from simgrab.records import Detection
+from simgrab.labels.datasets import Data
+from simgrab.pages import html as pages
+from simgrab.pages import terminal
+from simgrab.records.observations import Detection
 from simgrab.training.card import Card, markdown
 
 CAMERA = Calibration(64, 36, 60.0, 32.0, 18.0)

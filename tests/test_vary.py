@@ -10,7 +10,7 @@ from scipy import stats
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Hold, Plain, Scenario, variant, variants
-from simgrab.strict import convert
+from simgrab.utilities.strict import convert
 
 UNIFORM = {"dist": "uniform", "low": 1.0, "high": 5.0}
 PLACES = {

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from simgrab import labels
-from simgrab.records import Detection
+from simgrab.labels import arrays as labels
+from simgrab.records.observations import Detection
 
 
 @dataclasses.dataclass

@@ -21,7 +21,7 @@ from scripts.fuzzing.case import Case, Files
 from simgrab import layouts, scenes
 from simgrab.judge.check import suite
 from simgrab.judge.stress import catalogue
-from simgrab.resources import SCENES
+from simgrab.utilities.resources import SCENES
 
 # Names that a user's files may have; without suffix.
 NAMES = (

@@ -13,26 +13,30 @@ import msgspec
 import numpy as np
 
 from scripts.fuzzing import corpus
-from simgrab import calibration, datasets, layouts, scenes
+from simgrab import calibration, layouts, scenes
 from simgrab.calibration import Calibration
 from simgrab.instrument.detect import detector
+from simgrab.instrument.detect import pictures as detections
 from simgrab.instrument.estimate import ESTIMATORS, follow
+from simgrab.instrument.estimate import measure as judge
+from simgrab.instrument.estimate.table import show
+from simgrab.instrument.run import runs
 from simgrab.instrument.source import Source, fitting, open_source
-from simgrab.judge import detections, runs, truths
-from simgrab.judge import estimate as judge
 from simgrab.judge.check import baseline, suite
-from simgrab.judge.estimate_table import show
-from simgrab.judge.evaluate import evaluate
-from simgrab.judge.evaluate_table import tables
+from simgrab.judge.evaluate import truths
+from simgrab.judge.evaluate.evaluation import evaluate
+from simgrab.judge.evaluate.table import tables
 from simgrab.judge.stress import catalogue, depths
 from simgrab.judge.stress.study import quickened
-from simgrab.records import Detection
+from simgrab.labels import datasets
+from simgrab.records import frame_files
+from simgrab.records.observations import Detection
 from simgrab.scenario import Dynamic, Scenario, variant
 from simgrab.scenario.surroundings import Clutter, Plain
-from simgrab.strict import convert
-from simgrab.world import truth
-from simgrab.world.plan import Plan, draw_up
-from simgrab.world.story import Story
+from simgrab.utilities.strict import convert
+from simgrab.world import label as truth
+from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.trajectory.trajectory import Story
 
 Opener = Callable[[Path, Path], None]
 DECODED = 50  # frames of a video
@@ -170,7 +174,7 @@ def dataset(target: Path, _corpus: Path) -> None:
     for row in found.rows:
         found.weather(row)
         found.is_labelled(row)
-    datasets.picture(found.image(found.rows[0]), found.rows[0])
+    frame_files.picture(found.image(found.rows[0]), found.rows[0])
     open_source(target)
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from simgrab.destination import check_file, check_folder, check_new_folder
 from simgrab.errors import DatasetError, RunError, SimgrabError
+from simgrab.utilities.destination import check_file, check_folder, check_new_folder
 
 
 class _Place(click.Path):

@@ -23,7 +23,7 @@ EXIT = {"passed": 0, "failed": 1, "incomplete": 3}
 @click.option("--quiet", is_flag=True, help="Print nothing but failures.")
 def command(dataset: Path, as_json: bool, quiet: bool) -> None:
     """Prove the labels of DATASET anew. Exit status: 0 passed, 1 failed, 3 a proof could not be made."""
-    from simgrab.judge.audit import audit, summarise
+    from simgrab.judge.audit.audit import audit, summarise
 
     with Progress(console=Console(stderr=True, quiet=quiet or as_json)) as bar:
         tasks: dict[str, int] = {}

@@ -34,12 +34,12 @@ def command(
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
-    from simgrab.destination import check_folder
     from simgrab.errors import SuiteError
     from simgrab.judge.check import gate, report
     from simgrab.judge.check import suite as suites
     from simgrab.judge.check.cache import default
     from simgrab.judge.check.table import show
+    from simgrab.utilities.destination import check_folder
 
     if seeds is not None and not update:
         raise click.UsageError("--seeds is for --update-baseline")

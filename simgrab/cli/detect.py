@@ -26,7 +26,7 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     """
     from simgrab.cli._progress import bar
     from simgrab.instrument.detect import detector
-    from simgrab.judge import detections
+    from simgrab.instrument.detect import pictures as detections
 
     if out:
         detections.check_table(out)

@@ -13,7 +13,7 @@ import click
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def command(as_json: bool) -> None:
     """Say whether this machine can draw, and with what. Exit status: 0 yes, 1 no."""
-    from simgrab.world.doctor import examine
+    from simgrab.judge.doctor import examine
 
     found = examine()
     if as_json:

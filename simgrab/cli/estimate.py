@@ -26,19 +26,19 @@ def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Pat
     (empty where it was not found), |OA| in metres, and seconds. A dataset's labels.parquet will do: the first two may
     be called grab_u_px, grab_v_px.
     """
-    from simgrab.judge import estimate as judge
+    from simgrab.instrument.estimate import measure as judge
 
     beside = file.with_name(f"{file.stem}.estimate.png") if file.name else Path("record.estimate.png")
     target = figure or beside
     if not no_figure:
-        from simgrab.judge import estimate_figure
+        from simgrab.instrument.estimate import figure as estimate_figure
 
         estimate_figure.check(target)
     measured = judge.measure(file, camera, estimator)
     if as_json:
         click.echo(json.dumps(judge.as_json(measured), indent=1))
     else:
-        from simgrab.judge.estimate_table import show
+        from simgrab.instrument.estimate.table import show
 
         show(measured.estimate)
     for warning in measured.warnings:

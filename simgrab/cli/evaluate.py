@@ -24,10 +24,11 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from simgrab.judge import runs, truths
-    from simgrab.judge.evaluate import evaluate
-    from simgrab.judge.evaluate_table import tables
-    from simgrab.judge.terminal import cell
+    from simgrab.instrument.run import runs
+    from simgrab.judge.evaluate import truths
+    from simgrab.judge.evaluate.evaluation import evaluate
+    from simgrab.judge.evaluate.table import tables
+    from simgrab.pages.terminal import cell
 
     made = runs.load(run)
     known = truths.of(made, dataset)
@@ -48,7 +49,7 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
             if each.note:
                 console.print(cell(each.note), highlight=False)
     if html is not None:
-        from simgrab.judge.evaluate_page import page
+        from simgrab.judge.evaluate.page import page
 
         runs.write(html, page(made, known, found))
         click.echo(f"page: {printable(html)}", err=as_json)

@@ -28,10 +28,10 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     from rich.console import Console
     from rich.table import Table
 
-    from simgrab.judge.paper import PaperSettings
-    from simgrab.judge.paper_run import run
-    from simgrab.judge.paper_table import INCONSISTENT, rows
-    from simgrab.judge.terminal import cell
+    from simgrab.judge.paper.paper import PaperSettings
+    from simgrab.judge.paper.run import run
+    from simgrab.judge.paper.table import INCONSISTENT, rows
+    from simgrab.pages.terminal import cell
 
     console = Console()
     study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
@@ -43,7 +43,7 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     for section, text in INCONSISTENT:
         console.print(f"  {section}: {text}", markup=False)
     if grab_width is not None:
-        from simgrab.judge import grab_width as by_width
+        from simgrab.judge.paper import grab_width as by_width
 
         console.print("Section 4.6, comparison by grab width:")
         for line in by_width.tell(by_width.study(grab_width)):

@@ -38,8 +38,8 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
         out = out or Path("runs") / scenario.name
-    from simgrab.world.dataset import Summary, render
-    from simgrab.world.video.render import VideoSummary, render_video
+    from simgrab.world.output.dataset import Summary, render
+    from simgrab.world.output.video.render import VideoSummary, render_video
 
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]

@@ -11,8 +11,8 @@ import click
 from simgrab.cli._options import NEW_FOLDER, PATH
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.estimate import ESTIMATORS
-from simgrab.parse import shown
 from simgrab.text import printable
+from simgrab.utilities.parse import shown
 
 MOST_RATE_HZ = 1000.0
 LONGEST_S = 86_400.0
@@ -74,12 +74,12 @@ def command(
 
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
+    from simgrab.instrument.run.run import Options, run
+    from simgrab.instrument.run.runs import alarms
+    from simgrab.instrument.run.subject import BUNDLED, open_instrument
+    from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
     from simgrab.instrument.source import camera_beside
-    from simgrab.judge.run import Options, run
-    from simgrab.judge.run_table import HEAD, beside_paper, held, measured
-    from simgrab.judge.runs import alarms
-    from simgrab.judge.subject import BUNDLED, open_instrument
-    from simgrab.judge.terminal import cell
+    from simgrab.pages.terminal import cell
 
     chosen: Instrument
     if instrument is not None:

@@ -14,9 +14,9 @@ import msgspec
 
 from simgrab.cli._options import PATH, WORKERS
 from simgrab.cli._resume import resumable
-from simgrab.destination import check_folder
 from simgrab.errors import StressError
 from simgrab.text import printable
+from simgrab.utilities.destination import check_folder
 
 
 @click.command(name="stress")

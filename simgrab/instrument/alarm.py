@@ -13,7 +13,7 @@ from scipy import special
 from simgrab.errors import RunError
 from simgrab.geometry import Array
 from simgrab.instrument.contract import Measurement
-from simgrab.strict import Checked
+from simgrab.utilities.strict import Checked
 
 Meta = msgspec.Meta
 

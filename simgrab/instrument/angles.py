@@ -16,7 +16,7 @@ from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
 from simgrab.instrument.rope import Rope
 from simgrab.instrument.sight import Sighting
-from simgrab.records import Estimate
+from simgrab.records.estimates import Estimate
 
 
 @dataclass(frozen=True)

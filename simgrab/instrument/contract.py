@@ -70,7 +70,8 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
         What was read on the display, four digits, a blank and four digits, with ``?`` for one that was refused; a point
         may stand in a number.
     rope_status : str
-        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.records.Reading`; empty where nothing was to be read.
+        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.records.observations.Reading`; empty where nothing was
+        to be read.
     rope_length_m : float or None
         |OA| that α was computed with.
     """

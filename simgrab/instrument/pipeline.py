@@ -22,7 +22,7 @@ from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
 from simgrab.instrument.sight import Sighting, look, one
-from simgrab.records import Estimate
+from simgrab.records.estimates import Estimate
 
 WITH_DISPLAY, WITHOUT = RopeAware.name, MeanRay.name
 # A crane's cycle takes 60 to 90 s, and swings are driven anew in each: the least that counts as an independent block.

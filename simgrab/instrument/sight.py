@@ -11,7 +11,7 @@ from simgrab.calibration import Calibration
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
-from simgrab.records import Detection, Reading
+from simgrab.records.observations import Detection, Reading
 
 
 class Sighting(msgspec.Struct, frozen=True, gc=False):
@@ -31,7 +31,7 @@ class Sighting(msgspec.Struct, frozen=True, gc=False):
         As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector predicts no other.
     rope_text : str or None
     rope_status, rope_reason : str
-        As in `simgrab.records.Reading`; empty where no display was to be read.
+        As in `simgrab.records.observations.Reading`; empty where no display was to be read.
     hoist_m : float or None
         Hoist rope on the display.
     """

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from simgrab import datasets, pictures
 from simgrab.calibration import Calibration
 from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.video import Stream, Video
-from simgrab.parse import kind_of
+from simgrab.records import frame_files
 from simgrab.text import encodable, printable
+from simgrab.utilities import pictures
+from simgrab.utilities.parse import kind_of
 
 RATE_HZ = 9.0  # of the port's camera, for pictures that say nothing of time
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
@@ -105,7 +106,7 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            return _timed(_dataset(path), rate_hz) if datasets.is_dataset(path) else _folder(path, rate_hz)
+            return _timed(_dataset(path), rate_hz) if frame_files.is_dataset(path) else _folder(path, rate_hz)
     except FileNotFoundError:
         raise SourceError(f"{path}: there is no such file or folder") from None
     except SimgrabError:
@@ -140,8 +141,7 @@ def _timed(source: Source, rate_hz: float | None) -> Source:
 
 def _dataset(path: Path) -> Files:
     """Pictures of a dataset; its independent frames have no time."""
-    dataset = datasets.read(path)
-    rows = dataset.rows
+    rows, labels_sha256 = frame_files.read(path)
     times: list[float | None] = []
     begin, clip = 0.0, rows[0].clip
     for row in rows:
@@ -149,7 +149,7 @@ def _dataset(path: Path) -> Files:
             begin, clip = max((t for t in times if t is not None), default=0.0) + CLIP_GAP_S, row.clip
         times.append(None if row.time_s is None else begin + row.time_s)
     files = tuple(path / row.file for row in rows)
-    return Files(printable(path), files, tuple(times), path, dataset.data.labels_sha256)
+    return Files(printable(path), files, tuple(times), path, labels_sha256)
 
 
 def camera_beside(source: str | Path) -> Path:

@@ -23,12 +23,12 @@ from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
-from simgrab import containers
 from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate.frames import LATEST_S
-from simgrab.pictures import MOST_PIXELS, too_large
 from simgrab.text import printable
+from simgrab.utilities import containers
+from simgrab.utilities.pictures import MOST_PIXELS, too_large
 
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame

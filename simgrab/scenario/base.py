@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from simgrab.strict import Checked
+from simgrab.utilities.strict import Checked
 
 Meta = msgspec.Meta
 Share = Annotated[float, Meta(ge=0, le=1)]

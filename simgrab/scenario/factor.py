@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 
 from simgrab.distributions import MOST_VALUES, Choice, Distribution, Weights
-from simgrab.parse import shown
 from simgrab.scenario.base import Meta
-from simgrab.strict import Checked
+from simgrab.utilities.parse import shown
+from simgrab.utilities.strict import Checked
 
 JOINT = "+"  # between keys that are drawn together
 

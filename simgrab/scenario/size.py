@@ -13,7 +13,7 @@ from simgrab.scenario import vary
 from simgrab.scenario.camera import Camera
 from simgrab.scenario.factor import JOINT
 from simgrab.scenario.whole import Scenario, merged
-from simgrab.strict import convert
+from simgrab.utilities.strict import convert
 
 
 def resized(scenario: Scenario, width_px: int, height_px: int) -> Scenario:

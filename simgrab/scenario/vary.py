@@ -13,7 +13,7 @@ from simgrab.errors import ScenarioError
 from simgrab.rng import stream
 from simgrab.scenario.factor import JOINT, Factor, OneOf, draw, trials
 from simgrab.scenario.whole import Scenario, merged
-from simgrab.strict import convert
+from simgrab.utilities.strict import convert
 
 FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "vary")
 _FIXED_WHY = "cannot vary: one dataset has one of it, by which its frames, files and columns fit together"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from simgrab._version import __version__
-from simgrab.datasets import Data
+from simgrab.labels.datasets import Data
 from simgrab.text import markdown as markdown_text
 from simgrab.text import printable
 from simgrab.training.folder import write

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from simgrab.destination import LOCK, check_folder, locked_folder
 from simgrab.errors import TrainingError
-from simgrab.files import drafted
+from simgrab.utilities.destination import LOCK, check_folder, locked_folder
+from simgrab.utilities.files import drafted
 
 TRACES = ("checkpoint.pt", "*/checkpoint.pt")
 

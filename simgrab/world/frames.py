@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 from simgrab.errors import DatasetError, ScenarioError
-from simgrab.records import Truth
+from simgrab.labels.truth import Truth
 from simgrab.scenario import Scenario, Variant, variant
-from simgrab.world import truth
+from simgrab.world import label as truth
+from simgrab.world.camera.renderer import Renderer, View
 from simgrab.world.gl import Fingerprint
-from simgrab.world.model import World
-from simgrab.world.plan import Plan, draw_up
-from simgrab.world.render import Renderer, View
+from simgrab.world.scenery.model import World
+from simgrab.world.scenery.plan import Plan, draw_up
 from simgrab.world.stage import Stage
-from simgrab.world.story import Story
-from simgrab.world.swing import split
+from simgrab.world.trajectory.iid import split
+from simgrab.world.trajectory.trajectory import Story
 
 DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
 

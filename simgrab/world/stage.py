@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from simgrab.scenario import Variant
-from simgrab.world import model, shutter, truth
-from simgrab.world.picture import Chain
-from simgrab.world.plan import Plan, draw_up
-from simgrab.world.render import Renderer
-from simgrab.world.story import Story
+from simgrab.world import label as truth
+from simgrab.world.camera import shutter
+from simgrab.world.camera.pipeline import Chain
+from simgrab.world.camera.renderer import Renderer
+from simgrab.world.scenery import model
+from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.trajectory.trajectory import Story
 
 
 class Stage:

@@ -21,7 +21,7 @@ from seconds import SECOND_RENDERERS
 from simgrab import __version__, scenes
 from simgrab.cli import cli, main
 from simgrab.errors import SimgrabError, WorkerError
-from simgrab.world.second_renderer import choice, install_hint
+from simgrab.judge.audit.second_renderer import choice, install_hint
 
 
 def run(*arguments):
@@ -155,7 +155,7 @@ def test_what_can_be_taken_up_again_says_how(stop, line, monkeypatch, capsys):
     def render(*_, **__):
         raise stop
 
-    monkeypatch.setattr("simgrab.world.dataset.render", render)
+    monkeypatch.setattr("simgrab.world.output.dataset.render", render)
     monkeypatch.setattr(sys, "argv", ["simgrab", "render", "--frames", "1", "--out", "out"])
     with pytest.raises(SystemExit):
         main()

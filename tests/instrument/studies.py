@@ -19,7 +19,7 @@ from simgrab.instrument.estimate import (
     PendulumSmoother,
     RopeAware,
 )
-from simgrab.records import Estimates, Intervals
+from simgrab.records.estimates import Estimates, Intervals
 from simgrab.rng import stream
 
 H = 1644.82

@@ -6,10 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from simgrab import labels, scenes
+from simgrab import scenes
 from simgrab.instrument.detect import detector
 from simgrab.instrument.detect.boxes import iou
-from simgrab.resources import ASSETS
+from simgrab.labels import arrays as labels
+from simgrab.utilities.resources import ASSETS
 from simgrab.world.frames import Studio
 
 WEIGHTS = ASSETS / "weights"

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration, RopeAware
 from simgrab.instrument.estimate.frames import gravity, groups
 from simgrab.instrument.estimate.intervals import of_scale
-from simgrab.judge.paper import PaperSettings, study
+from simgrab.judge.paper.paper import PaperSettings, study
 
 
 def test_errors_fall_as_the_root_of_n():

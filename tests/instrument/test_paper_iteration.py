@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from simgrab.geometry import vertical_direction
 from simgrab.instrument.estimate import MeanRay, PaperIteration
 from simgrab.instrument.estimate.circular_median import circular_median
-from simgrab.judge.paper_law import AXIS_DIRECTION, camera, draw
+from simgrab.judge.paper.law import AXIS_DIRECTION, camera, draw
 
 BETA, SIGMA, H = np.deg2rad(5.0), np.deg2rad(2.0), 1600.0
 KNOWN = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION)

@@ -18,7 +18,7 @@ from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, rope
-from simgrab.records import Detection, Reading
+from simgrab.records.observations import Detection, Reading
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging

@@ -13,11 +13,12 @@ from simgrab.errors import LayoutError, ReaderError
 from simgrab.instrument.read import BUNDLED, Hoist, Reader, checked, consistent
 from simgrab.instrument.read.crops import crops
 from simgrab.instrument.read.reader import METADATA, reading
-from simgrab.judge import reading_trial
-from simgrab.resources import ASSETS
-from simgrab.world.export import calibration_of
+from simgrab.judge.evaluate import reading_trial
+from simgrab.utilities.resources import ASSETS
+from simgrab.world.camera.overlay import Overlay
 from simgrab.world.frames import Studio
-from simgrab.world.osd import Overlay, Shown
+from simgrab.world.output.export import calibration_of
+from simgrab.world.trajectory.display import Shown
 
 CLOCK = "2022年01月26日 星期三 14:05:37"
 PICTURES = [(name, size) for name in layouts.names() for size in ((1920, 1080), (1280, 720))]

@@ -16,13 +16,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from simgrab import datasets
 from simgrab.calibration import Calibration
 from simgrab.errors import SourceError
 from simgrab.instrument.ahead import ahead
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.source import camera_beside, fitting, open_source
 from simgrab.instrument.video import _Clock
+from simgrab.labels import datasets
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import SIZE, film, picture
@@ -317,7 +317,7 @@ def test_a_video_whose_pictures_are_or_become_too_large(tmp_path, monkeypatch):
     (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
     frames = list(open_source(tmp_path / "a.mjpeg"))
     assert [i for i, frame in enumerate(frames) if frame.picture is None] == [4]
-    monkeypatch.setattr("simgrab.pictures.MOST_PIXELS", 1000)
+    monkeypatch.setattr("simgrab.utilities.pictures.MOST_PIXELS", 1000)
     with pytest.raises(SourceError, match=r"b\.mp4: it has 64 x 36 px; at most"):
         open_source(film(tmp_path / "b.mp4", even(3)))
 

@@ -14,14 +14,14 @@ from seconds import SECOND_RENDERERS
 
 from simgrab import geometry
 from simgrab.errors import DatasetError
-from simgrab.judge import identities
-from simgrab.judge.audit import audit
-from simgrab.judge.proof import Proof
-from simgrab.records import columns
-from simgrab.world import manifest
-from simgrab.world.dataset import render
+from simgrab.judge.audit import identities
+from simgrab.judge.audit.audit import audit
+from simgrab.judge.audit.proof import Proof
+from simgrab.judge.audit.second_renderer import choice, install_hint
+from simgrab.labels.truth import columns
 from simgrab.world.frames import Studio
-from simgrab.world.second_renderer import choice, install_hint
+from simgrab.world.output import manifest
+from simgrab.world.output.dataset import render
 
 
 @pytest.fixture
@@ -83,8 +83,8 @@ def drawn_once(scene, monkeypatch):
             pass
 
     studio = Once(scene)
-    monkeypatch.setattr("simgrab.judge.audit.Studio", lambda _: studio)
-    monkeypatch.setattr("simgrab.judge.silhouettes.compare", lambda *_: Proof("not drawn here", 1))
+    monkeypatch.setattr("simgrab.judge.audit.audit.Studio", lambda _: studio)
+    monkeypatch.setattr("simgrab.judge.audit.silhouettes.compare", lambda *_: Proof("not drawn here", 1))
     yield
     studio.renderer.close()
 
@@ -262,7 +262,7 @@ def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
 
 @pytest.mark.usefixtures("second_renderer")
 def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
-    from simgrab.world.render import Renderer
+    from simgrab.world.camera.renderer import Renderer
 
     right = Renderer.aim
 
@@ -272,14 +272,14 @@ def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
             eye.frustum_center += 0.5 * eye.frustum_near / self.intrinsics.f_px
         return rect
 
-    failed = planted(monkeypatch, tmp_path, "simgrab.world.render.Renderer.aim", shifted)
+    failed = planted(monkeypatch, tmp_path, "simgrab.world.camera.renderer.Renderer.aim", shifted)
     assert list(failed) == ["a second renderer draws the same silhouette"]
 
 
 def test_identities_refuse_small_errors(dataset):
     import msgspec
 
-    from simgrab.records import Truth
+    from simgrab.labels.truth import Truth
 
     rows = [msgspec.convert(r, Truth) for r in pq.read_table(dataset / "labels.parquet").to_pylist()]
     assert identities.paper_identities(rows).status == "passed"

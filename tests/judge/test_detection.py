@@ -7,13 +7,15 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from simgrab import datasets, labels
 from simgrab.cli import cli
 from simgrab.errors import DatasetError, DetectorError
+from simgrab.instrument.detect import pictures as detections
 from simgrab.instrument.source import open_source
-from simgrab.judge import detection, detections
-from simgrab.judge.intervals import clopper_pearson, standard_error
-from simgrab.records import Detection
+from simgrab.judge.evaluate import detection
+from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
+from simgrab.labels import arrays as labels
+from simgrab.labels import datasets
+from simgrab.records.observations import Detection
 
 NONE = Detection("none", "nothing found", 0.1)
 
@@ -235,10 +237,10 @@ def test_the_picture_that_a_detector_cannot_look_at_is_named(known):
 def test_only_the_pictures_that_labels_are_of_are_scored(known, tmp_path):
     shutil.copytree(known.path, tmp_path / "other")
     other = datasets.read(tmp_path / "other")
-    assert detections.watch_dataset(other, Fixed(known)).files == tuple(map(other.image, other.rows))
+    assert detections.watch_dataset(other.path, other.rows, Fixed(known)).files == tuple(map(other.image, other.rows))
     shutil.copy(other.image(other.rows[0]), other.image(other.rows[1]))
     with pytest.raises(DatasetError, match="not the picture that its labels are of"):
-        detections.watch_dataset(other, Fixed(known))
+        detections.watch_dataset(other.path, other.rows, Fixed(known))
 
 
 @pytest.mark.parametrize(

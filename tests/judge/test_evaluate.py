@@ -11,21 +11,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from simgrab import datasets
 from simgrab.cli import cli
 from simgrab.errors import DatasetError, RunError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
-from simgrab.judge import budget, runs, swings, truths
-from simgrab.judge.budget import CHAIN
+from simgrab.instrument.run import runs
+from simgrab.instrument.run.run import Options, run
 from simgrab.judge.check import metrics
 from simgrab.judge.check.trial import flat
-from simgrab.judge.evaluate import evaluate
-from simgrab.judge.evaluate_page import page
-from simgrab.judge.evaluate_table import tables
-from simgrab.judge.run import Options, run
+from simgrab.judge.evaluate import budget, swings, truths
+from simgrab.judge.evaluate.budget import CHAIN
+from simgrab.judge.evaluate.evaluation import evaluate
+from simgrab.judge.evaluate.page import page
+from simgrab.judge.evaluate.table import tables
+from simgrab.labels import datasets
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import needs_chromium, shown
@@ -39,7 +40,7 @@ SIZE = {"camera__width_px": 640, "camera__height_px": 360,
 @pytest.fixture(scope="module")
 def swinging(tmp_path_factory):
     """A dataset and a video of the same twelve seconds: working cycles, a fixed camera, the display."""
-    from simgrab.world.dataset import render
+    from simgrab.world.output.dataset import render
 
     folder = tmp_path_factory.mktemp("swinging")
     scene = small_scene(
@@ -316,7 +317,7 @@ def test_a_tilt_that_was_given_is_given_to_the_chain_too(clean, swinging):
 
 
 def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory):
-    from simgrab.world.dataset import render
+    from simgrab.world.output.dataset import render
 
     data = tmp_path_factory.mktemp("iid") / "data"
     render(small_scene(frames=12, display__layout="two-by-four", **SIZE), data)

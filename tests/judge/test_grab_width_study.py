@@ -6,9 +6,9 @@ import pytest
 from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError
 from simgrab.geometry import camera_rotation, grab_centre, grab_rotation, to_camera
-from simgrab.judge.grab_width import study, tell
-from simgrab.records import KEYPOINT_NAMES
-from simgrab.world.meshes import grab
+from simgrab.judge.paper.grab_width import study, tell
+from simgrab.labels.truth import KEYPOINT_NAMES
+from simgrab.world.scenery.meshes import grab
 
 
 def synthetic(folder, beta_deg, frames=400, k1=-0.1):

@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from simgrab.judge.html import svg
+from simgrab.pages.html import svg
 
 
 def figure():

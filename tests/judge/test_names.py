@@ -14,7 +14,7 @@ from conftest import SMALL, as_options
 
 from simgrab.calibration import Calibration
 from simgrab.cli import cli
-from simgrab.judge import runs
+from simgrab.instrument.run import runs
 
 NAME = os.fsdecode(b"w\xff")
 SMALLER = SMALL | {"frames": 2, "camera.width_px": 320, "camera.height_px": 180}

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from simgrab.geometry import eq1_residual, eq2_cos_alpha
-from simgrab.judge import paper
-from simgrab.judge.paper import PaperSettings
-from simgrab.judge.paper_law import AXIS_DIRECTION, camera, draw
-from simgrab.judge.paper_run import run
-from simgrab.judge.paper_table import INCONSISTENT, rows
+from simgrab.judge.paper import paper
+from simgrab.judge.paper.law import AXIS_DIRECTION, camera, draw
+from simgrab.judge.paper.paper import PaperSettings
+from simgrab.judge.paper.run import run
+from simgrab.judge.paper.table import INCONSISTENT, rows
 
 SMALL = PaperSettings(replications=60, frames=(50, 200, 800), starts_deg=(0, 5, 9, 10, 12))
 

@@ -7,12 +7,12 @@ from scipy import stats
 from simgrab import layouts, scenes
 from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
-from simgrab.judge import reading, reading_trial
-from simgrab.judge.reading import Read, Share
-from simgrab.records import Reading
-from simgrab.world.dataset import render
+from simgrab.judge.evaluate import reading, reading_trial
+from simgrab.judge.evaluate.reading import Read, Share
+from simgrab.records.observations import Reading
+from simgrab.world.camera.overlay import Overlay
 from simgrab.world.frames import encode
-from simgrab.world.osd import Overlay
+from simgrab.world.output.dataset import render
 
 READABLE = {
     "camera.width_px": 640,

@@ -8,8 +8,8 @@ import pytest
 from simgrab.calibration import Calibration
 from simgrab.errors import RunError
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.judge import runs
-from simgrab.judge.run import measure
+from simgrab.instrument.run import runs
+from simgrab.instrument.run.run import measure
 
 CAMERA = Calibration(64, 48, 60.0, 32.0, 24.0)
 

@@ -3,8 +3,8 @@ import json
 
 import pytest
 
-from simgrab.datasets import Data
 from simgrab.instrument.detect.bundled import WEIGHTS
+from simgrab.labels.datasets import Data
 from simgrab.training.card import Card, markdown
 
 

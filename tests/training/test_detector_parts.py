@@ -12,11 +12,12 @@ pytest.importorskip("onnx")
 
 from scipy.special import logit  # noqa: E402
 
-from simgrab import datasets, labels  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect.bundled import lean  # noqa: E402
 from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
-from simgrab.records import Detection  # noqa: E402
+from simgrab.labels import arrays as labels  # noqa: E402
+from simgrab.labels import datasets  # noqa: E402
+from simgrab.records.observations import Detection  # noqa: E402
 from simgrab.rng import stream  # noqa: E402
 from simgrab.training.detector import cache, evaluate, find, nets, refine, settings, settle  # noqa: E402
 from simgrab.training.detector.augment import Dirt, Turn, _hues  # noqa: E402

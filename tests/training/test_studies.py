@@ -12,8 +12,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
 from scripts import training_page, training_studies  # noqa: E402
-from simgrab import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
+from simgrab.labels import datasets  # noqa: E402
 from simgrab.training import folder  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.world.bands import ROWS, each_band, enlarged, share
+from simgrab.world.camera.bands import ROWS, each_band, enlarged, share
 
 
 @pytest.fixture(params=[1, 2, 5])

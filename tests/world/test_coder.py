@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simgrab.scenario import Camera, Clip
-from simgrab.world.video.coder import Coder
+from simgrab.world.output.video.coder import Coder
 
 
 def code(path, pictures, **clip):

@@ -16,10 +16,10 @@ from conftest import SMALL, as_options, small_scene
 
 from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
-from simgrab.judge.audit import audit
-from simgrab.records import columns
-from simgrab.world.dataset import render
-from simgrab.world.folder import Folder
+from simgrab.judge.audit.audit import audit
+from simgrab.labels.truth import columns
+from simgrab.world.output.dataset import render
+from simgrab.world.output.folder import Folder
 
 
 def digest(path: Path) -> dict[str, str]:
@@ -125,7 +125,7 @@ def test_workers_die_with_the_process_that_feeds_them(tmp_path):
 
 def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     folder = Folder(tmp_path / "half")
-    from simgrab.world.manifest import identity
+    from simgrab.world.output.manifest import identity
 
     folder.open(identity(scene), resume=False)
     before = digest(folder.path)
@@ -211,7 +211,7 @@ def test_a_full_disk_is_told_and_survived(dataset, scene, tmp_path, monkeypatch)
 
 
 def test_two_writers_do_not_share_a_folder(scene, tmp_path):
-    from simgrab.world.manifest import identity
+    from simgrab.world.output.manifest import identity
 
     folder = Folder(tmp_path / "shared")
     folder.open(identity(scene), resume=False)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from test_weather import sight
 
-from simgrab.world.weather.drift import SCALE_HEIGHT_M, drift
-from simgrab.world.weather.sight import ray_maps
-from simgrab.world.weather.surface import surface
+from simgrab.world.camera.weather.drift import SCALE_HEIGHT_M, drift
+from simgrab.world.camera.weather.sight import ray_maps
+from simgrab.world.camera.weather.surface import surface
 
 WIND = 15.0 * np.array([np.cos(0.6), np.sin(0.6), 0.0])
 SEEN = sight(0.05)

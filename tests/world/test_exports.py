@@ -12,9 +12,9 @@ import pytest
 from conftest import small_scene
 from pycocotools.coco import COCO
 
-from simgrab.records import KEYPOINT_NAMES, SPLITS
-from simgrab.world.dataset import render
-from simgrab.world.export import yolo_yaml
+from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS
+from simgrab.world.output.dataset import render
+from simgrab.world.output.export import yolo_yaml
 
 
 def boxes(path):

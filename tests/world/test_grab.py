@@ -9,14 +9,14 @@ import pytest
 
 from simgrab import scenes
 from simgrab.scenario import Cargo
-from simgrab.world import model
 from simgrab.world.frames import vet
-from simgrab.world.meshes import grab, linkage
-from simgrab.world.meshes.part import Part
-from simgrab.world.meshes.shells import back_curve
-from simgrab.world.places import fittings
-from simgrab.world.places.ship import HATCH, coaming
-from simgrab.world.plan import draw_up
+from simgrab.world.scenery import model
+from simgrab.world.scenery.meshes import grab, linkage
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.meshes.shells import back_curve
+from simgrab.world.scenery.places import fittings
+from simgrab.world.scenery.places.ship import HATCH, coaming
+from simgrab.world.scenery.plan import draw_up
 
 JAWS = np.linspace(0.0, grab.MAX_JAW, 23)
 

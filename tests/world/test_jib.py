@@ -7,10 +7,10 @@ import pytest
 import trimesh
 
 from simgrab.errors import ScenarioError
-from simgrab.world.clearance import check_camera
-from simgrab.world.meshes.jib import CLEAR_Z, SHEAVE_Z, jib_parts
-from simgrab.world.meshes.part import Part
-from simgrab.world.meshes.ropes import ROPE_EXITS, ROPE_RADIUS
+from simgrab.world.scenery.clearance import check_camera
+from simgrab.world.scenery.meshes.jib import CLEAR_Z, SHEAVE_Z, jib_parts
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.meshes.ropes import ROPE_EXITS, ROPE_RADIUS
 
 CAMERAS = np.array([(0.0, 0.6, -0.3), (0.0, -0.6, -0.3)])
 HANGING = ("floodlights", "lenses")

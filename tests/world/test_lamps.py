@@ -5,7 +5,7 @@ from conftest import small_scene
 from simgrab.errors import ScenarioError
 from simgrab.geometry import camera_rotation
 from simgrab.scenario import Light
-from simgrab.world.lamps import REFERENCE_M, illumination
+from simgrab.world.camera.lamps import REFERENCE_M, illumination
 
 NIGHT = Light(sun=0.0, sky=0.02, floodlights=0.5)
 

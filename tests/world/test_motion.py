@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from simgrab import scenes
 from simgrab.geometry import swing_of
-from simgrab.world.meshes import grab, ropes
-from simgrab.world.moment import STANDARD_GRAVITY
-from simgrab.world.motion.mass import mass_of
-from simgrab.world.motion.noise import noise, von_karman
-from simgrab.world.motion.plant import AIR_KG_M3, SPREAD_M2, TERMINATION_Z_M, Drive, Plant
-from simgrab.world.motion.timeline import Timeline, _begin
-from simgrab.world.motion.work import Work
+from simgrab.world.scenery.meshes import grab, ropes
+from simgrab.world.trajectory.clip import Timeline, _begin
+from simgrab.world.trajectory.mass import mass_of
+from simgrab.world.trajectory.moment import STANDARD_GRAVITY
+from simgrab.world.trajectory.noise import noise, von_karman
+from simgrab.world.trajectory.plant import AIR_KG_M3, SPREAD_M2, TERMINATION_Z_M, Drive, Plant
+from simgrab.world.trajectory.work import Work
 
 STEP = 0.005
 
@@ -272,7 +272,7 @@ def test_fast_slewing_is_a_true_alarm_and_a_gale_alone_is_none(seed):
 
 @pytest.mark.parametrize("clip", [0, 1])
 def test_a_clip_can_be_made_alone_and_begins_the_longer_one(clip):
-    from simgrab.world.story import Story
+    from simgrab.world.trajectory.trajectory import Story
 
     scene = dynamic(frames=40, clip__clip_frames=20, wind__mean_m_s=8.0, forcing__rms_m_s2=0.02)
     story, alone = Story(scene), Story(scene)

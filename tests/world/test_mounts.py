@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from simgrab import geometry
-from simgrab.world.moment import STANDARD_GRAVITY, Tilt
-from simgrab.world.motion.mount import Mount
-from simgrab.world.motion.timeline import Timeline
+from simgrab.world.trajectory.clip import Timeline
+from simgrab.world.trajectory.moment import STANDARD_GRAVITY, Tilt
+from simgrab.world.trajectory.mount import Mount
 
 STEP = 0.02
 

@@ -13,19 +13,11 @@ from simgrab.errors import ScenarioError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import AutoExposure, FixedExposure, Optics, Sensor
-from simgrab.world.optics import (
-    Exposure,
-    ExposureControl,
-    expose,
-    recompress,
-    settled,
-    to_display,
-    to_linear,
-)
-from simgrab.world.optics.exposure import HYSTERESIS_DB
-from simgrab.world.optics.focus import defocus
-from simgrab.world.optics.light import BT709
-from simgrab.world.optics.sensor import normals
+from simgrab.world.camera.optics import Exposure, ExposureControl, expose, recompress, settled, to_display, to_linear
+from simgrab.world.camera.optics.exposure import HYSTERESIS_DB
+from simgrab.world.camera.optics.focus import defocus
+from simgrab.world.camera.optics.light import BT709
+from simgrab.world.camera.optics.sensor import normals
 
 WIDTH, HEIGHT = 480, 270
 PLAIN = Intrinsics(WIDTH, HEIGHT, 411.2, WIDTH / 2, HEIGHT / 2)

@@ -11,11 +11,12 @@ from PIL import Image, ImageDraw, ImageFont
 
 from simgrab import layouts, scenes
 from simgrab.layouts import CLOCK_PATTERN
-from simgrab.resources import ASSETS
 from simgrab.scenario import Display
-from simgrab.world.export import calibration_of
-from simgrab.world.osd import Overlay, Shown, shown
-from simgrab.world.osd.clock import clock_text
+from simgrab.utilities.resources import ASSETS
+from simgrab.world.camera.overlay import Overlay
+from simgrab.world.output.export import calibration_of
+from simgrab.world.trajectory.clock import clock_text
+from simgrab.world.trajectory.display import Shown, shown
 
 FONT = ASSETS / "fonts" / "wqy-microhei-osd.ttf"
 DIGITS = "0123456789"

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from simgrab.rng import stream
 from simgrab.scenario import Hold, Plain, Quay, Water
-from simgrab.world.clearance import HeightMap
-from simgrab.world.meshes.part import Part
-from simgrab.world.places import build
+from simgrab.world.scenery.clearance import HeightMap
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.places import build
 
 HEIGHT = 28.0
 OPTIONS: dict[str, Quay | Hold | Water | Plain] = {

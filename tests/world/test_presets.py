@@ -11,7 +11,7 @@ from test_dataset import digest, simgrab
 
 from simgrab import scenes
 from simgrab.scenario import Scenario, variants
-from simgrab.world.dataset import render
+from simgrab.world.output.dataset import render
 
 PRESETS = ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare")
 KEY = "light+optics+shutter+swing+weather"  # what they differ in

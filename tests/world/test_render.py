@@ -10,12 +10,12 @@ from conftest import small_scene
 
 from simgrab import geometry
 from simgrab.world import gl
+from simgrab.world.camera.renderer import Renderer
 from simgrab.world.frames import Studio
-from simgrab.world.meshes import grab
-from simgrab.world.model import GRAB
-from simgrab.world.render import Renderer
-from simgrab.world.swing import draw
-from simgrab.world.truth import see
+from simgrab.world.label import see
+from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.model import GRAB
+from simgrab.world.trajectory.iid import draw
 
 
 class Spheres:
@@ -110,7 +110,7 @@ def test_the_model_stands_as_the_closed_forms_say(studio):
 
 
 def test_ropes_run_from_the_head_to_the_exits(studio):
-    from simgrab.world.meshes import ropes
+    from simgrab.world.scenery.meshes import ropes
 
     state = studio.aim(2).moment.grab
     pose, data = state.jib_from_grab, studio.renderer.data

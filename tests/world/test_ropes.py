@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.world.meshes.grab import ROPE_TERMINATIONS
-from simgrab.world.meshes.ropes import ROPE_CLASSES_M, ROPE_EXITS, ROPE_RADIUS, rope_part
+from simgrab.world.scenery.meshes.grab import ROPE_TERMINATIONS
+from simgrab.world.scenery.meshes.ropes import ROPE_CLASSES_M, ROPE_EXITS, ROPE_RADIUS, rope_part
 
 
 def test_exits_are_centred_on_the_origin() -> None:

@@ -13,9 +13,9 @@ from seconds import SECOND_RENDERERS, needs_embree
 from scripts.second_renderers import Comparison, compare
 from simgrab import rng
 from simgrab.errors import RendererError
+from simgrab.judge.audit.second_renderer import choice, install_hint, open_second_renderer
 from simgrab.world import gl
 from simgrab.world.frames import Studio
-from simgrab.world.second_renderer import choice, install_hint, open_second_renderer
 
 ROOT = Path(__file__).parents[2]
 F, CX, CY, WINDOW, SAMPLES = 400.0, 33.7, 21.2, (-4, 3, 60, 41), 5

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from simgrab.errors import ScenarioError
 from simgrab.geometry import to_camera
+from simgrab.world.camera.optics.light import to_linear
+from simgrab.world.camera.shutter import MOST_INSTANTS, instants, row_time, row_weights
 from simgrab.world.frames import Studio
-from simgrab.world.optics.light import to_linear
-from simgrab.world.shutter import MOST_INSTANTS, instants, row_time, row_weights
-from simgrab.world.story import Story
+from simgrab.world.trajectory.trajectory import Story
 
 TIMES = st.floats(0.0, 0.04)
 

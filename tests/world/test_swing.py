@@ -5,7 +5,7 @@ from scipy import stats
 
 from simgrab.errors import ScenarioError
 from simgrab.rng import stream
-from simgrab.world.swing import CLOSED, draw, split
+from simgrab.world.trajectory.iid import CLOSED, draw, split
 
 
 @pytest.fixture(scope="module")

@@ -11,19 +11,19 @@ from test_dataset import digest
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.judge.audit import audit
-from simgrab.records import columns
+from simgrab.judge.audit.audit import audit
+from simgrab.labels.truth import columns
 from simgrab.rng import stream
 from simgrab.scenario import variant
-from simgrab.world import crew
-from simgrab.world.clearance import HeightMap
-from simgrab.world.dataset import render
-from simgrab.world.folder import Folder
+from simgrab.world.camera.renderer import NOTHING
 from simgrab.world.frames import Studio
-from simgrab.world.model import GRAB, PLACE, ROPE
-from simgrab.world.parked import parked_grabs
-from simgrab.world.places import build
-from simgrab.world.render import NOTHING
+from simgrab.world.output import workers as crew
+from simgrab.world.output.dataset import render
+from simgrab.world.output.folder import Folder
+from simgrab.world.scenery.clearance import HeightMap
+from simgrab.world.scenery.model import GRAB, PLACE, ROPE
+from simgrab.world.scenery.parked import parked_grabs
+from simgrab.world.scenery.places import build
 
 VARY = {
     "camera.beta_deg": {"dist": "uniform", "low": 0.0, "high": 6.0},
@@ -59,7 +59,7 @@ def test_labels_hold_what_was_drawn(varied):
 
 
 def test_frames_of_a_variant_stay_in_one_split():
-    from simgrab.world.swing import split
+    from simgrab.world.trajectory.iid import split
 
     many = scene(frames=200)
     assert all(split(many, f) == split(many, f + 1) for f in range(0, 200, 2))

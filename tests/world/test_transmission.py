@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 
 from simgrab.scenario import Clip, Scenario
-from simgrab.world.video.transmission import slots
+from simgrab.world.output.video.transmission import slots
 
 
 def plan(**clip):

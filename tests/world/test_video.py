@@ -23,13 +23,13 @@ from conftest import SMALL, as_options, small_scene
 import simgrab
 from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
-from simgrab.records import Truth
+from simgrab.labels.truth import Truth
 from simgrab.scenario import Camera, Scenario
-from simgrab.world.dataset import render
 from simgrab.world.frames import Studio
-from simgrab.world.video.files import Reels
-from simgrab.world.video.film import Shot, film
-from simgrab.world.video.render import render_video
+from simgrab.world.output.dataset import render
+from simgrab.world.output.video.files import Reels
+from simgrab.world.output.video.film import Shot, film
+from simgrab.world.output.video.render import render_video
 
 ROUGH = {
     "frames": 24,

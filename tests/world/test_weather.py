@@ -10,10 +10,10 @@ from simgrab import geometry
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Weather
-from simgrab.world.weather import Lamp, Puff, Sight, air, apply, dust, hidden_fraction, precipitation, streaks
-from simgrab.world.weather.particles import Particles, scatter
-from simgrab.world.weather.sight import distance, ray_maps
-from simgrab.world.weather.surface import surface
+from simgrab.world.camera.weather import Lamp, Puff, Sight, air, apply, dust, hidden_fraction, precipitation, streaks
+from simgrab.world.camera.weather.particles import Particles, scatter
+from simgrab.world.camera.weather.sight import distance, ray_maps
+from simgrab.world.camera.weather.surface import surface
 
 K = Intrinsics(320, 180, 274.0, 160.0, 90.0)
 HEIGHT_M = 28.0

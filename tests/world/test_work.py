@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.world.crew import vetted
-from simgrab.world.meshes.grab import closing_rope_m
-from simgrab.world.motion.axis import Axis, Move
-from simgrab.world.motion.timeline import Timeline
-from simgrab.world.motion.work import OPEN_JAW, Work
+from simgrab.world.output.workers import vetted
+from simgrab.world.scenery.meshes.grab import closing_rope_m
+from simgrab.world.trajectory.axis import Axis, Move
+from simgrab.world.trajectory.clip import Timeline
+from simgrab.world.trajectory.work import OPEN_JAW, Work
 
 
 @given(st.floats(-50, 50), st.floats(0.1, 5), st.floats(0.1, 10), st.floats(0.1, 10))

@@ -37,9 +37,9 @@ from simgrab.instrument.detect.patches import (
     whole,
 )  # fmt: skip
 from simgrab.instrument.net import Net, open_net
-from simgrab.records import Detection
-from simgrab.resources import ASSETS
-from simgrab.strict import Checked, convert
+from simgrab.records.observations import Detection
+from simgrab.utilities.resources import ASSETS
+from simgrab.utilities.strict import Checked, convert
 
 BUNDLED, WEIGHTS = "bundled", ASSETS / "weights"
 # Tasks that the files' metadata names.

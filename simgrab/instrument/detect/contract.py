@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import DetectorError
-from simgrab.records import Detection
+from simgrab.records.observations import Detection
 
 
 class Detector(Protocol):

@@ -29,7 +29,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.patches import Picture, cut, whole
 from simgrab.instrument.net import Net, open_net
-from simgrab.records import Detection
+from simgrab.records.observations import Detection
 from simgrab.text import printable
 
 LEAST_SCORE = 0.25

@@ -16,7 +16,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.frames import Frames, check_record, groups, stretches, tangent_basis
 from simgrab.instrument.estimate.intervals import IntervalSettings
-from simgrab.records import Estimate, Estimates, Intervals
+from simgrab.records.estimates import Estimate, Estimates, Intervals
 
 # Below this scatter (radians; a ten-thousandth of a pixel) all frames are the same frame.
 NO_SCATTER = 1e-7

@@ -17,9 +17,9 @@ from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.contract import alpha_ends
 from simgrab.instrument.estimate.frames import check_record, gravity, groups, tangent_basis
 from simgrab.instrument.estimate.rope_aware import swings
-from simgrab.parse import read_toml
-from simgrab.records import Estimate
-from simgrab.strict import Checked, convert
+from simgrab.records.estimates import Estimate
+from simgrab.utilities.parse import read_toml
+from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -39,7 +39,7 @@ class Known(Checked, frozen=True):
     offset_m : tuple of 3 floats, or None
         Camera centre minus rope exit; None where the estimator knows nothing of it, and takes the camera to be there.
     covariance : list of lists
-        As `simgrab.records.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal quantiles do.
+        As `simgrab.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal quantiles do.
     """
 
     error = CalibrationError

@@ -17,7 +17,7 @@ from simgrab.instrument.estimate.frames import Frames, tilt_of
 from simgrab.instrument.estimate.pendulum import DAMPING, OFFSET, STATE, STIFFNESS, TILT
 from simgrab.instrument.estimate.pendulum_fit import FAST, NOISE, SLOW, Fit, Nodes, Priors, first_path, fit, nodes_of
 from simgrab.instrument.estimate.rope_aware import RopeAware
-from simgrab.records import Estimates, Intervals
+from simgrab.records.estimates import Estimates, Intervals
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array
-from simgrab.records import Reading
+from simgrab.records.observations import Reading
 
 ROUNDING = 1e-9  # of numbers as they are held
 

@@ -10,9 +10,9 @@ from simgrab.errors import ReaderError
 from simgrab.instrument.net import open_net
 from simgrab.instrument.read.crops import INPUT_PX, Crops, Picture, crops, fitted
 from simgrab.layouts import Layout
-from simgrab.parse import parse_json
-from simgrab.records import Reading
-from simgrab.resources import ASSETS
+from simgrab.records.observations import Reading
+from simgrab.utilities.parse import parse_json
+from simgrab.utilities.resources import ASSETS
 
 BUNDLED = ASSETS / "weights" / "reader.onnx"
 METADATA = "simgrab.reader"  # key of the ONNX metadata that holds the threshold

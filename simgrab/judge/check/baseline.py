@@ -24,8 +24,8 @@ from simgrab._version import __version__
 from simgrab.errors import SuiteError
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.judge.check.trial import Trial
-from simgrab.parse import read_json
-from simgrab.strict import convert
+from simgrab.utilities.parse import read_json
+from simgrab.utilities.strict import convert
 
 FILE = "baseline.json"
 FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was

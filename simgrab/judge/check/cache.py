@@ -10,20 +10,20 @@ from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
-from simgrab import datasets
-from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError, RendererError
-from simgrab.files import discard, locked, remove_left
-from simgrab.resources import ASSETS
+from simgrab.judge.doctor import examine
+from simgrab.labels import datasets
+from simgrab.labels.datasets import Dataset
 from simgrab.scenario import Scenario
-from simgrab.world import manifest
-from simgrab.world.dataset import render
-from simgrab.world.doctor import examine
-from simgrab.world.folder import MANIFEST, writing
+from simgrab.utilities.files import discard, locked, remove_left
+from simgrab.utilities.resources import ASSETS
+from simgrab.world.output import manifest
+from simgrab.world.output.dataset import render
+from simgrab.world.output.folder import MANIFEST, writing
 
 PACKAGE = Path(__file__).parents[2]
 # Rooms and assets that change no pixel and no label.
-ELSEWHERE = ("instrument", "judge", "training", "cli")
+ELSEWHERE = ("pages", "instrument", "judge", "training", "cli")
 
 Progress = Callable[[int, int], None]
 
@@ -52,7 +52,7 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
     Raises
     ------
     ScenarioError, DatasetError, RendererError
-        As `simgrab.world.dataset.render`.
+        As `simgrab.world.output.dataset.render`.
     """
     folder = where / f"{scenario.name}-{_key(scenario)}"
     with ExitStack() as stack:

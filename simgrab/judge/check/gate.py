@@ -10,10 +10,9 @@ from pathlib import Path
 
 import msgspec
 
-from simgrab.datasets import Dataset
-from simgrab.destination import check_folder
 from simgrab.errors import InstrumentError, SuiteError
 from simgrab.instrument.contract import Instrument
+from simgrab.instrument.run.subject import checked, open_instrument
 from simgrab.judge.check import baseline as base
 from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
@@ -21,8 +20,9 @@ from simgrab.judge.check.report import Outcome, Report, write
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
-from simgrab.judge.subject import checked, open_instrument
+from simgrab.labels.datasets import Dataset
 from simgrab.text import printable
+from simgrab.utilities.destination import check_folder
 
 Progress = Callable[[str, int, int], None]
 

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-from simgrab.datasets import Dataset
 from simgrab.errors import DatasetError, PictureError, SuiteError
-from simgrab.parse import read_json
-from simgrab.pictures import read as read_picture
-from simgrab.records import Truth
-from simgrab.strict import convert
+from simgrab.labels.datasets import Dataset
+from simgrab.labels.truth import Truth
+from simgrab.utilities.parse import read_json
+from simgrab.utilities.pictures import read as read_picture
+from simgrab.utilities.strict import convert
 
 FILE = "golden.json"
 TILES = 8

@@ -1,9 +1,9 @@
-"""Names of the metrics that a suite may limit: the numbers of `simgrab.judge.evaluate.evaluate`, by dotted name."""
+"""Names of the metrics that a suite may limit: the numbers of `simgrab.evaluate`, by dotted name."""
 
 from __future__ import annotations
 
-from simgrab.judge.detection import ROPE_BINS_M
-from simgrab.resources import suggestion
+from simgrab.judge.evaluate.detection import ROPE_BINS_M
+from simgrab.utilities.resources import suggestion
 
 _ERRORS = ("frames", "bias_deg", "rmse_deg", "p95_deg", "max_deg")
 _MEAN = ("mean_px", "se_px", "mean_share")

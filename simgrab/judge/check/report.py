@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import SuiteError
-from simgrab.files import drafted
 from simgrab.judge.check.trial import Metrics
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.parse import read_json
+from simgrab.utilities.files import drafted
+from simgrab.utilities.parse import read_json
 
 RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
 

@@ -9,14 +9,15 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 
-from simgrab import resources, scenes
+from simgrab import scenes
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.judge.check.metrics import unknown
-from simgrab.parse import read_toml
-from simgrab.resources import SCENES
 from simgrab.scenario import Scenario
-from simgrab.strict import Checked, convert
 from simgrab.text import printable
+from simgrab.utilities import resources
+from simgrab.utilities.parse import read_toml
+from simgrab.utilities.resources import SCENES
+from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
 T = TypeVar("T", bound=msgspec.Struct)

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.judge.terminal import cell
+from simgrab.pages.terminal import cell
 
 LEAST_WIDTH = 110  # of a log, which tells no width
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}

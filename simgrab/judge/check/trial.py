@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from simgrab import calibration
-from simgrab.datasets import Dataset
 from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Instrument
+from simgrab.instrument.run.run import measure
+from simgrab.instrument.run.subject import told
 from simgrab.instrument.source import open_source
-from simgrab.judge.evaluate import evaluate
-from simgrab.judge.run import measure
-from simgrab.judge.subject import told
+from simgrab.judge.evaluate.evaluation import evaluate
+from simgrab.labels.datasets import Dataset
 
 Metrics = Mapping[str, float | None]
 
@@ -51,7 +51,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     Returns
     -------
     mapping of str to float or None
-        What `simgrab.judge.evaluate.evaluate` says, by dotted name.
+        What `simgrab.judge.evaluate.evaluation.evaluate` says, by dotted name.
 
     Raises
     ------

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simgrab import resources
 from simgrab.errors import StressError
 from simgrab.judge.stress import depths, estimators
 from simgrab.judge.stress.axes import AXES
 from simgrab.judge.stress.study import Study
-from simgrab.parse import read_toml
-from simgrab.resources import SCENES
-from simgrab.strict import convert
+from simgrab.utilities import resources
+from simgrab.utilities.parse import read_toml
+from simgrab.utilities.resources import SCENES
+from simgrab.utilities.strict import convert
 
 STUDIES = SCENES / "studies"
 Depth = depths.Depth[Any]

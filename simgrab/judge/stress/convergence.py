@@ -14,7 +14,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.frames import groups, tangent_basis
 from simgrab.judge.stress.records import Records
-from simgrab.records import Estimates
+from simgrab.records.estimates import Estimates
 
 COLUMNS = MappingProxyType(
     {

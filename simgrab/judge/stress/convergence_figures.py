@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from simgrab.geometry import Array
-from simgrab.judge.plots import Axes, Figure, rc_context
 from simgrab.judge.stress.convergence import population, starts_at_zero
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.laws import KURTOSIS
 from simgrab.judge.stress.summary import Summary
+from simgrab.pages.plots import Axes, Figure, rc_context
 
 
 def values(summary: Summary, axis: str) -> tuple[Value, ...]:

@@ -14,7 +14,7 @@ from simgrab.errors import StressError
 from simgrab.geometry import Array
 from simgrab.instrument.estimate import ESTIMATORS, Estimator
 from simgrab.judge.stress.records import Records
-from simgrab.records import Estimate, Estimates, Intervals
+from simgrab.records.estimates import Estimate, Estimates, Intervals
 
 
 @runtime_checkable

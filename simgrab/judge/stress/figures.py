@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.judge.plots import Axes, Figure, rc_context
 from simgrab.judge.stress import words
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import axis_of
 from simgrab.judge.stress.summary import Point, Summary
+from simgrab.pages.plots import Axes, Figure, rc_context
 from simgrab.text import printable
 
 COLOURS = ("#1f5a8a", "#c8551b", "#3b7d4f", "#7a4a9e", "#8a8f94", "#b0902a", "#2a9d9d")

@@ -13,16 +13,16 @@ import msgspec
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from simgrab import parquet
 from simgrab._version import __version__
-from simgrab.destination import check_folder, locked_folder
 from simgrab.errors import StressError
-from simgrab.files import drafted
 from simgrab.judge.stress import depths
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Finding, Moments, Summary, Verdict, judge
 from simgrab.judge.stress.work import Part, check_workers, crew, parts, schema, store
-from simgrab.parse import read_json
+from simgrab.utilities import parquet
+from simgrab.utilities.destination import check_folder, locked_folder
+from simgrab.utilities.files import drafted
+from simgrab.utilities.parse import read_json
 
 _SAME = {
     "digest": "its settings differ",

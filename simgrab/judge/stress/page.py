@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simgrab.files import drafted
-from simgrab.judge.html import page, svg, table, text
 from simgrab.judge.stress import convergence_figures, figures
 from simgrab.judge.stress.score import MARGIN_DEG
 from simgrab.judge.stress.summary import Summary
+from simgrab.pages.html import page, svg, table, text
+from simgrab.utilities.files import drafted
 
 if TYPE_CHECKING:
     from simgrab.judge.stress.summary import Finding

@@ -11,19 +11,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simgrab.destination import check_file
 from simgrab.errors import StressError
-from simgrab.files import drafted
 from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
-from simgrab.judge.plots import Figure
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.records import Picture, Records
 from simgrab.judge.stress.study import Study
-from simgrab.parse import shown
-from simgrab.records import Estimates
+from simgrab.pages.plots import Figure
+from simgrab.records.estimates import Estimates
+from simgrab.utilities.destination import check_file
+from simgrab.utilities.files import drafted
+from simgrab.utilities.parse import shown
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.estimate.frames import Frames, gravity, mount_from_camera
 from simgrab.instrument.estimate.rope_aware import swings
 from simgrab.judge.stress.records import PROBE_ALPHA, Records
-from simgrab.records import Estimates
+from simgrab.records.estimates import Estimates
 
 MARGIN_DEG = 1.0
 """How far beyond the alarm's limit a swing is that must be heard, and how far within one that must not."""

@@ -194,7 +194,7 @@ def told(situation: Situation, draws: Draws, rope: Array) -> Array:
 
 def _physics(situation: Situation, draws: Draws) -> Motion:
     """Let the world move grab and camera: replication k is clip k of the scene."""
-    from simgrab.world.motion.timeline import Timeline
+    from simgrab.world.trajectory.clip import Timeline
 
     attitude, frames = situation.attitude, draws.frames
     scenario = scenes.load(

@@ -21,14 +21,14 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import Pipeline, bundled
 from simgrab.instrument.rope import rope
 from simgrab.instrument.sight import Sighting, look
+from simgrab.judge.doctor import examine
 from simgrab.judge.stress.records import Picture
-from simgrab.resources import ASSETS
 from simgrab.rng import stream
 from simgrab.scenario import Iid, Scenario
-from simgrab.world import preview
-from simgrab.world.doctor import examine
-from simgrab.world.export import calibration_of
+from simgrab.utilities.resources import ASSETS
 from simgrab.world.frames import Drawn, Studio, encode
+from simgrab.world.output import preview
+from simgrab.world.output.export import calibration_of
 
 MOST_SHOWN = 8
 _INSET_PX, _ZOOM = 100, 2

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from simgrab import parquet
 from simgrab.errors import StressError
-from simgrab.files import drafted
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.study import Study
-from simgrab.processes import Pool
+from simgrab.utilities import parquet
+from simgrab.utilities.files import drafted
+from simgrab.utilities.processes import Pool
 
 MOST_SLOW_TRIALS = 4
 # One thread a process: more would only get in each other's way.

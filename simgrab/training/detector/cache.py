@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.datasets import Dataset, picture
 from simgrab.errors import TrainingError
-from simgrab.files import drafted_folder
 from simgrab.instrument.detect.patches import Patch, Picture
-from simgrab.parse import read_json
-from simgrab.records import Truth
+from simgrab.labels.datasets import Dataset
+from simgrab.labels.truth import Truth
+from simgrab.records.frame_files import picture
+from simgrab.utilities.files import drafted_folder
+from simgrab.utilities.parse import read_json
 
 Progress = Callable[[int, int], None]
 _MOST_BYTES = 4 * 2**30  # of the list of patches

@@ -15,12 +15,11 @@ import msgspec
 import numpy as np
 import torch
 
-from simgrab import datasets
 from simgrab.errors import TrainingError
-from simgrab.files import scratch
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
+from simgrab.labels import datasets
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
@@ -28,6 +27,7 @@ from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
 from simgrab.training.device import named
 from simgrab.training.folder import check, claim
+from simgrab.utilities.files import scratch
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # pictures find looks at at once

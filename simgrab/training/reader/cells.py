@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab import scenes
-from simgrab.datasets import Dataset, picture
 from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
+from simgrab.labels.datasets import Dataset
 from simgrab.layouts import Layout, Rectangle
+from simgrab.records.frame_files import picture
 from simgrab.rng import stream
 from simgrab.scenario import variants
 

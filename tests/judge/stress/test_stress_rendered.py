@@ -26,7 +26,7 @@ from simgrab.judge.stress.laboratory import PARTIAL, STUDY, TRIALS
 from simgrab.judge.stress.study import quickened, situation
 from simgrab.judge.stress.watch import Watched, watch
 from simgrab.judge.stress.work import make, parts, store
-from simgrab.world.dataset import render
+from simgrab.world.output.dataset import render
 
 TINY = {
     "place.model": "plain", "camera.width_px": 480, "camera.height_px": 270, "camera.focal.model": "pixels",

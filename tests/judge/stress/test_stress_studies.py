@@ -15,7 +15,7 @@ from simgrab.instrument.estimate import MeanRay
 from simgrab.judge.stress import catalogue, estimators, geometric
 from simgrab.judge.stress.catalogue import STUDIES
 from simgrab.judge.stress.study import quickened, situation
-from simgrab.records import Estimate
+from simgrab.records.estimates import Estimate
 
 GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
 BAD = {

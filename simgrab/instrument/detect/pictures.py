@@ -1,0 +1,189 @@
+"""Let a detector look at pictures, and keep what it says as a table."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from simgrab.errors import DatasetError, DetectorError
+from simgrab.instrument.detect import Detector
+from simgrab.instrument.detect.patches import Picture
+from simgrab.records import frame_files
+from simgrab.records.observations import Detection
+from simgrab.text import cell, encodable
+from simgrab.utilities import parquet
+from simgrab.utilities.destination import check_file
+from simgrab.utilities.files import drafted
+from simgrab.utilities.pictures import SUFFIXES
+from simgrab.utilities.pictures import of as files_of
+from simgrab.utilities.pictures import read as read_picture
+
+Progress = Callable[[int, int], None]
+TABLES = (".parquet", ".csv")
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a detector said of pictures.
+
+    Attributes
+    ----------
+    detector : str
+    files : tuple of Path
+    detections : tuple of Detection
+    seconds : tuple of float
+        From decoded picture to detection.
+    """
+
+    detector: str
+    files: tuple[Path, ...]
+    detections: tuple[Detection, ...]
+    seconds: tuple[float, ...]
+
+
+def watch(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Watched:
+    """Let a detector look at picture files.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    detector : Detector
+    progress : callable, optional
+        Called with (pictures done, pictures in all).
+
+    Returns
+    -------
+    Watched
+
+    Raises
+    ------
+    DatasetError, DetectorError
+        If one cannot be read, or looked at; says which.
+    """
+    return _watch(files, map(read_picture, files), detector, progress)
+
+
+def watch_dataset(
+    path: Path, rows: Sequence[frame_files.Row], detector: Detector, progress: Progress | None = None
+) -> Watched:
+    """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `watch`."""
+    files = [path / row.file for row in rows]
+    return _watch(files, map(frame_files.picture, files, rows), detector, progress)
+
+
+def _watch(files: Sequence[Path], seen: Iterable[Picture], detector: Detector, progress: Progress | None) -> Watched:
+    detections, seconds = [], []
+    for path, picture in zip(files, seen, strict=True):
+        start = time.perf_counter()
+        try:
+            detections.append(detector(picture))
+        except DetectorError as problem:
+            raise DetectorError(f"{path}: {problem}") from None
+        seconds.append(time.perf_counter() - start)
+        if progress:
+            progress(len(detections), len(files))
+    return Watched(detector.name, tuple(files), tuple(detections), tuple(seconds))
+
+
+def pictures(source: str | Path) -> tuple[Path, ...]:
+    """Pictures of a dataset by frame, of a folder by the numbers in their names, or one.
+
+    Raises
+    ------
+    DatasetError
+        If there is none.
+    """
+    source = Path(source)
+    if frame_files.is_dataset(source):
+        return tuple(source / row.file for row in frame_files.read(source)[0])
+    if source.is_file():
+        return (source,)
+    if not source.exists():
+        raise DatasetError(f"{source}: there is no such file or folder")
+    files = files_of(source)
+    if not files:
+        raise DatasetError(f"{source} is no dataset, and holds no {', '.join(SUFFIXES)}")
+    return files
+
+
+def rows(watched: Watched) -> list[dict[str, Any]]:
+    """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box's where the detector tells no other."""
+    return [
+        {"file": encodable(path)} | _row(found) | {"seconds": seconds}
+        for path, found, seconds in zip(watched.files, watched.detections, watched.seconds, strict=True)
+    ]
+
+
+def centre(found: Detection) -> Any:
+    """Grab centre of a detection, the box's where it tells no other, (2,), px; NaN where nothing was found."""
+    if found.centre is not None:
+        return found.centre
+    return np.full(2, np.nan) if found.box is None else (found.box[:2] + found.box[2:]) / 2
+
+
+def _row(found: Detection) -> dict[str, Any]:
+    def spread(names: Sequence[str], values: Any) -> dict[str, float | None]:
+        return {
+            name: None if values is None else float(v) for name, v in zip(names, _filled(values, names), strict=True)
+        }
+
+    edges = ("x0", "y0", "x1", "y1")
+    where = centre(found) if found.found else None
+    return {
+        "status": found.status, "reason": encodable(found.reason), "score": found.score,
+        **spread([f"box_{e}_px" for e in edges], found.box),
+        **spread(("u_px", "v_px"), where),
+        **spread([f"box_{e}_sd_px" for e in edges], found.box_sd_px),
+        **spread(("u_sd_px", "v_sd_px"), found.centre_sd_px),
+        "yaw_deg": None if found.yaw is None else float(np.rad2deg(found.yaw)),
+        "yaw_sd_deg": None if found.yaw_sd is None else float(np.rad2deg(found.yaw_sd)),
+    }  # fmt: skip
+
+
+def _filled(values: Any, names: Sequence[str]) -> Any:
+    return np.zeros(len(names)) if values is None else values
+
+
+def check_table(path: Path) -> None:
+    """Refuse, before pictures are looked at, a table that cannot be written.
+
+    Raises
+    ------
+    DatasetError
+    """
+    if path.suffix.lower() not in TABLES:
+        raise DatasetError(f"{path}: a table of detections ends in {' or '.join(TABLES)}")
+    check_file(path, DatasetError)
+
+
+def save(watched: Watched, path: str | Path) -> None:
+    """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads as they are; all of them or no file.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written.
+    """
+    path = Path(path)
+    check_table(path)
+    table = rows(watched)
+    try:
+        with drafted(path) as draft:
+            if path.suffix.lower() == ".parquet":
+                parquet.write(pa.Table.from_pylist(table), draft)
+            else:
+                with draft.open("w", newline="", encoding="utf-8") as file:
+                    writer = csv.DictWriter(file, table[0].keys())
+                    writer.writeheader()
+                    writer.writerows(
+                        {key: cell(v) if isinstance(v, str) else v for key, v in row.items()} for row in table
+                    )
+    except OSError as problem:
+        raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None

@@ -1,0 +1,148 @@
+"""One record from file to figure: what `simgrab estimate` does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgrab import calibration as camera_file
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError
+from simgrab.geometry import Array
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
+from simgrab.instrument.estimate.tables import PixelRecord, read_record
+from simgrab.records.estimates import Estimate, Intervals
+
+# Diagnostics that are in radians, or in radians squared.
+_ANGLES = ("beta_history", "lean_sd")
+_SQUARED_ANGLES = ("sigma2_history",)
+# An offset that looks like less tilt than this is not worth a warning.
+_LOOKS_LIKE = np.deg2rad(0.1)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A record, the camera it was seen by, what was made of it, and what to beware of, a line each."""
+
+    record: PixelRecord
+    calibration: Calibration
+    estimate: Estimate
+    warnings: tuple[str, ...] = ()
+
+
+def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> Measured:
+    """Estimate tilt and swing from a file.
+
+    Parameters
+    ----------
+    path : path
+        CSV or parquet with columns ``u_px, v_px[, rope_length_m, time_s]`` or a dataset's ``labels.parquet``; an empty
+        pixel is a missing frame.
+    camera : path
+        Camera TOML.
+    estimator : str
+        A name in `simgrab.instrument.estimate.ESTIMATORS`.
+
+    Raises
+    ------
+    RecordError, CalibrationError
+        One line with the file and the row or column.
+    """
+    if estimator not in ESTIMATORS:
+        raise RecordError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
+    kind = ESTIMATORS[estimator]
+    calibration = camera_file.load(camera)
+    record = read_record(path, calibration, rope=kind.needs_rope, time=kind.needs_time)
+    present = int(np.isfinite(record.pixels).all(axis=-1).sum())
+    if present < kind.parameters:
+        raise RecordError(
+            f"{path}: {present} of {len(record.pixels)} rows have a pixel; {estimator} needs at least "
+            f"{kind.parameters}, one for each parameter"
+        )
+    found = kind().estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
+    warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
+    return Measured(record, calibration, found, warnings)
+
+
+def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
+    """Warn of a stated offset that an estimator without the rope's length takes for tilt."""
+    across = float(np.hypot(*calibration.offset_m[:2]))
+    if record.rope_length is None:
+        if across == 0:
+            return ()
+        looks = "looks like tilt"
+    else:
+        shortest = float(record.rope_length.min())
+        angle = np.arctan2(across, shortest)
+        if angle <= _LOOKS_LIKE:
+            return ()
+        looks = f"looks like up to {np.rad2deg(angle):.1f} deg of tilt on ropes from {shortest:.1f} m"
+    return (
+        f"the camera file's offset of {across:.2f} m {looks}, which {estimator} cannot tell apart and its intervals "
+        "leave out; rope-aware can, from rope_length_m",
+    )
+
+
+def as_json(measured: Measured) -> dict[str, Any]:
+    """Plain data in degrees, with null for what is not there; every frame's α as well."""
+    estimate = measured.estimate
+    plain = estimate_json(estimate) | {"warnings": list(measured.warnings), "alpha_deg": _degrees(estimate.alpha)}
+    plain["intervals"] = [_interval(i) | {"alpha_deg": _degrees(i.alpha)} for i in estimate.intervals]
+    return plain
+
+
+def estimate_json(estimate: Estimate) -> dict[str, Any]:
+    """Plain data in degrees of what an estimate says of the record as a whole."""
+    return {
+        "estimator": estimate.estimator,
+        "status": estimate.status,
+        "reason": estimate.reason,
+        "frames": estimate.frames,
+        "beta_deg": _degrees(estimate.beta),
+        "tilt_azimuth_deg": _degrees(estimate.tilt_azimuth),
+        "sigma_deg": _degrees(estimate.sigma),
+        "offset_m": _plain(estimate.offset),
+        "intervals": [_interval(interval) for interval in estimate.intervals],
+        "diagnostics": _diagnostics(estimate.diagnostics),
+    }
+
+
+def _interval(interval: Intervals) -> dict[str, Any]:
+    return {
+        "kind": interval.kind,
+        "level": interval.level,
+        "beta_deg": _degrees(interval.beta),
+        "sigma_deg": _degrees(interval.sigma),
+        "blocks": interval.blocks,
+        "note": interval.note,
+    }
+
+
+def _diagnostics(diagnostics: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain diagnostics; the angles among them become degrees and their names say so."""
+    result = {}
+    for name, value in diagnostics.items():
+        if name in _ANGLES:
+            result[f"{name}_deg"] = _degrees(value)
+        elif name in _SQUARED_ANGLES:
+            result[f"{name}_deg2"] = _plain(np.rad2deg(np.rad2deg(value)))
+        else:
+            result[name] = _plain(value)
+    return result
+
+
+def _degrees(value: float | Array | None) -> Any:
+    return None if value is None else _plain(np.rad2deg(value))
+
+
+def _plain(value: Any) -> Any:
+    if value is None:
+        return None
+    if isinstance(value, np.ndarray) and value.ndim:
+        return [_plain(v) for v in value]
+    number = value.item() if isinstance(value, np.generic | np.ndarray) else value
+    return None if isinstance(number, float) and not np.isfinite(number) else number

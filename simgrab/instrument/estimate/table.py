@@ -1,0 +1,55 @@
+"""The table of `simgrab estimate`."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from simgrab.geometry import Array
+from simgrab.pages.terminal import cell
+from simgrab.records.estimates import Estimate, Intervals
+
+
+def show(estimate: Estimate, console: Console | None = None) -> None:
+    """Print an estimate, or why there is none."""
+    console = console or Console()
+    if not estimate.ok:
+        console.print(cell(f"{estimate.estimator}: refused. {estimate.reason}"), soft_wrap=True)
+        return
+    assert estimate.beta is not None
+    assert estimate.tilt_azimuth is not None
+    assert estimate.sigma is not None
+    assert estimate.alpha is not None
+    table = Table(title=f"{estimate.estimator}, {estimate.frames} frames", title_justify="left")
+    table.add_column("")
+    table.add_column("estimate", justify="right")
+    kinds = [i for i in estimate.intervals if i.sigma is not None]
+    for interval in kinds:
+        table.add_column(_heading(interval), justify="center")
+    table.add_row("tilt β (deg)", f"{np.rad2deg(estimate.beta):.3f}", *(_ends(i.beta) for i in kinds))
+    table.add_row("tilt azimuth (deg)", f"{np.rad2deg(estimate.tilt_azimuth):.2f}", *("" for _ in kinds))
+    table.add_row("swing σ (deg)", f"{np.rad2deg(estimate.sigma):.3f}", *(_ends(i.sigma) for i in kinds))
+    alpha = np.rad2deg(estimate.alpha[np.isfinite(estimate.alpha)])
+    table.add_row("largest α (deg)", f"{alpha.max():.3f}", *(_ends(_of_largest(estimate, i)) for i in kinds))
+    table.add_row("α above 10° (frames)", f"{int((alpha > 10).sum())}", *("" for _ in kinds))
+    if estimate.offset is not None:
+        table.add_row("offset x, y, z (m)", ", ".join(f"{v:.3f}" for v in estimate.offset), *("" for _ in kinds))
+    console.print(table)
+    for interval in estimate.intervals:
+        if interval.note:
+            console.print(f"{interval.kind} intervals: {interval.note}", soft_wrap=True)
+
+
+def _heading(interval: Intervals) -> str:
+    kind = f"{interval.blocks} blocks" if interval.blocks is not None else interval.kind
+    return f"{100 * interval.level:g} %, {kind}"
+
+
+def _ends(ends: Array | None) -> str:
+    return "" if ends is None else "{:.3f} to {:.3f}".format(*np.rad2deg(ends))
+
+
+def _of_largest(estimate: Estimate, interval: Intervals) -> Array | None:
+    assert estimate.alpha is not None
+    return None if interval.alpha is None else np.asarray(interval.alpha[int(np.nanargmax(estimate.alpha))])

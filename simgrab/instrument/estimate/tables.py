@@ -1,0 +1,176 @@
+"""Records of pixels from a file: CSV or parquet in, arrays out, and what is wrong told by row and column."""
+
+from __future__ import annotations
+
+import codecs
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError, first_line
+from simgrab.geometry import Array
+from simgrab.utilities.parquet import read_table
+from simgrab.utilities.parse import cannot, opened
+
+MOST_CSV_BYTES = 2**30
+MOST_HEADER_BYTES = 2**16
+# A grab centre may lie outside of the picture by its own size, no more.
+_MARGIN = 0.5
+_LONGEST_ROPE_M = 200.0
+# The second as a dataset's labels.parquet has them.
+_PIXELS = (("u_px", "v_px"), ("grab_u_px", "grab_v_px"))
+
+
+@dataclass(frozen=True)
+class PixelRecord:
+    r"""One record of n frames.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (n, 2)
+        Grab centre as the picture has it; NaN where it was not found.
+    rope_length : ndarray, shape (n,), or None
+        \|OA\|, m; None where it is neither needed nor there and sound in every row.
+    time : ndarray, shape (n,), or None
+        Seconds.
+    """
+
+    pixels: Array
+    rope_length: Array | None
+    time: Array | None
+
+
+def read_record(path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False) -> PixelRecord:
+    """Read columns ``u_px, v_px[, rope_length_m, time_s]``; the first two may be called ``grab_u_px, grab_v_px``.
+
+    Parameters
+    ----------
+    path : path
+        ``.parquet``, or else CSV with a header.
+    calibration : Calibration
+        Whose picture the pixels must belong to.
+    rope, time : bool
+        Whether the column is needed. One that is not may be empty, and a rope length wrong.
+
+    Raises
+    ------
+    RecordError
+        One line with the file and the row (the first is 1) or the column.
+    """
+    table = _table(Path(path))
+    pair = _pixel_columns(path, table.column_names)
+    needed = [*pair, *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
+    for name in needed:
+        if name not in table.column_names:
+            there = ", ".join(table.column_names) or "none"
+            raise RecordError(f"{path}: column {name} is missing; there are: {there}")
+    if table.num_rows == 0:
+        raise RecordError(f"{path}: no rows below the header")
+    pixels = np.stack([_numbers(path, table, name) for name in pair], axis=-1)
+    _check_pixels(path, pixels, pair, calibration)
+    try:
+        length = _rope(path, table) if "rope_length_m" in table.column_names else None
+    except RecordError:
+        if rope:
+            raise
+        length = None
+    seconds = _numbers(path, table, "time_s") if "time_s" in table.column_names else None
+    if seconds is not None and not time and np.isnan(seconds).all():  # as in the labels of independent frames
+        seconds = None
+    if seconds is not None:
+        for row in np.flatnonzero(~np.isfinite(seconds))[:1]:
+            raise RecordError(f"{path}: time_s, row {row + 1}: is missing")
+        for row in np.flatnonzero(np.diff(seconds) <= 0)[:1] + 1 if time else ():
+            raise RecordError(
+                f"{path}: time_s, row {row + 1}: must increase, got {seconds[row]:g} after {seconds[row - 1]:g}"
+            )
+    return PixelRecord(pixels, length, seconds)
+
+
+def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
+    there = [pair for pair in _PIXELS if any(name in names for name in pair)]
+    if len(there) > 1:
+        one, other = (", ".join(name for name in pair if name in names) for pair in there)
+        raise RecordError(f"{path}: columns {one} and {other} are both there; keep one pair")
+    return there[0] if there else _PIXELS[0]
+
+
+def _rope(path: str | Path, table: pa.Table) -> Array:
+    length = _numbers(path, table, "rope_length_m")
+    for row in np.flatnonzero(~((length > 0) & (length < _LONGEST_ROPE_M)))[:1]:
+        what = "is missing" if np.isnan(length[row]) else f"is {length[row]:g}"
+        raise RecordError(
+            f"{path}: rope_length_m, row {row + 1}: {what}; must be metres, above 0 and below {_LONGEST_ROPE_M:g}"
+        )
+    return length
+
+
+def _table(path: Path) -> pa.Table:
+    table = read_table(path, RecordError) if path.suffix.lower() == ".parquet" else _csv(path)
+    names = table.column_names
+    for name in (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"):  # others are not looked at
+        if names.count(name) > 1:
+            raise RecordError(f"{path}: column {name} is there twice")
+    return table
+
+
+def _csv(path: Path) -> pa.Table:
+    """Read every column as text, so that a cell that is no number can be named."""
+    with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
+        content = file.read().removeprefix(codecs.BOM_UTF8)
+    header = content[: MOST_HEADER_BYTES + 1].splitlines()[:1]
+    if not header or not header[0].strip():
+        raise RecordError(f"{path}: the file is empty; a header u_px, v_px[, rope_length_m, time_s] is needed")
+    if len(header[0]) > MOST_HEADER_BYTES:
+        raise RecordError(f"{cannot(path)}: its first line is no header: it is longer than {MOST_HEADER_BYTES} bytes")
+    try:
+        names = [name.strip().strip('"') for name in header[0].decode().split(",")]
+        options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
+        reading = pa.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+        parsing = pa.csv.ParseOptions(newlines_in_values=True)  # of a file's name, e.g.
+        return pa.csv.read_csv(pa.BufferReader(content), reading, parsing, options)
+    except MemoryError:  # pyarrow's is one of its own exceptions as well
+        raise
+    except (UnicodeDecodeError, pa.ArrowException) as problem:
+        if "Empty CSV" in str(problem):
+            return pa.table({name: pa.array([], pa.string()) for name in names})
+        raise RecordError(f"{cannot(path)}: {first_line(problem)}") from None
+
+
+def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
+    column = table.column(name)
+    if not pa.types.is_string(column.type):
+        try:
+            return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+        except pa.ArrowException:
+            raise RecordError(f"{path}: column {name} holds no numbers but {column.type}") from None
+    text = np.array([("nan" if not t or not t.strip() else t) for t in column.to_pylist()], dtype=object)
+    try:
+        return text.astype(np.float64)
+    except ValueError:
+        for row, cell in enumerate(text, start=1):
+            try:
+                float(cell)
+            except ValueError:
+                raise RecordError(f"{path}: {name}, row {row}: {cell.strip()!r} is no number") from None
+        raise
+
+
+def _check_pixels(path: str | Path, pixels: Array, names: tuple[str, str], calibration: Calibration) -> None:
+    size = np.array([calibration.width_px, calibration.height_px])
+    seen = pixels[np.isfinite(pixels).all(axis=-1)]
+    if len(seen) > 1 and np.all(np.abs(seen) <= 1.5):
+        raise RecordError(
+            f"{path}: columns {', '.join(names)}: all within 1.5 of 0; pixels are needed, not fractions of the picture"
+        )
+    outside = (pixels < -_MARGIN * size) | (pixels > (1 + _MARGIN) * size)
+    for row, axis in np.argwhere(outside)[:1]:
+        raise RecordError(
+            f"{path}: {names[axis]}, row {row + 1}: {pixels[row, axis]:g} lies outside any picture of "
+            f"{calibration.width_px} x {calibration.height_px} pixels"
+        )

@@ -1,0 +1,94 @@
+"""Figures of a run: swing over time, the picture's plane, the swings' histogram, the rope's length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgrab.geometry import Array, camera_rotation
+from simgrab.instrument.run.runs import Run
+from simgrab.pages.plots import Axes, Figure
+
+BLUE, RED, GREY, GREEN = "#1f5a8a", "#c8321b", "#8a8f94", "#3d7f4f"
+_LOST = {"lost": "black", "missed": RED, "unread": "#b58900", "refused": GREY}
+
+
+def _axis(run: Run) -> tuple[Array, str]:
+    return (np.arange(len(run.names), dtype=float), "frame") if run.time is None else (run.time, "time (s)")
+
+
+def trace(run: Run) -> Figure:
+    """Draw α over time with its intervals, the alarms as bands, and at the foot what stood in the way of an α."""
+    figure = Figure(figsize=(12, 4.2), layout="constrained")
+    axes = figure.subplots()
+    at, label = _axis(run)
+    alpha = np.rad2deg(run.alpha)
+    ends = np.rad2deg(np.array([(m.alpha_low, m.alpha_high) for m in run.measurements], float))  # None becomes NaN
+    for event in run.events:
+        axes.axvspan(event.onset_s, max(event.end_s, event.onset_s + 0.1), color=RED, alpha=0.18, lw=0)
+    style = {"lw": 0.8} if run.time is not None else {"lw": 0, "marker": ".", "ms": 3}
+    axes.fill_between(at, *ends.T, color=GREY, alpha=0.45, lw=0, label="95 % interval", rasterized=True)
+    axes.plot(at, alpha, color=BLUE, label="α", rasterized=True, **style)
+    axes.axhline(10, color=RED, lw=1, ls="--", label="danger, 10°")
+    for status, colour in _LOST.items():
+        where = np.array([m.status == status for m in run.measurements])
+        if where.any():
+            axes.plot(at[where], np.zeros(where.sum()), "|", color=colour, ms=9, label=status, rasterized=True)
+    top = np.nanmax(alpha, initial=0.0)
+    axes.set(xlabel=label, ylabel="α (deg)", ylim=(-0.4, max(top * 1.08, 11.0)), xlim=_span(at))
+    axes.legend(fontsize=8, loc="upper right", ncols=4)
+    return figure
+
+
+def plane(run: Run) -> Figure:
+    """Draw grab centres in the picture's plane, with the principal point and the vertical."""
+    figure = Figure(figsize=(7.2, 4.4), layout="constrained")
+    axes = figure.subplots()
+    camera = run.calibration.intrinsics
+    axes.plot(*camera.undistort(run.pixels).T, ".", ms=3.5, alpha=0.5, color=BLUE, mew=0,
+              label="grab centre, undistorted", rasterized=True)  # fmt: skip
+    axes.plot(camera.cx_px, camera.cy_px, "+", ms=12, mew=1.6, color="black", label="principal point C'")
+    tilt = run.about["tilt"]
+    if tilt is not None:
+        beta, azimuth, roll = np.deg2rad((tilt["beta_deg"], tilt["tilt_azimuth_deg"], run.calibration.roll_deg))
+        down = camera_rotation(beta, azimuth, roll).T @ np.array([0.0, 0.0, -1.0])
+        axes.plot(*camera.ideal(down), "o", ms=8, mfc="none", mew=1.8, color=RED, label="estimated vertical G'")
+    axes.set(xlim=(0, camera.width_px), ylim=(camera.height_px, 0), xlabel="u (px)", ylabel="v (px)")
+    axes.set_aspect("equal")
+    axes.legend(fontsize=8, loc="upper right")
+    return figure
+
+
+def histogram(run: Run) -> Figure:
+    """Draw how often which swing was measured."""
+    figure = Figure(figsize=(7.2, 3.6), layout="constrained")
+    axes = figure.subplots()
+    alpha = np.rad2deg(run.alpha[np.isfinite(run.alpha)])
+    if len(alpha):
+        axes.hist(alpha, bins=np.linspace(0, max(alpha.max(), 11), 45).tolist(), color=BLUE, alpha=0.85)
+    axes.axvline(10, color=RED, lw=1, ls="--")
+    axes.set(xlabel="α (deg)", ylabel="frames")
+    return figure
+
+
+def rope(run: Run) -> Figure:
+    """Draw the rope's length, and where it was not read."""
+    figure = Figure(figsize=(12, 2.8), layout="constrained")
+    axes = figure.subplots()
+    at, label = _axis(run)
+    length = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements])
+    axes.plot(at, length, ".", ms=4, color=GREEN, mew=0, label="|OA|", rasterized=True)
+    for status, colour in (("refused", GREY), ("jump", RED)):
+        where = np.array([m.rope_status == status for m in run.measurements])
+        _foot(axes, at[where], colour, f"display: {status}")
+    axes.set(xlabel=label, ylabel="rope (m)", ylim=(0, None), xlim=_span(at))
+    axes.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def _foot(axes: Axes, at: Array, colour: str, label: str) -> None:
+    if len(at):
+        axes.plot(at, np.zeros(len(at)), "|", color=colour, ms=9, label=label, rasterized=True)
+
+
+def _span(at: Array) -> tuple[float, float]:
+    return (float(at[0]), float(at[-1])) if len(at) > 1 else (float(at[0]) - 0.5, float(at[0]) + 0.5)

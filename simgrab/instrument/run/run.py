@@ -1,0 +1,250 @@
+"""From a video to angles and alarms: what `simgrab run` does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from simgrab import calibration as camera_file
+from simgrab.calibration import Calibration
+from simgrab.errors import RunError, SourceError
+from simgrab.geometry import Array
+from simgrab.instrument import alarm
+from simgrab.instrument.alarm import Rule
+from simgrab.instrument.contract import Frame, Instrument, Measurement
+from simgrab.instrument.estimate import PaperIteration
+from simgrab.instrument.estimate.follow import Known
+from simgrab.instrument.estimate.measure import estimate_json
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.run import runs
+from simgrab.instrument.run.runs import Progress, Run
+from simgrab.instrument.run.subject import checked
+from simgrab.instrument.run.video import Film
+from simgrab.instrument.source import Files, Source, fitting, open_source
+from simgrab.records.estimates import Estimate
+from simgrab.utilities.destination import check_new_folder
+
+VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a run is made.
+
+    Attributes
+    ----------
+    live : bool
+        Angles come as the frames do, the tilt being estimated again and again. A stream is always live.
+    video : bool
+        Whether to write the annotated video.
+    rate_hz : float or None
+        Of pictures in a folder.
+    rule : Rule
+        Of the alarm.
+    """
+
+    live: bool = False
+    video: bool = True
+    rate_hz: float | None = None
+    rule: Rule = field(default_factory=Rule)
+
+
+def run(
+    source: str | Path,
+    camera: str | Path | Calibration,
+    out: str | Path,
+    instrument: Instrument,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Measure a source and write what was found into a new folder.
+
+    Parameters
+    ----------
+    source : str or path
+        As `simgrab.instrument.source.open_source` takes it.
+    camera : path or Calibration
+        Camera TOML.
+    out : path
+        Is made once everything is there: tables, alarms, annotated video, report.
+    instrument : Instrument
+    options : Options, optional
+    progress : callable, optional
+        Told how many frames are measured, and of how many.
+
+    Raises
+    ------
+    SourceError, CalibrationError, DetectorError, ReaderError, InstrumentError, RunError
+        In one line what is wrong; then nothing lies at ``out``.
+    """
+    options = options or Options()
+    check_new_folder(Path(out), RunError)
+    calibration = camera if isinstance(camera, Calibration) else camera_file.load(camera)
+    opened = open_source(source, rate_hz=options.rate_hz)
+    with runs.making(Path(out)) as folder:
+        found, film = (_live if options.live or opened.live else _whole)(
+            opened, calibration, instrument, options, folder, progress
+        )
+        if isinstance(opened, Files) and opened.labels_sha256:
+            found.about["labels_sha256"] = opened.labels_sha256
+        runs.save(found, folder)
+        if found.about["tilt"] is not None:
+            tilt = msgspec.convert(found.about["tilt"], Known)
+            (folder / TILT).write_text(tilt.to_toml(), encoding="utf-8")
+        from simgrab.instrument.run.page import page  # matplotlib takes its time
+
+        (folder / PAGE).write_text(page(found, film.stills), encoding="utf-8")
+    return found
+
+
+def measure(
+    frames: Iterable[Frame],
+    calibration: Calibration,
+    instrument: Instrument,
+    *,
+    source: str = "",
+    rule: Rule | None = None,
+) -> Run:
+    """Measure a record, writing nothing.
+
+    Raises
+    ------
+    SourceError
+        If there is no frame, or the pictures are not of this camera.
+    InstrumentError
+        If the instrument breaks its contract, or raises.
+    RunError
+        If it does not give one measurement a frame.
+    """
+    instrument = checked(instrument)
+    notes = _Notes()
+    begun = time.perf_counter()
+    passed = fitting(notes.of(frames), calibration)
+    estimate: Estimate | None = None
+    tilt: Known | None = None
+    if isinstance(instrument, Pipeline):
+        record = instrument.record(passed, calibration)
+        measured, estimate, tilt = record.measurements, record.estimate, record.tilt
+    else:
+        measured = tuple(instrument(passed, calibration))
+    seconds = time.perf_counter() - begun
+    if not notes.names:
+        raise SourceError(f"{source}: it holds no frame")
+    if len(measured) != len(notes.names):
+        raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one each is due")
+    speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
+    return _conclude(notes, measured, calibration, instrument, source, rule or Rule(), estimate, tilt, speed)
+
+
+def _whole(
+    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path,
+    progress: Progress | None,
+) -> tuple[Run, Film]:  # fmt: skip
+    """Measure, and go through the source again to draw."""
+    frames = _counted(source, progress)
+    found = measure(frames, calibration, instrument, source=source.name, rule=options.rule)
+    with Film(folder / VIDEO if options.video else None, options.rule) as film:
+        for frame, measured in zip(fitting(iter(source), calibration), found.measurements, strict=False):
+            film.add(frame, measured)
+    return found, film
+
+
+def _live(
+    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path,
+    progress: Progress | None,
+) -> tuple[Run, Film]:  # fmt: skip
+    """Measure and draw at once; an interrupt ends the record, as the end of the stream does."""
+    if not isinstance(instrument, Pipeline):
+        raise RunError(f"{instrument.name} cannot go frame by frame; a live run takes simgrab's own pipeline")
+    notes = _Notes()
+    measured: list[Measurement] = []
+    latency: list[float] = []
+    tilt: Known | None = None
+    begun = time.perf_counter()
+    with Film(folder / VIDEO if options.video else None, options.rule) as film:
+        try:
+            for one in instrument.live(fitting(notes.of(_counted(source, progress)), calibration), calibration):
+                measured.append(one.measurement)
+                latency.append(one.seconds)
+                tilt = one.tilt
+                film.add(one.frame, one.measurement)
+        except KeyboardInterrupt:
+            if not measured:
+                raise
+    if not measured:
+        raise SourceError(f"{source.name}: it held no frame")
+    seconds = time.perf_counter() - begun
+    speed = {
+        "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
+        "latency_median_s": float(np.median(latency)), "latency_p99_s": float(np.quantile(latency, 0.99)),
+    }  # fmt: skip
+    notes = notes.first(len(measured))
+    found = _conclude(notes, measured, calibration, instrument, source.name, options.rule, None, tilt, speed)
+    return found, film
+
+
+class _Notes:
+    """Times and names of frames that have passed; never their pictures."""
+
+    def __init__(self) -> None:
+        self.times: list[float | None] = []
+        self.names: list[str] = []
+
+    def of(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        for frame in frames:
+            self.times.append(frame.time_s)
+            self.names.append(frame.name)
+            yield frame
+
+    def first(self, n: int) -> _Notes:
+        kept = _Notes()
+        kept.times, kept.names = self.times[:n], self.names[:n]
+        return kept
+
+    @property
+    def time(self) -> Array | None:
+        return None if None in self.times else np.array(self.times, float)
+
+
+def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:
+    for done, frame in enumerate(source, 1):
+        yield frame
+        if progress:
+            progress(done, source.count)
+
+
+def _conclude(
+    notes: _Notes, measured: Iterable[Measurement], calibration: Calibration, instrument: Instrument, source: str,
+    rule: Rule, estimate: Estimate | None, tilt: Known | None, speed: dict[str, Any],
+) -> Run:  # fmt: skip
+    measurements = tuple(measured)
+    found = () if notes.time is None else alarm.events(notes.time, measurements, rule)
+    pixels = np.array([m.centre or (np.nan, np.nan) for m in measurements], float).reshape(-1, 2)
+    paper = PaperIteration().estimate(pixels, calibration)
+    counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
+    about = {
+        "simgrab": version("simgrab"),
+        "counts": counts | {"refused": len(measurements) - sum(counts.values())},
+        "estimate": None if estimate is None else estimate_json(estimate),
+        "tilt": None if tilt is None else msgspec.to_builtins(tilt),
+        "paper": estimate_json(paper) | _of_paper(paper),
+        "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
+                 "released_at_deg": float(np.rad2deg(rule.released_at))},
+        "speed": speed,
+    }  # fmt: skip
+    return Run(instrument.name, source, calibration, notes.time, tuple(notes.names), measurements, found, about)
+
+
+def _of_paper(paper: Estimate) -> dict[str, Any]:
+    """Tell of this record what the paper tells of its own."""
+    if paper.alpha is None:
+        return {"share_below_5": None, "largest_alpha_deg": None}
+    alpha = np.rad2deg(paper.alpha[np.isfinite(paper.alpha)])
+    return {"share_below_5": float(np.mean(alpha <= 5)), "largest_alpha_deg": float(alpha.max())}

@@ -1,0 +1,277 @@
+"""What a run found, as a value and as a folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from simgrab import calibration as camera_file
+from simgrab.calibration import Calibration
+from simgrab.errors import RunError, first_line
+from simgrab.geometry import Array
+from simgrab.instrument.alarm import Event
+from simgrab.instrument.contract import Measurement, flaw
+from simgrab.instrument.estimate.follow import Known
+from simgrab.text import cell, encodable, printable
+from simgrab.utilities import parquet
+from simgrab.utilities.destination import check_new_folder
+from simgrab.utilities.files import drafted, drafted_folder
+from simgrab.utilities.parse import cannot, read_json
+
+TABLE, SHEET, ALARMS, ABOUT, CAMERA = "angles.parquet", "angles.csv", "alarms.json", "run.json", "camera.toml"
+_ANGLES = ("alpha", "alpha_low", "alpha_high")
+_PARTS = {
+    "box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"),
+    "centre": ("u_px", "v_px"),
+    "centre_sd": ("u_sd_px", "v_sd_px"),
+}
+_TEXT = ("status", "reason", "rope_text", "rope_status")
+
+
+class _Ruled(msgspec.Struct, frozen=True):
+    raised_at: float
+    frames: int
+    released_at_deg: float
+    quiet_s: float
+
+
+class _Estimated(msgspec.Struct, frozen=True):
+    estimator: str
+
+
+class Facts(msgspec.Struct, frozen=True):
+    """What is read again of ``run.json``."""
+
+    instrument: str
+    source: str
+    timed: bool
+    counts: dict[str, int]
+    rule: _Ruled
+    estimate: _Estimated | None
+    tilt: Known | None
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What an instrument made of a source.
+
+    Attributes
+    ----------
+    instrument, source : str
+    calibration : Calibration
+        The camera as the instrument knew it.
+    time : ndarray, shape (n,), or None
+        Seconds; None for independent frames.
+    names : tuple of n str
+        Of the pictures' files; empty in a video.
+    measurements : tuple of n Measurement
+    events : tuple of Event
+        Alarms.
+    about : dict
+        Plain facts: the estimate and the tilt, what the paper's method makes of the same frames, and the speed.
+    """
+
+    instrument: str
+    source: str
+    calibration: Calibration
+    time: Array | None
+    names: tuple[str, ...]
+    measurements: tuple[Measurement, ...]
+    events: tuple[Event, ...]
+    about: dict[str, Any]
+
+    @property
+    def failure(self) -> str | None:
+        """Why the run measured nothing, in one line; None where at least one frame has an angle."""
+        counts = Counter(m.status for m in self.measurements)
+        if "ok" in counts:
+            return None
+        listed = ", ".join(f"{n} {status}" for status, n in counts.items())
+        what = "no picture could be read" if set(counts) <= {"lost"} else "no frame gave an angle"
+        estimate = self.about.get("estimate") or {}
+        if estimate.get("status") == "refused" and any(m.centre for m in self.measurements):
+            why = f"{estimate['estimator']} refused: {estimate['reason']}"
+        else:
+            why = f"the first: {next((m.reason for m in self.measurements if m.reason), 'no frames')}"
+        return printable(f"{self.source}: {what} ({listed}; {why})")
+
+    @property
+    def alpha(self) -> Array:
+        """Swing of each frame, rad, shape (n,); NaN where there is none."""
+        return np.array([np.nan if m.alpha is None else m.alpha for m in self.measurements], float)
+
+    @property
+    def pixels(self) -> Array:
+        """Grab centres, shape (n, 2); NaN where none was found."""
+        return np.array([m.centre or (np.nan, np.nan) for m in self.measurements], float).reshape(-1, 2)
+
+
+def rows(run: Run) -> list[dict[str, Any]]:
+    """One plain row a frame; angles in degrees."""
+    times = [None] * len(run.names) if run.time is None else run.time.tolist()
+    return [
+        {"frame": i, "time_s": time, "file": encodable(name)} | _row(m)
+        for i, (time, name, m) in enumerate(zip(times, run.names, run.measurements, strict=True))
+    ]
+
+
+def _row(m: Measurement) -> dict[str, Any]:
+    plain: dict[str, Any] = {"status": m.status, "reason": encodable(m.reason)}
+    for name in _ANGLES:
+        value = getattr(m, name)
+        plain[f"{name}_deg"] = None if value is None else math.degrees(value)
+    plain |= {"danger": m.danger, "score": m.score}
+    for name, columns in _PARTS.items():
+        plain |= dict(zip(columns, getattr(m, name) or (None,) * len(columns), strict=True))
+    rope_text = None if m.rope_text is None else encodable(m.rope_text)
+    return plain | {"rope_text": rope_text, "rope_status": m.rope_status, "rope_length_m": m.rope_length_m}
+
+
+def _measurement(row: dict[str, Any]) -> Measurement:
+    plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m")}
+    for name in _ANGLES:
+        value = row[f"{name}_deg"]
+        plain[name] = None if value is None else math.radians(value)
+    for name, columns in _PARTS.items():
+        part = tuple(row[column] for column in columns)
+        plain[name] = None if None in part else part
+    measured = msgspec.convert(plain, Measurement)
+    if wrong := flaw(measured):
+        raise ValueError(f"frame {row['frame']}: {wrong}")
+    return measured
+
+
+def table(run: Run) -> pa.Table:
+    """Arrow table of `rows`."""
+    names = ["frame", "time_s", "file", *_row(Measurement(status="lost", reason="-"))]
+    kinds = {"frame": pa.int64(), "file": pa.string()} | dict.fromkeys(_TEXT, pa.string())
+    schema = pa.schema([pa.field(name, kinds.get(name, pa.float64())) for name in names])
+    return pa.Table.from_pylist(rows(run), schema=schema)
+
+
+def alarms(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Plain events in degrees; ``confirmed`` is for the operator to fill in."""
+    return [
+        {
+            "event": i, "first_frame": e.first, "last_frame": e.last, "peak_frame": e.peak, "onset_s": e.onset_s,
+            "end_s": e.end_s, "duration_s": e.duration_s, "peak_s": e.peak_s, "ongoing": e.ongoing,
+            "alpha_deg": math.degrees(e.alpha),
+            "alpha_low_deg": None if e.alpha_low is None else math.degrees(e.alpha_low),
+            "alpha_high_deg": None if e.alpha_high is None else math.degrees(e.alpha_high),
+            "danger": e.danger, "confirmed": None,
+        }
+        for i, e in enumerate(events, 1)
+    ]  # fmt: skip
+
+
+def _event(plain: dict[str, Any]) -> dict[str, Any]:
+    low, high = plain["alpha_low_deg"], plain["alpha_high_deg"]
+    return {
+        "first": plain["first_frame"], "last": plain["last_frame"], "peak": plain["peak_frame"],
+        "onset_s": plain["onset_s"], "end_s": plain["end_s"], "peak_s": plain["peak_s"],
+        "alpha": math.radians(plain["alpha_deg"]), "alpha_low": None if low is None else math.radians(low),
+        "alpha_high": None if high is None else math.radians(high), "danger": plain["danger"],
+        "ongoing": plain["ongoing"],
+    }  # fmt: skip
+
+
+def _sheet(found: pa.Table) -> pa.Table:
+    """Make a table fit for a spreadsheet, which might take text for a formula."""
+    for i, field in enumerate(found.schema):
+        if pa.types.is_string(field.type):
+            texts = [None if text is None else cell(text) for text in found.column(i).to_pylist()]
+            found = found.set_column(i, field, pa.array(texts, pa.string()))
+    return found
+
+
+def save(run: Run, folder: Path) -> None:
+    """Write a run's tables into a folder that is there."""
+    found = table(run)
+    parquet.write(found, folder / TABLE, compression="zstd")
+    with (folder / SHEET).open("wb") as file:
+        pyarrow.csv.write_csv(_sheet(found), file)
+    (folder / ALARMS).write_text(json.dumps(alarms(run.events), indent=1) + "\n", encoding="utf-8")
+    about = {
+        "instrument": encodable(run.instrument), "source": encodable(run.source), "timed": run.time is not None,
+        "failure": run.failure,
+    } | run.about  # fmt: skip
+    (folder / ABOUT).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+    run.calibration.save(folder / CAMERA)
+
+
+def load(path: str | Path) -> Run:
+    """Read a run's folder.
+
+    Raises
+    ------
+    RunError
+        If it is none.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise RunError(f"{path}: not a run of simgrab, which is a folder")
+    if not os.path.lexists(path / TABLE):
+        raise RunError(f"{path}: not a run of simgrab: it has no {TABLE}")
+    plain = parquet.rows(parquet.read_table(path / TABLE, RunError), RunError, cannot(path / TABLE))
+    about, alarmed = read_json(path / ABOUT, RunError), read_json(path / ALARMS, RunError)
+    try:
+        facts = msgspec.convert(about, Facts)
+        events = tuple(msgspec.convert(_event(e), Event) for e in alarmed)
+        measurements = tuple(_measurement(row) for row in plain)
+        time = np.array(msgspec.convert([row["time_s"] for row in plain], list[float])) if facts.timed else None
+        names = msgspec.convert([row["file"] for row in plain], tuple[str, ...])
+    except (ValueError, LookupError, TypeError, AttributeError) as problem:
+        raise RunError(f"{path}: not a run of simgrab ({type(problem).__name__}: {first_line(problem)})") from None
+    if time is not None and not np.isfinite(time).all():
+        raise RunError(f"{path / TABLE}: time_s, row {np.flatnonzero(~np.isfinite(time))[0] + 1}: is missing")
+    about = {key: value for key, value in about.items() if key not in ("instrument", "source", "timed", "failure")}
+    camera = camera_file.load(path / CAMERA)
+    return Run(facts.instrument, facts.source, camera, time, names, measurements, events, about)
+
+
+@contextmanager
+def making(out: Path) -> Iterator[Path]:
+    """Give a hidden folder that takes the name ``out`` once everything in it is written.
+
+    Raises
+    ------
+    RunError
+        If something lies in the way, or nothing can be written there.
+    """
+    check_new_folder(out, RunError)
+    try:
+        with drafted_folder(out) as draft:
+            yield draft
+    except OSError as problem:
+        if os.path.lexists(out):
+            raise RunError(f"{out} was written meanwhile, by another run; choose another --out") from None
+        raise RunError(f"cannot write {out}: {problem.strerror or problem}") from None
+
+
+def write(path: Path, text: str) -> None:
+    """Write a text file under its name once it is whole.
+
+    Raises
+    ------
+    RunError
+    """
+    try:
+        with drafted(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise RunError(f"cannot write {path}: {problem.strerror or problem}") from None
+
+
+Progress = Callable[[int, int | None], None]

@@ -1,0 +1,177 @@
+"""The pipeline under test: found by name, checked against the contract, and its failures reported in one line."""
+
+from __future__ import annotations
+
+import importlib
+import threading
+import traceback
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from simgrab.calibration import Calibration
+from simgrab.errors import InstrumentError, SimgrabError
+from simgrab.instrument.contract import Frame, Instrument, Measurement, flaw
+from simgrab.instrument.pipeline import Pipeline, bundled
+
+BUNDLED = "bundled"
+PACKAGE = Path(__file__).parents[2]
+_MOST_KEPT = 8
+
+
+def open_instrument(name: str) -> Instrument:
+    """Make an instrument by the name of its factory.
+
+    Parameters
+    ----------
+    name : str
+        ``bundled``, or ``package.module:factory``: a callable without arguments that gives an
+        `simgrab.instrument.contract.Instrument`.
+
+    Raises
+    ------
+    InstrumentError
+        In one line what failed, and where.
+    """
+    module, colon, factory = name.partition(":")
+    if name != BUNDLED and not (module and colon and factory):
+        raise InstrumentError(f"instrument {name!r}: name {BUNDLED!r}, or a factory as package.module:factory")
+    with told(f"instrument {name}: cannot be imported"):
+        make = bundled if name == BUNDLED else getattr(importlib.import_module(module), factory)
+    with told(f"instrument {name}: cannot be made"):
+        made = make()
+    return checked(made, name)
+
+
+def checked(instrument: Any, what: str = "instrument") -> Instrument:
+    """Check an instrument against the contract, so that whatever goes wrong in it is an `InstrumentError`."""
+    if isinstance(instrument, Pipeline | CheckedInstrument):
+        return instrument
+    with told(f"{what}: has no name"):
+        name = instrument.name
+    if not isinstance(name, str) or not name:
+        raise InstrumentError(f"{what}: its name must be a text, got {name!r}")
+    if not callable(instrument):
+        raise InstrumentError(f"{what}: {name} cannot be called with frames and a calibration")
+    return CheckedInstrument(name, instrument)
+
+
+@dataclass(frozen=True)
+class CheckedInstrument:
+    """Somebody's instrument, whose measurements are checked before they are used."""
+
+    name: str
+    instrument: Instrument
+
+    def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
+        """Measure a record; numbers of NumPy's are taken for plain ones."""
+        passing = _Passing(self.name, frames)
+        given: list[object] = []
+        with told(self.name):
+            for one in self.instrument(passing, calibration):
+                if not passing.reach(len(given) + 1):
+                    if not given:  # nor is there a frame, which is said elsewhere
+                        break
+                    raise InstrumentError(
+                        f"{self.name}: more than {len(given)} measurements of {len(given)} frames; one each is due"
+                    )
+                given.append(one)
+        passing.reach(None)  # so that those it did not ask for are counted too
+        return tuple(self._plain(i, one) for i, one in enumerate(given))
+
+    def _plain(self, i: int, given: object) -> Measurement:
+        if not isinstance(given, Measurement):
+            raise InstrumentError(f"{self.name}: frame {i}: expected a Measurement, got {type(given).__name__}")
+        try:
+            plain = msgspec.convert({k: _number(v) for k, v in msgspec.structs.asdict(given).items()}, Measurement)
+        except msgspec.ValidationError as problem:
+            text, _, key = str(problem).replace("`", "").partition(" - at $.")
+            raise InstrumentError(f"{self.name}: frame {i}: {key or 'measurement'}: {text}") from None
+        if wrong := flaw(plain):
+            raise InstrumentError(f"{self.name}: frame {i}: {wrong}")
+        return plain
+
+
+class _Passing:
+    """Frames on their way to an instrument, counted.
+
+    One that measures without asking for frames, perhaps for ever, is stopped at their end all the same: they are taken
+    in its place. The few latest of them it may still ask for.
+    """
+
+    def __init__(self, name: str, frames: Iterable[Frame]) -> None:
+        self._name, self._frames = name, iter(frames)
+        self._lock = threading.Lock()  # it may ask from another thread
+        self._kept = deque[Frame](maxlen=_MOST_KEPT)
+        self._taken = 0  # by it, or too long ago to be kept
+        self._count = 0
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self
+
+    def __next__(self) -> Frame:
+        with self._lock:
+            if self._count - self._taken > len(self._kept):
+                raise InstrumentError(
+                    f"{self._name}: asks for frame {self._taken} only after measurements of later ones"
+                )
+            frame = self._kept.popleft() if self._kept else self._next()
+            self._taken += 1
+            return frame
+
+    def reach(self, count: int | None) -> bool:
+        """Go on until there were so many frames; False if there are no more. None stands for all."""
+        with self._lock:
+            while count is None or self._count < count:
+                try:
+                    self._kept.append(self._next())
+                except StopIteration:
+                    return False
+            return True
+
+    def _next(self) -> Frame:
+        frame = next(self._frames)
+        self._count += 1
+        return frame
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return tuple(map(_number, value)) if isinstance(value, tuple | list) else value
+
+
+@contextmanager
+def told(what: str) -> Iterator[None]:
+    """Turn whatever is raised into one line that says what failed, why, and where in somebody's code.
+
+    Raises
+    ------
+    InstrumentError
+    """
+    try:
+        yield
+    except InstrumentError:
+        raise
+    except SimgrabError as problem:
+        raise InstrumentError(f"{what}: {problem}") from problem
+    except (Exception, SystemExit) as problem:
+        lines = str(problem).strip().splitlines()
+        cause = f"{type(problem).__name__}: {lines[0]}" if lines else type(problem).__name__
+        raise InstrumentError(f"{what}: {cause}{_where(problem)}") from problem
+
+
+def _where(problem: BaseException) -> str:
+    """Innermost line outside of simgrab and of Python's own importing."""
+    steps = [step for step in traceback.extract_tb(problem.__traceback__) if not _inside(step.filename)]
+    return f" ({steps[-1].filename}, line {steps[-1].lineno})" if steps else ""
+
+
+def _inside(file: str) -> bool:
+    return file.startswith("<frozen") or PACKAGE in Path(file).parents or file.endswith("importlib/__init__.py")

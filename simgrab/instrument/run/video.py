@@ -1,0 +1,193 @@
+"""A run to look at: what was measured, drawn into the pictures, as a video and as stills of the largest swings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import TypeAlias
+
+import av
+import cv2
+import numpy as np
+from av.video.stream import VideoStream
+from numpy.typing import NDArray
+
+from simgrab.instrument.alarm import DANGER, SCALE, Rule
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.utilities.containers import FRAGMENTED
+
+Picture: TypeAlias = NDArray[np.uint8]
+Colour: TypeAlias = tuple[int, int, int]
+
+WIDEST_PX = 1280
+_TICKS_PER_S = 90_000
+_X264 = {"preset": "veryfast", "crf": "26", "bf": "0", "g": "50"}  # no B-frames: fragments need pictures in order
+_QUALITY = 80
+_CALM: Colour = (70, 200, 90)
+_ALARM: Colour = (255, 60, 50)
+_NOTHING: Colour = (160, 160, 160)
+_UNTIMED_HZ = 9
+
+
+class Film:
+    """Writes annotated pictures as they come, H.264. Use as a context manager.
+
+    Attributes
+    ----------
+    stills : dict of int to bytes
+        JPEGs of the largest swing and of every alarm's, by frame.
+    """
+
+    def __init__(self, path: Path | None, rule: Rule) -> None:
+        self._path, self._rule = path, rule
+        self._file = None if path is None else av.open(str(path), "w", format="mp4", container_options=FRAGMENTED)
+        self._stream: VideoStream | None = None
+        self._last: Picture | None = None
+        self._index = self._pts = -1
+        self._start = 0.0
+        self._album = _Album(rule)
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if self._file is not None:
+            if self._stream is not None and kind is None:
+                self._file.mux(self._stream.encode(None))
+            self._file.close()
+            if self._stream is None and self._path is not None:
+                self._path.unlink(missing_ok=True)  # no picture, no video
+
+    @property
+    def stills(self) -> dict[int, bytes]:
+        """JPEGs by frame."""
+        return self._album.stills
+
+    def add(self, frame: Frame, measured: Measurement) -> None:
+        """Add a frame. In place of a lost one the last picture stays, greyed, with the reason."""
+        self._index += 1
+        if frame.picture is not None:
+            self._last = _shrunken(frame.picture)
+        if self._last is None:
+            return
+        small = self._last if frame.picture is not None else np.asarray(self._last // 3, np.uint8)
+        scale = 1.0 if frame.picture is None else small.shape[1] / frame.picture.shape[1]
+        drawn = annotate(small, measured, scale)
+        if measured.alpha is not None:
+            self._album.offer(self._index, frame.time_s, measured.alpha, drawn)
+        if self._file is not None:
+            self._send(drawn, self._index / _UNTIMED_HZ if frame.time_s is None else frame.time_s)
+
+    def _send(self, picture: Picture, time_s: float) -> None:
+        assert self._file is not None
+        if self._stream is None:
+            self._start = time_s
+            self._stream = self._file.add_stream("libx264", rate=30, options=_X264)
+            self._stream.height, self._stream.width = picture.shape[:2]
+            self._stream.pix_fmt = "yuv420p"
+            self._stream.time_base = self._stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
+        if picture.shape[:2] != (self._stream.height, self._stream.width):
+            return
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        self._pts = max(round((time_s - self._start) * _TICKS_PER_S), self._pts + 1)
+        frame.pts, frame.time_base = self._pts, Fraction(1, _TICKS_PER_S)
+        self._file.mux(self._stream.encode(frame))
+
+
+@dataclass(frozen=True)
+class _Still:
+    alpha: float
+    frame: int
+    jpeg: bytes
+
+
+class _Album:
+    """Keeps the picture of the largest swing, and of the largest of each stretch that may be an alarm."""
+
+    def __init__(self, rule: Rule) -> None:
+        self._rule = rule
+        self._largest: _Still | None = None
+        self._peaks: list[_Still] = []
+        self._until = -math.inf  # the end of the present stretch, unless it goes on
+
+    @property
+    def stills(self) -> dict[int, bytes]:
+        kept = [*self._peaks, *([] if self._largest is None else [self._largest])]
+        return {still.frame: still.jpeg for still in kept}
+
+    def offer(self, index: int, time_s: float | None, alpha: float, drawn: Picture) -> None:
+        largest = self._largest is None or alpha > self._largest.alpha
+        high = alpha >= self._rule.released_at and time_s is not None
+        anew = high and time_s is not None and time_s > self._until
+        peak = high and (anew or alpha > self._peaks[-1].alpha)
+        if high and time_s is not None:
+            self._until = time_s + self._rule.quiet_s
+        if not (largest or peak):
+            return
+        quality = [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
+        jpeg = cv2.imencode(".jpg", cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR), quality)[1].tobytes()
+        still = _Still(alpha, index, jpeg)
+        if largest:
+            self._largest = still
+        if peak:
+            self._peaks[len(self._peaks) if anew else -1 :] = [still]
+
+
+def annotate(picture: Picture, measured: Measurement, scale: float = 1.0) -> Picture:
+    """Draw a measurement into a picture, shape (h, w, 3), that is ``scale`` times the measured one's size."""
+    drawn = picture.copy()
+    unit = max(picture.shape[0] / 540, 0.5)
+    colour = _NOTHING if measured.alpha is None else _ALARM if measured.alpha > DANGER else _CALM
+    thick = max(round(1.6 * unit), 1)
+    if measured.box is not None:
+        x0, y0, x1, y1 = (round(scale * edge) for edge in measured.box)
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), colour, thick)
+    if measured.centre is not None:
+        at = (round(scale * measured.centre[0]), round(scale * measured.centre[1]))
+        cv2.drawMarker(drawn, at, colour, cv2.MARKER_CROSS, round(22 * unit), thick)
+    _gauge(drawn, measured, colour, unit)
+    if measured.alpha is not None and measured.alpha > DANGER:
+        cv2.rectangle(drawn, (0, 0), (drawn.shape[1] - 1, drawn.shape[0] - 1), _ALARM, max(round(6 * unit), 2))
+    return drawn
+
+
+def _gauge(drawn: Picture, measured: Measurement, colour: Colour, unit: float) -> None:
+    """Draw the line of text at the bottom, and the scale from 0 to 20 degrees above it."""
+    height, width = drawn.shape[:2]
+    top, left, right = height - round(64 * unit), round(14 * unit), width - round(14 * unit)
+    drawn[top:] = drawn[top:] // 3
+    text = f"{measured.status}: {measured.reason}"
+    if measured.alpha is not None:
+        text = f"swing {math.degrees(measured.alpha):.2f} deg"
+        if measured.alpha_low is not None and measured.alpha_high is not None:
+            text += f" ({math.degrees(measured.alpha_low):.2f} to {math.degrees(measured.alpha_high):.2f})"
+        if measured.rope_length_m is not None:
+            text += f"   rope {measured.rope_length_m:.2f} m"
+        if measured.alpha > DANGER:
+            text += "   DANGER"
+    # OpenCV's letters are ASCII.
+    text = text.encode("ascii", "replace").decode()
+    at = (left, height - round(14 * unit))
+    cv2.putText(drawn, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.62 * unit, colour, max(round(1.4 * unit), 1), cv2.LINE_AA)
+    y = top + round(14 * unit)
+
+    def along(angle: float) -> int:
+        return left + round((right - left) * min(angle / SCALE, 1.0))
+
+    cv2.line(drawn, (left, y), (right, y), _NOTHING, max(round(unit), 1))
+    cv2.line(drawn, (along(DANGER), y - round(7 * unit)), (along(DANGER), y + round(7 * unit)), _ALARM, 2)
+    if measured.alpha is not None:
+        cv2.line(drawn, (left, y), (along(measured.alpha), y), colour, max(round(7 * unit), 2))
+
+
+def _shrunken(picture: Picture) -> Picture:
+    """Bring a picture to at most `WIDEST_PX` and to even sides, which halved colours need."""
+    height, width = picture.shape[:2]
+    scale = min(WIDEST_PX / width, 1.0)
+    size = max(round(width * scale) // 2 * 2, 2), max(round(height * scale) // 2 * 2, 2)
+    if size == (width, height):
+        return picture
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -1,0 +1,1 @@
+"""Proves the labels of a dataset."""

@@ -1,0 +1,229 @@
+"""The error budget: what each stage adds to the error of α, when those before it are told the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.calibration import Calibration
+from simgrab.geometry import Array, to_camera
+from simgrab.instrument.estimate import ESTIMATORS, Estimator, PaperIteration, RopeAware
+from simgrab.instrument.estimate.follow import Known, follow
+from simgrab.instrument.estimate.frames import mount_from_camera, tilt_of
+from simgrab.instrument.run.runs import Run
+from simgrab.judge.evaluate.swings import errors
+from simgrab.judge.evaluate.truths import Truths
+from simgrab.labels.truth import Truth
+from simgrab.rng import stream
+
+_TOLD_SD_M = 1e-4  # of an offset that is told
+DRAWS = 20
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A row of the budget.
+
+    Attributes
+    ----------
+    name : str
+    tilt : str
+        ``"true"`` in every frame, ``"constant"``: the best that does not change, or ``"estimated"``, which for a run
+        that was given its tilt, or found it in a part of its frames, is that tilt.
+    camera : str
+        ``"true"`` or ``"nominal"``: as the run knew it.
+    rope : str
+        ``"true"`` or ``"read"``.
+    centre : str
+        ``"true"``, ``"box"``: the centre of the true box, or ``"detected"``.
+    """
+
+    name: str
+    tilt: str
+    camera: str
+    rope: str
+    centre: str
+
+
+CHAIN = (
+    Stage("everything true", "true", "true", "true", "true"),
+    Stage("tilt that does not change", "constant", "true", "true", "true"),
+    Stage("tilt estimated", "estimated", "true", "true", "true"),
+    Stage("camera as nominally known", "estimated", "nominal", "true", "true"),
+    Stage("rope's length as read", "estimated", "nominal", "read", "true"),
+    Stage("grab's centre as detected", "estimated", "nominal", "read", "detected"),
+)
+#: Beside the chain: one thing at a time.
+ASIDE = (
+    Stage("true box's centre for the grab's", "estimated", "true", "true", "box"),
+    Stage("detected centre, all else true", "estimated", "true", "true", "detected"),
+    Stage("read length, all else true", "estimated", "true", "read", "true"),
+)
+
+
+def budget(run: Run, known: Truths) -> dict[str, Any] | None:
+    """Follow the error of α through the stages; all rows are of the same frames, and of the whole record.
+
+    Returns
+    -------
+    dict or None
+        ``estimator``; ``tilt``: ``"given"`` where the run had it from elsewhere or from a part of its frames, and so
+        has the chain, else ``"estimated"``; rows as `simgrab.judge.evaluate.swings.errors` gives them, with the tilt
+        ``beta_deg``: ``chain``, each with one thing less that is told, ``aside``, each with one thing that is not,
+        ``paper``, the paper's method on true and on detected centres, ``drawn``, the last row of the chain with offsets
+        drawn about the true one as the camera file states them to err (nothing for a tilt that was given, with its
+        offset), and ``run``, the run's own angles; ``limit``: the stage of the chain that adds most. None where the run
+        tells no centres, and where the true camera changes on the way.
+    """
+    parts = _Parts.of(run, known)
+    if parts is None or len({_built(row) for row in parts.rows}) > 1:
+        return None
+    name = (run.about["estimate"] or run.about["tilt"] or {}).get("estimator", RopeAware.name)
+    estimator = ESTIMATORS[name]() if name in ESTIMATORS else RopeAware()
+
+    def row(stage: Stage, by: Estimator) -> dict[str, Any]:
+        beta, alpha = parts.swing(stage, by)
+        return {"stage": stage.name, "beta_deg": beta} | errors(alpha, parts.alpha)
+
+    paper = PaperIteration()
+    chain = [row(stage, estimator) for stage in CHAIN]
+    return {
+        "estimator": estimator.name,
+        "tilt": "estimated" if parts.given is None else "given",
+        "chain": chain,
+        "limit": limit(chain),
+        "aside": [row(stage, estimator) for stage in ASIDE],
+        "drawn": {"stage": f"offset drawn {DRAWS} times"} | parts.drawn(estimator),
+        "paper": [row(stage, paper) for stage in (CHAIN[2], CHAIN[-1])],
+        "run": {"stage": "the run itself"} | errors(run.alpha[parts.some], parts.alpha),
+    }
+
+
+def limit(chain: Sequence[Mapping[str, Any]]) -> str:
+    """Name the stage of a chain that adds most to the mean square error, or the first that is refused."""
+    for row in chain:
+        if row["rmse_deg"] is None:
+            return f"{row['stage']} (refused)"
+    return str(chain[1 + int(np.argmax(np.diff([row["rmse_deg"] ** 2 for row in chain])))]["stage"])
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What can be true or measured, of the n frames of which both are known."""
+
+    some: NDArray[np.bool_]  # of the run's frames
+    alpha: Array
+    rows: tuple[Truth, ...]
+    time: Array | None
+    centre: dict[str, Array]
+    rope: dict[str, Array]
+    sd: Array
+    camera: dict[str, Calibration]
+    given: Known | None  # tilt that was not found in all of these frames
+
+    @classmethod
+    def of(cls, run: Run, known: Truths) -> _Parts | None:
+        read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+        told = known.rope_length if np.isnan(read).all() else read  # without a display the length plays no part
+        centres = {"true": known.centre, "box": known.box_centre, "detected": run.pixels}
+        finite = [np.isfinite(c).all(axis=-1) for c in centres.values()]
+        some = np.logical_and.reduce([*finite, np.isfinite(known.alpha), np.isfinite(told)])
+        if not some.any():
+            return None
+        rows = tuple(row for row, keep in zip(known.rows, some, strict=True) if keep and row is not None)
+        sd = np.array([m.centre_sd or (0.0, 0.0) for m in run.measurements], float).reshape(-1, 2)
+        return cls(
+            some, known.alpha[some], rows, None if run.time is None else run.time[some],
+            {name: centre[some] for name, centre in centres.items()},
+            {"true": known.rope_length[some], "read": told[some]},
+            np.sqrt(np.mean(sd**2, axis=-1))[some],
+            {"true": true_camera(rows, run.calibration), "nominal": run.calibration}, _given(run),
+        )  # fmt: skip
+
+    def swing(self, stage: Stage, estimator: Estimator) -> tuple[float | None, Array]:
+        """Tilt in degrees, where there is one, and swings (n,), rad, under a stage; NaN where the estimator refuses."""
+        pixels, rope, camera = self.centre[stage.centre], self.rope[stage.rope], self.camera[stage.camera]
+        if stage.tilt == "true":
+            return None, by_pose(self.rows, pixels, rope)
+        if stage.tilt == "constant":
+            tilt = steady(self.rows, camera)
+            return tilt.beta_deg, follow(tilt, pixels, camera, rope_length=rope)[0]
+        if self.given is not None and estimator.name != PaperIteration.name:
+            return self.given.beta_deg, follow(self.given, pixels, camera, rope_length=rope)[0]
+        found = estimator.estimate(pixels, camera, rope_length=rope, time=self.time, pixel_sd=self.sd)
+        if found.alpha is None or found.beta is None:
+            return None, np.full(len(rope), np.nan)
+        return float(np.rad2deg(found.beta)), found.alpha
+
+    def drawn(self, estimator: Estimator) -> dict[str, Any]:
+        """Errors of all draws of the offset together, nothing being told."""
+        nominal, true = self.camera["nominal"], np.array(self.camera["true"].offset_m)
+        off = [np.zeros(0)]
+        for trial in range(DRAWS if self.given is None else 0):
+            rng = stream(0, trial, "offset")
+            x, y, z = (true + rng.normal(0, nominal.offset_sd_m, 3)).tolist()
+            camera = msgspec.structs.replace(nominal, offset_m=(x, y, z))
+            parts = replace(self, camera=self.camera | {"nominal": camera})
+            off.append(parts.swing(CHAIN[-1], estimator)[1] - self.alpha)
+        together = np.concatenate(off)
+        return errors(together, np.zeros_like(together))
+
+
+def _given(run: Run) -> Known | None:
+    """Tilt of a run that was not found in all of its frames."""
+    if run.about["tilt"] is None:
+        return None
+    tilt = msgspec.convert(run.about["tilt"], Known)
+    return tilt if run.about["estimate"] is None or tilt.frames < np.isfinite(run.alpha).sum() else None
+
+
+def _built(row: Truth) -> tuple[float, ...]:
+    """Lens and place of a row's camera, which do not change in a record; a mount may turn it."""
+    return (
+        row.fx_px, row.cx_px, row.cy_px, row.k1, row.k2, row.p1, row.p2, row.k3,
+        row.offset_x_m, row.offset_y_m, row.offset_z_m,
+    )  # fmt: skip
+
+
+def true_camera(rows: Sequence[Truth], nominal: Calibration) -> Calibration:
+    """Give the camera as it truly is: lens and offset, and the mean roll."""
+    row, roll = rows[0], np.angle(np.mean(np.exp(1j * np.deg2rad([row.roll_deg for row in rows]))))
+    return msgspec.structs.replace(
+        nominal, focal_length_px=row.fx_px, cx_px=row.cx_px, cy_px=row.cy_px,
+        k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=float(np.rad2deg(roll)),
+        offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_TOLD_SD_M,
+    )  # fmt: skip
+
+
+def by_pose(rows: tuple[Truth, ...], pixels: Array, rope: Array) -> Array:
+    r"""Swing of a grab seen at pixels (n, 2) by cameras of known pose, \|OA\| being rope (n,): rad, shape (n,)."""
+    pose = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)
+    camera = true_camera(rows, _any_camera(rows[0])).intrinsics
+    ray = np.einsum("nij,nj->ni", pose[:, :, :3], camera.rays(pixels))
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    origin = pose[:, :, 3]
+    # Where the ray meets the sphere of radius l about O.
+    along = np.sum(ray * origin, axis=-1)
+    reach = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(origin**2, axis=-1), 0)) - along
+    grab = origin + reach[:, None] * ray
+    return np.arctan2(np.hypot(grab[:, 0], grab[:, 1]), -grab[:, 2])
+
+
+def steady(rows: tuple[Truth, ...], camera: Calibration) -> Known:
+    """Give the best tilt that does not change: towards the mean of gravity as the camera feels it."""
+    rotations = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)[:, :, :3]
+    down = to_camera(np.array([0.0, 0.0, -1.0]), rotations, np.zeros(3)).mean(axis=0)
+    beta, azimuth = tilt_of(mount_from_camera(camera) @ down)
+    nothing = tuple((0.0,) * 4 for _ in range(4))
+    return Known(
+        "truth", len(rows), float(np.rad2deg(beta)), float(np.rad2deg(azimuth)), camera.offset_m, nothing
+    )  # fmt: skip
+
+
+def _any_camera(row: Truth) -> Calibration:
+    return Calibration(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px)

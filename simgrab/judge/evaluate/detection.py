@@ -1,0 +1,260 @@
+"""How good a detector is: what it said of frames against what is known of them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from simgrab.geometry import Array
+from simgrab.instrument.detect.boxes import iou
+from simgrab.instrument.detect.pictures import centre
+from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
+from simgrab.labels import arrays as labels
+from simgrab.labels.datasets import Dataset
+from simgrab.labels.truth import Truth
+from simgrab.records.observations import Detection
+
+_NORMAL = 1.96
+ROPE_BINS_M = {
+    f"{low:g} m and more" if math.isinf(high) else f"{low:g} to {high:g} m": (low, high)
+    for low, high in itertools.pairwise((0.0, 11.0, 15.0, 20.0, 25.0, 30.0, math.inf))
+}
+HALF = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One frame: what is known, and what was said of it.
+
+    Attributes
+    ----------
+    truth : Truth
+    labelled : bool
+        Whether detection labels hold a box.
+    weather : str
+    detection : Detection
+    dataset : str
+        What tells its worlds from those of others judged with it.
+    """
+
+    truth: Truth
+    labelled: bool
+    weather: str
+    detection: Detection
+    dataset: str = ""
+
+    @property
+    def world(self) -> tuple[str, int | None]:
+        """What names its world, whose frames are much alike."""
+        return self.dataset, self.truth.variant
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing at all is seen of the grab. A sliver too small for a label is neither empty nor labelled."""
+        return self.truth.box_x0_px is None
+
+    @property
+    def hit(self) -> bool:
+        """Whether the labelled grab was found where it is (IoU of at least 0.5)."""
+        found = self.detection.box
+        return self.labelled and found is not None and float(iou(found, _box(self))) >= HALF
+
+    @property
+    def centre_only(self) -> bool:
+        """Whether a centre was told, and no box that could be right or wrong."""
+        return self.detection.box is None and self.detection.centre is not None
+
+    @property
+    def told(self) -> bool:
+        """Whether a labelled grab's centre was told, by a box that hits it or without one."""
+        return self.hit or (self.labelled and self.centre_only)
+
+    @property
+    def half_visible(self) -> bool:
+        """Whether at least half of the grab is seen, by what stands before it and by weather."""
+        return self.truth.visible_fraction >= HALF and self.truth.weather_hidden_fraction <= HALF
+
+
+def cases(dataset: Dataset, detections: Sequence[Detection]) -> list[Case]:
+    """Join a dataset's rows with what was said of them, in the rows' order."""
+    return [
+        Case(row, dataset.is_labelled(row), dataset.weather(row), found, str(dataset.path))
+        for row, found in zip(dataset.rows, detections, strict=True)
+    ]
+
+
+def score(some: Sequence[Case]) -> dict[str, Any]:
+    """Score a detector.
+
+    Returns
+    -------
+    dict
+        ``overall``; ``half_visible``, of frames without a grab and those that show half of it; ``by_weather``; each as
+        `figures` gives. ``by_rope``: centre errors in bins of rope length.
+    """
+    weathers = sorted({case.weather for case in some})
+    return {
+        "overall": figures(some),
+        "half_visible": figures([case for case in some if case.empty or case.half_visible]),
+        "by_weather": {name: figures([case for case in some if case.weather == name]) for name in weathers},
+        "by_rope": {
+            name: centre_errors([c for c in some if c.told and low <= c.truth.rope_length_m < high])
+            for name, (low, high) in ROPE_BINS_M.items()
+        },
+    }
+
+
+def figures(some: Sequence[Case]) -> dict[str, Any]:
+    """Score cases together.
+
+    Returns
+    -------
+    dict
+        Counts; COCO's ``map50_95`` and ``map50``, each frame giving at most one box; ``recall`` at an IoU of 0.5 and
+        ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson, which take frames for
+        independent; ``labelled_worlds`` and ``empty_worlds``, of which those frames are, ``missed_worlds`` and
+        ``false_worlds``, in which any was missed or got a box; ``longest_miss``, frames in a row of a clip;
+        `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the hits. None where
+        there is nothing to count.
+    """
+    labelled = [case for case in some if case.labelled]
+    empty = [case for case in some if case.empty]
+    hits, false = [case for case in labelled if case.hit], [case for case in empty if case.detection.found]
+    return {
+        "frames": len(some),
+        "labelled": len(labelled),
+        "empty": len(empty),
+        **average_precision([case for case in some if case.labelled or case.empty]),
+        "recall": len(hits) / len(labelled) if labelled else None,
+        "recall_interval": clopper_pearson(len(hits), len(labelled)),
+        "labelled_worlds": _worlds(labelled),
+        "missed_worlds": _worlds([case for case in labelled if not case.hit]),
+        "longest_miss": longest_miss(labelled),
+        "false_boxes": len(false),
+        "false_share": len(false) / len(empty) if empty else None,
+        "false_interval": clopper_pearson(len(false), len(empty)),
+        "empty_worlds": _worlds(empty),
+        "false_worlds": _worlds(false),
+        "centre": centre_errors([case for case in labelled if case.told]),
+        "coverage": coverage(hits),
+    }
+
+
+def _worlds(some: Sequence[Case]) -> int:
+    return len({case.world for case in some})
+
+
+def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
+    """COCO's mean average precision over IoU 0.50 to 0.95, and at 0.50."""
+    images = [{"id": i, "width": case.truth.width_px, "height": case.truth.height_px} for i, case in enumerate(some)]
+    truth = [
+        {"id": i + 1, "image_id": i, "category_id": 1, "iscrowd": 0, "bbox": box, "area": box[2] * box[3]}
+        for i, case in enumerate(some)
+        if case.labelled
+        for box in [_xywh(_box(case))]
+    ]
+    told = [
+        {"image_id": i, "category_id": 1, "score": case.detection.score, "bbox": _xywh(case.detection.box)}
+        for i, case in enumerate(some)
+        if case.detection.box is not None
+    ]
+    if not truth:
+        return {"map50_95": None, "map50": None}
+    if not told:
+        return {"map50_95": 0.0, "map50": 0.0}
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells of its progress
+        known = COCO()
+        known.dataset = {"info": {}, "images": images, "annotations": truth, "categories": [{"id": 1, "name": "grab"}]}
+        known.createIndex()
+        evaluation = COCOeval(known, known.loadRes(told), "bbox")
+        evaluation.evaluate()
+        evaluation.accumulate()
+        evaluation.summarize()
+    return {"map50_95": float(evaluation.stats[0]), "map50": float(evaluation.stats[1])}
+
+
+def _box(case: Case) -> Array:
+    box = labels.box(case.truth)
+    assert box is not None
+    return box
+
+
+def _xywh(box: Array) -> list[float]:
+    return [float(box[0]), float(box[1]), float(box[2] - box[0]), float(box[3] - box[1])]
+
+
+def longest_miss(labelled: Sequence[Case]) -> int:
+    """Most labelled frames in a row, of one clip or world, in which the grab was not found where it is."""
+    longest = run = 0
+    before: Case | None = None
+    for case in labelled:
+        run = 0 if case.hit else 1 + (run if before and _follows(case, before) else 0)
+        longest, before = max(longest, run), case
+    return longest
+
+
+def _follows(case: Case, before: Case) -> bool:
+    """Whether a case comes later in the same clip and world."""
+    later = case.truth.frame > before.truth.frame
+    return later and (case.truth.clip, case.world) == (before.truth.clip, before.world)
+
+
+def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
+    """Errors of the grab centre over hits, and beside them those of the truth's own box centre.
+
+    Returns
+    -------
+    dict
+        ``median_px`` and ``p95_px`` of the distance; signed means in u, v and radially (away from the principal point)
+        with their standard errors, by worlds (of one world alone, by frames); the same means in shares of the width,
+        which is the box's longer side; and ``box_radial_…``: what the centre of a perfect box would be off by.
+    """
+    kept = [c for c in hits if c.truth.grab_u_px is not None]
+    if not kept:
+        return {"frames": 0}
+    truth = np.array([labels.centre(c.truth) for c in kept])
+    error = np.array([centre(c.detection) for c in kept]) - truth
+    boxes = np.array([_box(c) for c in kept])
+    of_box = (boxes[:, :2] + boxes[:, 2:]) / 2 - truth
+    width = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
+    outward = truth - [(c.truth.cx_px, c.truth.cy_px) for c in kept]
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    along, of_box_along = (error * outward).sum(axis=1), (of_box * outward).sum(axis=1)
+    distance, worlds = np.linalg.norm(error, axis=1), [c.world for c in kept]
+    result: dict[str, Any] = {
+        "frames": len(kept),
+        "median_px": float(np.median(distance)),
+        "p95_px": float(np.quantile(distance, 0.95)),
+        "median_share": float(np.median(distance / width)),
+        "width_px": float(np.median(width)),
+    }
+    for name, values in (("u", error[:, 0]), ("v", error[:, 1]), ("radial", along), ("box_radial", of_box_along)):
+        result |= {
+            f"{name}_mean_px": float(values.mean()),
+            f"{name}_se_px": standard_error(values, worlds),
+            f"{name}_mean_share": float((values / width).mean()),
+        }
+    return result
+
+
+def coverage(hits: Sequence[Case]) -> dict[str, float | None]:
+    """Share of errors within ±1.96 stated deviations: of box edges, centre coordinates and yaw."""
+    inside: dict[str, list[bool]] = {"box": [], "centre": [], "yaw": []}
+    for case in hits:
+        d, t = case.detection, case.truth
+        if d.box is not None and d.box_sd_px is not None:
+            inside["box"] += list(np.abs(d.box - _box(case)) <= _NORMAL * d.box_sd_px)
+        if d.centre is not None and d.centre_sd_px is not None and t.grab_u_px is not None:
+            inside["centre"] += list(np.abs(d.centre - labels.centre(t)) <= _NORMAL * d.centre_sd_px)
+        if d.yaw is not None and d.yaw_sd is not None:
+            inside["yaw"].append(abs(labels.half_turn(d.yaw - labels.yaw(t))) <= _NORMAL * d.yaw_sd)
+    return {name: float(np.mean(some)) if some else None for name, some in inside.items()}

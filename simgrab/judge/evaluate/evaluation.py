@@ -1,0 +1,145 @@
+"""A run against the truth, stage by stage: what `simgrab evaluate` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgrab.instrument.alarm import Rule
+from simgrab.instrument.contract import Measurement
+from simgrab.instrument.run import runs
+from simgrab.instrument.run.runs import Run
+from simgrab.judge.evaluate import detection, reading, swings, truths
+from simgrab.judge.evaluate.budget import budget
+from simgrab.judge.evaluate.detection import Case
+from simgrab.judge.evaluate.reading import Read
+from simgrab.judge.evaluate.truths import Truths
+from simgrab.records.observations import Detection, Reading
+
+
+def evaluate(run: Run | str | Path, known: Truths | str | Path) -> dict[str, Any]:
+    """Compare a run with what is known of its frames.
+
+    Parameters
+    ----------
+    run : Run or path
+        A run, or its folder.
+    known : Truths or path
+        As `simgrab.judge.evaluate.truths.of` finds them: a dataset, a rendered video, or its truth table.
+
+    Returns
+    -------
+    dict
+        Plain data. ``frames``: how many, and by status. ``detection``: as `simgrab.judge.evaluate.detection.figures`,
+        and the ``jitter_px`` of the centre. ``reading``: digits and frames, and errors of the rope's length. ``angle``:
+        errors overall, above 8°, by rope length and weather. ``interval``: their coverage. ``alarm``: events and
+        frames. ``budget``: the share of each stage in the angles' error. A part without a comparison is None.
+
+    Raises
+    ------
+    RunError, DatasetError
+        If either is not what it should be, or they do not belong together.
+    """
+    run = run if isinstance(run, Run) else runs.load(run)
+    known = known if isinstance(known, Truths) else truths.of(run, known)
+    rule = rule_of(run)
+    return {
+        "run": {"source": run.source, "instrument": run.instrument},
+        "frames": {"all": len(run.measurements), "known": sum(r is not None for r in known.rows)} | run.about["counts"],
+        "detection": of_detection(run, known),
+        "reading": of_reading(run, known),
+        "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
+        "interval": swings.coverage(run.measurements, known.alpha),
+        "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha, rule),
+        "budget": budget(run, known),
+    }
+
+
+def rule_of(run: Run) -> Rule:
+    """Find the rule that a run's alarms were raised by."""
+    told = run.about["rule"]
+    return Rule(told["raised_at"], told["frames"], float(np.deg2rad(told["released_at_deg"])), told["quiet_s"])
+
+
+def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
+    """Score boxes and centres; None where the instrument tells neither, though there are frames that it measured."""
+    boxes = any(m.box is not None for m in run.measurements)
+    centres = any(m.centre is not None for m in run.measurements)
+    if not (boxes or centres or any(m.status == "missed" for m in run.measurements)):
+        return None
+    if not (boxes or centres) and any(m.status == "ok" for m in run.measurements):
+        return None
+    some = [
+        Case(row, bool(labelled), weather, _detection(m))
+        for row, labelled, weather, m in zip(known.rows, known.labelled, known.weather, run.measurements, strict=True)
+        if row is not None
+    ]
+    found = detection.figures(some) | {"jitter_px": jitter(run, known)}
+    return found | dict.fromkeys(_OF_BOXES) if centres and not boxes else found
+
+
+UNREAD = "???? ????"
+# What there is nothing to say of where an instrument tells centres alone.
+_OF_BOXES = (
+    "map50_95", "map50", "recall", "recall_interval", "missed_worlds", "longest_miss",
+    "false_boxes", "false_share", "false_interval", "false_worlds",
+)  # fmt: skip
+
+
+def jitter(run: Run, known: Truths) -> float | None:
+    """Root mean square of what the centre's error changes by from a frame to the next, per coordinate and over √2."""
+    change = np.diff(run.pixels - known.centre, axis=0)
+    change = change[np.isfinite(change).all(axis=-1)]
+    return float(np.sqrt(np.mean(change**2) / 2)) if len(change) else None
+
+
+def _detection(m: Measurement) -> Detection:
+    if m.box is None and m.centre is None:
+        return Detection("none", m.reason or "nothing found", m.score)
+    return Detection(
+        "found", "", m.score,
+        None if m.box is None else np.array(m.box), None if m.centre is None else np.array(m.centre),
+        centre_sd_px=None if m.centre_sd is None else np.array(m.centre_sd),
+    )  # fmt: skip
+
+
+def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
+    """Score readings of the display and lengths; None where the instrument tells neither.
+
+    Once it tells a text, a picture for which it tells none counts as refused.
+    """
+    texts = any(m.rope_text is not None for m in run.measurements)
+    reads = [
+        Read(str(i), "all", _digits(row.rope_text), _digits(row.rope_text_below or row.rope_text), _reading(m))
+        for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
+        if texts and row is not None and row.rope_text is not None and m.status != "lost"
+    ]
+    length = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+    off = np.abs(length - known.rope_length)
+    off = off[np.isfinite(off)]
+    if not reads and not len(off):
+        return None
+    (scores,) = reading.as_json([reading.score(reads)])
+    return scores | {
+        "jumps": sum(m.rope_status == "jump" for m in run.measurements),
+        "length": {
+            "frames": len(off),
+            "median_m": float(np.median(off)) if len(off) else None,
+            "p95_m": float(np.quantile(off, 0.95)) if len(off) else None,
+            "max_m": float(off.max()) if len(off) else None,
+        },
+    }
+
+
+def _digits(text: str) -> str:
+    """Both numbers of a display without the points that some show."""
+    return text.replace(".", "")
+
+
+def _reading(m: Measurement) -> Reading:
+    text = _digits(m.rope_text or UNREAD)
+    hoist, _, closing = text.partition(" ")
+    status = "refused" if "?" in text else "read"
+    return Reading(status, "", hoist, closing, np.ones(8), None, None, None)

@@ -1,0 +1,129 @@
+"""How good angles and alarms are, against the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.instrument.alarm import DANGER, Event, Rule, danger, events
+from simgrab.instrument.contract import Measurement
+from simgrab.judge.evaluate.detection import ROPE_BINS_M
+
+LARGE = math.radians(8)
+# An event must be reported whose swing exceeds the first, and none where it stays below the second.
+SURELY, HARDLY = math.radians(10.5), math.radians(9.5)
+_SLACK_S = 1.0  # by which an alarm may begin before or end after the event that it is of
+
+
+def errors(estimated: Array, true: Array) -> dict[str, Any]:
+    """Errors of angles (n,), rad, where both are known; in degrees.
+
+    Returns
+    -------
+    dict
+        ``frames``; ``bias_deg``, ``rmse_deg``, ``p95_deg`` and ``max_deg`` of the absolute error; None of nothing.
+    """
+    off = np.rad2deg(estimated - true)
+    off = off[np.isfinite(off)]
+    names = ("bias_deg", "rmse_deg", "p95_deg", "max_deg")
+    if not len(off):
+        return {"frames": 0} | dict.fromkeys(names)
+    size = np.abs(off)
+    values = (off.mean(), np.sqrt(np.mean(off**2)), np.quantile(size, 0.95), size.max())
+    return {"frames": len(off)} | {name: float(value) for name, value in zip(names, values, strict=True)}
+
+
+def angles(estimated: Array, true: Array, rope: Array, weather: Sequence[str]) -> dict[str, Any]:
+    """Errors of all frames, of large swings, by rope length and by weather."""
+
+    def among(some: NDArray[np.bool_]) -> dict[str, Any]:
+        return errors(estimated[some], true[some])
+
+    names = np.array(weather)
+    return {
+        "overall": errors(estimated, true),
+        "above_8_deg": among(true > LARGE),
+        "by_rope": {name: among((rope >= low) & (rope < high)) for name, (low, high) in ROPE_BINS_M.items()},
+        "by_weather": {str(name): among(names == name) for name in dict.fromkeys(weather) if name},
+    }
+
+
+def coverage(measurements: Sequence[Measurement], true: Array) -> dict[str, Any]:
+    """Share of true angles within their intervals, and these intervals' mean width in degrees."""
+    ends = np.array([(m.alpha_low, m.alpha_high) for m in measurements], float).reshape(-1, 2)  # None becomes NaN
+    known = np.isfinite(ends).all(axis=-1) & np.isfinite(true)
+    if not known.any():
+        return {"frames": 0, "share": None, "width_deg": None}
+    low, high = ends[known].T
+    inside = (low <= true[known]) & (true[known] <= high)
+    return {
+        "frames": int(known.sum()),
+        "share": float(inside.mean()),
+        "width_deg": float(np.rad2deg(high - low).mean()),
+    }
+
+
+def true_events(times: Array, true: Array, rule: Rule) -> tuple[Event, ...]:
+    """Events of the true swing, by the same rule: from the first frame beyond 10°."""
+    known = [
+        Measurement(status="ok", alpha=a) if math.isfinite(a) else Measurement(status="lost", reason="not known")
+        for a in true.tolist()
+    ]
+    return events(times, known, rule)
+
+
+def alarms(
+    times: Array, measurements: Sequence[Measurement], found: Sequence[Event], true: Array, rule: Rule
+) -> dict[str, Any]:
+    """Compare alarms with the events of the true swing.
+
+    Returns
+    -------
+    dict
+        ``events`` of the true swing, how many of them surely are (``sure``), and of these how many were ``missed``;
+        ``reported`` alarms, and how many of them were ``false``; of events that were reported how many found an alarm
+        ``already_on``, raised more than a second before, and of the others the ``delays`` in frames, negative where
+        the alarm came before, and their ``median_delay``; of single frames beyond 10° ``precision`` and ``recall``,
+        of frames that have an angle.
+    """
+    real = true_events(times, true, rule)
+    sure = [e for e in real if e.alpha > SURELY]
+    delays, already_on = [], 0
+    for event in real:
+        reports = [f for f in found if _meet(event, f)]
+        if reports and reports[0].onset_s < event.onset_s - _SLACK_S:
+            already_on += 1
+        elif reports:
+            delays.append(reports[0].first - event.first)
+    false = [f for f in found if not _swings(times, true, f)]
+    said = np.array([danger(m) >= rule.raised_at for m in measurements], bool)
+    given = np.array([m.alpha is not None for m in measurements], bool) & np.isfinite(true)
+    said, real_danger = said[given], true[given] > DANGER
+    both = int((said & real_danger).sum())
+    return {
+        "events": len(real),
+        "sure": len(sure),
+        "missed": sum(not any(_meet(e, f) for f in found) for e in sure),
+        "reported": len(found),
+        "false": len(false),
+        "delays": delays,
+        "already_on": already_on,
+        "median_delay": float(np.median(delays)) if delays else None,
+        "precision": both / int(said.sum()) if said.any() else None,
+        "recall": both / int(real_danger.sum()) if real_danger.any() else None,
+    }
+
+
+def _meet(event: Event, found: Event) -> bool:
+    return found.onset_s <= event.end_s + _SLACK_S and found.end_s >= event.onset_s - _SLACK_S
+
+
+def _swings(times: Array, true: Array, found: Event) -> bool:
+    """Whether the true swing reaches what may pass for danger while an alarm is on."""
+    during = (times >= found.onset_s - _SLACK_S) & (times <= found.end_s + _SLACK_S)
+    return bool((true[during] >= HARDLY).any())

@@ -1,0 +1,136 @@
+"""An evaluation as tables of text, for the terminal and for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text: its title, heads, rows, and what is to be said below it."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+ERRORS = ("frames", "bias", "RMSE", "95 %", "max")  # degrees
+
+
+def tables(found: Mapping[str, Any]) -> tuple[Table, ...]:
+    """Make the tables of what `simgrab.evaluate` gives; parts without a comparison are left out."""
+    parts = (
+        _of_detection(found["detection"]),
+        _of_reading(found["reading"]),
+        _of_angle(found["angle"], found["interval"]),
+        _of_alarm(found["alarm"]),
+        _of_budget(found["budget"]),
+    )
+    return tuple(part for part in parts if part is not None)
+
+
+def _of_detection(f: Mapping[str, Any] | None) -> Table | None:
+    if f is None:
+        return None
+    centre = f["centre"]
+    low, high = f["recall_interval"] or (None, None)
+    rows = (
+        ("COCO mAP@50:95", text(f["map50_95"])),
+        (
+            f"recall of {f['labelled']} frames with a grab",
+            f"{text(f['recall'], 4)} ({text(low, 4)} to {text(high, 4)})",
+        ),
+        ("most missed in a row", str(f["longest_miss"])),
+        (f"boxes on {f['empty']} frames without one", str(f["false_boxes"])),
+        ("centre error, median (px)", text(centre.get("median_px"), 2)),
+        ("centre error, 95 % (px)", text(centre.get("p95_px"), 2)),
+        ("centre bias u, v (px)", f"{text(centre.get('u_mean_px'), 2)}, {text(centre.get('v_mean_px'), 2)}"),
+        ("jitter (px)", text(f["jitter_px"], 2)),
+        ("stated 95 % of the centre hold", percent(f["coverage"]["centre"])),
+    )
+    return Table("Detection", ("", ""), rows)
+
+
+def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
+    if f is None:
+        return None
+    length = f["length"]
+
+    def share(name: str) -> str:
+        return f"{f[name]['count']} of {f[name]['of']} ({percent(f[name]['value'], 3)})" if f[name]["of"] else "none"
+
+    rows = (
+        ("digits right", share("digits_right")),
+        ("frames read right", share("frames_right")),
+        ("frames refused", share("frames_refused")),
+        ("torn displays read as one text", share("torn_right")),
+        ("readings that the hoist cannot have got to", str(f["jumps"])),
+        ("rope's length, median and 95 % error (m)", f"{text(length['median_m'])}, {text(length['p95_m'])}"),
+    )
+    return Table("Reading", ("", ""), rows, "The display lags behind the rope.")
+
+
+def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
+    rows = [("all", *errors(f["overall"])), ("α above 8°", *errors(f["above_8_deg"]))]
+    rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
+    rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
+    note = "No intervals were told."
+    if interval["share"] is not None:
+        width = text(interval["width_deg"], 2)
+        note = f"95 % intervals hold the true α in {percent(interval['share'])}, at a mean width of {width}°."
+    return Table("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), note)
+
+
+def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
+    if f is None:
+        return None
+    delay = "no alarm" if f["median_delay"] is None else f"{f['median_delay']:g} ({', '.join(map(str, f['delays']))})"
+    rows = (
+        ("true swings beyond 10°, events", str(f["events"])),
+        ("of these beyond 10.5°", str(f["sure"])),
+        ("of these missed", str(f["missed"])),
+        ("alarms", str(f["reported"])),
+        ("of these false (true swing below 9.5°)", str(f["false"])),
+        ("median delay, and each (frames)", delay),
+        (
+            "frames beyond 10°: precision, recall",
+            f"{text(f['precision']) or 'no alarm'}, {text(f['recall']) or 'no such frame'}",
+        ),
+    )
+    return Table("Alarms", ("", ""), rows)
+
+
+def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
+    if f is None:
+        return None
+    groups = (
+        ("", (*f["chain"], f["run"])), ("nothing told, ", [f["drawn"]]), ("aside: ", f["aside"]),
+        ("the paper's method: ", f["paper"]),
+    )  # fmt: skip
+    rows = [
+        (f"{prefix}{row['stage']}", *errors(row), text(row.get("beta_deg"))) for prefix, rows in groups for row in rows
+    ]
+    return Table(
+        f"Error budget of the swing angle, degrees ({f['estimator']})", ("what is told", *ERRORS, "β̂"), tuple(rows),
+        "Each row down to the run itself is told one thing less than the row above it; all are of the same frames. "
+        + ("The tilt is the one that was given, or found in a part of the frames. " if f["tilt"] == "given" else "")
+        + f"What adds most: {f['limit']}.",
+    )  # fmt: skip
+
+
+def errors(e: Mapping[str, Any]) -> tuple[str, ...]:
+    """Cells of a row of errors."""
+    return (str(e["frames"]), *(text(e[name]) for name in ("bias_deg", "rmse_deg", "p95_deg", "max_deg")))
+
+
+def text(value: Any, digits: int = 3) -> str:
+    """Write a number; nothing where there is none."""
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def percent(value: Any, digits: int = 1) -> str:
+    """Write a share; nothing where there is none."""
+    return "" if value is None else f"{100 * value:.{digits}f} %"

@@ -1,0 +1,61 @@
+"""What a row of labels says of the grab in the picture, as arrays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simgrab import geometry
+from simgrab.geometry import Array, Distortion, Intrinsics
+from simgrab.labels.truth import Truth
+
+_STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
+
+
+def box(row: Truth) -> Array | None:
+    """Visible box x0, y0, x1, y1, px; None where nothing is seen of the grab."""
+    corners = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    return None if corners[0] is None else np.array(corners, float)
+
+
+def amodal_box(row: Truth) -> Array | None:
+    """Box x0, y0, x1, y1 of the whole silhouette, px; None where the lens shows nothing of it."""
+    corners = (row.amodal_x0_px, row.amodal_y0_px, row.amodal_x1_px, row.amodal_y1_px)
+    return None if corners[0] is None else np.array(corners, float)
+
+
+def pose(values: tuple[float, ...]) -> Array:
+    """Transform, shape (4, 4), from the 12 values of a pose column."""
+    return np.vstack([np.reshape(values, (3, 4)), (0.0, 0.0, 0.0, 1.0)])
+
+
+def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
+    """Whether detection labels hold a box for a row: the grab shows, and at least this fraction of it."""
+    return row.box_x0_px is not None and row.visible_fraction >= least_visible_fraction
+
+
+def centre(row: Truth) -> Array:
+    """Grab centre A as the picture has it, px; NaN where the lens shows none."""
+    return np.array([np.nan if x is None else x for x in (row.grab_u_px, row.grab_v_px)])
+
+
+def yaw(row: Truth) -> float:
+    """Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π)."""
+    grab = np.reshape(row.jib_from_grab, (3, 4))
+    camera = np.reshape(row.jib_from_camera, (3, 4))
+    points = grab[:, 3] + np.array([[-_STEP_M], [_STEP_M]]) * grab[:, 0]
+    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    across, down = ends[1] - ends[0]
+    return float(np.arctan2(down, across) % np.pi)
+
+
+def intrinsics(row: Truth) -> Intrinsics:
+    """Give a frame's pinhole and its lens."""
+    lens = Distortion(row.k1, row.k2, row.p1, row.p2, row.k3)
+    return Intrinsics(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px, lens)
+
+
+def half_turn(angle: float) -> float:
+    """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
+    return (angle + math.pi / 2) % math.pi - math.pi / 2

@@ -1,0 +1,1 @@
+"""Frozen values that the instrument returns: detections, readings and estimates."""

@@ -1,0 +1,222 @@
+"""Picture files from outside: decoded by OpenCV once their headers show a whole picture of a size within the limit.
+
+OpenCV alone is not enough: it crashes on a path that is no UTF-8, decodes the first part of a file that is cut off, and
+decodes whatever size a header states.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from cv2.utils import logging
+from numpy.typing import NDArray
+
+from simgrab.errors import PictureError, first_line
+from simgrab.utilities.files import by_number
+from simgrab.utilities.parse import cannot, read_bytes
+
+MOST_PIXELS = 100_000_000  # three times 8K; as RGB such a picture takes 300 MB
+MOST_SIDE = 16_384  # a detector pads a narrow strip to the net's aspect, and OpenCV warps no more than 32,766
+MOST_BYTES = 8 * MOST_PIXELS  # four channels of 16 bits, uncompressed
+
+MOST_SCANS = 500  # of a JPEG, each of which takes time for all of its pixels; a progressive one has about 10
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")  # by which a folder's pictures are known
+
+Size = tuple[int, int]
+
+_CUT_OFF = "it is cut off"
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd8\xff]")  # without fill bytes and those that stand within coded data
+_JPEG_END, _JPEG_SCAN = 0xD9, 0xDA
+_JPEG_FRAME = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_TIFF_CODES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q"}
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_TIFF_DATA = ((273, 279), (324, 325))  # offsets and lengths of strips, and of tiles
+
+
+class _RefusedError(Exception):
+    """Says why a file is not given to OpenCV."""
+
+
+def of(folder: Path) -> tuple[Path, ...]:
+    """Picture files of a folder, by the numbers in their names."""
+    return tuple(sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=by_number))
+
+
+def read(path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+    """Read a picture file.
+
+    Parameters
+    ----------
+    path : Path
+        JPEG, PNG, BMP, TIFF or WebP, by its content.
+    mode : int
+        OpenCV's ``IMREAD_…``.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3), or (height, width) where ``mode`` is grey
+        As OpenCV decodes it.
+
+    Raises
+    ------
+    PictureError
+        If it cannot be read, or `decode` refuses it.
+    """
+
+    def refusal(line: str) -> PictureError:
+        return PictureError(path, line.removeprefix(f"{cannot(path)}: "))
+
+    return decode(read_bytes(path, refusal, most_bytes=MOST_BYTES), path, mode)
+
+
+def decode(data: bytes, path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+    """Decode the bytes of a picture file; see `read`. ``path`` is for the message.
+
+    Raises
+    ------
+    PictureError
+        If it is no JPEG, PNG, BMP, TIFF or WebP, is cut off or damaged, or has more than `MOST_PIXELS` pixels, a
+        side above `MOST_SIDE` or more than `MOST_SCANS` scans.
+    """
+    if problem := _problem(data):
+        raise PictureError(path, problem)
+    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # else OpenCV prints what is wrong with a TIFF
+    try:
+        found = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
+    except cv2.error as error:
+        raise PictureError(path, first_line(error)) from None
+    finally:
+        logging.setLogLevel(level)
+    if found is None:
+        raise PictureError(path, "it is damaged")
+    return np.asarray(found, np.uint8)
+
+
+def too_large(width: int, height: int) -> str:
+    """Say that a picture of this size is too large; empty where it is not."""
+    if width * height <= MOST_PIXELS and max(width, height) <= MOST_SIDE:
+        return ""
+    most = f"{MOST_PIXELS / 1e6:.0f} megapixels and {MOST_SIDE} px a side"
+    return f"it has {width} x {height} px; at most {most} are read"
+
+
+def _problem(data: bytes) -> str:
+    """Say why a file is not given to OpenCV; empty where it is."""
+    if not data:
+        return "it is empty"
+    for starts, size in _KINDS:
+        if starts.match(data):
+            try:
+                return too_large(*size(data))
+            except struct.error:
+                return _CUT_OFF
+            except _RefusedError as reason:
+                return str(reason)
+    return "it is no JPEG, PNG, BMP, TIFF or WebP"
+
+
+def _within(data: bytes, end: int) -> None:
+    if end > len(data):
+        raise _RefusedError(_CUT_OFF)
+
+
+def _jpeg(data: bytes) -> Size:
+    """Go from marker to marker up to the end of the image. What a camera appends after it does not count."""
+    size, scans, at = (0, 0), 0, 2
+    while marker := _JPEG_MARKER.search(data, at):
+        code = data[marker.end() - 1]
+        if code == _JPEG_END:
+            return size
+        scans += code == _JPEG_SCAN
+        if scans > MOST_SCANS:
+            raise _RefusedError(f"it has more than {MOST_SCANS} scans")
+        (length,) = struct.unpack_from(">H", data, marker.end())
+        if code in _JPEG_FRAME and size == (0, 0):
+            height, width = struct.unpack_from(">HH", data, marker.end() + 3)
+            size = width, height
+        at = marker.end() + length
+    raise _RefusedError(_CUT_OFF)
+
+
+def _png(data: bytes) -> Size:
+    """Go from chunk to chunk up to the last; libpng would print which checksum is wrong."""
+    at, kind = 8, b""
+    while kind != b"IEND":
+        length, kind = struct.unpack_from(">I4s", data, at)
+        end = at + 8 + length
+        _within(data, end + 4)
+        checksum = int.from_bytes(data[end : end + 4])
+        if kind[:1].isupper() and zlib.crc32(memoryview(data)[at + 4 : end]) != checksum:  # the picture needs it
+            raise _RefusedError("it is damaged")
+        at = end + 4
+    width, height = struct.unpack_from(">II", data, 16)
+    return width, height
+
+
+def _bmp(data: bytes) -> Size:
+    (start, header) = struct.unpack_from("<II", data, 10)
+    if header == 12:
+        width, height, _, bits = struct.unpack_from("<HHHH", data, 18)
+        coding = 0
+    else:
+        width, height, _, bits, coding = struct.unpack_from("<iiHHI", data, 18)
+    width, height = abs(width), abs(height)
+    if coding in (0, 3):  # not run lengths
+        _within(data, start + (width * bits + 31) // 32 * 4 * height)
+    return width, height
+
+
+def _tiff(data: bytes) -> Size:
+    """Read the first directory; its strips or tiles must lie within the file."""
+    order = "<" if data[:2] == b"II" else ">"
+    (version,) = struct.unpack_from(f"{order}H", data, 2)
+    offset, count, entry = ("Q", "Q", f"{order}HHQ8s") if version == 43 else ("I", "H", f"{order}HHI4s")
+    (at,) = struct.unpack_from(order + offset, data, 8 if version == 43 else 4)
+    (entries,) = struct.unpack_from(order + count, data, at)
+    first = at + struct.calcsize(order + count)
+    _within(data, first + entries * struct.calcsize(entry))
+    found: dict[int, tuple[int, ...]] = {}
+    for tag, kind, number, value in struct.iter_unpack(entry, data[first : first + entries * struct.calcsize(entry)]):
+        wanted = tag in (_TIFF_WIDTH, _TIFF_HEIGHT) or any(tag in pair for pair in _TIFF_DATA)
+        if wanted and kind in _TIFF_CODES:
+            values = f"{order}{number}{_TIFF_CODES[kind]}"
+            if struct.calcsize(values) > len(value):
+                (where,) = struct.unpack(order + offset, value)
+                found[tag] = struct.unpack_from(values, data, where)
+            else:
+                found[tag] = struct.unpack_from(values, value)
+    for offsets, lengths in _TIFF_DATA:
+        for start, length in zip(found.get(offsets, ()), found.get(lengths, ()), strict=False):
+            _within(data, start + length)
+    width, height = ((found.get(tag) or (0,))[0] for tag in (_TIFF_WIDTH, _TIFF_HEIGHT))
+    return width, height
+
+
+def _webp(data: bytes) -> Size:
+    (length,) = struct.unpack_from("<I", data, 4)
+    _within(data, 8 + length)
+    kind = data[12:16]
+    if kind == b"VP8X":
+        width, height = (1 + int.from_bytes(data[at : at + 3], "little") for at in (24, 27))
+    elif kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        width, height = 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+    else:
+        width, height = (side & 0x3FFF for side in struct.unpack_from("<HH", data, 26))
+    return width, height
+
+
+_KINDS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], Size]], ...] = (
+    (re.compile(rb"\xff\xd8\xff"), _jpeg),
+    (re.compile(rb"\x89PNG\r\n\x1a\n"), _png),
+    (re.compile(rb"BM"), _bmp),
+    (re.compile(rb"II[*+]\0|MM\0[*+]"), _tiff),
+    (re.compile(rb"RIFF....WEBP", re.DOTALL), _webp),
+)

@@ -1,0 +1,1 @@
+"""What the camera makes of a scene: renderer, shutter, weather, lens, sensor and display."""

@@ -1,0 +1,8 @@
+"""Weather between the drawn scene and the camera, with true depth: a known amount of each, and labels unmoved."""
+
+from simgrab.world.camera.weather.chain import Weathered, apply, hidden_fraction
+from simgrab.world.camera.weather.dust import Puff
+from simgrab.world.camera.weather.ground import Lamp
+from simgrab.world.camera.weather.sight import Sight
+
+__all__ = ["Lamp", "Puff", "Sight", "Weathered", "apply", "hidden_fraction"]

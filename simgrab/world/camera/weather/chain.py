@@ -1,0 +1,209 @@
+"""Put weather between a drawn scene and the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import groupby
+from operator import attrgetter
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.rng import stream
+from simgrab.scenario import Cargo, Weather
+from simgrab.world.camera.bands import each_band
+from simgrab.world.camera.weather import precipitation
+from simgrab.world.camera.weather.air import haze
+from simgrab.world.camera.weather.drift import TINT as DRIFT_TINT
+from simgrab.world.camera.weather.drift import drift
+from simgrab.world.camera.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
+from simgrab.world.camera.weather.glass import DIRT, SNOW_LIGHT, glass, lying
+from simgrab.world.camera.weather.ground import Lamp, ground
+from simgrab.world.camera.weather.layer import Layer, Maker
+from simgrab.world.camera.weather.particles import Particles, scatter
+from simgrab.world.camera.weather.precipitation import Precipitation
+from simgrab.world.camera.weather.sight import Picture, Sight, Vector
+from simgrab.world.camera.weather.streaks import draw, expose
+from simgrab.world.camera.weather.surface import surface
+
+MEAN_ALBEDO = 0.2  # of what ports show: turns the picture's mean light into that of a white surface
+SKY: Vector = (0.96, 1.0, 1.03)
+BRIGHTEST = 6.0  # of particles next to a lamp, in units of white
+
+
+@dataclass(frozen=True, eq=False)
+class Weathered:
+    """A frame in its weather.
+
+    Attributes
+    ----------
+    light : ndarray of float32, shape (height, width, 3)
+        Linear radiance.
+    veil : ndarray of float32, shape (height, width)
+        Share of the scene's light that air, particles and glass keep from the camera.
+    """
+
+    light: Picture
+    veil: Picture
+
+
+def apply(
+    weather: Weather,
+    sight: Sight,
+    *,
+    seed: int,
+    frame: int,
+    clip: int = 0,
+    time_s: float = 0.0,
+    wind_m_s: Vector | None = None,
+    airlight: Vector | None = None,
+    lamps: Sequence[Lamp] = (),
+    puffs: Sequence[Puff] | None = None,
+    cargo: Cargo = "coal",
+) -> Weathered:
+    """Put weather between a scene and the camera.
+
+    Parameters
+    ----------
+    weather : Weather
+    sight : Sight
+        The scene as it was drawn. Nothing is written into it.
+    seed, frame : int
+        Key the random streams of what changes from frame to frame.
+    clip : int
+        Keys those of what stays on the glass. What lies on the ground is the scene's, for all clips.
+    time_s : float
+        Since the clip began: what the wind drives along the ground has come so far.
+    wind_m_s : tuple of 3 floats, optional
+        Velocity of the air, jib frame; the weather's own unless given.
+    airlight : tuple of 3 floats, optional
+        Linear radiance (r, g, b) of a white matte surface in the open: what dense fog, flakes and snow look like.
+        Estimated from the picture's mean unless given.
+    lamps : sequence of Lamp
+        The sun and floodlights, for glints and for the particles near them.
+    puffs : sequence of Puff, optional
+        Where dust was raised; a puff of random age from the grab's jaws unless given.
+    cargo : str
+        What the dust is of.
+
+    Returns
+    -------
+    Weathered
+    """
+    if weather.off:
+        return Weathered(sight.light, np.zeros(sight.depth.shape, np.float32))
+    white = airlight or _airlight(sight)
+    wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
+    sheets: list[_Sheet] = []
+    if weather.wetness or weather.snow_cover:
+        sheets.append(_Sheet(ground(weather, sight, lamps, _mean(white), seed=seed), white, veils=False))
+    if weather.drift_thickness:
+        streamers = drift(sight, surface(sight), weather.drift_thickness, wind, time_s, seed=seed)
+        sheets.append(_Sheet(streamers.band, _times(white, DRIFT_TINT)))
+    if weather.dust_thickness:
+        for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
+            of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)
+            sheets.append(_Sheet(dust(of, sight, seed=seed), _times(white, TINT[cargo])))
+    if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
+        sheets += (_Sheet(part, white) for part in _air(weather, sight, lamps, white, wind, seed, frame))
+    light, keep = sight.light, np.ones(sight.depth.shape, np.float32)
+    if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
+        pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
+        if weather.lens_drops:  # they show what lies behind from elsewhere, so that must be there
+            light, keep = _laid(light, keep, sheets)
+            light, keep = pane.through_drops(light, keep, white)
+            sheets = []
+        if weather.lens_dirt:
+            sheets.append(_Sheet(lying(pane.dirt, 1.0), _times(white, DIRT)))
+        if weather.lens_snow:
+            sheets.append(_Sheet(lying(pane.snow, SNOW_LIGHT), white))
+    light, keep = _laid(light, keep, sheets)
+    return Weathered(light, np.subtract(1, keep, out=keep))
+
+
+def hidden_fraction(veil: Picture, mask: NDArray[np.bool_]) -> float:
+    """Mean veil over the pixels of a mask, both (height, width); 0 where the mask is empty."""
+    return float(veil[mask].mean(dtype=np.float64)) if mask.any() else 0.0
+
+
+def _airlight(sight: Sight) -> Vector:
+    """Estimate a white surface's light from a sixteenth of the picture's pixels."""
+    white = min(1.0, float(sight.light[::4, ::4].mean(dtype=np.float64)) / MEAN_ALBEDO)
+    return SKY[0] * white, SKY[1] * white, SKY[2] * white
+
+
+def _wind(weather: Weather) -> Vector:
+    azimuth = np.radians(weather.wind_azimuth_deg)
+    return weather.wind_m_s * np.cos(azimuth), weather.wind_m_s * np.sin(azimuth), 0.0
+
+
+class _Sheet(NamedTuple):
+    """A layer and its colour, and whether what it hides counts as hidden by weather."""
+
+    layer: Maker
+    colour: Vector
+    veils: bool = True
+
+
+def _laid(light: Picture, keep: Picture, sheets: Sequence[_Sheet]) -> tuple[Picture, Picture]:
+    """Lay sheets over a picture, from the back to the front, and over the share of light that was kept before them."""
+    if not sheets:
+        return light, keep
+    seen, kept = np.empty_like(light), np.empty_like(keep)
+
+    def lay(rows: slice) -> None:
+        band, through = light[rows], keep[rows]
+        for colour, some in groupby(sheets, attrgetter("colour")):
+            layers = []
+            for sheet in some:
+                if layer := sheet.layer(rows):
+                    layers.append(layer)
+                    through = cv2.multiply(through, layer.keep) if sheet.veils else through
+            band = reduce(Layer.behind, layers).over(band, colour) if layers else band
+        seen[rows], kept[rows] = band, through
+
+    each_band(len(light), lay)
+    return seen, kept
+
+
+def _times(colour: Vector, tint: Vector) -> Vector:
+    return colour[0] * tint[0], colour[1] * tint[1], colour[2] * tint[2]
+
+
+def _air(
+    weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
+) -> list[Maker]:
+    """Fog, rain and snow: haze, and before it what falls near the camera."""
+    falling = {}
+    if weather.rain_mm_h:
+        falling["rain"] = precipitation.rain(weather.rain_mm_h)
+    if weather.snow_mm_h:
+        falling["snow"] = precipitation.snow(weather.snow_mm_h)
+    layers = [haze(sight, weather.visibility_m, list(falling.values()))]
+    for name, of in falling.items():
+        rng = stream(seed, frame, f"weather.{name}")
+        near = scatter(of, sight.intrinsics, sight.jib_from_camera, wind, rng)
+        brightness = _brightness(of, near, sight, lamps, _mean(white))
+        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight).band)
+    return layers
+
+
+def _mean(white: Vector) -> float:
+    return max(sum(white) / 3, 1e-6)
+
+
+def _brightness(of: Precipitation, near: Particles, sight: Sight, lamps: Sequence[Lamp], white: float) -> Array:
+    """Brightness of particles in units of white, which holds the lamps' light as it is at the ground."""
+    result = np.ones(len(near.diameter_m))
+    at = near.position_m @ sight.jib_from_camera.T + sight.centre_m
+    ground_z = sight.centre_m[2] - sight.height_m
+    for lamp in lamps:
+        fall = lamp.position_m[2] - ground_z
+        squared = ((at - lamp.position_m) ** 2).sum(axis=1)
+        result += lamp.light / white * (fall**2 / np.maximum(squared, 0.25) - 1)
+    return np.asarray(of.brightness * np.clip(result, 0.0, BRIGHTEST))

@@ -1,0 +1,172 @@
+"""What weather has left on the ground: water in the pores and in puddles, and snow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
+
+import cv2
+import numpy as np
+
+from simgrab.scenario import Weather
+from simgrab.world.camera.bands import each_band, enlarged
+from simgrab.world.camera.weather import noise
+from simgrab.world.camera.weather.layer import Layer, Maker
+from simgrab.world.camera.weather.sight import Picture, Sight, Vector
+from simgrab.world.camera.weather.surface import STEP, Surface, coarse_rays, surface
+from simgrab.world.scenery.model import PLACE, ROPE
+
+SPAN_M = 51.2  # noise repeats after so much
+WET_ALBEDO = 0.6  # share of a porous surface's albedo that is left when it is wet (Lekner & Dorf 1988)
+PUDDLE_ALBEDO = 0.3  # wet through, and mud besides
+MOST_PUDDLES = 0.35  # share of the level ground
+LEVEL = 0.995  # cosine of the steepest slope on which water stands
+FRESNEL = 0.02  # of water at normal incidence, n = 1.33
+PUDDLE_SLOPE, FILM_SLOPE = 0.05, 0.2  # rms slope of each component: a rippled puddle, a film on concrete
+SNOW_ALBEDO = 0.88
+STEEPEST_SNOW = (0.5, 0.8)  # cosines between which less and less snow stays
+DUSTING = 0.45  # of the cover, on moving steel
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A lamp or the sun.
+
+    Attributes
+    ----------
+    position_m : tuple of 3 floats
+        Jib frame; the sun is very far away.
+    light : float
+        Linear radiance of a white matte surface that faces it from the ground below the camera.
+    """
+
+    position_m: Vector
+    light: float
+
+
+def ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
+    """Wet the ground and lay snow on it.
+
+    Parameters
+    ----------
+    weather : Weather
+        Some wetness, from 0.5 on with puddles, or snow cover, or both.
+    sight : Sight
+    lamps : sequence of Lamp
+    white : float
+        Linear brightness of the sky, which is the unit of the layer's glow.
+    seed : int
+    """
+    shape = coarse_rays(sight.intrinsics).x.shape
+    keep, glow = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    puddles = noise.tile(seed, 0, "weather.puddles", 1.45) if weather.wetness else None
+    snow = (noise.tile(seed, 0, "weather.snow.cover", 1.5), _SnowLight(sight, white)) if weather.snow_cover else None
+
+    def lie(rows: slice) -> None:
+        on, layers = surface(sight, rows), []
+        if puddles is not None:
+            layers.append(_wet(sight, on, puddles, weather.wetness, lamps, white))
+        if snow:
+            layers.append(_snow(sight, on, rows, weather.snow_cover, *snow))
+        joined = reduce(Layer.behind, layers)
+        keep[rows], glow[rows] = joined.keep, joined.glow
+
+    each_band(shape[0], lie)
+    return _enlarged(Layer(keep, glow), sight)
+
+
+def _wet(sight: Sight, on: Surface, puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float) -> Layer:
+    """Darken porous ground, and let it mirror the sky and the lamps."""
+    share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
+    pattern = noise.look_up(puddles, on.x, on.y, SPAN_M)
+    puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
+    damp = np.float32(1 - (1 - WET_ALBEDO) * min(1.0, 2 * wetness))
+    keep = np.where(on.solid, damp + (PUDDLE_ALBEDO - damp) * puddle, np.float32(1))
+    camera_z, ground_z = sight.centre_m[2], sight.centre_m[2] - sight.height_m
+    camera = _towards((*sight.centre_m[:2], camera_z), on, ground_z)
+    steep = camera[2]  # cosine of the angle of incidence
+    mirror = (FRESNEL + (1 - FRESNEL) * cv2.pow(1 - steep, 5)) * on.solid * np.float32(min(1.0, 2 * wetness))
+    glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
+    for lamp in lamps:
+        hx, hy, hz = (a + b for a, b in zip(camera, _towards(lamp.position_m, on, ground_z), strict=True))
+        lean = cv2.divide(hx * hx + hy * hy, np.maximum(hz * hz, np.float32(1e-6)))
+        shine = _slopes(lean, PUDDLE_SLOPE) * puddle + _slopes(lean, FILM_SLOPE) * (np.float32(0.5) - 0.5 * puddle)
+        # Radiance of a lamp's mirror image over the lamp's light and the Fresnel coefficient (Cox & Munk 1954):
+        # π p(slopes) / (4 cos θ cos⁴ β), β being the lean of the facet that mirrors the lamp into the camera.
+        shine *= np.float32(np.pi / 4 * lamp.light / white) * np.square(1 + lean)
+        glow += mirror * shine / np.maximum(steep, np.float32(0.05))
+    return Layer(keep, glow)
+
+
+def _towards(point_m: Vector, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
+    """Return unit vectors from the surface to a point, jib frame."""
+    dx, dy = np.float32(point_m[0]) - on.jib_x, np.float32(point_m[1]) - on.jib_y
+    dz = np.float32(point_m[2] - ground_z) - on.height
+    inverse = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
+    return dx * inverse, dy * inverse, dz * inverse
+
+
+def _slopes(squared: Picture, rms: float) -> Picture:
+    """Density of facets of a squared slope."""
+    return np.asarray(cv2.exp(squared * np.float32(-0.5 / rms**2)) * np.float32(1 / (2 * np.pi * rms**2)))
+
+
+def _snow(sight: Sight, on: Surface, rows: slice, cover: float, patches: Picture, light: _SnowLight) -> Layer:
+    """Lay snow on what faces upwards: fully on the place, thinly on grab and jib."""
+    pattern = noise.look_up(patches, on.x, on.y, SPAN_M)
+    low, high = STEEPEST_SNOW
+    hold = np.clip((on.up - np.float32(low)) / np.float32(high - low), 0, 1)
+    ids = sight.ids[::STEP, ::STEP][rows]
+    steel = (ids != PLACE) & (ids <= 3)
+    lying = noise.covered(pattern, cover, 0.12) * on.solid + noise.covered(pattern, DUSTING * cover, 0.5) * steel
+    snow = (hold * lying).astype(np.float32)
+    return Layer(1 - snow, snow * light.of(rows, pattern))
+
+
+class _SnowLight:
+    """How bright snow is, in units of white.
+
+    As bright as white is where the picture is of mean brightness; light and shade of the scene show on it, the large
+    ones more than the small.
+
+    Parameters
+    ----------
+    sight : Sight
+    white : float
+    """
+
+    def __init__(self, sight: Sight, white: float) -> None:
+        height, width = coarse_rays(sight.intrinsics).x.shape
+        self._grey = np.empty((height, width), np.float32)
+        each_band(height, partial(self._look, sight))
+        size = max(1, width // 32), max(1, height // 32)
+        large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
+        mean = np.float32(max(float(large.mean()), 1e-6))
+        wide = cv2.pow(np.clip(large / mean, np.float32(0.05), np.float32(4)), 0.35)
+        self._large, self._wide = (cv2.resize(m, (width, height)) for m in (large, wide))
+        self._floor = np.float32(0.02 * white)
+
+    def _look(self, sight: Sight, rows: slice) -> None:
+        light = sight.light[rows.start * STEP : rows.stop * STEP : STEP]
+        self._grey[rows] = cv2.cvtColor(light, cv2.COLOR_RGB2GRAY)[:, ::STEP]
+
+    def of(self, rows: slice, pattern: Picture) -> Picture:
+        """Radiance in some rows, given the noise that the snow's grain follows."""
+        contrast = (self._grey[rows] + self._floor) / (self._large[rows] + self._floor)
+        fine = cv2.pow(np.clip(contrast, np.float32(0.1), np.float32(2)), 0.12)
+        grain = np.float32(0.94) + np.float32(0.12) * pattern
+        return np.minimum(np.float32(SNOW_ALBEDO) * self._wide[rows] * fine * grain, np.float32(1.05))
+
+
+def _enlarged(layer: Layer, sight: Sight) -> Maker:
+    """Enlarge to the picture, with edges that are soft instead of stepped, and leave the ropes alone."""
+    soft = [cv2.GaussianBlur(m, (3, 3), 0) for m in (layer.keep, layer.glow)]
+
+    def band(rows: slice) -> Layer:
+        keep, glow = (enlarged(m, STEP, rows, sight.intrinsics.width_px) for m in soft)
+        ropes = sight.ids[rows] == ROPE
+        keep[ropes], glow[ropes] = 1, 0
+        return Layer(keep, glow)
+
+    return band

@@ -1,0 +1,95 @@
+"""What the camera would see in clear, dry weather, and where each pixel's light comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array, Intrinsics
+
+Picture = NDArray[np.float32]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """A drawn frame in linear light.
+
+    Attributes
+    ----------
+    light : ndarray of float32, shape (height, width, 3)
+        Linear radiance; 1.0 is what the renderer's 255 stands for.
+    depth : ndarray of float32, shape (height, width)
+        Distance along the optical axis, m.
+    ids : ndarray of uint8, shape (height, width)
+        Geom group of each pixel (`simgrab.world.scenery.model`).
+    intrinsics : Intrinsics
+    jib_from_camera : ndarray, shape (3, 3)
+        Rotation.
+    centre_m : tuple of 3 floats
+        Camera centre, jib frame.
+    height_m : float
+        Of the camera above the ground.
+    shutter_s : float
+        Exposure time.
+    grab_m : tuple of 3 floats
+        Grab centre, jib frame.
+    jib_from_place : ndarray, shape (4, 4), or None
+        Pose of what stands on the ground; None where it never moves.
+    water_m : float or None
+        Height of open water above the ground, which takes no snow and no puddles.
+    """
+
+    light: Picture
+    depth: Picture
+    ids: NDArray[np.uint8]
+    intrinsics: Intrinsics
+    jib_from_camera: Array
+    centre_m: Vector
+    height_m: float
+    shutter_s: float
+    grab_m: Vector
+    jib_from_place: Array | None = None
+    water_m: float | None = None
+
+    def __post_init__(self) -> None:
+        shape = (self.intrinsics.height_px, self.intrinsics.width_px)
+        if self.light.shape != (*shape, 3) or self.depth.shape != shape or self.ids.shape != shape:
+            raise ValueError(
+                f"light, depth and ids must be of the camera's {shape}, "
+                f"got {self.light.shape}, {self.depth.shape} and {self.ids.shape}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class RayMaps:
+    """Rays through pixel centres, scaled to unit depth: (x, y, 1). All float32, shape (height, width).
+
+    Attributes
+    ----------
+    x, y : ndarray
+    length : ndarray
+        Metres along the ray for each metre of depth.
+    """
+
+    x: Picture
+    y: Picture
+    length: Picture
+
+
+@lru_cache(maxsize=2)
+def ray_maps(intrinsics: Intrinsics) -> RayMaps:
+    """Compute the rays of a camera, once."""
+    u, v = np.arange(intrinsics.width_px) + 0.5, np.arange(intrinsics.height_px) + 0.5
+    rays = intrinsics.rays(np.stack(np.meshgrid(u, v), axis=-1))
+    maps = (rays[..., 0] / rays[..., 2], rays[..., 1] / rays[..., 2], 1 / rays[..., 2])
+    return RayMaps(*(np.ascontiguousarray(m, np.float32) for m in maps))
+
+
+def distance(sight: Sight) -> Picture:
+    """Return the true distance of what each pixel shows, m, shape (height, width)."""
+    return cv2.multiply(sight.depth, ray_maps(sight.intrinsics).length)

@@ -1,1 +1,0 @@
-"""The grab as a pendulum below a crane that works in the wind."""

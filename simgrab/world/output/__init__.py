@@ -1,0 +1,1 @@
+"""What is written: datasets, videos and their tables."""

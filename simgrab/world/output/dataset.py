@@ -1,0 +1,259 @@
+"""Render a scenario into a dataset on disk."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from simgrab.errors import DatasetError
+from simgrab.labels.truth import SPLITS, Truth
+from simgrab.scenario import Scenario
+from simgrab.utilities import parquet, pictures
+from simgrab.utilities.parse import read_json
+from simgrab.world import frames
+from simgrab.world.frames import Studio
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output import export, manifest, preview
+from simgrab.world.output import workers as crew
+from simgrab.world.output.folder import MANIFEST, Folder, writing
+from simgrab.world.output.video.files import Reels
+from simgrab.world.output.video.render import Filming, VideoSummary, render_video
+from simgrab.world.output.workers import Progress, Tick
+from simgrab.world.scenery.plan import Plan
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a finished dataset holds.
+
+    Attributes
+    ----------
+    path : Path
+    frames, labelled : int
+        Frames, and those with a detection label.
+    splits : dict of str to int
+    made : int
+        Frames drawn in this run; the others were there already.
+    alpha_rms_deg, alpha_max_deg : float
+        √mean α², and the largest α.
+    beta_deg : float
+    rope_length_m : tuple of 2 floats
+        Shortest and longest.
+    fingerprint : str
+    video : VideoSummary or None
+        Where there is one beside the dataset.
+    """
+
+    path: Path
+    frames: int
+    labelled: int
+    splits: dict[str, int]
+    made: int
+    alpha_rms_deg: float
+    alpha_max_deg: float
+    beta_deg: float
+    rope_length_m: tuple[float, float]
+    fingerprint: str
+    video: VideoSummary | None = None
+
+
+def render(
+    scenario: Scenario,
+    out: str | Path,
+    *,
+    video: str | Path | None = None,
+    workers: int = 1,
+    resume: bool = False,
+    progress: Progress | None = None,
+    checking: Progress | None = None,
+) -> Summary:
+    """Render a scenario's frames and labels into a folder.
+
+    The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        See `simgrab.scenes.load`.
+    out : str or Path
+        New or empty folder; with ``resume`` also one that an interrupted run of the same scenario left.
+    video : str or Path, optional
+        Makes a video of the same frames as well, each drawn once; see `simgrab.world.output.video.render.render_video`.
+    workers : int
+        Processes that draw; with a video, each draws a clip at a time.
+    resume : bool
+        Go on with an unfinished dataset.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+    checking : callable, optional
+        Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    ScenarioError
+        If a frame cannot be, or the camera never sees the grab; before anything is written.
+    DatasetError
+        If the folder cannot be used.
+    RendererError
+        If there is no offscreen OpenGL.
+    WorkerError
+        If worker processes die of a frame or clip again and again.
+    """
+    crew.check(workers)
+    folder, identity = Folder(Path(out)), manifest.identity(scenario)
+    folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
+    reels = Reels(scenario, Path(video)) if video is not None else None
+    clips = reels.unfinished(resume=resume) if reels else []
+    plan = None if folder.begun else crew.vetted(scenario, workers, checking)
+    made = 0
+    if folder.open(identity, resume=resume):
+        with folder.lock(), reels.claim() if reels and clips else nullcontext():
+            done = folder.done()
+            missing = [frame for frame in range(scenario.frames) if frame not in done]
+            if reels and clips:
+                drawn = _film(reels, clips, folder, plan, missing, workers, progress)
+            else:
+                drawn = _draw(folder, scenario, plan, missing, workers, progress)
+            with closing(drawn):
+                drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
+            with writing(folder.path):
+                _finish(folder, scenario, drawn_by)
+        made = len(missing)
+    if reels is None:
+        return _summary(folder.path, scenario, made)
+    # Makes the video where only that remains; else finds it finished.
+    filmed = render_video(scenario, reels.path, workers=workers, resume=True, progress=progress)
+    return replace(_summary(folder.path, scenario, made), video=replace(filmed, made=len(clips)))
+
+
+def _draw(
+    folder: Folder, scenario: Scenario, plan: Plan | None, missing: Sequence[int], workers: int,
+    progress: Progress | None,
+) -> Generator[Fingerprint, None, None]:  # fmt: skip
+    """Draw and store missing frames, clip by clip where each clip is a world of its own."""
+    share = functools.partial(crew.share, scenario, plan, workers=workers)
+    if not scenario.vary:
+        report = crew.report(progress, scenario.frames - len(missing), scenario.frames)
+        return share(missing, functools.partial(_store, folder), unit="frame", progress=report)
+    clips = sorted(set(map(scenario.clip.of, missing)))
+    report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
+    return share(clips, functools.partial(_store_clip, folder), unit="clip", progress=report)
+
+
+def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
+    return sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
+
+
+def _store(folder: Folder, studio: Studio, frame: int, tick: Tick) -> Fingerprint:
+    made = studio.make(frame)
+    folder.store(made)
+    tick()
+    return made.record.drawn_by
+
+
+def _store_clip(folder: Folder, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
+    """Make the missing frames of a clip, whose world is built once."""
+    for frame in studio.scenario.clip.span(clip, studio.scenario.frames):
+        if folder.has(frame):
+            tick()
+        else:
+            _store(folder, studio, frame, tick)
+    return folder.record(frame).drawn_by
+
+
+def _film(
+    reels: Reels,
+    unfinished: Sequence[int],
+    folder: Folder,
+    plan: Plan | None,
+    missing: Sequence[int],
+    workers: int,
+    progress: Progress | None,
+) -> Generator[Fingerprint, None, None]:
+    """Film unfinished clips and store missing frames, each drawn once."""
+    scenario, clip = reels.scenario, reels.scenario.clip
+    clips = sorted({*unfinished, *map(clip.of, missing)})
+    report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
+    work = Filming(reels, folder)
+    return crew.share(scenario, plan, clips, work, workers=workers, unit="clip", progress=report)
+
+
+def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
+    """Work through what is drawn, which one renderer must have drawn all of; returns that."""
+    for fingerprint in drawn:
+        first = first or fingerprint
+        if fingerprint != first:
+            raise DatasetError(
+                f"{path} was begun with {first.renderer}, MuJoCo {first.mujoco}; this is "
+                f"{fingerprint.renderer}, MuJoCo {fingerprint.mujoco}: choose another --out"
+            )
+    assert first is not None
+    return first
+
+
+def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
+    """Write everything that depends on all frames; the manifest comes last."""
+    records = [folder.record(frame) for frame in range(scenario.frames)]
+    rows = [record.truth for record in records]
+    for row in rows:
+        folder.write(f"labels/{row.split}/{row.frame:06d}.txt", export.yolo(row, scenario))
+    for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
+        (folder.path / "images" / split).mkdir(parents=True, exist_ok=True)
+    core = manifest.identity(scenario)
+    tables = {
+        "labels.parquet": export.parquet(rows, core),
+        "data.yaml": export.yolo_yaml(rows),
+        "camera.toml": export.calibration_of(scenario).to_toml().encode(),
+        "preview.jpg": _preview(folder.path, rows),
+        **{f"annotations/instances_{s}.json": export.coco(records, s, scenario) for s in SPLITS},
+        **{export.metadata_name(s): export.metadata(rows, s) for s in export.filled(rows)},
+    }
+    for name, data in tables.items():
+        folder.write(name, data)
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in tables.items()}
+    whole = manifest.compose(core, drawn_by, digests)
+    folder.write(MANIFEST, json.dumps(whole, indent=1).encode())
+    folder.close()
+
+
+def _preview(path: Path, rows: Sequence[Truth]) -> bytes:
+    tiles = [
+        preview.annotate(pictures.read(path / row.file, cv2.IMREAD_COLOR), row) for row in rows[: preview.MOST_TILES]
+    ]
+    return frames.encode(preview.sheet(tiles), "jpeg", 90)
+
+
+def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
+    table = parquet.read_table(
+        path / "labels.parquet",
+        DatasetError,
+        columns=["split", "alpha_deg", "rope_length_m", "box_x0_px", "visible_fraction", "in_frame_fraction"],
+    )
+    alpha, rope = (table[name].to_numpy() for name in ("alpha_deg", "rope_length_m"))
+    split = table["split"].to_pylist()
+    seen = table["visible_fraction"].to_numpy() >= max(scenario.labels.least_visible_fraction, 1e-12)
+    written = read_json(path / MANIFEST, DatasetError)
+    return Summary(
+        path=path,
+        frames=table.num_rows,
+        labelled=int(seen.sum()),
+        splits={name: split.count(name) for name in SPLITS},
+        made=made,
+        alpha_rms_deg=float(np.sqrt(np.mean(alpha**2))),
+        alpha_max_deg=float(alpha.max()),
+        beta_deg=scenario.camera.beta_deg,
+        rope_length_m=(float(rope.min()), float(rope.max())),
+        fingerprint=written["renderer"]["fingerprint"],
+    )

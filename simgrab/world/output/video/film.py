@@ -1,0 +1,106 @@
+"""Make a clip: take its pictures in order, send them, and note what each shows."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import av
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.labels.truth import Truth
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output import export, manifest
+from simgrab.world.output.folder import writing
+from simgrab.world.output.video.coder import Coder
+from simgrab.world.output.video.files import MANIFEST, Reels
+from simgrab.world.output.video.table import Table
+from simgrab.world.output.video.transmission import Slot, slots
+from simgrab.world.output.workers import Tick
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A picture, shape (height, width, 3), and its row of labels, whose ``image_sha256`` is of the picture's bytes."""
+
+    rgb: NDArray[np.uint8]
+    row: Truth
+
+
+def film(
+    reels: Reels,
+    clip: int,
+    take: Callable[[int], Shot],
+    drawn_by: Fingerprint,
+    *,
+    tick: Tick,
+    also: Callable[[int], bool],
+) -> None:
+    """Make a clip and put its files in place.
+
+    Only one picture is held at a time, whatever the clip's length.
+
+    Parameters
+    ----------
+    reels : Reels
+    clip : int
+    take : callable
+        Gives the shot of a frame. Called once for each frame that the video shows, in order.
+    drawn_by : Fingerprint
+    tick : callable
+        Called after every frame of the clip, shown or not.
+    also : callable
+        Whether a frame is to be taken even where the video does not show it.
+    """
+    scenario, container = reels.scenario, reels.container
+    core = reels.identity() | {"clip": clip}
+    video, table = reels.draft(clip, reels.path.suffix), reels.draft(clip, ".parquet")
+    sent, shown = 0, None
+    with (
+        writing(reels.path),
+        Coder(video, container.name, container.ticks_per_s, scenario.camera, scenario.clip) as coder,
+        Table(table, core) as rows,
+    ):
+        for slot in slots(scenario, clip, container.ticks_per_s):
+            shot = take(slot.frame) if slot.shows_frame or also(slot.frame) else None
+            if slot.shows_frame:
+                assert shot is not None
+                shown = Shot(shot.rgb, _timed(shot.row, clip, slot))
+            if slot.pts is not None:
+                assert shown is not None  # a clip's first frame is always sent
+                coder.send(shown.rgb, slot.pts)
+                due, pts_s = slot.time_s, slot.pts / container.ticks_per_s
+                rows.add(shown.row, sent=sent, pts_s=pts_s, repeated=slot.repeated, due_s=due)
+                sent += 1
+            tick()
+    with writing(reels.path):
+        reels.draft(clip, ".camera.toml").write_text(export.calibration_of(scenario).to_toml(), encoding="utf-8")
+        whole = manifest.compose(core | {"coder": _coder(coder.x264)}, drawn_by, _digests(reels, clip))
+        reels.draft(clip, MANIFEST).write_text(json.dumps(whole, indent=1), encoding="utf-8")
+        reels.put_in_place(clip)
+
+
+def _timed(row: Truth, clip: int, slot: Slot) -> Truth:
+    """Rows of independent frames know neither clip nor time; within a video they have both."""
+    if row.time_s is not None:
+        return row
+    return msgspec.structs.replace(row, clip=clip, time_s=slot.time_s)
+
+
+def _coder(x264: str) -> dict[str, str]:
+    libraries = {name: ".".join(map(str, av.library_versions[name])) for name in ("libavcodec", "libavformat")}
+    return libraries | {"x264": x264}
+
+
+def _digests(reels: Reels, clip: int) -> dict[str, str]:
+    """By suffix, so that the manifest is the same whatever the video is called."""
+    digests = {}
+    for suffix in reels.files(clip):
+        if suffix != MANIFEST:
+            with reels.draft(clip, suffix).open("rb") as handle:
+                digests[suffix] = hashlib.file_digest(handle, "sha256").hexdigest()
+    return digests

@@ -1,0 +1,179 @@
+"""Render a scenario into videos, each frame drawn once, beside a dataset or without one."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow.compute as pc
+
+from simgrab.errors import DatasetError
+from simgrab.scenario import Scenario
+from simgrab.utilities import parquet
+from simgrab.world.frames import Studio
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output import workers as crew
+from simgrab.world.output.folder import Folder
+from simgrab.world.output.video.files import Reels
+from simgrab.world.output.video.film import Shot, film
+from simgrab.world.output.workers import Progress, Tick
+
+
+@dataclass(frozen=True)
+class VideoSummary:
+    """What finished videos hold.
+
+    Attributes
+    ----------
+    path : Path
+    clips, made : int
+        Clips, and those made in this run; the others were there already.
+    frames, sent, repeated, dropped : int
+        Frames that the camera took, pictures in the videos, those among them that were sent again, and frames of which
+        nothing was sent.
+    mbit_s : float
+        Size of the videos over the time that they show.
+    fingerprint : str
+    """
+
+    path: Path
+    clips: int
+    made: int
+    frames: int
+    sent: int
+    repeated: int
+    dropped: int
+    mbit_s: float
+    fingerprint: str
+
+
+def render_video(
+    scenario: Scenario,
+    path: str | Path,
+    *,
+    workers: int = 1,
+    resume: bool = False,
+    progress: Progress | None = None,
+    checking: Progress | None = None,
+) -> VideoSummary:
+    """Render a scenario into an H.264 video with a truth table beside it, or one of each for every clip.
+
+    The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        ``clip`` says how frames become clips, and what coding and network do to them.
+    path : str or Path
+        ``swing.mp4`` or ``.mkv``; beside it come ``swing.parquet``, ``swing.camera.toml`` and ``swing.manifest.json``.
+        Several clips become ``swing-000.mp4`` and so on.
+    workers : int
+        Processes, each of which makes a clip at a time.
+    resume : bool
+        Go on where an interrupted run stopped; unfinished clips are made anew.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+    checking : callable, optional
+        Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
+
+    Returns
+    -------
+    VideoSummary
+
+    Raises
+    ------
+    ScenarioError
+        If a frame cannot be, the camera never sees the grab, or the picture's size is odd; before anything is written.
+    DatasetError
+        If something else lies there, or it cannot be written.
+    RendererError
+        If there is no offscreen OpenGL.
+    WorkerError
+        If worker processes die of a frame or clip again and again.
+    """
+    crew.check(workers)
+    reels = Reels(scenario, Path(path))
+    clips = reels.unfinished(resume=resume)
+    if clips or reels.partial.exists():
+        plan = crew.vetted(scenario, workers, checking)
+        ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
+        report = crew.report(progress, ahead, scenario.frames)
+        work = Filming(reels, None)
+        with (
+            reels.claim(),
+            closing(crew.share(scenario, plan, clips, work, workers=workers, unit="clip", progress=report)) as filmed,
+        ):
+            for _ in filmed:
+                pass
+    return _summary(reels, len(clips))
+
+
+@dataclass(frozen=True)
+class Filming:
+    """Work on one clip: film it where it is unfinished, and store its frames in a dataset where they are missing there.
+
+    Parameters
+    ----------
+    reels : Reels
+    folder : Folder or None
+        Of the dataset, if there is one.
+    """
+
+    reels: Reels
+    folder: Folder | None
+
+    def __call__(self, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
+        """Draw the clip's frames, each once."""
+        span = studio.scenario.clip.span(clip, studio.scenario.frames)
+        drawn_by = studio.at(span.start).renderer.fingerprint
+        if not self.reels.is_finished(clip):
+            self._refuse_other_renderers(drawn_by)
+            film(self.reels, clip, lambda frame: self._take(studio, frame), drawn_by, tick=tick, also=self._lacks)
+            return drawn_by
+        for frame in span:
+            if self._lacks(frame):
+                self._take(studio, frame)
+            tick()
+        return drawn_by
+
+    def _lacks(self, frame: int) -> bool:
+        return self.folder is not None and not self.folder.has(frame)
+
+    def _take(self, studio: Studio, frame: int) -> Shot:
+        drawn = studio.draw(frame)
+        if self.folder is not None and self._lacks(frame):
+            self.folder.store(studio.finish(drawn))
+        rgb = np.ascontiguousarray(drawn.rgb)
+        return Shot(rgb, studio.label(drawn, file="", image=rgb.data))
+
+    def _refuse_other_renderers(self, drawn_by: Fingerprint) -> None:
+        begun_by = self.reels.drawn_by()
+        if begun_by not in (None, drawn_by.digest):
+            raise DatasetError(
+                f"{self.reels.path} was begun with another renderer than {drawn_by.renderer}, MuJoCo "
+                f"{drawn_by.mujoco}: choose another --video"
+            )
+
+
+def _summary(reels: Reels, made: int) -> VideoSummary:
+    scenario = reels.scenario
+    sent = repeated = size = 0
+    for clip in range(reels.count):
+        files = reels.files(clip)
+        column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
+        sent += len(column)
+        repeated += pc.sum(column).as_py()
+        size += files[reels.path.suffix].stat().st_size
+    return VideoSummary(
+        path=reels.path,
+        clips=reels.count,
+        made=made,
+        frames=scenario.frames,
+        sent=sent,
+        repeated=repeated,
+        dropped=scenario.frames - sent,
+        mbit_s=size * 8e-6 / (scenario.frames / scenario.clip.frame_rate_hz),
+        fingerprint=str(reels.drawn_by()),
+    )

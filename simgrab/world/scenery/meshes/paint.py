@@ -1,0 +1,173 @@
+"""What the grab's steel looks like: paint, what wears it off, and what settles on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.world.scenery import textures
+from simgrab.world.scenery.meshes.part import Material
+
+Picture = NDArray[np.float64]
+Colour = tuple[float, float, float]
+
+TILE_M = 1.7
+SHELL_SIZE = (2.4, 2.4)  # metres that the shell's texture spans: along the lip, and from lip to rim
+
+_DUST = {
+    "coal": (0.10, 0.10, 0.105),
+    "ore": (0.36, 0.20, 0.14),
+    "grain": (0.74, 0.62, 0.40),
+    "bauxite": (0.58, 0.34, 0.22),
+    "sulphur": (0.80, 0.72, 0.26),
+}
+_SIZE = 512
+
+
+@dataclass(frozen=True)
+class Finish:
+    """The grab's materials.
+
+    Attributes
+    ----------
+    body, hazard : Material
+        Painted profiles; striped warning paint.
+    plate : Material
+        The number plate; UVs span it once.
+    dark : Material
+        Greasy pins and sheaves.
+    shell : Material
+        The shells' painted outside, which wears towards the lip; UVs span `SHELL_SIZE` once.
+    lining, lip : Material
+        The shells' scoured inside (UVs as ``shell``); the bright cutting edges.
+    """
+
+    body: Material
+    hazard: Material
+    plate: Material
+    dark: Material
+    shell: Material
+    lining: Material
+    lip: Material
+
+
+def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.random.Generator) -> Finish:
+    """Mix the grab's materials.
+
+    Parameters
+    ----------
+    paint : tuple of 3 floats
+        Red, green and blue in [0, 1].
+    wear : float
+        Share of the paint that is lost, in [0, 1]; the shells lose more of it towards their lips.
+    residue : float
+        How much dust of the cargo lies on the steel, in [0, 1].
+    cargo : str
+        "coal", "ore", "grain", "bauxite" or "sulphur".
+    rng : numpy.random.Generator
+        Shifts the masks, so that no two grabs are worn alike.
+
+    Returns
+    -------
+    Finish
+    """
+    if cargo not in _DUST:
+        raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
+    lost, tone, dust = _masks(rng)
+    rust, bright, grease = (_picture(name) for name in ("rust", "worn_steel", "grease"))
+    dusty = _Dust(np.array(_DUST[cargo]), residue, dust)
+    height = np.linspace(1.0, 0.0, _SIZE)[:, None]  # 1 at the rim, 0 at the lip
+    ground = np.clip((0.10 + 0.45 * wear - height) / 0.12, 0.0, 1.0)  # what the cargo keeps bright
+    local = np.clip(wear * (0.35 + 1.6 * (1.0 - height) ** 2) + 0.9 * ground, 0.0, 1.0)
+
+    painted = _paint(np.array(paint), tone)
+    body = dusty.on(_worn(painted, lost, np.full_like(lost, wear), rust, bright))
+    stripes = dusty.on(_worn(_paint(_stripes(), tone), lost, np.full_like(lost, wear), rust, bright))
+    shell = dusty.on(_worn(painted, lost, local, rust, bright))
+    rubbed = np.clip(1.15 - 0.9 * height - 0.5 * tone, 0, 1)[..., None]
+    lining = dusty.on(0.8 * (rubbed * bright + (1 - rubbed) * rust), 1.3)
+    return Finish(
+        body=_material("grab_body", body, TILE_M, 0.25),
+        hazard=_material("grab_hazard", stripes, 0.8, 0.25),
+        plate=_material("grab_plate", dusty.on(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5), 1.0, 0.3),
+        dark=_material("grab_dark", dusty.on(grease, 0.6), 0.6, 0.35),
+        shell=_material("grab_shell", shell, 1.0, 0.25),
+        lining=_material("grab_lining", lining, 1.0, 0.3),
+        lip=_material("grab_lip", dusty.on(1.12 * bright, 0.4), 0.9, 0.6),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Dust:
+    colour: Picture
+    residue: float
+    mask: Picture
+
+    def on(self, picture: Picture, stick: float = 1.0) -> Picture:
+        """Cover a picture: a thin film everywhere, thick patches where the mask says."""
+        patch = _step(self.mask, 1.0 - 0.75 * self.residue * stick, 0.15)
+        cover = np.clip(0.3 * self.residue * stick + 0.65 * patch * min(1.0, 2 * self.residue), 0.0, 0.92)[..., None]
+        return (1.0 - cover) * picture + cover * self.colour * (0.85 + 0.3 * self.mask[..., None])
+
+
+def _worn(painted: Picture, lost: Picture, wear: Picture, rust: Picture, bright: Picture) -> Picture:
+    """Lay paint over steel: the share ``wear`` of it is gone; what went first is bright, the rest has rusted."""
+    bare = _step(lost, wear, 0.03, below=True)
+    faded = _step(lost, wear + 0.06, 0.06, below=True)[..., None]  # rust creeps under the edge and stains
+    scoured = np.clip((wear - 0.45) / 0.4, 0.0, 1.0) * _step(lost, 0.8 * wear, 0.3, below=True)
+    steel = (1 - scoured[..., None]) * rust + scoured[..., None] * bright
+    stained = painted * (1 - 0.35 * faded) + rust * 0.35 * faded
+    return stained * (1 - bare[..., None]) + steel * bare[..., None]
+
+
+def _paint(colour: Picture, tone: Picture) -> Picture:
+    """Old paint: faded in blotches, streaked with grime."""
+    shade = (0.80 + 0.24 * tone)[..., None]
+    grey = np.broadcast_to(np.asarray(colour).mean(axis=-1, keepdims=True), np.shape(colour))
+    return np.asarray((0.92 * np.asarray(colour) + 0.08 * grey) * shade)
+
+
+def _stripes() -> Picture:
+    """Yellow and black at 45°, four pairs to the tile."""
+    i, j = np.indices((_SIZE, _SIZE))
+    yellow = (((i + j) * 4 / _SIZE) % 1.0 < 0.5)[..., None]
+    return np.where(yellow, (0.86, 0.68, 0.08), (0.07, 0.07, 0.07))
+
+
+def _plate() -> Picture:
+    """Black on white: the grab's number and its two masses."""
+    image = np.full((_SIZE, _SIZE), 225, np.uint8)
+    cv2.rectangle(image, (8, 18), (_SIZE - 9, _SIZE - 19), 20, 8)
+    lines = (("G7", (30, 395), 7.5, 40), ("10.5 t", (330, 220), 1.6, 10), ("24 t", (330, 400), 1.6, 10))
+    for text, at, scale, thick in lines:
+        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, 25, thick, cv2.LINE_AA)
+    return np.repeat(image[..., None], 3, axis=2) / 255.0
+
+
+def _masks(rng: np.random.Generator) -> tuple[Picture, Picture, Picture]:
+    shift = rng.integers(_SIZE, size=2)
+    masks = np.roll(_picture("wear"), tuple(shift), axis=(0, 1))
+    return masks[..., 0], masks[..., 1], masks[..., 2]
+
+
+def _picture(name: str) -> Picture:
+    image = textures.load(name)
+    if image.shape[:2] != (_SIZE, _SIZE):
+        image = np.asarray(cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(image, float) / 255.0
+
+
+def _step(value: Picture, edge: Picture | float, width: float, *, below: bool = False) -> Picture:
+    """Smooth step from 0 to 1 as ``value`` rises past ``edge`` (falls below it); exact at edges outside [0, 1]."""
+    rise = np.clip((value - edge) / width + 0.5, 0.0, 1.0)
+    if below:
+        return np.asarray(np.where(np.asarray(edge) <= 0.0, 0.0, 1.0 - rise))
+    return np.asarray(np.where(np.asarray(edge) >= 1.0, 0.0, rise))
+
+
+def _material(name: str, picture: Picture, tile_m: float, specular: float) -> Material:
+    texture = np.clip(np.rint(picture * 255.0), 0, 255).astype(np.uint8)
+    return Material(name, texture=texture, tile_m=tile_m, specular=specular, shininess=0.3)

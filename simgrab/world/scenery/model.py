@@ -1,0 +1,213 @@
+"""From a plan to a MuJoCo model: the grab on its ropes, the jib head above it, the place below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.scenario import Hold, Light, Scenario
+from simgrab.world.scenery.meshes import grab, linkage, ropes
+from simgrab.world.scenery.meshes.part import Part, add_parts
+from simgrab.world.scenery.plan import Plan, cargo_level
+from simgrab.world.trajectory.moment import Moment
+
+# Geom groups tell what a pixel belongs to.
+PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
+STEEL, FALLS = "steel", "falls"
+
+NEAR_M, FAR_M = 0.1, 200.0
+SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
+SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
+DRAWN_SKY = 1.0  # at night, so that eight bits keep the darkness
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A compiled model and what it takes to pose it.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+        World frame = jib frame.
+    plan : Plan
+        What it was built of.
+    switches : dict of str to ndarray
+        Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that
+        only an absent grab lacks: its steel and the falls inside it.
+    """
+
+    model: mujoco.MjModel
+    plan: Plan
+    switches: dict[str, NDArray[np.int64]]
+
+    def pose(self, data: mujoco.MjData, moment: Moment) -> None:
+        """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
+        model, state = self.model, moment.grab
+        if moment.jib:
+            place = moment.jib.jib_from_place
+            data.mocap_pos[self._mocap("place")] = place[:3, 3]
+            data.mocap_quat[self._mocap("place")] = (np.cos(moment.jib.slew / 2), 0, 0, -np.sin(moment.jib.slew / 2))
+        half = state.alpha / 2
+        data.joint("swing").qpos = (
+            np.cos(half),
+            np.sin(half) * np.sin(state.azimuth),
+            -np.sin(half) * np.cos(state.azimuth),
+            0.0,
+        )
+        data.joint("hoist").qpos = -state.rope_length
+        data.joint("yaw").qpos = state.yaw
+        for name, position in grab.joint_positions(state.jaw).items():
+            data.joint(name).qpos = position
+        shown = cargo_level(state.load) if moment.present else None
+        for level in range(len(grab.CARGO_LEVELS)):
+            self._show(f"cargo_{level}", level == shown, GRAB)
+        self._show(STEEL, moment.present, GRAB)
+        self._show(FALLS, moment.present, ROPE)
+        self._hang_ropes(data, moment)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        self._shine(data, moment)
+
+    def _shine(self, data: mujoco.MjData, moment: Moment) -> None:
+        """Keep the sun where it stands over the place, and its shadows where the camera looks."""
+        if moment.jib:
+            sun = self.model.light("sun").id
+            direction = moment.jib.jib_from_place[:3, :3] @ self.model.light_dir[sun]
+            centre = self.model.light_pos[sun] + SHADOW_LIGHT_DISTANCE_M * self.model.light_dir[sun]
+            data.light_xdir[sun] = direction
+            data.light_xpos[sun] = centre - SHADOW_LIGHT_DISTANCE_M * direction
+
+    def _mocap(self, body: str) -> int:
+        return int(self.model.body(body).mocapid[0])
+
+    def _hang_ropes(self, data: mujoco.MjData, moment: Moment) -> None:
+        """Draw each rope straight from its termination to its exit, with the shortest mesh that reaches."""
+        pose = moment.grab.jib_from_grab
+        ends = grab.ROPE_TERMINATIONS @ pose[:3, :3].T + pose[:3, 3]
+        for rope, (end, top) in enumerate(zip(ends, ropes.ROPE_EXITS, strict=True)):
+            needed = float(np.linalg.norm(top - end))
+            shown = next((c for c in ropes.ROPE_CLASSES_M if c >= needed), ropes.ROPE_CLASSES_M[-1])
+            mocap = self._mocap(f"rope_{rope}")
+            data.mocap_pos[mocap] = end
+            data.mocap_quat[mocap] = _turn_up_to((top - end) / needed)
+            for length in ropes.ROPE_CLASSES_M:
+                self._show(f"rope_{rope}/{length}", moment.present and length == shown, ROPE)
+
+    def _show(self, stem: str, shown: bool, group: int) -> None:
+        self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
+
+
+def build(scenario: Scenario, plan: Plan) -> World:
+    """Build the world that was planned for a scenario."""
+    spec = mujoco.MjSpec()
+    _set_visuals(spec, scenario)
+    ground = spec.worldbody.add_body(name="place", mocap=True)
+    add_parts(spec, ground, plan.place, group=PLACE, prefix="place")
+    add_parts(spec, spec.worldbody, plan.jib, group=JIB, prefix="jib")
+    _add_grab(spec, plan.bodies, plan.heaps)
+    _add_ropes(spec)
+    model = spec.compile()
+    return World(model, plan, _switches(model))
+
+
+def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
+    # Clipping planes, fog and the shadow box scale with the extent: fix it, so that no object moves them.
+    depth = scenario.jib.head_height_m + (scenario.place.depth_m if isinstance(scenario.place, Hold) else 0.0)
+    centre = np.array([0.0, 0.0, -depth])
+    spec.stat.extent, spec.stat.center = 1.0, centre
+    visual = spec.visual
+    visual.map.znear, visual.map.zfar, visual.map.shadowclip = NEAR_M, FAR_M, SHADOW_HALF_WIDTH_SHARE * depth
+    visual.quality.offsamples = scenario.image.samples
+    visual.quality.shadowsize = scenario.image.shadow_map_px
+    visual.headlight.active = 0
+    # A shadow map takes half of a picture's time, even of a sun that is not there.
+    shadows = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
+    _add_lights(spec, scenario.light, centre, shadows=shadows)
+
+
+def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bool) -> None:
+    sky = DRAWN_SKY if light.floodlights else light.sky  # `simgrab.world.camera.lamps` takes it down to what there is
+    elevation, azimuth = np.radians(light.sun_elevation_deg), np.radians(light.sun_azimuth_deg)
+    to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    warm, cool = np.array([1.0, 0.965, 0.9]), np.array([0.92, 0.97, 1.06])
+    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(
+        name="sun", type=directional, dir=-to_sun, pos=centre + SHADOW_LIGHT_DISTANCE_M * to_sun, castshadow=shadows,
+        diffuse=light.sun * warm, specular=0.4 * light.sun * warm, ambient=np.zeros(3),
+    )  # fmt: skip
+    # Ambient light belongs here: MuJoCo takes that of a light with shadows away where it does not reach.
+    spec.worldbody.add_light(
+        name="sky", type=directional, dir=(0, 0, -1), castshadow=False,
+        diffuse=0.35 * sky * cool, specular=np.zeros(3), ambient=0.5 * sky * cool,
+    )  # fmt: skip
+
+
+def _add_grab(spec: mujoco.MjSpec, parts: Mapping[str, Sequence[Part]], heaps: Sequence[Part]) -> None:
+    hinge, slide, ball = (getattr(mujoco.mjtJoint, f"mjJNT_{kind}") for kind in ("HINGE", "SLIDE", "BALL"))
+    rope_line = spec.worldbody.add_body(name="rope_line", mass=1e-3, inertia=(1e-3, 1e-3, 1e-3), explicitinertial=True)
+    rope_line.add_joint(name="swing", type=ball)
+    rope_line.add_joint(name="hoist", type=slide, axis=(0, 0, 1))
+    head = rope_line.add_body(name="head")  # MuJoCo wants a body of its own for a hinge after a ball
+    head.add_joint(name="yaw", type=hinge, axis=(0, 0, 1))
+    bodies = {"head": head}
+    for name in grab.BODIES[1:]:
+        bodies[name] = bodies[linkage.PARENTS[name]].add_body(name=name, pos=linkage.pins[name])
+        kind, axis = (slide, (0, 0, 1)) if name == "beam" else (hinge, (0, 1, 0))
+        bodies[name].add_joint(name=name, type=kind, axis=axis)
+    for name, body in bodies.items():
+        add_parts(spec, body, parts[name], group=GRAB, prefix=name)
+        _set_inertia(body, parts[name], grab.MASSES_KG[name])
+    for level, heap in enumerate(heaps):
+        add_parts(spec, head, [heap], group=HIDDEN, prefix=f"cargo_{level}")
+    # The inner falls run down inside the closed shells, so their full length may be drawn whatever the jaws do.
+    for k, (top, bottom) in enumerate(grab.REEVING):
+        drop = bottom + grab.body_frames(grab.MAX_JAW)["beam"][:3, 3] - top
+        fall = ropes.rope_part(float(np.linalg.norm(drop)), f"fall_{k}")
+        turn = trimesh.geometry.align_vectors([0, 0, 1], -drop)
+        turn[:3, 3] = top + drop
+        add_parts(spec, head, [fall.moved(turn)], group=ROPE, prefix=f"fall_{k}")
+
+
+def _set_inertia(body: mujoco.MjsBody, parts: Sequence[Part], mass: float) -> None:
+    """Spread a body's mass evenly over the volume of its parts."""
+    solid = trimesh.util.concatenate([p.mesh for p in parts])
+    solid.density = mass / solid.volume
+    inertia = solid.moment_inertia
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = solid.center_mass
+    body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _add_ropes(spec: mujoco.MjSpec) -> None:
+    for rope in range(len(ropes.ROPE_EXITS)):
+        body = spec.worldbody.add_body(name=f"rope_{rope}", mocap=True)
+        for length in ropes.ROPE_CLASSES_M:
+            part = ropes.rope_part(length, f"rope_{rope}_{length}")
+            add_parts(spec, body, [part], group=HIDDEN, prefix=f"rope_{rope}/{length}")
+
+
+def _turn_up_to(direction: Array) -> Array:
+    """Quaternion of the shortest turn from +z to a unit direction that does not point down."""
+    quaternion = np.array([1 + direction[2], -direction[1], direction[0], 0.0])
+    return np.asarray(quaternion / np.linalg.norm(quaternion))
+
+
+def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
+    """See `World.switches`; ropes outside the grab and its heaps are hidden at first."""
+    found: dict[str, list[int]] = {}
+    always = {GRAB: STEEL, ROPE: FALLS}
+    for geom in range(model.ngeom):
+        group = int(model.geom_group[geom])
+        if group == HIDDEN:
+            found.setdefault(model.geom(geom).name.rpartition("/")[0], []).append(geom)
+        elif group in always:
+            found.setdefault(always[group], []).append(geom)
+    return {stem: np.array(geoms) for stem, geoms in found.items()}

@@ -1,0 +1,83 @@
+"""Grabs of other cranes, parked on the quay or a deck: they look like the one that is labelled, and are not."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from simgrab.geometry import rotation_z
+from simgrab.world.scenery.clearance import CELL_M, HeightMap
+from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.meshes.part import Part
+
+NEAREST_M, FARTHEST_M = 8.5, 16.0  # from the vertical through O: out of the grab's way, yet mostly in view
+ASIDE_M = 10.0  # the picture is wider across the jib than along it
+FOOTPRINT_M = 1.9  # half its side
+LEVEL_M = 0.25  # rails and joints are level enough
+BELOW_QUAY_M = 0.5  # lower lie water and holds
+TRIES = 200
+MOST_JAW = np.radians(40.0)
+
+
+def parked_grabs(count: int, place: Sequence[Part], *, head_height: float, rng: np.random.Generator) -> list[Part]:
+    """Stand grabs on level ground, each of its own paint, jaws and yaw.
+
+    Parameters
+    ----------
+    count : int
+        As many as find room.
+    place : sequence of Part
+        In the jib frame, as the result.
+    head_height : float
+        Rope exit above the quay's surface, m.
+    rng : numpy.random.Generator
+    """
+    if not count:
+        return []
+    ground = HeightMap.of((part.mesh for part in place), FARTHEST_M + 2 * FOOTPRINT_M)
+    parts: list[Part] = []
+    for number, spot in zip(range(count), _spots(ground, -head_height - BELOW_QUAY_M, rng), strict=False):
+        parts += _grab(number, spot, rng)
+    return parts
+
+
+def _spots(ground: HeightMap, lowest: float, rng: np.random.Generator) -> Iterator[np.ndarray]:
+    """Points (3,) to stand on, apart from each other."""
+    taken: list[np.ndarray] = []
+    for _ in range(TRIES):
+        radius, azimuth = rng.uniform(NEAREST_M, FARTHEST_M), rng.uniform(0, 2 * np.pi)
+        at = radius * np.array([np.cos(azimuth), np.sin(azimuth)])
+        low, high = (np.floor((at + s * FOOTPRINT_M + ground.half_width) / CELL_M).astype(int) for s in (-1, 1))
+        below = ground.top[low[1] : high[1] + 1, low[0] : high[0] + 1]
+        level = below.min() >= lowest and below.max() - below.min() <= LEVEL_M
+        apart = all(np.hypot(*(at - other[:2])) > 3 * FOOTPRINT_M for other in taken)
+        if level and apart and abs(at[0]) < ASIDE_M:
+            taken.append(np.array([*at, below.max()]))
+            yield taken[-1]
+
+
+def _grab(number: int, spot: np.ndarray, rng: np.random.Generator) -> list[Part]:
+    """One grab on a spot, in the jib frame; names and materials carry its number."""
+    red, green, blue = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.2, 0.95), rng.uniform(0.25, 0.9))
+    bodies = grab.grab_parts(
+        paint=(red, green, blue),
+        wear=float(rng.random()),
+        residue=float(rng.random()),
+        cargo=str(rng.choice(["coal", "ore", "grain"])),
+        rng=rng,
+    )
+    frames = grab.body_frames(float(rng.uniform(0, MOST_JAW)))
+    lowest = min(part.moved(frames[body]).mesh.bounds[0, 2] for body, parts in bodies.items() for part in parts)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation_z(rng.uniform(0, 2 * np.pi)), spot - (0.0, 0.0, lowest)
+    return [
+        replace(
+            part.moved(pose @ frames[body], f"parked_{number}/{body}/{part.name}"),
+            material=replace(part.material, name=f"parked_{number}/{part.material.name}"),
+        )
+        for body, parts in bodies.items()
+        for part in parts
+    ]

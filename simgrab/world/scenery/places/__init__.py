@@ -1,0 +1,37 @@
+"""Places: what the camera sees below the jib head."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgrab.scenario import Hold, Plain, Quay, Water
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.places.hold import hold
+from simgrab.world.scenery.places.plain import plain
+from simgrab.world.scenery.places.quay import quay
+from simgrab.world.scenery.places.water import water
+
+
+def build(place: Quay | Hold | Water | Plain, *, head_height: float, rng: np.random.Generator) -> list[Part]:
+    """Build a place.
+
+    Parameters
+    ----------
+    place : Quay, Hold, Water or Plain
+    head_height : float
+        Rope exit above the quay's surface, metres.
+    rng : numpy.random.Generator
+        Lays out what differs from berth to berth: pile, stains, clutter, colours. The same state gives the same place.
+
+    Returns
+    -------
+    list of Part
+        In the jib frame: origin at the rope exit, x outboard, z up, m.
+    """
+    if isinstance(place, Quay):
+        return quay(place, head_height=head_height, rng=rng)
+    if isinstance(place, Hold):
+        return hold(place, head_height=head_height, rng=rng)
+    if isinstance(place, Plain):
+        return plain(head_height=head_height)
+    return water(place, head_height=head_height, rng=rng)

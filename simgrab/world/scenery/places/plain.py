@@ -1,0 +1,19 @@
+"""An empty yard."""
+
+from __future__ import annotations
+
+import trimesh
+
+from simgrab.world.scenery import textures
+from simgrab.world.scenery.meshes.part import Material, Part
+
+HALF_WIDTH_M = 80.0
+THICKNESS_M = 1.0
+
+
+def plain(*, head_height: float) -> list[Part]:
+    """Build the yard: one concrete slab, its top ``head_height`` metres below the rope exit."""
+    slab = trimesh.creation.box((2 * HALF_WIDTH_M, 2 * HALF_WIDTH_M, THICKNESS_M))
+    slab.apply_translation((0.0, 0.0, -head_height - THICKNESS_M / 2))
+    concrete = Material("yard", texture=textures.load("concrete"), tile_m=8.0, specular=0.05)
+    return [Part("yard", slab, concrete)]

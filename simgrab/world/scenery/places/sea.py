@@ -1,0 +1,105 @@
+"""Harbour water: one sheet with ripples and foam in its picture and a light swell in its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from simgrab.world.scenery.meshes.part import Material, Part
+from simgrab.world.scenery.places import shapes
+from simgrab.world.scenery.places.canvas import Picture, cloud
+from simgrab.world.scenery.textures import load
+
+SIZE, PIXELS, TILE = 48.0, 2048, 16.0  # metres, pixels, metres of the ripple tile
+FAR = 120.0
+
+
+def sea(
+    z: float, chop: float, bands: Sequence[tuple[float, float]], foam_y: Sequence[float], *, rng: np.random.Generator
+) -> list[Part]:
+    """Return the water as sheets about the origin.
+
+    Parameters
+    ----------
+    z : float
+        Still water level, metres, in the frame of the place.
+    chop : float
+        From 0, oily calm, to 1, as rough as a harbour gets.
+    bands : sequence of (float, float)
+        Ranges of y that hold water, metres; ships and quays lie between them.
+    foam_y : sequence of float
+        Walls along x at which foam and flotsam gather.
+    rng : numpy.random.Generator
+    """
+    plain = _ripples(chop, rng)
+    near = Material("water", texture=_foamed(plain, chop, foam_y, rng), specular=0.12, shininess=0.55)
+    far_picture = np.asarray(cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+    far = Material("water far", texture=far_picture, specular=0.0)
+    half = SIZE / 2
+    cuts = np.array([-FAR, -3 * half, -half, half, 3 * half, FAR])
+    n = 61
+    swell = gaussian_filter(rng.standard_normal((n, n)), (1.4, 1.0), mode="wrap")
+    swell *= (0.015 + 0.06 * chop) / swell.std()
+    parts = []
+    for band, (y0, y1) in enumerate(bands):
+        rows = np.array([y0, *cuts[(cuts > y0) & (cuts < y1)], y1])
+        for i in range(len(cuts) - 1):
+            for j in range(len(rows) - 1):
+                x, y = cuts[i : i + 2], rows[j : j + 2]
+                field = np.zeros((2, 2))
+                if i == 2 and -half <= y[0] and y[1] <= half:
+                    x = np.linspace(-half, half, n)
+                    y = np.linspace(y[0], y[1], max(2, round((y[1] - y[0]) / SIZE * n)))
+                    fade = np.minimum(
+                        np.clip((half - np.abs(x)) / 3, 0, 1)[:, None], np.clip((half - np.abs(y)) / 3, 0, 1)
+                    )
+                    field = swell[:, : len(y)] * fade
+                inside = -half <= y[0] and y[-1] <= half
+                parts.append(_sheet(f"water {band}{i}{j}", x, y, z + field, z, near if inside else far))
+    return parts
+
+
+def _sheet(name: str, x: shapes.Vector, y: shapes.Vector, field: shapes.Vector, z: float, water: Material) -> Part:
+    mesh = shapes.sheet(x, y, field, bottom=z - 1.0)
+    return Part(name, mesh, water, mesh.vertices[:, :2] / SIZE + 0.5)
+
+
+def _ripples(chop: float, rng: np.random.Generator) -> Picture:
+    """Two ripple tiles crossed, with patches of wind and calm; seamless."""
+    side = round(PIXELS * TILE / SIZE)
+    tile = cv2.resize(load("water"), (side, side), interpolation=cv2.INTER_AREA)
+    sheets = []
+    for turn in (0, 1):
+        row, column = (int(v) for v in rng.integers(0, side, 2))
+        one = np.roll(np.rot90(tile, turn), (row, column), (0, 1))
+        sheets.append(np.ascontiguousarray(np.tile(one, (4, 4, 1))[:PIXELS, :PIXELS]))
+    wind = cv2.resize(cloud((512, 512), rng, cells=5, octaves=4), (PIXELS, PIXELS))
+    share = np.clip(0.72 + 0.4 * (wind - 0.5), 0, 1)
+    ripples = cv2.blendLinear(sheets[0], sheets[1], share, 1 - share)
+    mean = np.full_like(ripples, tile.mean(axis=(0, 1)).astype(np.uint8))
+    relief = np.clip((0.25 + 0.75 * chop) * (0.5 + wind), 0.1, 1.0).astype(np.float32)
+    picture = cv2.blendLinear(ripples, mean, relief, 1 - relief)
+    tone = cv2.resize(
+        (220 + 60 * (cloud((256, 256), rng, cells=4, octaves=4) - 0.5)).astype(np.uint8), (PIXELS, PIXELS)
+    )
+    return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / 215), np.uint8)
+
+
+def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], rng: np.random.Generator) -> Picture:
+    """Lay threads of foam along the walls and, when it is rough, astray."""
+    wind = cv2.resize(cloud((512, 512), rng, cells=5, octaves=4), (PIXELS, PIXELS))
+    lace = cv2.resize(cloud((1024, 1024), rng, cells=60, octaves=4), (PIXELS, PIXELS))
+    threads = np.exp(-(((lace - 0.5) / 0.035) ** 2))
+    row = SIZE / 2 - (np.arange(PIXELS) + 0.5) / PIXELS * SIZE
+    near = np.zeros(PIXELS)
+    for y in foam_y:
+        near = np.maximum(near, np.exp(-np.abs(row - y) / 0.5) + 0.22 * np.exp(-np.abs(row - y) / 2.2))
+    stray = np.clip((wind - 0.62) * 3, 0, 0.35)
+    foam = (
+        threads * np.clip(near[:, None] * (0.35 + 0.9 * chop) * (0.4 + wind) + stray * (0.2 + chop), 0, 0.8)
+    ).astype(np.float32)
+    white = np.full_like(picture, (168, 172, 166))
+    return np.asarray(cv2.blendLinear(white, picture, foam, 1 - foam), np.uint8)

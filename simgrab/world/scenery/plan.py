@@ -1,0 +1,174 @@
+"""From a scenario to the parts of its world: shapes and paint, where the grab may hang, and what it would hit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import trimesh
+
+from simgrab.errors import ScenarioError
+from simgrab.geometry import Array
+from simgrab.rng import stream
+from simgrab.scenario import Dynamic, Hang, Scenario
+from simgrab.world.scenery import places
+from simgrab.world.scenery.clearance import HeightMap, check_camera
+from simgrab.world.scenery.meshes import grab, jib
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.parked import parked_grabs
+from simgrab.world.trajectory.moment import GrabState, Moment
+
+CLEARANCE_M = 0.3
+GRAB_REACH_M, TRAVEL_M = 16.0, 48.0  # heights are known so far from O: with swing alone, and what the crane's moves add
+COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The parts of a world, not built yet.
+
+    Attributes
+    ----------
+    place : sequence of Part
+        What stands below, in the place's frame.
+    jib : sequence of Part
+        The jib head, in the jib frame.
+    painted : callable
+        Gives `bodies`; to see whether a world can be, no grab is painted.
+    heaps : sequence of Part
+        Cargo that the grab may hold, one for each of `grab.CARGO_LEVELS`, in the grab's frame.
+    straight : bool
+        Whether the lens draws straight lines straight.
+    reach_m : float
+        How far from where O is at first the grab may come.
+    """
+
+    place: Sequence[Part]
+    jib: Sequence[Part]
+    painted: Callable[[], Mapping[str, Sequence[Part]]]
+    heaps: Sequence[Part]
+    straight: bool
+    reach_m: float
+
+    @cached_property
+    def bodies(self) -> Mapping[str, Sequence[Part]]:
+        """The grab, each body in its own frame."""
+        return self.painted()
+
+    @cached_property
+    def shapes(self) -> dict[str, trimesh.Trimesh]:
+        """Steel of each grab body, in the body's frame, and each cargo heap (``cargo_0`` …), in the grab frame."""
+        bodies = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in grab.steel().items()}
+        return bodies | {f"cargo_{level}": heap.mesh for level, heap in enumerate(self.heaps)}
+
+    @cached_property
+    def outline(self) -> dict[str, Array]:
+        """Points (N, 3) of each shape among which the outermost of every picture are."""
+        return {
+            name: _cover(np.asarray(mesh.vertices).tobytes(), np.asarray(mesh.faces).tobytes(), straight=self.straight)
+            for name, mesh in self.shapes.items()
+        }
+
+    @cached_property
+    def ground(self) -> HeightMap:
+        """What stands below the grab."""
+        return HeightMap.of((part.mesh for part in self.place), self.reach_m)
+
+    def grab_points(self, state: GrabState) -> Array:
+        """Points (N, 3), grab frame, that cover the grab and what it holds."""
+        placed = placed_shapes(state.jaw, state.load)
+        return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
+
+    def check_clearance(self, moment: Moment, points_jib: Array) -> None:
+        """Refuse a frame whose grab would stand in the ground or in the cargo heap."""
+        jib, rope = moment.jib, moment.grab.rope_length
+        if jib:
+            place_from_jib = np.linalg.inv(jib.jib_from_place)
+            points_jib = points_jib @ place_from_jib[:3, :3].T + place_from_jib[:3, 3]
+        gap = self.ground.gap(points_jib)
+        if gap < CLEARANCE_M:
+            raise ScenarioError(
+                "swing.work" if jib else "swing.rope_length_m",
+                f"frame {moment.frame} has {rope:.2f} m of rope, which lowers the grab into what is below it; "
+                f"at most {rope - CLEARANCE_M + gap:.2f} m there",
+            )
+
+
+def draw_up(scenario: Scenario, number: int = 0) -> Plan:
+    """Plan the world of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        That varies no more.
+    number : int
+        Which of the worlds of one seed: what is random about place and grab, such as stains, differs between them.
+
+    Raises
+    ------
+    ScenarioError
+        If the camera would be in the jib's steel.
+    """
+    seed, look, head_height = scenario.seed, scenario.grab, scenario.jib.head_height_m
+    check_camera(np.array(scenario.camera.offset_m), jib.jib_steel())
+    place = places.build(scenario.place, head_height=head_height, rng=stream(seed, number, "place"))
+    place += parked_grabs(
+        scenario.clutter.other_grabs, place, head_height=head_height, rng=stream(seed, number, "clutter.grabs")
+    )
+
+    def painted() -> Mapping[str, Sequence[Part]]:
+        rng = stream(seed, number, "grab")
+        return grab.grab_parts(
+            paint=look.paint_rgb, wear=look.wear, residue=look.residue, cargo=look.cargo, rng=rng,
+        )  # fmt: skip
+
+    return Plan(
+        place,
+        jib.jib_parts(),
+        painted,
+        grab.cargo_parts(look.cargo, stream(seed, number, "cargo")),
+        straight=scenario.camera.intrinsics.distortion.is_null,
+        reach_m=_reach(scenario),
+    )
+
+
+def cargo_level(load: float) -> int | None:
+    """Index of the heap that stands for a fill, None when empty."""
+    if load <= 0:
+        return None
+    return int(np.abs(np.array(grab.CARGO_LEVELS) - load).argmin())
+
+
+def placed_shapes(jaw: float, load: float) -> dict[str, Array]:
+    """Shapes that the grab shows, each with ``grab_from_shape``, shape (4, 4)."""
+    placed = dict(grab.body_frames(jaw))
+    level = cargo_level(load)
+    return placed if level is None else placed | {f"cargo_{level}": np.eye(4)}
+
+
+def _reach(scenario: Scenario) -> float:
+    if not isinstance(scenario.swing, Dynamic) or isinstance(scenario.swing.work, Hang):
+        return GRAB_REACH_M
+    return GRAB_REACH_M + TRAVEL_M
+
+
+@lru_cache(maxsize=64)  # the grab's steel is the same in every world
+def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
+    """Points of a mesh, shape (N, 3), among which the outermost of every picture are.
+
+    A lens that draws straight lines straight shows corners of the convex hull outermost. One that bends them may show
+    a point along an edge, so the surface near the hull is covered at `COVER_SPACING_M`.
+    """
+    corners, triangles = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3)
+    hull = trimesh.Trimesh(corners, triangles, process=False).convex_hull
+    if straight:
+        return np.asarray(hull.vertices)
+    points = trimesh.remesh.subdivide_to_size(corners, triangles, max_edge=COVER_SPACING_M, max_iter=20)[0]
+    points = np.unique(points.round(6), axis=0)
+    normals, on_plane = np.asarray(hull.face_normals), np.asarray(hull.triangles)[:, 0]
+    outside = np.full(len(points), -np.inf)
+    for normal, offset in zip(normals, np.einsum("ij,ij->i", normals, on_plane), strict=True):
+        np.maximum(outside, points @ normal - offset, out=outside)
+    return np.asarray(points[outside > -COVER_DEPTH_M])

@@ -1,6 +1,0 @@
-"""A renderer of silhouettes that shares nothing with MuJoCo's but the shapes: pyrender, or ray casting with Embree."""
-
-from simgrab.world.second_renderer.choice import RENDERERS, Choice, install_hint, open_second_renderer
-from simgrab.world.second_renderer.interface import SecondRenderer, Shapes
-
-__all__ = ["RENDERERS", "Choice", "SecondRenderer", "Shapes", "install_hint", "open_second_renderer"]

@@ -1,0 +1,197 @@
+"""A clip's moments, one after another, in bounded memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from simgrab import geometry
+from simgrab.geometry import Array
+from simgrab.scenario import Dynamic, Scenario, Start
+from simgrab.world.scenery.meshes.grab import closing_rope_m
+from simgrab.world.trajectory.display import Shown, shown
+from simgrab.world.trajectory.mass import Mass
+from simgrab.world.trajectory.moment import STANDARD_GRAVITY, GrabState, JibState, Moment
+from simgrab.world.trajectory.mount import Mount
+from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
+from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant
+from simgrab.world.trajectory.work import Course, Work
+
+MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
+
+
+class Timeline:
+    """One clip. Iterate over it for its `Moment`s, from the first frame on, without end.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With dynamic swing.
+    clip : int
+        Its index; each clip has draws of its own.
+    """
+
+    def __init__(self, scenario: Scenario, clip: int) -> None:
+        assert isinstance(scenario.swing, Dynamic)
+        self._scenario, self._swing, self._clip = scenario, scenario.swing, clip
+        period = 1 / scenario.clip.frame_rate_hz
+        self._per_frame = math.ceil(period / MOST_INTERVAL_S)
+        self._interval = period / self._per_frame
+        self._steps = math.ceil(self._interval / MOST_STEP_S)
+        self._settle = math.ceil(self._swing.settle_s / period)  # frames before the first
+        self._first = scenario.clip.span(clip, scenario.frames).start  # frame
+        self._layout = scenario.display_layout
+
+    def __iter__(self) -> Iterator[Moment]:
+        swing = self._swing
+        work, mount = Work(self._scenario, self._clip), Mount(self._scenario.camera, self._interval)
+        noises = zip(self._wind(), self._forcing(), self._vibration(), strict=True)
+        plant: Plant | None = None
+        count = -self._settle * self._per_frame  # intervals; frame 0 is at 0
+        for block, (wind, push, shake) in enumerate(noises):
+            # One instant more than intervals: each takes its mean accelerations from both its ends.
+            ticks = np.arange(block * BLOCK, (block + 1) * BLOCK + 1, dtype=float)
+            course = work.sample(self._interval * ticks)
+            velocity = _velocity(swing.radius_m, course)
+            gravity = np.full((BLOCK, 3), -STANDARD_GRAVITY)
+            gravity[:, :2] = -np.diff(velocity, axis=0) / self._interval
+            felt = _turned(gravity, -course.slew[:-1])
+            drives = self._drives(course, gravity, velocity, wind, push)
+            for i, (drive, jaw, load) in enumerate(
+                zip(drives, course.jaw.tolist(), course.load.tolist(), strict=False)
+            ):
+                if plant is None:
+                    plant = self._plant(drive.rope, jaw, load)
+                moment = None
+                if count >= 0 and count % self._per_frame == 0:
+                    moment = self._moment(count / self._per_frame, plant, course, i, felt[i], mount, shake[i])
+                    if self._layout:
+                        moment = dataclasses.replace(moment, shown=self._shown(moment, work))
+                plant.hold(jaw, load)
+                plant.run(drive, self._interval, self._steps)
+                mount.step(felt[i], float(course.luffed[i + 1]))
+                if moment and self._scenario.shutter.open_s > 0:
+                    after = min(i + 1, BLOCK - 1)  # the next block's tremble and pull are not drawn yet
+                    ahead = self._moment(
+                        (count + 1) / self._per_frame, plant, course, i + 1, felt[after], mount, shake[after]
+                    )
+                    moment = dataclasses.replace(moment, ahead=ahead)
+                if moment:
+                    yield moment
+                count += 1
+
+    def _drives(self, course: Course, gravity: Array, velocity: Array, wind: Array, push: Array) -> Iterator[Drive]:
+        columns = (
+            gravity, velocity[:-1], (course.slew[:-1] + course.slew[1:]) / 2, course.rope[:-1], course.rope_rate[:-1],
+            np.diff(course.rope_rate) / self._interval, wind, push, course.held[:-1],
+        )  # fmt: skip
+        return (Drive(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
+
+    def _plant(self, rope: float, jaw: float, load: float) -> Plant:
+        swing = self._swing
+        plant = Plant(
+            rope, jaw, load,
+            damping=swing.damping, yaw_damping=swing.yaw_damping, drag_area=swing.drag_area_m2,
+        )  # fmt: skip
+        plant.start(*_begin(swing.start, plant.mass, rope))
+        return plant
+
+    def _moment(
+        self, index: float, plant: Plant, course: Course, i: int, felt: Array, mount: Mount, shake: Array
+    ) -> Moment:
+        scenario, slew = self._scenario, float(course.slew[i])
+        w, x, y, z, slide = plant.data.qpos.tolist()
+        down = _turned(np.array([-2 * (x * z + w * y), -2 * (y * z - w * x), 2 * (x * x + y * y) - 1]), -slew)
+        alpha, azimuth, _ = geometry.swing_of(down)
+        luffed, tilt = float(course.luffed[i]), mount.tilt(shake)
+        return Moment(
+            frame=self._first + int(index),
+            grab=GrabState(
+                alpha=float(alpha),
+                azimuth=float(azimuth),
+                rope_length=-slide,
+                yaw=float(geometry.wrap(2 * math.atan2(z, w) - slew)),
+                jaw=float(course.jaw[i]),
+                load=float(course.load[i]),
+            ),
+            tilt=tilt,
+            gamma=(float(azimuth) - tilt.azimuth) % (2 * math.pi),
+            clip=self._clip,
+            time=index / scenario.clip.frame_rate_hz,
+            jib=JibState(slew, self._swing.radius_m + luffed, luffed),
+            apparent_gravity=(float(felt[0]), float(felt[1]), float(felt[2])),
+        )
+
+    def _shown(self, moment: Moment, work: Work) -> Shown:
+        """Work out what the display shows; its clock runs on from clip to clip."""
+        assert self._layout is not None
+        began = self._first / self._scenario.clip.frame_rate_hz
+        settled = self._settle * self._per_frame * self._interval
+
+        def lengths(time: float) -> tuple[float, float]:
+            rope, jaw = work.rope_and_jaw(max(time - began + settled, 0.0))
+            return rope, rope + closing_rope_m(jaw)
+
+        return shown(self._scenario.display, self._layout, moment.frame / self._scenario.clip.frame_rate_hz, lengths)
+
+    def _wind(self) -> Iterator[Array]:
+        wind = self._swing.wind
+        along = np.array([math.cos(math.radians(wind.azimuth_deg)), math.sin(math.radians(wind.azimuth_deg))])
+        mean = wind.mean_m_s * along
+        turn = np.column_stack([along, (-along[1], along[0])])
+        gusts = wind.mean_m_s * wind.intensity
+        shape = von_karman(wind.scale_m, wind.mean_m_s) if gusts else None
+        return (mean + block @ turn.T for block in self._noise(shape, gusts, "wind"))
+
+    def _forcing(self) -> Iterator[Array]:
+        forcing = self._swing.forcing
+        return self._noise(low_pass(forcing.bandwidth_hz), forcing.rms_m_s2, "forcing")
+
+    def _vibration(self) -> Iterator[Array]:
+        vibration = self._scenario.camera.mount.vibration
+        shape = narrow_band(vibration.frequency_hz, vibration.damping)
+        return self._noise(shape, math.radians(vibration.rms_deg), "vibration")
+
+    def _noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
+        """Blocks (BLOCK, 2) of two independent components, each of this rms."""
+        if not shape or not rms:
+            return itertools.repeat(np.zeros((BLOCK, 2)))
+        pair = (
+            noise(shape, self._interval, seed=self._scenario.seed, clip=self._clip, name=f"{name}.{axis}")
+            for axis in "xy"
+        )
+        return (rms * np.stack(blocks, axis=-1) for blocks in zip(*pair, strict=True))
+
+
+def _velocity(radius: float, course: Course) -> Array:
+    """Velocity of O over the ground, shape (n, 2), in axes that do not turn, m/s."""
+    out = np.stack([np.cos(course.slew), np.sin(course.slew)], axis=-1)
+    around = np.stack([-out[:, 1], out[:, 0]], axis=-1)
+    return np.asarray(course.luff_rate[:, None] * out + ((radius + course.luffed) * course.slew_rate)[:, None] * around)
+
+
+def _turned(vector: Array, angle: float | Array) -> Array:
+    """Turn vectors (..., 3) about z, counter-clockwise."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = np.moveaxis(vector, -1, 0)
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+
+
+def _begin(start: Start, mass: Mass, rope: float) -> tuple[Array, Array]:
+    """Attitude (quaternion) and angular velocity (grab frame, rad/s) in which a clip begins."""
+    alpha, azimuth, yaw = np.radians((start.alpha_deg, start.azimuth_deg, start.yaw_deg))
+    half = alpha / 2
+    leaning = np.array([np.cos(half), np.sin(half) * np.sin(azimuth), -np.sin(half) * np.cos(azimuth), 0.0])
+    w, x, y, _ = leaning
+    c, s = np.cos(yaw / 2), np.sin(yaw / 2)
+    attitude = np.array([w * c, x * c + y * s, y * c - x * s, w * s])
+    arm = rope - mass.centre_z
+    frequency = math.sqrt(mass.mass * STANDARD_GRAVITY * arm / (mass.inertia[0] + mass.mass * arm**2))
+    along = geometry.grab_centre(alpha, azimuth, 1.0)
+    sideways = start.roundness * alpha * frequency * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    rotation = geometry.grab_rotation(alpha, azimuth, yaw)
+    return attitude, np.asarray(rotation.T @ np.cross(along, sideways))

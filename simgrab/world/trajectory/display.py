@@ -1,0 +1,78 @@
+"""What the display shows in one picture: lengths that lag the crane's, and sometimes two of them at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from simgrab.layouts import Layout
+from simgrab.scenario import Display
+from simgrab.world.trajectory.clock import clock_text
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The text in one picture, as it can be read there.
+
+    Attributes
+    ----------
+    clock_text : str
+        Date, weekday and clock.
+    rope_text : str
+        Both numbers, above the row where they tore.
+    rope_text_below : str
+        Below that row; the same where nothing tore.
+    torn_row_px : int or None
+        First row that shows `rope_text_below`; None where nothing tore.
+    """
+
+    clock_text: str
+    rope_text: str
+    rope_text_below: str
+    torn_row_px: int | None
+
+
+def shown(display: Display, layout: Layout, time_s: float, lengths_at: Callable[[float], tuple[float, float]]) -> Shown:
+    """Work out what the display shows in the picture whose readout begins at a time.
+
+    The controller refreshes both numbers at the instants k / refresh_hz with the lengths of lag_s before, and holds
+    them in between. A refresh at u, while the picture is read out from top to bottom, shows from row
+    ⌊(u − time) / readout_s · height⌋ on. That tears the picture only where it can be seen: among rows and digits that
+    change. The clock is the camera's own; it neither lags nor tears.
+
+    Parameters
+    ----------
+    display : Display
+    layout : Layout
+        Fitted to the picture.
+    time_s : float
+        When the readout begins, 0 or more.
+    lengths_at : callable
+        Takes a time, s, in [0, time_s + readout_s] and returns |OA| and the closing rope's length from the same
+        point, m, both before ``constant_m`` is taken off. Frames that know no time pass a constant, and so neither
+        lag nor tear.
+    """
+
+    def text_of(refresh: int) -> str:
+        hoist, closing = lengths_at(max(0.0, refresh / display.refresh_hz - display.lag_s))
+        return layout.text(hoist - display.constant_m, closing - display.constant_m)
+
+    clock = clock_text(display.started, time_s)
+    last = math.floor(time_s * display.refresh_hz)
+    above = text_of(last)
+    into = (last + 1) / display.refresh_hz - time_s
+    if into >= display.readout_s:
+        return Shown(clock, above, above, None)
+    below = text_of(last + 1)
+    row = max(0, math.floor(into / display.readout_s * layout.height_px))
+    changed = [cell for cell, a, b in zip(layout.cells, _digits(above), _digits(below), strict=True) if a != b]
+    if all(y0 >= row for _, y0, _, _ in changed):
+        return Shown(clock, below, below, None)
+    if all(y1 <= row for _, _, _, y1 in changed):
+        return Shown(clock, above, above, None)
+    return Shown(clock, above, below, row)
+
+
+def _digits(text: str) -> str:
+    return "".join(c for c in text if c.isdigit())

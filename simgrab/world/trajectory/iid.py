@@ -1,0 +1,69 @@
+"""Independent frames: where the grab hangs in each, drawn from the scenario's laws."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgrab import geometry
+from simgrab.distributions import Law
+from simgrab.errors import ScenarioError
+from simgrab.rng import stream
+from simgrab.scenario import MOST_ALPHA_DEG, Iid, Scenario
+from simgrab.world.scenery.meshes.linkage import MAX_JAW
+from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
+
+CLOSED = np.radians(2.0)  # jaws wider than this hold nothing
+
+
+def draw(scenario: Scenario, frame: int) -> Moment:
+    """Draw one frame; every variable has its own stream, so frames can be made alone and in any order.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With independent frames.
+    frame : int
+
+    Raises
+    ------
+    ScenarioError
+        If a law without bounds draws what cannot be, naming frame and key.
+    """
+    swing = scenario.swing
+    assert isinstance(swing, Iid)
+
+    def value(name: str, law: Law) -> float:
+        return float(law.sample(stream(scenario.seed, frame, f"swing.{name}")))
+
+    alpha_deg = abs(value("alpha", swing.alpha.law)) * swing.alpha.scale_deg
+    if alpha_deg > MOST_ALPHA_DEG:
+        raise ScenarioError(
+            "swing.alpha.sigma_deg", f"frame {frame} draws alpha = {alpha_deg:.1f}°, above {MOST_ALPHA_DEG:g}°"
+        )
+    jaw = np.radians(value("jaw", swing.jaw_deg))
+    if jaw > MAX_JAW:
+        raise ScenarioError(
+            "swing.jaw_deg",
+            f"frame {frame} draws {np.degrees(jaw):.1f}°; the jaws open to {np.degrees(MAX_JAW):g}° at most",
+        )
+    gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
+    load = value("load", swing.load)
+    tilt = np.radians((scenario.camera.beta_deg, scenario.camera.tilt_azimuth_deg, scenario.camera.roll_deg))
+    grab = GrabState(
+        alpha=float(np.radians(alpha_deg)),
+        azimuth=float((gamma + tilt[1]) % (2 * np.pi)),
+        rope_length=value("rope_length", swing.rope_length_m),
+        yaw=float(geometry.wrap(np.radians(value("yaw", swing.yaw_deg)))),
+        jaw=float(jaw),
+        load=load if jaw <= CLOSED else 0.0,
+    )
+    present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
+    return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma), present=bool(present))
+
+
+def split(scenario: Scenario, frame: int) -> str:
+    """Draw a frame into train, val or test by the scenario's shares; frames of one clip, being alike, stay together."""
+    alone = isinstance(scenario.swing, Iid) and not scenario.vary
+    unit = frame if alone else scenario.clip.of(frame)
+    share = stream(scenario.seed, unit, "split").random()
+    return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"

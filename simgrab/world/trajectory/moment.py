@@ -1,0 +1,168 @@
+"""Everything that moves, at one instant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simgrab import geometry
+from simgrab.geometry import Array
+from simgrab.world.trajectory.display import Shown
+
+STANDARD_GRAVITY = 9.80665
+STRAIGHT = 1e-12  # sine of a tilt so small that it has no azimuth
+
+
+@dataclass(frozen=True)
+class GrabState:
+    """Pose of the grab in the jib frame, rad and m, and what it holds.
+
+    Attributes
+    ----------
+    alpha, azimuth : float
+        Swing angle, and its azimuth in the jib frame.
+    rope_length : float
+        |OA|.
+    yaw, jaw : float
+        Turn about the rope; opening of each shell.
+    load : float
+        Fill, 0 to 1.
+    """
+
+    alpha: float
+    azimuth: float
+    rope_length: float
+    yaw: float
+    jaw: float
+    load: float
+
+    @property
+    def jib_from_grab(self) -> Array:
+        """Pose, shape (4, 4)."""
+        pose = np.eye(4)
+        pose[:3, :3] = geometry.grab_rotation(self.alpha, self.azimuth, self.yaw)
+        pose[:3, 3] = geometry.grab_centre(self.alpha, self.azimuth, self.rope_length)
+        return pose
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Attitude of the camera in the jib frame, rad: β, tilt azimuth and roll."""
+
+    beta: float
+    azimuth: float
+    roll: float
+
+    @property
+    def jib_from_camera(self) -> Array:
+        """Rotation, shape (3, 3)."""
+        return geometry.camera_rotation(self.beta, self.azimuth, self.roll)
+
+    @classmethod
+    def of(cls, rotation: Array, azimuth: float) -> Tilt:
+        """Read a rotation ``jib_from_camera``, shape (3, 3); ``azimuth`` is taken where the camera hangs straight."""
+        axis = rotation[:, 2]
+        across = math.hypot(axis[0], axis[1])
+        if across > STRAIGHT:
+            azimuth = math.atan2(axis[1], axis[0])
+        beta = math.atan2(across, -axis[2])
+        turn = geometry.camera_rotation(beta, azimuth, 0.0).T @ rotation
+        return cls(beta, azimuth % (2 * math.pi), math.atan2(turn[1, 0], turn[0, 0]))
+
+
+@dataclass(frozen=True)
+class JibState:
+    """Where the jib stands over the place.
+
+    Attributes
+    ----------
+    slew : float
+        Turn about the slewing axis from where O is above the middle of the place, counter-clockwise from above, rad.
+    radius : float
+        From the slewing axis to O, m.
+    luffed : float
+        By how much the radius has grown, m.
+    """
+
+    slew: float
+    radius: float
+    luffed: float
+
+    @property
+    def jib_from_place(self) -> Array:
+        """Pose, shape (4, 4), of what stands on the ground, whose frame is the jib frame unslewed and unluffed."""
+        pose = np.eye(4)
+        pose[:3, :3] = geometry.rotation_z(-self.slew)
+        pose[:3, 3] = pose[:3, :3] @ (self.radius - self.luffed, 0.0, 0.0) - (self.radius, 0.0, 0.0)
+        return pose
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One frame's instant.
+
+    Attributes
+    ----------
+    frame : int
+    grab : GrabState
+    tilt : Tilt
+    gamma : float
+        Azimuth of the swing less the tilt azimuth, rad, in [0, 2π).
+    present : bool
+        Whether the grab is there; else ``grab`` is where it would be.
+    clip : int or None
+        None for independent frames, as `time` and `jib` are.
+    time : float or None
+        Since the clip began, s.
+    jib : JibState or None
+    apparent_gravity : tuple of 3 floats
+        Gravity less the acceleration of O, jib frame, m/s².
+    shown : Shown or None
+        What the display shows; None where there is no display.
+    ahead : Moment or None
+        A moment shortly after, where the camera sees things move.
+    """
+
+    frame: int
+    grab: GrabState
+    tilt: Tilt
+    gamma: float
+    present: bool = True
+    clip: int | None = None
+    time: float | None = None
+    jib: JibState | None = None
+    apparent_gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
+    shown: Shown | None = None
+    ahead: Moment | None = None
+
+    def shifted(self, seconds: float) -> Moment:
+        """Go to an instant within some tens of milliseconds, along the way to the moment ahead; without one, stay."""
+        if self.ahead is None or not seconds:
+            return self
+        assert self.time is not None
+        assert self.ahead.time is not None
+        assert self.jib is not None
+        assert self.ahead.jib is not None
+        share = seconds / (self.ahead.time - self.time)
+        here, there = self.grab, self.ahead.grab
+
+        def between(a: float, b: float) -> float:
+            return a + share * (b - a)
+
+        start, end = here.jib_from_grab[:3, 3], there.jib_from_grab[:3, 3]
+        alpha, azimuth, rope = geometry.swing_of(start + share * (end - start))
+        grab = GrabState(
+            float(alpha), float(azimuth), float(rope),
+            yaw=float(geometry.wrap(here.yaw + share * float(geometry.wrap(there.yaw - here.yaw)))),
+            jaw=max(between(here.jaw, there.jaw), 0.0),
+            load=here.load,
+        )  # fmt: skip
+        first = Rotation.from_matrix(self.tilt.jib_from_camera)
+        turn = (first.inv() * Rotation.from_matrix(self.ahead.tilt.jib_from_camera)).as_rotvec()
+        tilt = Tilt.of((first * Rotation.from_rotvec(share * turn)).as_matrix(), self.tilt.azimuth)
+        jib = JibState(*(between(a, b) for a, b in zip(astuple(self.jib), astuple(self.ahead.jib), strict=True)))
+        gamma = (grab.azimuth - tilt.azimuth) % (2 * math.pi)
+        return replace(self, grab=grab, tilt=tilt, jib=jib, gamma=gamma, time=self.time + seconds)

@@ -1,0 +1,68 @@
+"""What happens in a scenario, frame by frame."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+
+from simgrab.scenario import Iid, Scenario
+from simgrab.world.scenery.meshes.grab import closing_rope_m
+from simgrab.world.trajectory import iid as swing
+from simgrab.world.trajectory.display import shown
+from simgrab.world.trajectory.moment import Moment
+
+REMEMBERED = 64  # frames that may be asked for again without beginning their clip anew
+
+
+class Story:
+    """The moments of a scenario.
+
+    Any frame can be asked for, in any order. With dynamic swing a clip runs from its beginning to the frame asked for,
+    so that going forward is cheap and going back is not.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._layout = scenario.display_layout
+        self._clip = -1
+        self._moments: Iterator[Moment] = iter(())
+        self._recent: deque[Moment] = deque(maxlen=REMEMBERED)
+
+    def at(self, frame: int) -> Moment:
+        """Give one frame's moment.
+
+        Raises
+        ------
+        ScenarioError
+            If it cannot be, naming frame and key.
+        """
+        if isinstance(self._scenario.swing, Iid):
+            return self._with_display(swing.draw(self._scenario, frame))
+        # Physics alone needs it: SciPy's filters take a quarter of the time in which `render` is imported.
+        from simgrab.world.trajectory.clip import Timeline
+
+        recent = next((m for m in self._recent if m.frame == frame), None)
+        if recent:
+            return recent
+        clip = self._scenario.clip.of(frame)
+        if clip != self._clip or (self._recent and frame < self._recent[-1].frame):
+            self._clip, self._moments = clip, iter(Timeline(self._scenario, clip))
+            self._recent.clear()
+        for moment in self._moments:
+            self._recent.append(moment)
+            if moment.frame == frame:
+                return moment
+        raise AssertionError("a timeline has no end")
+
+    def _with_display(self, moment: Moment) -> Moment:
+        """Independent frames know no time: their display shows the frame's own lengths, its clock goes by the index."""
+        if not self._layout:
+            return moment
+        lengths = moment.grab.rope_length, moment.grab.rope_length + closing_rope_m(moment.grab.jaw)
+        time = moment.frame / self._scenario.clip.frame_rate_hz
+        return replace(moment, shown=shown(self._scenario.display, self._layout, time, lambda _: lengths))

@@ -1,8 +1,0 @@
-"""Weather between the drawn scene and the camera, with true depth: a known amount of each, and labels unmoved."""
-
-from simgrab.world.weather.chain import Weathered, apply, hidden_fraction
-from simgrab.world.weather.dust import Puff
-from simgrab.world.weather.ground import Lamp
-from simgrab.world.weather.sight import Sight
-
-__all__ = ["Lamp", "Puff", "Sight", "Weathered", "apply", "hidden_fraction"]
