@@ -25,11 +25,12 @@ import numpy as np
 
 from simgrab import scenes
 from simgrab.scenario import Scenario
-from simgrab.world.camera.optics import to_linear
-from simgrab.world.frames import Studio
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.output import stored
 from simgrab.world.output.folder import Folder
 from simgrab.world.output.manifest import identity
-from simgrab.world.trajectory.clip import Timeline
+from simgrab.world.trajectory.clip import ClipMotion
 
 
 def render(pairs: int, memory_frames: int) -> None:
@@ -39,15 +40,16 @@ def render(pairs: int, memory_frames: int) -> None:
     writes nothing; simgrab draws, labels, encodes and writes.
     """
     scenario = scenes.load("quay-day", {"camera.beta_deg": 5.0, "frames": max(pairs, memory_frames)})
-    with tempfile.TemporaryDirectory() as temporary, Studio(scenario) as studio:
+    with tempfile.TemporaryDirectory() as temporary, FrameGenerator(scenario) as generator:
         folder = Folder(Path(temporary) / "bench")
-        folder.open(identity(scenario), resume=False)
+        folder.open(identity(Recipe(scenario)), resume=False)
         k = scenario.camera.intrinsics
-        print(f"{studio.renderer.fingerprint.renderer}, {k.width_px}x{k.height_px}, MSAA {scenario.image.samples}")
-        competitor, ratios = _Bare(studio, k.width_px, k.height_px), []
+        name = generator.scene(0).renderer.fingerprint.renderer
+        print(f"{name}, {k.width_px}x{k.height_px}, MSAA {scenario.image.samples}")
+        competitor, ratios = _Bare(generator, k.width_px, k.height_px), []
         for frame in range(pairs + 2):
             start = time.perf_counter()
-            folder.store(studio.make(frame % scenario.frames))
+            folder.store(stored.make(generator, frame % scenario.frames))
             ours = time.perf_counter() - start
             bare = competitor.time()
             if frame >= 2:  # the first ones warm up
@@ -64,11 +66,11 @@ def render(pairs: int, memory_frames: int) -> None:
 class _Bare:
     """``mujoco.Renderer`` as its documentation uses it, looking at the same geoms from the same place."""
 
-    def __init__(self, studio: Studio, width: int, height: int) -> None:
+    def __init__(self, generator: FrameGenerator, width: int, height: int) -> None:
         import mujoco
 
-        self._studio, self._camera = studio, mujoco.MjvCamera()
-        model = studio.world.model
+        self._studio, self._camera = generator, mujoco.MjvCamera()
+        model = generator.scene(0).world.model
         self._renderer = mujoco.Renderer(model, height, width, max_geom=model.ngeom + 16)
 
     def time(self) -> float:
@@ -83,7 +85,7 @@ class _Bare:
         return time.perf_counter() - start
 
     def _look(self) -> None:
-        ours = self._studio.renderer
+        ours = self._studio.scene(0).renderer
         self._renderer.update_scene(ours.data, self._camera, ours.option)
         ours.aim(ours.full, self._renderer.scene)
 
@@ -99,11 +101,11 @@ def _memory(scenario: Scenario, frames: int) -> None:
     quick = msgspec.structs.replace(scenario.image, samples=0, shadow_map_px=0)
     scenario = msgspec.structs.replace(scenario, image=quick)
     settled = max(frames // 10, 1)
-    with tempfile.TemporaryDirectory() as temporary, Studio(scenario) as studio:
+    with tempfile.TemporaryDirectory() as temporary, FrameGenerator(scenario) as generator:
         folder = Folder(Path(temporary) / "bench")
-        folder.open(identity(scenario), resume=False)
+        folder.open(identity(Recipe(scenario)), resume=False)
         for frame in range(frames):
-            folder.store(studio.make(frame))
+            folder.store(stored.make(generator, frame))
             if frame + 1 == settled:
                 before = _resident_mb()
     after = _resident_mb()
@@ -120,7 +122,7 @@ def motion() -> None:
     """Print how much faster than the world the physics runs on one core, and how memory grows with a clip's length."""
     for name in ("free-swing", "work-cycles", "wind-only", "isotropic-forcing"):
         scenario = scenes.load(name, {"frames": 10_000_000})
-        moments = iter(Timeline(scenario, 0))
+        moments = iter(ClipMotion(scenario, 0))
         for _ in itertools.islice(moments, 2000):  # the first blocks warm up
             pass
         began, clock, count = time.process_time(), next(moments).time, 2700
@@ -129,7 +131,7 @@ def motion() -> None:
         assert last is not None
         speed = (last - clock) / (time.process_time() - began)
         print(f"{name:18s} {speed:5.0f} × real time (CPU seconds, one core)")
-    moments = iter(Timeline(scenes.load("work-cycles", {"frames": 10_000_000, "swing.wind.mean_m_s": 5.0}), 0))
+    moments = iter(ClipMotion(scenes.load("work-cycles", {"frames": 10_000_000, "swing.wind.mean_m_s": 5.0}), 0))
     for hours in (0.25, 1.0, 4.0):
         for moment in moments:
             if moment.time is not None and moment.time >= 3600 * hours:
@@ -141,14 +143,13 @@ def world(repeats: int = 7) -> None:
     """Print what night, weather, optics and display cost a 1080p frame, once it is drawn."""
     print(f"milliseconds a frame, median of {repeats} frames after 2 that warm up")
     for name in ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare"):
-        with Studio(scenes.load(name)) as studio:
+        with FrameGenerator(scenes.load(name)) as generator:
             times = []
             for frame in range(repeats + 2):
-                studio.aim(frame)
-                view = studio.renderer.glance() if studio.stage.chain.wants_view else None
-                light = to_linear(np.ascontiguousarray(studio.renderer.rgb()))
+                scene = generator.scene(frame)
+                buffers = scene.draw(generator.project(frame), labelled=False)
                 began = time.perf_counter()
-                studio.stage.chain.develop(frame, light, view)
+                scene.develop(buffers)
                 times.append(time.perf_counter() - began)
         print(f"  {name:18s} {1e3 * float(np.median(times[2:])):6.1f} ms", flush=True)
 

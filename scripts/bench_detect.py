@@ -12,15 +12,15 @@ import numpy as np
 from simgrab import layouts, scenes
 from simgrab.instrument.detect import detector
 from simgrab.instrument.read import Reader
-from simgrab.world.frames import Studio
+from simgrab.world.frames import frames
 
 PICTURES = 12
 
 
 def detect(yolo: Path | None, rounds: int = 20) -> None:
     """Print milliseconds a picture; what is compared takes turns on each picture, so that a noisy machine cancels."""
-    with Studio(scenes.load("exam-calm", {"clip.clip_frames": 4, "display.layout": "two-by-four"})) as studio:
-        pictures = [np.ascontiguousarray(studio.draw(frame).rgb) for frame in range(PICTURES)]
+    scene = scenes.load("exam-calm", {"clip.clip_frames": 4, "display.layout": "two-by-four"})
+    pictures = [np.ascontiguousarray(frame.rgb) for frame in frames(scene, range(PICTURES), buffers=False)]
     layout, reader, bundled = layouts.load("two-by-four"), Reader(), detector("bundled")
     acts: dict[str, Callable[[Any], Any]] = {
         "detect": bundled,

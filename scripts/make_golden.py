@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgrab
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 
 GOLDEN = Path(__file__).parents[1] / "tests" / "golden"
 SCENES = ("quay-day", "quay-truck", "hold-coal", "water-side")
@@ -28,13 +28,12 @@ SMALL = {
 
 def draw(name: str) -> tuple[NDArray[np.uint8], str]:
     """Draw frame 0 of a scene, small; returns it with a digest of what drew it."""
-    with Studio(simgrab.load(name, SMALL)) as studio:
-        studio.aim(0)
+    with FrameGenerator(simgrab.load(name, SMALL)) as generator:
         drawn_by = [
-            studio.renderer.fingerprint.digest,
+            generator.scene(0).renderer.fingerprint.digest,
             *(version(p) for p in ("numpy", "opencv-python-headless", "scipy")),
         ]
-        return studio.renderer.rgb(), " ".join(drawn_by)
+        return generator.scene(0).renderer.rgb(generator.project(0).moment), " ".join(drawn_by)
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgrab
-from simgrab.world.frames import Studio, encode
+from simgrab.utilities.pictures import encode, read
 from simgrab.world.output.preview import captioned
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -30,9 +30,8 @@ def scenes(shown: dict[str, int], file: str) -> None:
     """Draw one frame a scene, two abreast, each with its name."""
     tiles = []
     for name, frame in shown.items():
-        with Studio(simgrab.load(name)) as studio:
-            made = studio.make(frame)
-        tile = _decode(made.files[made.record.truth.file], TILE_WIDTH)
+        (made,) = simgrab.frames(name, [frame], buffers=False)
+        tile = _reduced(made.rgb[..., ::-1], TILE_WIDTH)
         tiles.append(captioned(tile, name))
     rows = [np.hstack(tiles[i : i + 2]) for i in range(0, len(tiles), 2)]
     (DOCS / file).write_bytes(encode(np.vstack(rows), "jpeg", 82))
@@ -41,11 +40,8 @@ def scenes(shown: dict[str, int], file: str) -> None:
 def training() -> None:
     """Draw a frame of each of the first worlds of `training`."""
     scenario = simgrab.load("training")
-    tiles = []
-    with Studio(scenario) as studio:
-        for world in range(1, WORLDS + 1):  # the very first is dense fog without a grab
-            made = studio.make(world * scenario.clip.clip_frames)
-            tiles.append(_decode(made.files[made.record.truth.file], WORLD_WIDTH))
+    first = (world * scenario.clip.clip_frames for world in range(1, WORLDS + 1))  # the very first is dense fog
+    tiles = [_reduced(frame.rgb[..., ::-1], WORLD_WIDTH) for frame in simgrab.frames(scenario, first, buffers=False)]
     rows = [np.hstack(tiles[i : i + ABREAST]) for i in range(0, WORLDS, ABREAST)]
     (DOCS / "training.jpg").write_bytes(encode(np.vstack(rows), "jpeg", 82))
 
@@ -55,13 +51,11 @@ def contact_sheet() -> None:
     scenario = simgrab.load("quay-day", {"camera.beta_deg": 5.0, "swing.alpha.sigma_deg": 2.0, "frames": 16})
     with tempfile.TemporaryDirectory() as folder:
         simgrab.render(scenario, Path(folder) / "sheet")
-        sheet = _decode((Path(folder) / "sheet" / "preview.jpg").read_bytes(), 1920)
+        sheet = _reduced(read(Path(folder) / "sheet" / "preview.jpg", cv2.IMREAD_COLOR), 1920)
     (DOCS / "preview.jpg").write_bytes(encode(sheet, "jpeg", 82))
 
 
-def _decode(data: bytes, width: int) -> NDArray[np.uint8]:
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
+def _reduced(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     scale = width / picture.shape[1]
     return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 

@@ -21,7 +21,7 @@ from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.judge.audit.second_renderer import RENDERERS
 from simgrab.judge.audit.silhouettes import NONE, Difference, grab_shapes, samples_a_pixel, silhouette
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 
 MUJOCO = "MuJoCo"
 LEAST_IOU, MOST_CENTROID_PX = 0.9995, 0.005  # an edge may fall on either side of a sample
@@ -42,20 +42,21 @@ class Comparison:
         return self.frames > 0 and self.within
 
 
-def compare(studio: Studio, frames: range) -> Comparison:
+def compare(generator: FrameGenerator, frames: range) -> Comparison:
     """Render the silhouettes of all frames that show the grab with MuJoCo and with both second renderers."""
     found = Comparison()
     with ExitStack() as stack:
         others = [stack.enter_context(closing(kind())) for kind in RENDERERS]
         for frame in frames:
-            row = studio.make(frame).record.truth
+            row = generator.frame(frame).truth
             if row.in_frame_fraction == 0:
                 continue
             for other in others:
-                other.load(grab_shapes(studio, frame))
-            window = studio.aim(frame).window
+                other.load(grab_shapes(generator, frame))
+            renderer, projection = generator.scene(frame).renderer, generator.project(frame)
+            window = projection.window
             samples = samples_a_pixel(window)
-            start, masks = time.perf_counter(), {MUJOCO: studio.renderer.silhouette(window, samples)}
+            start, masks = time.perf_counter(), {MUJOCO: renderer.silhouette(projection.moment, window, samples)}
             lap = time.perf_counter()
             found.seconds[MUJOCO] = found.seconds.get(MUJOCO, 0.0) + lap - start
             for other in others:
@@ -78,8 +79,8 @@ def compare(studio: Studio, frames: range) -> Comparison:
 def command(scene: str, frames: int, assignments: tuple[str, ...]) -> None:
     """Compare the renderers on a scene's first frames."""
     scenario = scenes.load(scene, scenes.parse_changes(assignments) | {"frames": frames})
-    with Studio(scenario) as studio:
-        found = compare(studio, range(frames))
+    with FrameGenerator(scenario) as generator:
+        found = compare(generator, range(frames))
     click.echo(f"{found.frames} frames of {scenario.name}")
     for (a, b), apart in found.apart.items():
         click.echo(f"{a} and {b}: {apart.edge_px:.3f} px, IoU {apart.iou:.6f}, centroid {apart.centroid_px:.5f} px")

@@ -35,7 +35,7 @@ from simgrab.geometry import to_camera
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.scenario import Scenario
 from simgrab.world.output.export import calibration_of
-from simgrab.world.trajectory.trajectory import Story
+from simgrab.world.trajectory.trajectory import Trajectory
 
 # Name, published value, accepted deviation (share of it), format. None where the paper gives words.
 PUBLISHED: list[tuple[str, float | None, float, str]] = [
@@ -66,7 +66,7 @@ RECORDS: dict[str, dict[str, float]] = {
 
 def measure(scenario: Scenario) -> list[float]:
     """Statistics of one record, in the order of `PUBLISHED`; the estimate takes the true grab centres."""
-    story, k = Story(scenario), scenario.camera.intrinsics
+    story, k = Trajectory(scenario), scenario.camera.intrinsics
     centres, tilts, grabs = [], [], []
     for frame in range(scenario.frames):
         moment = story.at(frame)

@@ -23,12 +23,22 @@ if TYPE_CHECKING:
     from simgrab.judge.evaluate.evaluation import evaluate as evaluate
     from simgrab.labels.datasets import read as open  # noqa: F401
     from simgrab.scenes import load as load
+    from simgrab.world.frames import FrameDataset as FrameDataset
+    from simgrab.world.frames import frames as frames
     from simgrab.world.output.dataset import render as render
     from simgrab.world.output.video.render import render_video as render_video
+    from simgrab.world.trajectory.moment import GrabState as GrabState
+    from simgrab.world.trajectory.moment import Moment as Moment
+    from simgrab.world.trajectory.moment import Tilt as Tilt
 
 # Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
 _HOME = {
     "load": "simgrab.scenes",
+    "frames": "simgrab.world.frames",
+    "FrameDataset": "simgrab.world.frames",
+    "GrabState": "simgrab.world.trajectory.moment",
+    "Moment": "simgrab.world.trajectory.moment",
+    "Tilt": "simgrab.world.trajectory.moment",
     "render": "simgrab.world.output.dataset",
     "render_video": "simgrab.world.output.video.render",
     "open": "simgrab.labels.datasets:read",

@@ -118,6 +118,10 @@ class StressError(InvalidError):
     """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""
 
 
+class ExtensionError(SimgrabError):
+    """A user's own randomiser, trajectory or effect that is not found, raises, or returns what no frame can be."""
+
+
 class WorkerError(SimgrabError):
     """A piece of work of which its worker process dies again and again. Names the frame, clip or part."""
 

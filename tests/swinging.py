@@ -11,7 +11,7 @@ from simgrab.calibration import Calibration
 from simgrab.geometry import to_camera
 from simgrab.instrument.sight import Sighting
 from simgrab.world.output.export import calibration_of
-from simgrab.world.trajectory.trajectory import Story
+from simgrab.world.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Swinging:
 @cache
 def _made(scene, changes):
     scenario = scenes.load(scene, {"display.layout": "two-by-four"} | json.loads(changes))
-    story, camera = Story(scenario), scenario.camera
+    story, camera = Trajectory(scenario), scenario.camera
     moments = [story.at(frame) for frame in range(scenario.frames)]
     centres = np.array([m.grab.jib_from_grab[:3, 3] for m in moments])
     rotations = np.array([m.tilt.jib_from_camera for m in moments])

@@ -34,9 +34,9 @@ from simgrab.records.observations import Detection
 from simgrab.scenario import Dynamic, Scenario, variant
 from simgrab.scenario.surroundings import Clutter, Plain
 from simgrab.utilities.strict import convert
-from simgrab.world import label as truth
+from simgrab.world.projection import project
 from simgrab.world.scenery.plan import Plan, draw_up
-from simgrab.world.trajectory.trajectory import Story
+from simgrab.world.trajectory.trajectory import Trajectory
 
 Opener = Callable[[Path, Path], None]
 DECODED = 50  # frames of a video
@@ -63,10 +63,10 @@ def _draw(scenario: Scenario) -> None:
     if isinstance(one.swing, Dynamic):
         settle = min(one.swing.settle_s, MOST_SETTLE_S)
         one = msgspec.structs.replace(one, swing=msgspec.structs.replace(one.swing, settle_s=settle))
-    plan, story = _plan(msgspec.json.encode((one.grab, one.jib)), one), Story(one)
+    plan, story = _plan(msgspec.json.encode((one.grab, one.jib)), one), Trajectory(one)
     for frame in range(min(one.clip.clip_frames or one.frames, one.frames, MOST_DRAWN)):
-        aimed = truth.aim(one, plan, story.at(frame))
-        aimed.meets(one.camera.width_px, one.camera.height_px)
+        projection = project(one, plan, story.at(frame))
+        projection.meets(one.camera.width_px, one.camera.height_px)
 
 
 _PLANS: dict[bytes, Plan] = {}

@@ -1,8 +1,9 @@
-"""What a row of labels says of the grab in the picture, as arrays."""
+"""A frame's truth as arrays."""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -59,3 +60,43 @@ def intrinsics(row: Truth) -> Intrinsics:
 def half_turn(angle: float) -> float:
     """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
     return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+class Labelled:
+    """A frame with its truth, as arrays. Pixels are continuous; poses are in metres, in the jib frame."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def truth(self) -> Truth:
+            """What is known of the frame."""
+
+    @property
+    def box(self) -> Array | None:
+        """Visible box x0, y0, x1, y1, px, shape (4,), half open; None where nothing is seen of the grab."""
+        return box(self.truth)
+
+    @property
+    def amodal_box(self) -> Array | None:
+        """Box of the whole silhouette, hidden parts included, px, shape (4,); None where the lens shows none of it."""
+        return amodal_box(self.truth)
+
+    @property
+    def keypoints(self) -> Array:
+        """Points u, v, visibility, shape (10, 3), in the order of `simgrab.labels.truth.KEYPOINT_NAMES`."""
+        return np.reshape(self.truth.keypoints, (-1, 3))
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The frame's pinhole and its lens."""
+        return intrinsics(self.truth)
+
+    @property
+    def jib_from_camera(self) -> Array:
+        """Pose of the camera, shape (4, 4)."""
+        return pose(self.truth.jib_from_camera)
+
+    @property
+    def jib_from_grab(self) -> Array:
+        """Pose of the grab, shape (4, 4)."""
+        return pose(self.truth.jib_from_grab)

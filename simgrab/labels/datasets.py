@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from simgrab import calibration
 from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError, first_line
-from simgrab.geometry import Array, Intrinsics
 from simgrab.labels import arrays as labels
+from simgrab.labels.arrays import Labelled
 from simgrab.labels.masks import Masks
-from simgrab.labels.truth import SPLITS, Truth
+from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
 from simgrab.utilities.parse import parse_json, read_json
 
@@ -67,14 +67,14 @@ class Data:
 
 
 @dataclass(frozen=True)
-class LabelledFrame:
+class LabelledFrame(Labelled):
     """One frame of a dataset: what is known of it, and its picture and mask, decoded each time they are asked for.
 
     Pixels are continuous: (0, 0) is the outer corner of the top-left pixel. Poses are in metres, in the jib frame.
 
     Attributes
     ----------
-    truth : Truth
+    truth : Row
         Its row of labels.
     file : Path
         Of the picture.
@@ -82,10 +82,15 @@ class LabelledFrame:
         Whether detection labels hold a box and a mask.
     """
 
-    truth: Truth
+    truth: Row
     file: Path
     labelled: bool
     _masks: Masks = field(repr=False, compare=False)
+
+    @property
+    def rgb(self) -> NDArray[np.uint8]:
+        """The same as `picture`, by the name that a `simgrab.world.frames.Frame` has for it."""
+        return self.picture
 
     @property
     def picture(self) -> NDArray[np.uint8]:
@@ -97,36 +102,6 @@ class LabelledFrame:
         """Pixels of the visible grab, shape (height, width); None unless ``labelled``."""
         return self._masks.of(self.truth)
 
-    @property
-    def box(self) -> Array | None:
-        """Visible box x0, y0, x1, y1, px, shape (4,), half open; None where nothing is seen of the grab."""
-        return labels.box(self.truth)
-
-    @property
-    def amodal_box(self) -> Array | None:
-        """Box of the whole silhouette, hidden parts included, px, shape (4,); None where the lens shows none of it."""
-        return labels.amodal_box(self.truth)
-
-    @property
-    def keypoints(self) -> Array:
-        """Points u, v, visibility, shape (10, 3), in the order of `simgrab.labels.truth.KEYPOINT_NAMES`."""
-        return np.reshape(self.truth.keypoints, (-1, 3))
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The frame's pinhole and its lens."""
-        return labels.intrinsics(self.truth)
-
-    @property
-    def jib_from_camera(self) -> Array:
-        """Pose of the camera, shape (4, 4)."""
-        return labels.pose(self.truth.jib_from_camera)
-
-    @property
-    def jib_from_grab(self) -> Array:
-        """Pose of the grab, shape (4, 4)."""
-        return labels.pose(self.truth.jib_from_grab)
-
 
 @dataclass(frozen=True)
 class Dataset(Sequence[LabelledFrame]):
@@ -135,7 +110,7 @@ class Dataset(Sequence[LabelledFrame]):
     Attributes
     ----------
     path : Path
-    rows : tuple of Truth
+    rows : tuple of Row
         By frame.
     data : Data
         What names it.
@@ -145,7 +120,7 @@ class Dataset(Sequence[LabelledFrame]):
     """
 
     path: Path
-    rows: tuple[Truth, ...]
+    rows: tuple[Row, ...]
     data: Data
     least_visible_fraction: float
     masks: Masks = field(repr=False, compare=False)
@@ -169,7 +144,7 @@ class Dataset(Sequence[LabelledFrame]):
         return LabelledFrame(row, self.image(row), self.is_labelled(row), self.masks)
 
     def frame(self, number: int) -> LabelledFrame:
-        """Give the frame of this number, which `simgrab.labels.truth.Truth.frame` holds.
+        """Give the frame of this number, which `simgrab.labels.truth.Row.frame` holds.
 
         Raises
         ------
@@ -215,18 +190,18 @@ class Dataset(Sequence[LabelledFrame]):
 
         return scenes.load(self.path / "manifest.json")
 
-    def weather(self, row: Truth) -> str:
+    def weather(self, row: Row) -> str:
         """Name a row's weather: what a varied scene calls it, or else the scene."""
         where = f"{self.path}: labels.parquet, frame {row.frame}: varied is not JSON"
         varied = parse_json(row.varied, DatasetError, where) if row.varied else {}
         items = varied.items() if isinstance(varied, dict) else ()
         return next((str(value) for key, value in items if "weather" in key.split("+")), self.data.scenario)
 
-    def image(self, row: Truth) -> Path:
+    def image(self, row: Row) -> Path:
         """Path of a row's picture."""
         return self.path / row.file
 
-    def is_labelled(self, row: Truth) -> bool:
+    def is_labelled(self, row: Row) -> bool:
         """Whether detection labels hold a box for the row."""
         return labels.is_labelled(row, self.least_visible_fraction)
 
@@ -268,7 +243,7 @@ def read(path: str | Path) -> Dataset:
         If it is none, is unfinished or empty, or lacks a picture.
     """
     path = Path(path)
-    rows, _, labels_sha256 = frame_files.read_rows(path, Truth)
+    rows, _, labels_sha256 = frame_files.read_rows(path, Row)
     manifest = read_json(path / "manifest.json", DatasetError)
     try:
         known = msgspec.convert(manifest, Manifest)

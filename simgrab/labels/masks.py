@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, one_line
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.utilities.parse import read_bytes
 
 MOST_COCO_BYTES = 4 * 2**30
@@ -44,7 +44,7 @@ class Masks:
         self._path = path
         self._coded: dict[str, dict[int, _Mask]] = {}
 
-    def of(self, row: Truth) -> NDArray[np.bool_] | None:
+    def of(self, row: Row) -> NDArray[np.bool_] | None:
         """Decode the mask of a row, shape (height, width); None where the labels hold none.
 
         Raises

@@ -38,12 +38,10 @@ def _column(unit: str, text: str) -> msgspec.Meta:
     return msgspec.Meta(description=text, extra={"unit": unit})
 
 
-class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One row of labels: what is known of one frame, because it was set. Field by field in `columns`."""
+class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is known of one frame, because it was set. Field by field in `columns`."""
 
     frame: Annotated[Index, _column("", "index of the frame within the dataset, from 0")]
-    split: Annotated[Split, _column("", "train, val or test, by seeded draw")]
-    file: Annotated[str, _column("", "picture, relative to the dataset")]
     seed: Annotated[Index, _column("", "seed of the scenario")]
     variant: Annotated[
         Index, _column("", "index of the draw of all that varies within the dataset; 0 where nothing does")
@@ -139,15 +137,24 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rope_text_below: Annotated[str | None, _column("", "digits below that row; the same where nothing tore")]
     torn_row_px: Annotated[Index | None, _column("px", "first row that shows the new digits; empty where nothing tore")]
     clock_text: Annotated[str | None, _column("", "date, weekday and clock on the display")]
+
+
+class Row(Truth, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One row of labels: a frame's truth, and the file that its picture is stored in."""
+
+    split: Annotated[Split, _column("", "train, val or test, by seeded draw")]
+    file: Annotated[str, _column("", "picture, relative to the dataset")]
     image_sha256: Annotated[str, _column("", "digest of the picture file")]
 
 
 def columns() -> dict[str, tuple[str, str]]:
-    """Name of every label column, in order, with its unit and description."""
-    result: dict[str, tuple[str, str]] = {}
-    for name, hint in get_type_hints(Truth, include_extras=True).items():
+    """Name of every label column, in the order of ``labels.parquet``, with its unit and description."""
+    known: dict[str, tuple[str, str]] = {}
+    for name, hint in get_type_hints(Row, include_extras=True).items():
         meta = get_args(hint)[-1]
         assert meta.extra is not None
         assert meta.description is not None
-        result[name] = (str(meta.extra["unit"]), meta.description)
-    return result
+        known[name] = (str(meta.extra["unit"]), meta.description)
+    first, last = ("frame", "split", "file"), ("image_sha256",)
+    order = [*first, *(name for name in known if name not in first + last), *last]
+    return {name: known[name] for name in order}

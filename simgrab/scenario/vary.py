@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -46,31 +46,46 @@ class Variant(msgspec.Struct, frozen=True):
         return json.dumps(self.drawn, sort_keys=True, ensure_ascii=False) if self.drawn else ""
 
 
-def variant(scenario: Scenario, frame: int) -> Variant:
+def variant(
+    scenario: Scenario, frame: int, randomiser: Callable[[Scenario], Mapping[str, Any]] | None = None
+) -> Variant:
     """Draw the variant that a frame belongs to; every factor has its own stream, so a new one changes no other.
 
     Parameters
     ----------
     scenario : Scenario
     frame : int
+    randomiser : callable, optional
+        Takes the scenario as the factors drew it, and returns further keys, dotted, with their values.
 
     Raises
     ------
     ScenarioError
-        If the factors drew what cannot be together, naming the key.
+        If what was drawn cannot be together, naming the key.
     """
-    if not scenario.vary:
+    if not scenario.vary and randomiser is None:
         return Variant(0, scenario, {})
-    number = scenario.variant_number(frame)
+    number = scenario.clip.of(frame)
     drawn: dict[str, Any] = {}
     change: dict[str, Any] = {}
     for key in sorted(scenario.vary):  # a table before the keys in it
         drawn[key], value = draw(scenario.vary[key], stream(scenario.seed, number, f"vary.{key}"))
         change |= _by_key(key, value)
+    by = "vary"
     try:
-        return Variant(number, _changed(scenario, change), drawn)
+        made = _changed(scenario, change)
+        if randomiser is not None:
+            by, further = "the randomiser", dict(randomiser(made))
+            made = _changed(made, further)
+            drawn |= _plain(further)
     except ScenarioError as problem:
-        raise ScenarioError(problem.key, f"{problem.problem} (drawn for clip {number} by vary)") from None
+        raise ScenarioError(problem.key, f"{problem.problem} (drawn for clip {number} by {by})") from None
+    return Variant(number, made, drawn)
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Turn values that a scenario took into what JSON holds."""
+    return dict(msgspec.to_builtins(dict(values), enc_hook=lambda value: value.tolist()))
 
 
 def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:

@@ -17,7 +17,7 @@ import numpy as np
 from cv2.utils import logging
 from numpy.typing import NDArray
 
-from simgrab.errors import PictureError, first_line
+from simgrab.errors import DatasetError, PictureError, first_line
 from simgrab.utilities.files import by_number
 from simgrab.utilities.parse import cannot, read_bytes
 
@@ -220,3 +220,14 @@ _KINDS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], Size]], ...] = (
     (re.compile(rb"II[*+]\0|MM\0[*+]"), _tiff),
     (re.compile(rb"RIFF....WEBP", re.DOTALL), _webp),
 )
+
+
+def encode(picture: NDArray[np.generic], kind: str, quality: int = 95) -> bytes:
+    """Encode a BGR or single-channel picture as ``jpeg`` or ``png``."""
+    if kind == "jpeg":
+        ok, data = cv2.imencode(".jpg", np.ascontiguousarray(picture), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    else:
+        ok, data = cv2.imencode(".png", np.ascontiguousarray(picture), [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not ok:
+        raise DatasetError(f"cannot encode a picture as {kind}")
+    return data.tobytes()

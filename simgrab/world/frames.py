@@ -1,222 +1,312 @@
-"""Make the frames of a scenario: each alone, in any order, on any worker, always the same."""
+"""Make the frames of a scenario: each alone, in any order, in any process, always the same."""
 
 from __future__ import annotations
 
-import hashlib
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Generic, TypeVar, overload
 
-import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from pycocotools import mask as coco_mask
 
-from simgrab.errors import DatasetError, ScenarioError
+from simgrab import scenes
+from simgrab.labels.arrays import Labelled
 from simgrab.labels.truth import Truth
-from simgrab.scenario import Scenario, Variant, variant
-from simgrab.world import label as truth
-from simgrab.world.camera.renderer import Renderer, View
-from simgrab.world.gl import Fingerprint
-from simgrab.world.scenery.model import World
-from simgrab.world.scenery.plan import Plan, draw_up
-from simgrab.world.stage import Stage
-from simgrab.world.trajectory.iid import split
-from simgrab.world.trajectory.trajectory import Story
+from simgrab.scenario import Scenario
+from simgrab.world.camera.renderer import View
+from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
+from simgrab.world.label import label
+from simgrab.world.projection import Projection
+from simgrab.world.scene import Scene
+from simgrab.world.scenery.plan import Plan
+from simgrab.world.trajectory.moment import Moment
 
-DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
-
-
-class Record(msgspec.Struct, frozen=True):
-    """What is known of a finished frame.
-
-    Attributes
-    ----------
-    truth : Truth
-    mask : dict
-        The visible grab in the whole picture, as COCO's compressed run lengths.
-    drawn_by : Fingerprint
-    """
-
-    truth: Truth
-    mask: dict[str, Any]
-    drawn_by: Fingerprint
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
-    """A finished frame: its record, and its picture files by name."""
+class Frame(Labelled):
+    """One frame: its picture, its truth and its buffers.
 
-    record: Record
-    files: dict[str, bytes]
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """A frame as it was drawn, neither labelled nor encoded.
+    Pixels are continuous: (0, 0) is the outer corner of the top-left pixel. Poses are in metres, in the jib frame.
 
     Attributes
     ----------
-    variant : Variant
-        The frame is of.
-    aimed : Aim
     rgb : ndarray of uint8, shape (height, width, 3)
+        The picture before it is stored: PNG files hold the same, JPEG files nearly the same.
+    truth : Truth
+        What is known of it, as a dataset's row of labels has it.
+    moment : Moment
+        The instant of the labels, in SI units and radians.
+    grab : View
+        Ids and depth in the window of the picture that the grab's box fills, with a pixel of margin.
     full : View or None
-        Ids and depth of the whole picture, where they are needed.
-    sight : Sight
-    veil : ndarray of float32, shape (height, width), or None
-        Share of the scene's light that weather keeps from the camera; None in clear air.
+        Ids and depth of the whole picture, where they were wanted.
     """
 
-    variant: Variant
-    aimed: truth.Aim
     rgb: NDArray[np.uint8]
+    truth: Truth
+    moment: Moment
+    grab: View
     full: View | None
-    sight: truth.Sight
-    veil: NDArray[np.float32] | None
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Pixels of the visible grab, shape (height, width)."""
+        mask = np.zeros(self.rgb.shape[:2], bool)
+        x0, y0, x1, y1 = self.grab.window
+        mask[y0:y1, x0:x1] = self.grab.shows_grab
+        return mask
+
+    @property
+    def ids(self) -> NDArray[np.uint8] | None:
+        """What each pixel shows, shape (height, width): 0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing."""
+        return self.full.ids if self.full else None
+
+    @property
+    def depth(self) -> NDArray[np.float32] | None:
+        """Distance of each pixel along the optical axis, shape (height, width), m."""
+        return self.full.depth if self.full else None
 
 
-class Studio:
-    """Makes the frames of a scenario. Use as a context manager.
+class FrameGenerator:
+    """Makes the frames of a recipe. Use as a context manager: it owns an OpenGL context.
 
-    It keeps one variant's world built, with a renderer before it; where factors vary, go clip by clip.
+    It keeps one variant's world built; where worlds vary, go clip by clip.
 
     Parameters
     ----------
-    scenario : Scenario
+    recipe : Recipe or Scenario
     plan : Plan, optional
-        Of the scenario's first variant, where it was drawn up already.
+        Of the first variant, where it was drawn up already.
+    projections : mapping of int to Projection, optional
+        Of frames that were projected already; only where nothing varies.
 
     Examples
     --------
     >>> from simgrab import scenes
-    >>> with Studio(scenes.load("quay-day")) as studio:  # doctest: +SKIP
-    ...     frame = studio.make(812)
+    >>> with FrameGenerator(scenes.load("quay-day")) as generator:  # doctest: +SKIP
+    ...     frame = generator.frame(812)
     """
 
-    def __init__(self, scenario: Scenario, plan: Plan | None = None) -> None:
-        self.scenario = scenario
-        self._stage = Stage(variant(scenario, 0), plan) if plan else None
+    def __init__(
+        self, recipe: Recipe | Scenario, plan: Plan | None = None, projections: Mapping[int, Projection] | None = None
+    ) -> None:
+        self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
+        self._projections = projections or {}
+        self._scene = self._build(0, plan) if plan else None
 
-    def __enter__(self) -> Studio:
+    @property
+    def scenario(self) -> Scenario:
+        """The recipe's scenario."""
+        return self.recipe.scenario
+
+    def __enter__(self) -> FrameGenerator:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self._stage:
-            self._stage.close()
+        self.close()
 
-    @property
-    def stage(self) -> Stage:
-        """The stage of the frame last aimed at; at first that of frame 0."""
-        return self._stage or self.at(0)
+    def close(self) -> None:
+        """Free the OpenGL context; the next frame opens another one."""
+        if self._scene:
+            self._scene.close()
+            self._scene = None
 
-    @property
-    def world(self) -> World:
-        """The stage's world."""
-        return self.stage.world
+    def scene(self, frame: int) -> Scene:
+        """Built world of a frame, which replaces another variant's."""
+        if self._scene is None or self._scene.variant.number != self.recipe.variant_number(frame):
+            self.close()  # before another is built, which may fail
+            self._scene = self._build(frame)
+        return self._scene
 
-    @property
-    def renderer(self) -> Renderer:
-        """The stage's renderer."""
-        return self.stage.renderer
+    def _build(self, frame: int, plan: Plan | None = None) -> Scene:
+        return Scene(self.recipe.variant(frame), self.recipe.extensions, plan)
 
-    def at(self, frame: int) -> Stage:
-        """Set the stage for a frame, built anew where another variant's stands."""
-        number = self.scenario.variant_number(frame)
-        if self._stage is None or self._stage.variant.number != number:
-            if self._stage:
-                self._stage.close()
-                self._stage = None  # building may fail
-            self._stage = Stage(variant(self.scenario, frame))
-        return self._stage
+    def project(self, frame: int) -> Projection:
+        """Project a frame's moment.
 
-    def aim(self, frame: int) -> truth.Aim:
-        """Pose the world and the camera as in one frame, at the instant of its labels."""
-        return self.at(frame).aim(frame)
+        Raises
+        ------
+        ScenarioError
+            If it cannot be: naming frame and key.
+        """
+        return self._projections.get(frame) or self.scene(frame).project(frame)
 
-    def make(self, frame: int) -> Frame:
-        """Draw, label and encode one frame."""
-        return self.finish(self.draw(frame))
+    def frame(self, frame: int, *, full: bool = False) -> Frame:
+        """Make one frame.
 
-    def draw(self, frame: int) -> Drawn:
-        """Draw one frame."""
-        image, stage = self.scenario.image, self.at(frame)
-        aimed = stage.aim(frame)
-        full = stage.renderer.look() if image.ids or image.depth else None
-        glance = full or (stage.renderer.glance() if stage.chain.wants_view else None)
-        sight = truth.see(stage.renderer, aimed, full if stage.renderer.bends else glance)
-        rgb, veil = stage.chain.picture(frame, glance)
-        return Drawn(stage.variant, aimed, rgb, full, sight, veil)
-
-    def finish(self, drawn: Drawn) -> Frame:
-        """Label and encode a drawn frame."""
-        scenario, image, full = self.scenario, self.scenario.image, drawn.full
-        stem = f"{split(scenario, drawn.aimed.moment.frame)}/{drawn.aimed.moment.frame:06d}"
-        name = f"images/{stem}.{'jpg' if image.format == 'jpeg' else 'png'}"
-        files = {name: encode(drawn.rgb[..., ::-1], image.format, image.quality)}
-        if full and image.ids:
-            files[f"ids/{stem}.png"] = encode(full.ids, "png")
-        if full and image.depth:
-            files[f"depth/{stem}.png"] = encode(_millimetres(full), "png")
-        row = self.label(drawn, file=name, image=files[name])
-        return Frame(Record(row, run_length_mask(drawn.sight, row), self.renderer.fingerprint), files)
-
-    def label(self, drawn: Drawn, *, file: str, image: bytes | memoryview) -> Truth:
-        """Compose the row of labels of a drawn frame, whose picture is kept as ``image`` in ``file``."""
-        digest = hashlib.sha256(image).hexdigest()
-        frame = drawn.aimed.moment.frame
-        return truth.label(
-            drawn.variant, drawn.aimed, drawn.sight, drawn.veil,
-            split=split(self.scenario, frame), file=file, image_sha256=digest,
-        )  # fmt: skip
+        Parameters
+        ----------
+        frame : int
+        full : bool
+            Whether ids and depth of the whole picture are wanted.
+        """
+        scene = self.scene(frame)
+        buffers = scene.draw(self.project(frame), full=full)
+        developed = scene.develop(buffers)
+        truth = label(scene.variant, buffers, developed.attenuation)
+        moment = buffers.projection.moment
+        rgb = np.ascontiguousarray(self.recipe.extensions.apply(developed.rgb, moment, scene.scenario))
+        return Frame(rgb, truth, moment, buffers.visibility.visible, buffers.full)
 
 
-def _millimetres(view: View) -> NDArray[np.uint16]:
-    return np.minimum(view.depth * DEPTH_MM, 65535).round().astype(np.uint16)
+def frames(
+    scene: Scenario | str | Path,
+    indices: Iterable[int] | None = None,
+    *,
+    buffers: bool = True,
+    randomiser: Randomiser | str | None = None,
+    trajectory: Motion | str | None = None,
+    effects: Sequence[Effect | str] = (),
+) -> Iterator[Frame]:
+    """Make the frames of a scenario one after another, writing nothing.
 
-
-def encode(picture: NDArray[np.generic], kind: str, quality: int = 95) -> bytes:
-    """Encode a BGR or single-channel picture as ``jpeg`` or ``png``."""
-    if kind == "jpeg":
-        ok, data = cv2.imencode(".jpg", np.ascontiguousarray(picture), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    else:
-        ok, data = cv2.imencode(".png", np.ascontiguousarray(picture), [cv2.IMWRITE_PNG_COMPRESSION, 3])
-    if not ok:
-        raise DatasetError(f"cannot encode a picture as {kind}")
-    return data.tobytes()
-
-
-def run_length_mask(sight: truth.Sight, row: Truth) -> dict[str, Any]:
-    """COCO's compressed run lengths of the visible grab in the whole picture."""
-    mask = np.zeros((row.height_px, row.width_px), np.uint8, order="F")
-    x0, y0, x1, y1 = sight.visible.window
-    mask[y0:y1, x0:x1] = sight.mask
-    coded = coco_mask.encode(mask)
-    return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}
-
-
-def vet(scenario: Scenario, number: int = 0) -> tuple[int, Plan]:
-    """Refuse a variant with an impossible frame; returns how many of its frames see the grab, and its world's plan.
+    They are the frames that `simgrab.render` stores.
 
     Parameters
     ----------
-    scenario : Scenario
-    number : int
-        Of the variant: of its clip.
+    scene : Scenario, str or path
+        A scenario, a bundled scene's name, or a scene file.
+    indices : iterable of int, optional
+        Numbers of the frames; all of them in order unless given. Frames of one clip belong together: with physics it
+        runs from its beginning, and where worlds vary each clip has one of its own.
+    buffers : bool
+        Whether frames come with ``ids`` and ``depth``, which take about a fifth of the time.
+    randomiser : callable or str, optional
+        Called as ``randomiser(scenario, rng)`` once for each clip; returns dotted keys of the scenario with new values.
+    trajectory : callable or str, optional
+        Called as ``trajectory(scenario, frame, rng)``; returns the frame's `simgrab.Moment`, in place of ``swing``.
+    effects : sequence of callable or str
+        Each is called as ``effect(rgb, moment, rng)`` and returns a picture of the same size. Like the other two it may
+        be the name of an entry point (``simgrab.randomisers``, ``simgrab.trajectories``, ``simgrab.effects``).
+
+    Yields
+    ------
+    Frame
+
+    Raises
+    ------
+    ScenarioError
+        If the scene or a frame of it cannot be, naming the key.
+    ExtensionError
+        If a function of yours cannot be found, raises, or returns what no frame can be.
+    RendererError
+        If there is no offscreen OpenGL.
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> scene = simgrab.load("quay-day", {"camera.width_px": 480, "camera.height_px": 270, "frames": 2})
+    >>> for frame in simgrab.frames(scene):
+    ...     print(frame.rgb.shape, frame.mask.any(), round(frame.truth.alpha_deg, 2), frame.depth.shape)
+    (270, 480, 3) True 2.13 (270, 480)
+    (270, 480, 3) True 1.04 (270, 480)
     """
-    span = scenario.clip.span(number, scenario.frames) if scenario.vary else range(scenario.frames)
-    one, k = variant(scenario, span.start), scenario.camera.intrinsics
-    plan, story = draw_up(one.scenario, one.number), Story(one.scenario)
-    aims = (truth.aim(one.scenario, plan, story.at(frame)) for frame in span)
-    return sum(aimed.meets(k.width_px, k.height_px) for aimed in aims), plan  # all of them: each may be impossible
+    recipe = _recipe(scene, randomiser, trajectory, effects)
+    numbers = range(recipe.scenario.frames) if indices is None else indices
+    return _made(recipe, numbers, full=buffers)
 
 
-def refuse_unseen(scenario: Scenario, seen: int) -> None:
-    """Refuse a scenario of whose frames none sees the grab."""
-    if not seen:
-        raise ScenarioError(
-            "camera",
-            f"it never sees the grab in any of the {scenario.frames} frames; "
-            "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
-        )
+def _made(recipe: Recipe, indices: Iterable[int], *, full: bool) -> Iterator[Frame]:
+    with FrameGenerator(recipe) as generator:
+        for index in indices:
+            yield generator.frame(_checked(index, recipe.scenario.frames), full=full)
+
+
+def _recipe(
+    scene: Scenario | str | Path, randomiser: Randomiser | str | None, trajectory: Motion | str | None,
+    effects: Sequence[Effect | str],
+) -> Recipe:  # fmt: skip
+    scenario = scene if isinstance(scene, Scenario) else scenes.load(scene)
+    return Recipe(scenario, Extensions.of(randomiser, trajectory, effects))
+
+
+def _checked(index: int, count: int) -> int:
+    if not -count <= index < count:
+        raise IndexError(f"frame {index} is out of range: the scenario has {count} frames")
+    return int(index) % count
+
+
+class FrameDataset(Generic[T]):
+    """The frames of a scenario by number, made when asked for: a map-style dataset for PyTorch's ``DataLoader``.
+
+    It needs no torch, writes nothing and can be pickled; each process opens an OpenGL context of its own when the first
+    frame is asked for. Once it has, workers must be started by ``multiprocessing_context="spawn"``, since OpenGL does
+    not survive a fork. Where worlds vary (`clips` has more than one range) or the grab follows physics, ask for the
+    frames of a clip in order: another order builds the world, or runs the clip, again.
+
+    Parameters
+    ----------
+    scene : Scenario, str or path
+    transform : callable, optional
+        From a `Frame` to what ``dataset[i]`` returns, such as a dictionary of arrays, which a ``DataLoader`` can join
+        to batches; the frame itself unless given.
+    buffers : bool
+        Whether frames come with ``ids`` and ``depth``.
+    randomiser, trajectory, effects
+        As `frames` takes them; to be pickled, functions must be defined at the top of a module.
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> size = {"camera.width_px": 480, "camera.height_px": 270}
+    >>> dataset = simgrab.FrameDataset(simgrab.load("quay-day", size), lambda frame: frame.box)
+    >>> len(dataset), dataset[-1].shape
+    (64, (4,))
+    >>> dataset.close()
+    """
+
+    def __init__(
+        self,
+        scene: Scenario | str | Path,
+        transform: Callable[[Frame], T] | None = None,
+        *,
+        buffers: bool = False,
+        randomiser: Randomiser | str | None = None,
+        trajectory: Motion | str | None = None,
+        effects: Sequence[Effect | str] = (),
+    ) -> None:
+        self._recipe = _recipe(scene, randomiser, trajectory, effects)
+        self._transform, self._full = transform, buffers
+        self._generator: FrameGenerator | None = None
+        self._process = 0
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario."""
+        return self._recipe.scenario
+
+    @property
+    def clips(self) -> tuple[range, ...]:
+        """Numbers of the frames of each clip."""
+        clip, frames = self.scenario.clip, self.scenario.frames
+        return tuple(clip.span(number, frames) for number in range(clip.count(frames)))
+
+    def __len__(self) -> int:
+        return self.scenario.frames
+
+    @overload
+    def __getitem__(self: FrameDataset[Frame], index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+
+    def __getitem__(self, index: int) -> T | Frame:
+        number = _checked(index, len(self))
+        if self._generator is None or self._process != os.getpid():  # a fork's context is its parent's
+            self._generator, self._process = FrameGenerator(self._recipe), os.getpid()
+        frame = self._generator.frame(number, full=self._full)
+        return self._transform(frame) if self._transform else frame
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_generator": None, "_process": 0}
+
+    def close(self) -> None:
+        """Free this process's OpenGL context; the next frame opens another one."""
+        if self._generator and self._process == os.getpid():
+            self._generator.close()
+        self._generator = None

@@ -155,6 +155,9 @@ def _out_of_memory_raises() -> Iterator[None]:
         _log.warning("MuJoCo: %s", warning)
 
 
+_used_by: int | None = None  # process, of which a fork lacks the renderer's threads
+
+
 @contextmanager
 def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[Offscreen]:
     """Open an offscreen context for a model and make it current; free it afterwards.
@@ -166,12 +169,19 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     """
     import mujoco
 
+    global _used_by
+    if _used_by not in (None, os.getpid()):
+        raise RendererError(
+            "OpenGL was in use when this process was forked, and would never answer here: start workers by "
+            'multiprocessing\'s "spawn", as DataLoader(…, multiprocessing_context="spawn") does'
+        )
     old = _old_pyopengl()
     if old and os.environ["MUJOCO_GL"] == "disabled":
         raise RendererError(
             f"no offscreen OpenGL: PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo; {PYOPENGL_HINT}"
         )
     _load_triton()
+    _used_by = os.getpid()
     try:
         # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.
         backend = os.environ["MUJOCO_GL"]

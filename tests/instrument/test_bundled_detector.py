@@ -11,7 +11,7 @@ from simgrab.instrument.detect import detector
 from simgrab.instrument.detect.boxes import iou
 from simgrab.labels import arrays as labels
 from simgrab.utilities.resources import ASSETS
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 
 WEIGHTS = ASSETS / "weights"
 
@@ -36,10 +36,10 @@ def test_cards_say_what_the_weights_were_made_of(name):
 
 def test_the_grab_is_found_where_it_is_and_nowhere_else():
     looks, found, empty = detector(), 0, 0
-    with Studio(scenes.load("exam-windy", {"clip.clip_frames": 2, "frames": 12})) as studio:
+    with FrameGenerator(scenes.load("exam-windy", {"clip.clip_frames": 2, "frames": 12})) as generator:
         for frame in range(12):
-            drawn = studio.draw(frame)
-            row, told = studio.label(drawn, file="", image=b""), looks(np.ascontiguousarray(drawn.rgb))
+            drawn = generator.frame(frame)
+            row, told = drawn.truth, looks(np.ascontiguousarray(drawn.rgb))
             box = labels.box(row)
             if box is None:
                 assert not told.found

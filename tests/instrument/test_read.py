@@ -16,7 +16,7 @@ from simgrab.instrument.read.reader import METADATA, reading
 from simgrab.judge.evaluate import reading_trial
 from simgrab.utilities.resources import ASSETS
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.output.export import calibration_of
 from simgrab.world.trajectory.display import Shown
 
@@ -65,10 +65,10 @@ def test_the_bundled_reader_reads_random_displays(reader, name, size):
 def test_the_bundled_reader_reads_rendered_frames(reader, scene, name):
     scenario = scenes.load(scene, CHEAP | {"display.layout": name})
     known = calibration_of(scenario)
-    with Studio(scenario) as studio:
+    with FrameGenerator(scenario) as generator:
         for frame in range(scenario.frames):
-            drawn = studio.draw(frame)
-            text, moment = drawn.aimed.moment.shown.rope_text, drawn.aimed.moment
+            drawn = generator.frame(frame)
+            text, moment = drawn.moment.shown.rope_text, drawn.moment
             found = reader.read(drawn.rgb, known.digit_layout, display_constant_m=known.display_constant_m)
             assert (found.status, found.text) == ("read", text)
             assert found.rope_length_m == pytest.approx(moment.grab.rope_length, abs=0.0051)

@@ -19,7 +19,7 @@ from simgrab.judge.audit.audit import audit
 from simgrab.judge.audit.proof import Proof
 from simgrab.judge.audit.second_renderer import choice, install_hint
 from simgrab.labels.truth import columns
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.output import manifest
 from simgrab.world.output.dataset import render
 
@@ -70,23 +70,23 @@ def alter(path, column, frame):
 
 @pytest.fixture
 def drawn_once(scene, monkeypatch):
-    """Audits in this test share one studio, which draws each frame once."""
+    """Audits in this test share one generator, which draws each frame once."""
     made = {}
 
-    class Once(Studio):
-        def make(self, frame):
+    class Once(FrameGenerator):
+        def frame(self, frame, **options):
             if frame not in made:
-                made[frame] = super().make(frame)
+                made[frame] = super().frame(frame, **options)
             return made[frame]
 
         def __exit__(self, *_):
             pass
 
-    studio = Once(scene)
-    monkeypatch.setattr("simgrab.judge.audit.audit.Studio", lambda _: studio)
+    generator = Once(scene)
+    monkeypatch.setattr("simgrab.judge.audit.audit.FrameGenerator", lambda _: generator)
     monkeypatch.setattr("simgrab.judge.audit.silhouettes.compare", lambda *_: Proof("not drawn here", 1))
     yield
-    studio.renderer.close()
+    generator.close()
 
 
 @pytest.mark.usefixtures("drawn_once")

@@ -10,8 +10,8 @@ from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate import reading, reading_trial
 from simgrab.judge.evaluate.reading import Read, Share
 from simgrab.records.observations import Reading
+from simgrab.utilities.pictures import encode
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.frames import encode
 from simgrab.world.output.dataset import render
 
 READABLE = {

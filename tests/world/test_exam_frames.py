@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from simgrab import scenes
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.output import stored
 
 SMALL = {
     "camera.width_px": 480,
@@ -18,10 +19,10 @@ SMALL = {
 
 @pytest.mark.parametrize("name", [name for name in scenes.names() if name.startswith("exam-")])
 def test_an_exam_shows_the_grab_or_none(name):
-    with Studio(scenes.load(name, SMALL)) as studio:
-        first = [studio.aim(frame).moment for frame in range(15)]
+    with FrameGenerator(scenes.load(name, SMALL)) as generator:
+        first = [generator.project(frame).moment for frame in range(15)]
         there, away = (next(m.frame for m in first if m.present == present) for present in (True, False))
-        full, bare = (studio.make(frame) for frame in (there, away))
+        full, bare = (stored.make(generator, frame) for frame in (there, away))
     shown, empty = full.record.truth, bare.record.truth
     picture = cv2.imdecode(np.frombuffer(full.files[shown.file], np.uint8), cv2.IMREAD_COLOR)
     assert shown.present

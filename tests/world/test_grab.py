@@ -9,7 +9,8 @@ import pytest
 
 from simgrab import scenes
 from simgrab.scenario import Cargo
-from simgrab.world.frames import vet
+from simgrab.world.extensions import Recipe
+from simgrab.world.output.workers import vet
 from simgrab.world.scenery import model
 from simgrab.world.scenery.meshes import grab, linkage
 from simgrab.world.scenery.meshes.part import Part
@@ -172,7 +173,7 @@ def test_a_world_leaves_the_shared_steel_as_it_was() -> None:
 
 def test_nothing_of_the_grab_is_painted_to_see_whether_its_world_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grab, "finish", lambda *_: pytest.fail("painted"))
-    seen, _ = vet(scenes.load("quay-day", {"frames": 3}))
+    seen = vet(Recipe(scenes.load("quay-day", {"frames": 3}))).seen
     assert seen == 3
 
 

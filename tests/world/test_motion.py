@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from simgrab import scenes
 from simgrab.geometry import swing_of
 from simgrab.world.scenery.meshes import grab, ropes
-from simgrab.world.trajectory.clip import Timeline, _begin
+from simgrab.world.trajectory.clip import ClipMotion, _begin
 from simgrab.world.trajectory.mass import mass_of
 from simgrab.world.trajectory.moment import STANDARD_GRAVITY
 from simgrab.world.trajectory.noise import noise, von_karman
@@ -32,7 +32,7 @@ def dynamic(**changes):
 
 
 def play(scene, seconds, clip=0):
-    return list(itertools.islice(Timeline(scene, clip), math.ceil(seconds * scene.clip.frame_rate_hz)))
+    return list(itertools.islice(ClipMotion(scene, clip), math.ceil(seconds * scene.clip.frame_rate_hz)))
 
 
 def drive(rope, *, wind=(0.0, 0.0), heading=0.0):
@@ -272,13 +272,13 @@ def test_fast_slewing_is_a_true_alarm_and_a_gale_alone_is_none(seed):
 
 @pytest.mark.parametrize("clip", [0, 1])
 def test_a_clip_can_be_made_alone_and_begins_the_longer_one(clip):
-    from simgrab.world.trajectory.trajectory import Story
+    from simgrab.world.trajectory.trajectory import Trajectory
 
     scene = dynamic(frames=40, clip__clip_frames=20, wind__mean_m_s=8.0, forcing__rms_m_s2=0.02)
-    story, alone = Story(scene), Story(scene)
+    story, alone = Trajectory(scene), Trajectory(scene)
     whole = [story.at(frame) for frame in range(40)]
     first = 20 * clip
     assert [alone.at(first + k) for k in (7, 3, 19)] == [whole[first + k] for k in (7, 3, 19)]
     assert whole[20].grab != whole[0].grab
-    longer = Story(dynamic(frames=4000, clip__clip_frames=20, wind__mean_m_s=8.0, forcing__rms_m_s2=0.02))
+    longer = Trajectory(dynamic(frames=4000, clip__clip_frames=20, wind__mean_m_s=8.0, forcing__rms_m_s2=0.02))
     assert longer.at(first + 3) == whole[first + 3]

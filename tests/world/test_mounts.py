@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from simgrab import geometry
-from simgrab.world.trajectory.clip import Timeline
+from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.moment import STANDARD_GRAVITY, Tilt
 from simgrab.world.trajectory.mount import Mount
 
@@ -26,7 +26,7 @@ def scene(mount, **changes):
 
 def betas(mount, seconds, **changes):
     made = scene(mount, **changes)
-    return list(itertools.islice(Timeline(made, 0), math.ceil(seconds * made.clip.frame_rate_hz)))
+    return list(itertools.islice(ClipMotion(made, 0), math.ceil(seconds * made.clip.frame_rate_hz)))
 
 
 @given(st.floats(1e-6, 0.5), st.floats(0, 6.28), st.floats(-3.1, 3.1))

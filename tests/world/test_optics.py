@@ -13,7 +13,7 @@ from simgrab.errors import ScenarioError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import AutoExposure, FixedExposure, Optics, Sensor
-from simgrab.world.camera.optics import Exposure, ExposureControl, expose, recompress, settled, to_display, to_linear
+from simgrab.world.camera.optics import Exposure, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.optics.exposure import HYSTERESIS_DB
 from simgrab.world.camera.optics.focus import defocus
 from simgrab.world.camera.optics.light import BT709
@@ -22,7 +22,7 @@ from simgrab.world.camera.optics.sensor import normals
 WIDTH, HEIGHT = 480, 270
 PLAIN = Intrinsics(WIDTH, HEIGHT, 411.2, WIDTH / 2, HEIGHT / 2)
 CROOKED = Intrinsics(WIDTH, HEIGHT, 411.2, 252.5, 127.0, Distortion(-0.28, 0.09, 5e-4, -8e-4, -0.01))
-NEUTRAL = Exposure(1.0, False)
+NEUTRAL = Exposure(0.0, False)
 NOISY = Optics(sensor=Sensor(full_well_e=1000, read_noise_e=20))
 # Everything at once.
 NIGHT = Optics(
@@ -71,7 +71,7 @@ def test_all_effects_off_leave_every_byte():
     assert Optics().off
     assert (take(Optics(), light, intrinsics=CROOKED) == to_display(light)).all()
     assert (recompress(to_display(light), 0) == to_display(light)).all()
-    assert settled(Optics(), light) == NEUTRAL
+    assert metered(Optics(), light) == NEUTRAL
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_all_effects_off_leave_every_byte():
 def test_each_effect_alone_changes_the_picture(optics):
     light = scene()
     assert not optics.off
-    seen = recompress(take(optics, light, exposure=settled(optics, light)), optics.recompress_quality)
+    seen = recompress(take(optics, light, exposure=metered(optics, light)), optics.recompress_quality)
     assert (seen != to_display(light)).mean() > 0.05
 
 
@@ -102,7 +102,7 @@ def test_each_effect_alone_changes_the_picture(optics):
 def test_light_is_left_alone_and_a_frame_can_be_taken_again():
     light = scene()
     before = light.copy()
-    exposure = settled(NIGHT, light)
+    exposure = metered(NIGHT, light)
     first = take(NIGHT, light, exposure=exposure, frame=7)
     recompress(first, 40)
     again = take(NIGHT, light, exposure=exposure, frame=7)
@@ -126,7 +126,7 @@ def test_bytes_do_not_depend_on_the_number_of_threads(defocus_px, grey):
         pictures = []
         for threads in (1, 2, 5):
             cv2.setNumThreads(threads)
-            taken = take(optics, light.copy(), intrinsics=k, exposure=Exposure(3.0, grey))
+            taken = take(optics, light.copy(), intrinsics=k, exposure=Exposure(math.log2(3.0), grey))
             pictures.append(recompress(taken, 40))
     finally:
         cv2.setNumThreads(before)
@@ -200,7 +200,7 @@ def test_chromatic_aberration_grows_with_the_radius():
 @pytest.mark.parametrize("ev", [-2.0, 1.0, 1.5])
 def test_a_stop_doubles_the_light(ev):
     optics = Optics(exposure=FixedExposure(exposure_ev=ev))
-    seen = to_linear(take(optics, flat(0.2), exposure=settled(optics, flat(0.2))))
+    seen = to_linear(take(optics, flat(0.2), exposure=metered(optics, flat(0.2))))
     assert seen.mean() == pytest.approx(0.2 * 2**ev, rel=0.01)
 
 
@@ -209,32 +209,42 @@ def test_a_stop_doubles_the_light(ev):
 def test_automatic_exposure_brings_the_mean_to_its_target(light_level, ev):
     optics = Optics(exposure=AutoExposure(exposure_ev=ev, target_level=0.2))
     light = scene() * np.float32(light_level) * np.array([0.1, 0.5, 1.0], np.float32)
-    exposure = settled(optics, light)
+    exposure = metered(optics, light)
     wanted = 0.2 * 2.0**ev
     assert exposure.gain * (light @ BT709).mean() == pytest.approx(wanted, rel=0.02)
-    assert to_linear(take(optics, flat(0.1), exposure=settled(optics, flat(0.1)))).mean() == pytest.approx(wanted, 0.01)
+    assert to_linear(take(optics, flat(0.1), exposure=metered(optics, flat(0.1)))).mean() == pytest.approx(wanted, 0.01)
 
 
 def test_the_gain_ends_at_its_bound():
     optics = Optics(exposure=AutoExposure(max_gain_db=20.0))
-    assert settled(optics, flat(1e-4)).gain == pytest.approx(10)
-    assert settled(optics, flat(0.0)).gain == pytest.approx(10)
+    assert metered(optics, flat(1e-4)).gain == pytest.approx(10)
+    assert metered(optics, flat(0.0)).gain == pytest.approx(10)
+
+
+def exposures(optics, rate, lights):
+    """Exposures of a clip's frames in order."""
+    before = None
+    for light in lights:
+        before = metered(optics, light, before, period_s=1 / rate)
+        yield before
 
 
 @pytest.mark.parametrize("rate", [5.0, 25.0])
 def test_the_exposure_lags_by_its_time_constant(rate):
-    control = ExposureControl(Optics(exposure=AutoExposure(target_level=0.2, lag_s=2.0)), rate)
-    assert control.next(flat(0.2)).gain == pytest.approx(1)  # settled when a clip begins
-    gains = [control.next(flat(0.05)).gain for _ in range(round(2 * rate))]
+    optics, lights = (
+        Optics(exposure=AutoExposure(target_level=0.2, lag_s=2.0)),
+        [flat(0.2)] + [flat(0.05)] * round(2 * rate),
+    )
+    first, *gains = (exposure.gain for exposure in exposures(optics, rate, lights))
+    assert first == pytest.approx(1)  # settled when a clip begins
     assert math.log2(gains[-1]) / 2 == pytest.approx(1 - math.exp(-1))  # of the two stops, after one time constant
     assert all(a < b for a, b in itertools.pairwise(gains))
 
 
-def test_without_a_lag_every_frame_is_settled():
+def test_without_a_lag_every_frame_is_metered():
     optics = Optics(exposure=AutoExposure(lag_s=0.0))
-    control = ExposureControl(optics, 25.0)
-    for level in (0.2, 0.01, 0.7):
-        assert control.next(flat(level)) == settled(optics, flat(level))
+    lights = [flat(level) for level in (0.2, 0.01, 0.7)]
+    assert list(exposures(optics, 25.0, lights)) == [metered(optics, light) for light in lights]
 
 
 # Sensor
@@ -244,7 +254,7 @@ def photon_transfer(optics, gain, *, grey=False):
     """Level and variance over time of pictures of even grey surfaces."""
     means, variances = [], []
     for level in (0.2, 0.3, 0.4, 0.5):
-        exposure = Exposure(gain, grey)
+        exposure = Exposure(math.log2(gain), grey)
         a, b = (to_linear(take(optics, flat(level / gain), frame=f, exposure=exposure)).astype(float) for f in (0, 1))
         a, b = (a[..., :1], b[..., :1]) if grey else (a, b)  # the three are one
         means.append((a.mean() + b.mean()) / 2)
@@ -292,7 +302,7 @@ def test_the_fixed_pattern_stays_and_is_the_cameras_own():
     assert (pictures[0] == pictures[1]).all()
     assert abs(np.corrcoef(pictures[0].ravel(), pictures[2].ravel())[0, 1]) < 0.01
     assert pictures[0].std() / pictures[0].mean() == pytest.approx(0.05, rel=0.01)
-    doubled = to_linear(take(optics, flat(0.2), exposure=Exposure(2.0, False)))
+    doubled = to_linear(take(optics, flat(0.2), exposure=Exposure(1.0, False)))
     assert (doubled == pictures[0]).all()  # it multiplies light
 
 
@@ -301,22 +311,19 @@ def test_the_fixed_pattern_stays_and_is_the_cameras_own():
 
 def test_grey_is_the_luminance_of_bt709():
     light = scene()
-    seen = take(Optics(night_mode="on"), light, exposure=Exposure(1.0, True))
+    seen = take(Optics(night_mode="on"), light, exposure=Exposure(0.0, True))
     assert (seen[..., 0] == seen[..., 1]).all()
     assert (seen[..., 0] == seen[..., 2]).all()
     assert to_linear(seen)[..., 0] == pytest.approx(light @ BT709, abs=0.005)
-    assert settled(Optics(night_mode="on"), light).grey
-    assert not settled(Optics(night_mode="off", exposure=AutoExposure()), flat(1e-4)).grey
+    assert metered(Optics(night_mode="on"), light).grey
+    assert not metered(Optics(night_mode="off", exposure=AutoExposure()), flat(1e-4)).grey
 
 
 def test_night_begins_at_its_gain_and_ends_well_below():
     auto = AutoExposure(target_level=0.2, night_gain_db=18.0, lag_s=0.0)
-    control = ExposureControl(Optics(exposure=auto, night_mode="auto"), 25.0)
-
-    def grey(gain_db):
-        return control.next(flat(0.2 * 10 ** (-gain_db / 20))).grey
-
-    seen = [grey(db) for db in (17.9, 18.1, 17.9, 18.1 - HYSTERESIS_DB, 17.9 - HYSTERESIS_DB, 17.9)]
+    gains_db = (17.9, 18.1, 17.9, 18.1 - HYSTERESIS_DB, 17.9 - HYSTERESIS_DB, 17.9)
+    lights = [flat(0.2 * 10 ** (-db / 20)) for db in gains_db]
+    seen = [exposure.grey for exposure in exposures(Optics(exposure=auto, night_mode="auto"), 25.0, lights)]
     assert seen == [False, True, True, True, False, False]
 
 
@@ -335,7 +342,7 @@ def test_coding_keeps_colours_in_their_channels_and_grey_grey():
     red = np.zeros((32, 32, 3), np.uint8)
     red[..., 0] = 200
     assert recompress(red, 80)[16, 16] == pytest.approx((200, 0, 0), abs=6)
-    grey = recompress(take(NOISY, scene(), exposure=Exposure(1.0, True)), 30)
+    grey = recompress(take(NOISY, scene(), exposure=Exposure(0.0, True)), 30)
     assert np.ptp(grey.astype(int), axis=2).max() <= 1
 
 

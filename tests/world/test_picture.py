@@ -6,7 +6,8 @@ import pytest
 from conftest import SMALL, small_scene
 
 from simgrab import scenes
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.output import stored
 
 SMALL_CAMERA = SMALL | {"display.layout": "none", "frames": 8}
 del SMALL_CAMERA["place"]  # the presets' own
@@ -15,8 +16,8 @@ LAGGING = {"model": "auto", "lag_s": 1.0}
 
 
 def make(scene, frame):
-    with Studio(scene) as studio:
-        return studio.make(frame)
+    with FrameGenerator(scene) as generator:
+        return stored.make(generator, frame)
 
 
 def labels(record):
@@ -52,22 +53,22 @@ def test_a_lagging_exposure_depends_on_the_clip_and_not_on_who_asks():
     scene = small_scene(
         "work-cycles", frames=8, clip__clip_frames=4, optics__exposure=LAGGING, light={"sun": 0.0, "sky": 0.3}
     )
-    with Studio(scene) as studio:
-        whole = [studio.make(frame).files for frame in range(8)]
-    with Studio(scene) as studio:
-        assert [studio.make(frame).files for frame in (6, 2, 3)] == [whole[frame] for frame in (6, 2, 3)]
+    with FrameGenerator(scene) as generator:
+        whole = [stored.make(generator, frame).files for frame in range(8)]
+    with FrameGenerator(scene) as generator:
+        assert [stored.make(generator, frame).files for frame in (6, 2, 3)] == [whole[frame] for frame in (6, 2, 3)]
 
 
 def test_night_is_dark_but_where_the_lamps_shine():
     night = {"light": {"sun": 0.0, "sky": 0.02, "floodlights": 0.3}}
     scene = small_scene(swing__rope_length_m={"dist": "constant", "value": 10.0}, swing__alpha__sigma_deg=0.0)
-    with Studio(scene) as studio:
-        day = studio.draw(0).rgb.astype(float)
-    with Studio(scenes.load("quay-day", SMALL_CAMERA | {"place": {"model": "plain"}} | night | {
+    with FrameGenerator(scene) as generator:
+        day = generator.frame(0).rgb.astype(float)
+    with FrameGenerator(scenes.load("quay-day", SMALL_CAMERA | {"place": {"model": "plain"}} | night | {
         "swing.rope_length_m": {"dist": "constant", "value": 10.0}, "swing.alpha.sigma_deg": 0.0,
-    })) as studio:  # fmt: skip
-        drawn = studio.draw(0)
+    })) as generator:  # fmt: skip
+        drawn = generator.frame(0)
     dark = drawn.rgb.astype(float)
-    x0, y0, x1, y1 = drawn.sight.box
+    x0, y0, x1, y1 = drawn.box.astype(int)
     assert dark[:, :40].mean() < 0.5 * day[:, :40].mean()
     assert dark[y0:y1, x0:x1].mean() / dark[:, :40].mean() > 1.5 * day[y0:y1, x0:x1].mean() / day[:, :40].mean()

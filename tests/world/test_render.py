@@ -10,9 +10,9 @@ from conftest import small_scene
 
 from simgrab import geometry
 from simgrab.world import gl
+from simgrab.world.camera.buffers import observe
 from simgrab.world.camera.renderer import Renderer
-from simgrab.world.frames import Studio
-from simgrab.world.label import see
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.meshes import grab
 from simgrab.world.scenery.model import GRAB
 from simgrab.world.trajectory.iid import draw
@@ -46,8 +46,7 @@ def test_a_small_sphere_appears_where_project_says(scene, crooked_scene, lens):
     xy = (ideal - (camera.intrinsics.cx_px, camera.intrinsics.cy_px)) / camera.intrinsics.f_px
     centres = np.column_stack([xy, np.ones(9)]) * depth[:, None] @ rotation.T + camera.offset_m
     with Renderer(Spheres(centres), scenario) as renderer:
-        renderer.pose(draw(scenario, 0))
-        view = renderer.look()
+        view = renderer.view(draw(scenario, 0))
         expected = camera.intrinsics.project(geometry.to_camera(centres, rotation, camera.offset_m))
         errors = []
         for (u, v), z in zip(expected, depth, strict=True):
@@ -61,59 +60,59 @@ def test_a_small_sphere_appears_where_project_says(scene, crooked_scene, lens):
 
 
 @pytest.fixture(scope="module", params=["scene", "crooked_scene"])
-def studio(request):
-    with Studio(request.getfixturevalue(request.param)) as studio:
-        yield studio
+def generator(request):
+    with FrameGenerator(request.getfixturevalue(request.param)) as generator:
+        yield generator
 
 
-def test_a_window_shows_what_the_whole_picture_shows(studio):
-    aimed = studio.aim(1)
-    whole = studio.renderer.look()
-    x0, y0, x1, y1 = aimed.window
+def test_a_window_shows_what_the_whole_picture_shows(generator):
+    projection, renderer = generator.project(1), generator.scene(1).renderer
+    whole = renderer.view(projection.moment)
+    x0, y0, x1, y1 = projection.window
     inner = max(x0, 0), max(y0, 0), min(x1, 480), min(y1, 270)
-    window, cut = studio.renderer.look(inner), whole.crop(inner)
+    window, cut = renderer.view(projection.moment, inner), whole.crop(inner)
     assert np.mean(window.ids != cut.ids) < 0.01
     same = window.ids == cut.ids
     assert np.median(np.abs(window.depth - cut.depth)[same]) < 1e-3
 
 
-def test_windows_larger_than_the_buffer_are_drawn_in_tiles(studio):
-    aimed = studio.aim(1)
-    x0, y0, x1, y1 = aimed.window
-    wide = studio.renderer.look((x0 - 300, y0 - 300, x1 + 300, y1 + 300), grab_only=True)
-    tight = studio.renderer.look(aimed.window, grab_only=True)
-    assert np.mean(wide.crop(aimed.window).ids != tight.ids) < 0.01
+def test_windows_larger_than_the_buffer_are_drawn_in_tiles(generator):
+    projection, renderer = generator.project(1), generator.scene(1).renderer
+    moment, (x0, y0, x1, y1) = projection.moment, projection.window
+    wide = renderer.view(moment, (x0 - 300, y0 - 300, x1 + 300, y1 + 300), grab_only=True)
+    tight = renderer.view(moment, projection.window, grab_only=True)
+    assert np.mean(wide.crop(projection.window).ids != tight.ids) < 0.01
     assert (wide.ids == GRAB).sum() == pytest.approx((tight.ids == GRAB).sum(), rel=0.01)
 
 
 @pytest.mark.parametrize("frame", range(4))
-def test_the_amodal_box_bounds_the_drawn_silhouette(studio, frame):
-    aimed = studio.aim(frame)
-    mask = studio.renderer.look(aimed.window, grab_only=True).ids == GRAB
+def test_the_amodal_box_bounds_the_drawn_silhouette(generator, frame):
+    projection, renderer = generator.project(frame), generator.scene(frame).renderer
+    mask = renderer.view(projection.moment, projection.window, grab_only=True).ids == GRAB
     y, x = np.nonzero(mask)
-    drawn = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1]) + (*aimed.window[:2], *aimed.window[:2])
-    assert np.abs(drawn - aimed.amodal_box).max() <= 1.0
-    sight = see(studio.renderer, aimed)
-    assert 0.5 < sight.visible_fraction <= 1.0
-    assert sight.in_frame_fraction == pytest.approx(1.0)
+    drawn = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1]) + 2 * projection.window[:2]
+    assert np.abs(drawn - projection.amodal_box).max() <= 1.0
+    visibility = observe(renderer, projection)
+    assert 0.5 < visibility.visible_fraction <= 1.0
+    assert visibility.in_frame_fraction == pytest.approx(1.0)
 
 
-def test_the_model_stands_as_the_closed_forms_say(studio):
+def test_the_model_stands_as_the_closed_forms_say(generator):
     """MuJoCo's kinematics against body_frames and jib_from_grab, which labels and the second renderer use."""
     for frame in range(6):
-        state = studio.aim(frame).moment.grab
-        data = studio.renderer.data
+        moment = generator.project(frame).moment
+        state, data = moment.grab, generator.scene(frame).renderer.pose(moment)
         for body, grab_from_body in grab.body_frames(state.jaw).items():
             expected = state.jib_from_grab @ grab_from_body
             np.testing.assert_allclose(data.body(body).xpos, expected[:3, 3], atol=1e-9)
             np.testing.assert_allclose(data.body(body).xmat.reshape(3, 3), expected[:3, :3], atol=1e-9)
 
 
-def test_ropes_run_from_the_head_to_the_exits(studio):
+def test_ropes_run_from_the_head_to_the_exits(generator):
     from simgrab.world.scenery.meshes import ropes
 
-    state = studio.aim(2).moment.grab
-    pose, data = state.jib_from_grab, studio.renderer.data
+    moment = generator.project(2).moment
+    pose, data = moment.grab.jib_from_grab, generator.scene(2).renderer.pose(moment)
     for k, (end, top) in enumerate(zip(grab.ROPE_TERMINATIONS, ropes.ROPE_EXITS, strict=True)):
         start = pose[:3, :3] @ end + pose[:3, 3]
         body = data.body(f"rope_{k}")
@@ -123,15 +122,15 @@ def test_ropes_run_from_the_head_to_the_exits(studio):
         )
 
 
-def test_masses(studio):
-    assert studio.world.model.body("head").subtreemass[0] == pytest.approx(10_500, abs=1)
+def test_masses(generator):
+    assert generator.scene(0).world.model.body("head").subtreemass[0] == pytest.approx(10_500, abs=1)
 
 
-def test_rgb_repeats(studio):
-    studio.aim(3)
-    first = studio.renderer.rgb()
-    studio.renderer.look()
-    assert np.array_equal(first, studio.renderer.rgb())
+def test_rgb_repeats(generator):
+    renderer, (third, other) = generator.scene(3).renderer, (generator.project(frame).moment for frame in (3, 1))
+    first = renderer.rgb(third)
+    renderer.view(other)
+    assert np.array_equal(first, renderer.rgb(third))  # whatever was rendered in between
     assert first.shape == (270, 480, 3)
     assert 40 < first.mean() < 200
 
@@ -148,15 +147,18 @@ def test_no_opengl_says_what_to_install(monkeypatch, scene):
 
 
 def test_a_sun_that_does_not_shine_casts_no_shadows_and_none_are_missed():
-    with Studio(small_scene(light={"sun": 0.0, "sky": 0.5})) as studio:
-        studio.aim(0)
-        lights = studio.world.model.light_castshadow
-        assert not lights.any()
-        without = studio.renderer.rgb()
-        lights[studio.world.model.light("sun").id] = True
-        np.testing.assert_array_equal(studio.renderer.rgb(), without)
-    with Studio(small_scene(light={"sun": 0.5})) as studio:
-        assert studio.world.model.light_castshadow.any()
+    with FrameGenerator(small_scene(light={"sun": 0.0, "sky": 0.5})) as generator:
+        model, renderer, moment = (
+            generator.scene(0).world.model,
+            generator.scene(0).renderer,
+            generator.project(0).moment,
+        )
+        assert not model.light_castshadow.any()
+        without = renderer.rgb(moment)
+        model.light_castshadow[model.light("sun").id] = True
+        np.testing.assert_array_equal(renderer.rgb(moment), without)
+    with FrameGenerator(small_scene(light={"sun": 0.5})) as generator:
+        assert generator.scene(0).world.model.light_castshadow.any()
 
 
 def test_opengl_without_memory_for_a_model_raises_before_it_renders(caplog):

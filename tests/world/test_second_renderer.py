@@ -15,7 +15,7 @@ from simgrab import rng
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer import choice, install_hint, open_second_renderer
 from simgrab.world import gl
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 
 ROOT = Path(__file__).parents[2]
 F, CX, CY, WINDOW, SAMPLES = 400.0, 33.7, 21.2, (-4, 3, 60, 41), 5
@@ -81,8 +81,8 @@ def test_a_renderer_whose_process_died_renders_on(renderer):
 @pytest.mark.parametrize("scene_fixture", ["scene", "crooked_scene"])
 def test_mujoco_and_both_second_renderers_agree(scene_fixture, request):
     """scripts/second_renderers.py compares 64 frames of full size so."""
-    with Studio(request.getfixturevalue(scene_fixture)) as studio:
-        found = compare(studio, range(2))
+    with FrameGenerator(request.getfixturevalue(scene_fixture)) as generator:
+        found = compare(generator, range(2))
     assert found.frames == 2
     assert len(found.apart) == 3
     assert found.agrees, found.apart

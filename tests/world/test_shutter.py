@@ -8,8 +8,8 @@ from simgrab.errors import ScenarioError
 from simgrab.geometry import to_camera
 from simgrab.world.camera.optics.light import to_linear
 from simgrab.world.camera.shutter import MOST_INSTANTS, instants, row_time, row_weights
-from simgrab.world.frames import Studio
-from simgrab.world.trajectory.trajectory import Story
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.trajectory.trajectory import Trajectory
 
 TIMES = st.floats(0.0, 0.04)
 
@@ -59,8 +59,8 @@ def grab_px(scene, moment):
 
 
 def draw(scene, frame):
-    with Studio(scene) as studio:
-        return studio.draw(frame)
+    with FrameGenerator(scene) as generator:
+        return generator.frame(frame)
 
 
 def test_a_picture_is_blurred_along_the_way_during_the_exposure():
@@ -68,8 +68,8 @@ def test_a_picture_is_blurred_along_the_way_during_the_exposure():
     frame, exposure = 15, 0.04
     sharp, blurred = swinging(), swinging(shutter__exposure_s=exposure)
     crisp, soft = draw(sharp, frame), draw(blurred, frame)
-    assert crisp.aimed.moment.grab == soft.aimed.moment.grab  # labels stay
-    moment = Story(blurred).at(frame)
+    assert crisp.moment.grab == soft.moment.grab  # labels stay
+    moment = Trajectory(blurred).at(frame)
     here, way = grab_px(blurred, moment), grab_px(blurred, moment.shifted(exposure)) - grab_px(blurred, moment)
     assert np.linalg.norm(way) > 6
     u, v = here.astype(int)
@@ -90,13 +90,13 @@ def test_a_rolling_shutter_shears_what_moves():
     frame, readout = 15, 0.033
     scene = swinging(shutter__rolling_s=readout)
     rolled = draw(scene, frame).rgb.astype(int)
-    moment = Story(scene).at(frame)
+    moment = Trajectory(scene).at(frame)
     height, centre = scene.camera.height_px, int(grab_px(scene, moment)[1])
-    with Studio(swinging()) as studio:
+    with FrameGenerator(swinging()) as generator:
 
         def apart(row, seconds):
-            studio.renderer.pose(moment.shifted(seconds))
-            return np.abs(studio.renderer.rgb()[row].astype(int) - rolled[row]).mean()
+            rgb = generator.scene(0).renderer.rgb(moment.shifted(seconds))
+            return np.abs(rgb[row].astype(int) - rolled[row]).mean()
 
         for row in (centre - 25, centre, centre + 25):
             own = row_time(row + 0.5, height, readout)
@@ -105,13 +105,13 @@ def test_a_rolling_shutter_shears_what_moves():
 
 def test_labels_are_of_the_instant_at_which_the_grabs_row_exposes():
     scene = swinging(shutter__rolling_s=0.033, shutter__exposure_s=0.01)
-    aimed = draw(scene, 13).aimed.moment
-    moment = Story(scene).at(13)
+    aimed = draw(scene, 13).moment
+    moment = Trajectory(scene).at(13)
     row = grab_px(scene, aimed)[1]
     delay = row_time(row, scene.camera.height_px, 0.033)
     assert aimed.time == pytest.approx(moment.time + delay, abs=1e-6)
     assert abs(delay) > 1e-3
-    still = draw(swinging(), 13).aimed.moment
+    still = draw(swinging(), 13).moment
     assert np.linalg.norm(grab_px(scene, aimed) - grab_px(scene, still)) > 0.5
 
 
@@ -122,7 +122,7 @@ def test_a_shutter_longer_than_a_frame_is_refused():
 
 def test_a_moment_goes_along_its_way():
     scene = swinging(shutter__exposure_s=0.01, camera__mount={"model": "levelled", "vibration": {"rms_deg": 0.2}})
-    moment = Story(scene).at(5)
+    moment = Trajectory(scene).at(5)
     ahead = moment.shifted(moment.ahead.time - moment.time)
     np.testing.assert_allclose(ahead.grab.jib_from_grab, moment.ahead.grab.jib_from_grab, atol=1e-9)
     np.testing.assert_allclose(ahead.tilt.jib_from_camera, moment.ahead.tilt.jib_from_camera, atol=1e-9)

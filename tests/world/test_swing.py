@@ -5,7 +5,9 @@ from scipy import stats
 
 from simgrab.errors import ScenarioError
 from simgrab.rng import stream
-from simgrab.world.trajectory.iid import CLOSED, draw, split
+from simgrab.world.extensions import Recipe
+from simgrab.world.output.stored import split
+from simgrab.world.trajectory.iid import CLOSED, draw
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +44,7 @@ def test_gamma_counts_from_the_tilt_azimuth():
 
 
 def test_splits_follow_their_shares(scene):
-    names = [split(scene, f) for f in range(4000)]
+    names = [split(Recipe(scene), f) for f in range(4000)]
     for name, share in (("train", 0.8), ("val", 0.1), ("test", 0.1)):
         assert names.count(name) / 4000 == pytest.approx(share, abs=0.02)
 

@@ -16,7 +16,9 @@ from simgrab.labels.truth import columns
 from simgrab.rng import stream
 from simgrab.scenario import variant
 from simgrab.world.camera.renderer import NOTHING
-from simgrab.world.frames import Studio
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.output import stored
 from simgrab.world.output import workers as crew
 from simgrab.world.output.dataset import render
 from simgrab.world.output.folder import Folder
@@ -59,11 +61,9 @@ def test_labels_hold_what_was_drawn(varied):
 
 
 def test_frames_of_a_variant_stay_in_one_split():
-    from simgrab.world.trajectory.iid import split
-
-    many = scene(frames=200)
-    assert all(split(many, f) == split(many, f + 1) for f in range(0, 200, 2))
-    assert {split(many, f) for f in range(200)} == {"train", "val", "test"}
+    many = Recipe(scene(frames=200))
+    assert all(stored.split(many, f) == stored.split(many, f + 1) for f in range(0, 200, 2))
+    assert {stored.split(many, f) for f in range(200)} == {"train", "val", "test"}
 
 
 def test_two_workers_give_the_same_bytes(varied, tmp_path):
@@ -89,9 +89,9 @@ def test_resumed_within_a_variant_it_ends_the_same(varied, tmp_path, monkeypatch
 
 
 def test_a_frame_alone_is_the_frame_of_the_whole(varied):
-    with Studio(scene()) as studio:
+    with FrameGenerator(scene()) as generator:
         for frame in (5, 2):
-            made = studio.make(frame)
+            made = stored.make(generator, frame)
             for name, data in made.files.items():
                 assert (varied / name).read_bytes() == data
 
@@ -107,15 +107,14 @@ def test_the_paint_is_the_one_drawn():
         grab__residue=0.0,
     )  # fmt: skip
     seen = set()
-    with Studio(plain) as studio:
+    with FrameGenerator(plain) as generator:
         for frame in range(12):
             name = variant(plain, frame).drawn["grab.paint_rgb"]
             if name in seen:
                 continue
             seen.add(name)
-            drawn = studio.draw(frame)
-            x0, y0, x1, y1 = drawn.sight.visible.window
-            red, _, blue = np.median(drawn.rgb[y0:y1, x0:x1][drawn.sight.mask].astype(float), axis=0)
+            drawn = generator.frame(frame)
+            red, _, blue = np.median(drawn.rgb[drawn.mask].astype(float), axis=0)
             assert (red > blue) == (name == "red")
     assert seen == {"red", "blue"}
 
@@ -137,9 +136,11 @@ def test_an_absent_grab_leaves_nothing_but_its_pose(half_empty):
         assert not any(row["keypoints"])
         assert (half_empty / f"labels/{row['split']}/{row['frame']:06d}.txt").read_text() == ""
     there = small_scene(frames=8, swing__load={"dist": "constant", "value": 1.0})
-    with Studio(there) as studio:  # the same frames, all with a grab: being absent changes nothing else that is drawn
+    with FrameGenerator(
+        there
+    ) as generator:  # the same frames, all with a grab: being absent changes nothing else that is drawn
         for row in table:
-            full = studio.make(row["frame"]).record.truth
+            full = stored.make(generator, row["frame"]).record.truth
             assert (full.alpha_deg, full.rope_length_m, full.grab_u_px) == (
                 row["alpha_deg"], row["rope_length_m"], row["grab_u_px"]
             )  # fmt: skip
@@ -147,11 +148,11 @@ def test_an_absent_grab_leaves_nothing_but_its_pose(half_empty):
 
 
 def test_an_absent_grab_is_not_drawn_nor_are_its_ropes():
-    with Studio(small_scene(swing__absent=1.0)) as studio:
-        studio.aim(0)
-        groups = set(np.unique(studio.renderer.look().ids))
+    with FrameGenerator(small_scene(swing__absent=1.0)) as generator:
+        renderer, moment = generator.scene(0).renderer, generator.project(0).moment
+        groups = set(np.unique(renderer.view(moment).ids))
         assert not groups & {GRAB, ROPE}
-        assert (studio.renderer.look(grab_only=True).ids == NOTHING).all()
+        assert (renderer.view(moment, grab_only=True).ids == NOTHING).all()
 
 
 def test_the_audit_passes_without_the_grab(half_empty):
@@ -160,7 +161,7 @@ def test_the_audit_passes_without_the_grab(half_empty):
 
 def test_a_scene_without_any_grab_is_refused():
     with pytest.raises(ScenarioError, match="never sees the grab"):
-        crew.vetted(small_scene(swing__absent=1.0), 1)
+        crew.vetted(Recipe(small_scene(swing__absent=1.0)), 1)
 
 
 @pytest.mark.parametrize("place", ["plain", "quay", "hold", "water"])
@@ -184,32 +185,31 @@ def test_other_grabs_stand_on_level_ground_out_of_the_way(place):
 def test_other_grabs_are_seen_and_never_labelled():
     """They change the picture, and neither box nor mask where they hide nothing of the grab."""
     alone, among = (small_scene(clutter__other_grabs=n, swing__alpha__sigma_deg=0.0) for n in (0, 4))
-    with Studio(alone) as studio:
-        before = [studio.draw(frame) for frame in range(2)]
-        labels = [studio.label(drawn, file="", image=b"") for drawn in before]
-    with Studio(among) as studio:
+    with FrameGenerator(alone) as generator:
+        before = [generator.frame(frame) for frame in range(2)]
+    with FrameGenerator(among) as generator:
         for frame, drawn in enumerate(before):
-            now = studio.draw(frame)
-            assert studio.label(now, file="", image=b"") == labels[frame]
-            assert np.array_equal(now.sight.mask, drawn.sight.mask)
-            ids = studio.renderer.look().ids
+            now = generator.frame(frame, full=True)
+            assert now.truth == drawn.truth
+            assert np.array_equal(now.mask, drawn.mask)
+            ids = now.ids
             changed = np.abs(now.rgb.astype(int) - drawn.rgb).max(axis=-1) > 40
             assert changed.sum() > 500
             assert (ids[changed] == PLACE).mean() > 0.95  # the rest is their shadow on others
 
 
 def test_an_absent_grab_among_others_has_no_box():
-    with Studio(small_scene(clutter__other_grabs=4, swing__absent=1.0)) as studio:
-        row = studio.make(0).record.truth
-        assert row.box_x0_px is None
-        assert GRAB not in studio.renderer.look().ids
+    with FrameGenerator(small_scene(clutter__other_grabs=4, swing__absent=1.0)) as generator:
+        frame = generator.frame(0, full=True)
+        assert frame.truth.box_x0_px is None
+        assert GRAB not in frame.ids
 
 
 def test_the_training_scene_runs():
     """One small world of the bundled scene, whole: drawn, labelled, encoded."""
     size = {"camera.width_px": 480, "camera.height_px": 270, "camera.focal.pixels_per_mm": 342.67 / 4}
-    with Studio(scenes.load("training", size | {"image.samples": 0, "image.shadow_map_px": 1024})) as studio:
-        row = studio.make(9).record.truth
+    with FrameGenerator(scenes.load("training", size | {"image.samples": 0, "image.shadow_map_px": 1024})) as generator:
+        row = stored.make(generator, 9).record.truth
     assert row.variant == 1
     assert len(json.loads(row.varied)) > 20
 

@@ -25,7 +25,7 @@ from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.labels.truth import Truth
 from simgrab.scenario import Camera, Scenario
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.output.dataset import render
 from simgrab.world.output.video.files import Reels
 from simgrab.world.output.video.film import Shot, film
@@ -83,7 +83,7 @@ def videos(rough, tmp_path_factory):
 def test_pictures_times_and_counts_agree_with_the_table(videos, rough):
     """Dropped and repeated frames included: of each there is at least one, or the test says nothing."""
     dropped = repeated = 0
-    with Studio(rough) as studio:
+    with FrameGenerator(rough) as generator:
         for clip in range(3):
             rows, pictures = table(videos / f"swing-{clip:03d}.mp4"), decode(videos / f"swing-{clip:03d}.mp4")
             span = rough.clip.span(clip, rough.frames)
@@ -92,7 +92,7 @@ def test_pictures_times_and_counts_agree_with_the_table(videos, rough):
             for row, (_, picture) in zip(rows, pictures, strict=True):
                 assert (row["clip"], row["time_s"]) == (clip, (row["frame"] - span.start) / 9)
                 assert row["due_s"] > row["time_s"] if row["repeated"] else row["due_s"] == row["time_s"]
-                drawn = np.ascontiguousarray(studio.draw(row["frame"]).rgb)
+                drawn = np.ascontiguousarray(generator.frame(row["frame"]).rgb)
                 assert hashlib.sha256(drawn).hexdigest() == row["rgb_sha256"]
                 assert cv2.PSNR(picture, drawn) > 30
             for (before, row), (earlier, later) in zip(pairwise(rows), pairwise(pictures), strict=True):
@@ -181,8 +181,8 @@ def test_killed_and_resumed_it_ends_the_same(videos, tmp_path, workers):
 def test_frames_and_video_come_from_one_run(videos, rough, tmp_path, monkeypatch):
     """Each frame is drawn once, and neither changes the other, interrupted or not."""
     drawn = []
-    real = Studio.draw
-    monkeypatch.setattr(Studio, "draw", lambda self, frame: drawn.append(frame) or real(self, frame))
+    real = FrameGenerator.frame
+    monkeypatch.setattr(FrameGenerator, "frame", lambda self, n, **full: drawn.append(n) or real(self, n, **full))
     summary = render(rough, tmp_path / "both" / "data", video=tmp_path / "both" / "swing.mp4")
     assert drawn == list(range(24))
     assert (summary.made, summary.video.made) == (24, 3)
@@ -301,8 +301,8 @@ def test_others_stop_when_a_clip_fails(rough, tmp_path):
 
 def test_memory_does_not_grow_with_the_clip(tmp_path):
     """A fake source of tiny pictures, so that four thousand of them take no minute."""
-    with Studio(small_scene(frames=1)) as studio:
-        known, drawn_by = msgspec.json.encode(studio.make(0).record.truth), studio.renderer.fingerprint
+    with FrameGenerator(small_scene(frames=1)) as generator:
+        known, drawn_by = msgspec.json.encode(generator.frame(0).truth), generator.scene(0).renderer.fingerprint
     scenario = Scenario(frames=4000, camera=Camera(width_px=64, height_px=64))
     resident, traced = [], []
 

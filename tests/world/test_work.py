@@ -14,7 +14,7 @@ from simgrab.errors import ScenarioError
 from simgrab.world.output.workers import vetted
 from simgrab.world.scenery.meshes.grab import closing_rope_m
 from simgrab.world.trajectory.axis import Axis, Move
-from simgrab.world.trajectory.clip import Timeline
+from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.work import OPEN_JAW, Work
 
 
@@ -83,7 +83,7 @@ def test_the_display_shows_what_was_true_a_lag_ago(lag):
         "work-cycles", frames=400, clip__frame_rate_hz=9.0, camera__width_px=960, camera__height_px=540,
         display={"layout": "two-by-four", "lag_s": lag, "refresh_hz": 4.0, "readout_s": 0.0, "constant_m": 2.5},
     )  # fmt: skip
-    moments = list(itertools.islice(Timeline(scene, 0), 400))
+    moments = list(itertools.islice(ClipMotion(scene, 0), 400))
     time = np.array([m.time for m in moments])
     rope = np.interp(
         np.maximum(np.floor(time * 4.0 + 1e-9) / 4.0 - lag, 0.0), time, [m.grab.rope_length for m in moments]

@@ -18,15 +18,16 @@ from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
 from simgrab.labels.masks import MOST_COCO_BYTES
-from simgrab.labels.truth import SPLITS, Truth
+from simgrab.labels.truth import SPLITS, Row
 from simgrab.scenario import Scenario
 from simgrab.utilities import parquet, pictures
 from simgrab.utilities.parse import cannot, parse_json, read_json
 from simgrab.utilities.strict import convert
-from simgrab.world.frames import Record, Studio
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import export, manifest
+from simgrab.world.output import export, manifest, stored
 from simgrab.world.output.folder import MANIFEST
+from simgrab.world.output.stored import Record
 
 # What depends on the renderer. Another fingerprint than the dataset's may differ by so much.
 DRAWN = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px", "visible_fraction", "in_frame_fraction")
@@ -43,7 +44,7 @@ class _Dataset:
     manifest: dict[str, Any]
     scenario: Scenario
     schema: pa.Schema
-    rows: list[Truth]
+    rows: list[Row]
 
 
 def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
@@ -80,10 +81,10 @@ def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
                 progress(name, done + 1, len(data.rows))
             yield
 
-    with Studio(data.scenario) as studio:
+    with FrameGenerator(data.scenario) as generator:
         drawing: list[Callable[[], list[Proof]]] = [
-            lambda: _redraw(data, studio, ticks("drawing again")),
-            lambda: [silhouettes.compare(data.rows, studio, ticks("second renderer"))],
+            lambda: _redraw(data, generator, ticks("drawing again")),
+            lambda: [silhouettes.compare(data.rows, generator, ticks("second renderer"))],
         ]
         for steps in drawing:
             try:
@@ -109,7 +110,7 @@ def _read(path: Path) -> _Dataset:
     table = parquet.read_table(path / "labels.parquet", DatasetError)
     plain = parquet.rows(table, DatasetError, cannot(path / "labels.parquet"))
     try:
-        rows = [msgspec.convert(row, Truth) for row in plain]
+        rows = [msgspec.convert(row, Row) for row in plain]
     except ValueError as problem:
         raise DatasetError(f"{path / 'labels.parquet'}: not simgrab labels ({first_line(problem)})") from None
     return _Dataset(path, known, scenario, table.schema, rows)
@@ -168,24 +169,23 @@ def _leaves(key: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
         yield key, a, b
 
 
-def _redraw(data: _Dataset, studio: Studio, tick: Iterator[None]) -> list[Proof]:
+def _redraw(data: _Dataset, generator: FrameGenerator, tick: Iterator[None]) -> list[Proof]:
     """Make every frame again from the scenario and compare labels, pictures, masks and exports."""
     labels, pictures, exports = Findings(), Findings(), Findings()
-    same = data.manifest["renderer"].get("fingerprint") == studio.renderer.fingerprint.digest
+    fingerprint = generator.scene(0).renderer.fingerprint
+    same = data.manifest["renderer"].get("fingerprint") == fingerprint.digest
     coco = {split: _coco_by_image(data.path, split) for split in SPLITS}
     for row, _ in zip(data.rows, tick, strict=False):
         if not 0 <= row.frame < data.scenario.frames:
             labels.expect(False, f"frame {row.frame}, frame", "no such frame in the scenario")
             continue
-        made = studio.make(row.frame)
+        made = stored.make(generator, row.frame)
         _compare_columns(labels, row, made.record.truth, same)
         for name, picture in made.files.items():
             _compare_picture(pictures, data.path, row, name, picture, same)
         _compare_exports(exports, data, row, made.record, coco[made.record.truth.split], same)
     _compare_metadata(exports, data)
-    drawn = (
-        "drawn by the same renderer" if same else f"drawn by another renderer ({studio.renderer.fingerprint.renderer})"
-    )
+    drawn = "drawn by the same renderer" if same else f"drawn by another renderer ({fingerprint.renderer})"
     return [
         labels.proof("every label column follows from the scenario; visible boxes equal the ids'", drawn),
         pictures.proof("every picture is the one that the scenario draws", drawn),
@@ -193,7 +193,7 @@ def _redraw(data: _Dataset, studio: Studio, tick: Iterator[None]) -> list[Proof]
     ]
 
 
-def _compare_columns(found: Findings, row: Truth, expected: Truth, same: bool) -> None:
+def _compare_columns(found: Findings, row: Row, expected: Row, same: bool) -> None:
     for name in row.__struct_fields__:
         if name == "image_sha256" and not same:
             continue
@@ -214,7 +214,7 @@ def _close(a: Any, b: Any, slack: float) -> bool:
     return bool(a == b)
 
 
-def _compare_picture(found: Findings, path: Path, row: Truth, name: str, expected: bytes, same: bool) -> None:
+def _compare_picture(found: Findings, path: Path, row: Row, name: str, expected: bytes, same: bool) -> None:
     where, file = f"frame {row.frame}, {name}", path / name
     if not file.is_file():
         found.expect(False, where, "missing")
@@ -237,7 +237,7 @@ def _compare_picture(found: Findings, path: Path, row: Truth, name: str, expecte
 
 
 def _compare_exports(
-    found: Findings, data: _Dataset, stored: Truth, record: Record, coco: dict[int, Any], same: bool
+    found: Findings, data: _Dataset, stored: Row, record: Record, coco: dict[int, Any], same: bool
 ) -> None:
     row = record.truth
     name = f"labels/{row.split}/{row.frame:06d}.txt"

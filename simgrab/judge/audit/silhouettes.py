@@ -15,7 +15,7 @@ from simgrab.judge.audit.proof import Findings, Proof
 from simgrab.judge.audit.second_renderer import SecondRenderer, Shapes, open_second_renderer
 from simgrab.labels.truth import Truth
 from simgrab.world.camera.lens import Window
-from simgrab.world.frames import Studio
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.plan import placed_shapes
 
 EDGE_TOLERANCE_PX = 0.5
@@ -73,13 +73,13 @@ class Difference:
 NONE = Difference(0.0, 1.0, 0.0)
 
 
-def compare(rows: Sequence[Truth], studio: Studio, tick: Iterable[None]) -> Proof:
+def compare(rows: Sequence[Truth], generator: FrameGenerator, tick: Iterable[None]) -> Proof:
     """Compare every row's amodal box, and the silhouette that MuJoCo renders, with the second renderer's.
 
     Parameters
     ----------
     rows : sequence of Truth
-    studio : Studio
+    generator : FrameGenerator
         Of the dataset's scenario; its shapes are rendered, and MuJoCo's silhouettes come from it.
     tick : iterable
         Advanced once a row.
@@ -88,38 +88,40 @@ def compare(rows: Sequence[Truth], studio: Studio, tick: Iterable[None]) -> Proo
     try:
         with open_second_renderer() as choice:
             for _, group in groupby(
-                zip(rows, tick, strict=False), lambda row: studio.scenario.variant_number(row[0].frame)
+                zip(rows, tick, strict=False), lambda row: generator.recipe.variant_number(row[0].frame)
             ):
                 seen = [row for row, _ in group if row.in_frame_fraction > 0]
                 if seen:
-                    choice.renderer.load(grab_shapes(studio, seen[0].frame))
+                    choice.renderer.load(grab_shapes(generator, seen[0].frame))
                 for row in seen:
-                    worst = worst.worst(_compare(row, studio, choice.renderer, found))
+                    worst = worst.worst(_compare(row, generator, choice.renderer, found))
     except RendererError as problem:
         return Proof(CLAIM, 0, note=str(problem))
     return found.proof(CLAIM, f"{worst}; {choice.note}", choice.renderer.name)
 
 
-def grab_shapes(studio: Studio, frame: int) -> Shapes:
+def grab_shapes(generator: FrameGenerator, frame: int) -> Shapes:
     """Vertices and faces of all that the grab of a frame's variant may show."""
-    meshes = studio.at(frame).world.plan.shapes
+    meshes = generator.scene(frame).world.plan.shapes
     return {name: (np.array(m.vertices), np.array(m.faces)) for name, m in meshes.items()}
 
 
-def _compare(row: Truth, studio: Studio, other: SecondRenderer, found: Findings) -> Difference:
-    aimed = studio.aim(row.frame)
-    samples = samples_a_pixel(aimed.window)
+def _compare(row: Truth, generator: FrameGenerator, other: SecondRenderer, found: Findings) -> Difference:
+    renderer, projection = generator.scene(row.frame).renderer, generator.project(row.frame)
+    window = projection.window
+    samples = samples_a_pixel(window)
     # At one sample a pixel, an edge that lies along the samples of a row would move the whole row.
-    ours, theirs = studio.renderer.silhouette(aimed.window, samples), silhouette(other, row, aimed.window, samples)
+    ours = renderer.silhouette(projection.moment, window, samples)
+    theirs = silhouette(other, row, window, samples)
     edge = 0.0
-    for column, value in zip(("x0", "y0", "x1", "y1"), _box(theirs, aimed.window), strict=True):
+    for column, value in zip(("x0", "y0", "x1", "y1"), _box(theirs, window), strict=True):
         stored = getattr(row, f"amodal_{column}_px")
         edge = max(edge, abs(stored - value))
         found.expect(
             abs(stored - value) <= EDGE_TOLERANCE_PX, f"frame {row.frame}, amodal_{column}_px",
             f"{stored:.2f} px, but the second renderer's edge is at {value:.2f} px",
         )  # fmt: skip
-    apart = replace(Difference.of(ours, theirs, aimed.window), edge_px=edge)
+    apart = replace(Difference.of(ours, theirs, window), edge_px=edge)
     where = f"frame {row.frame}, silhouette"
     found.expect(apart.iou >= LEAST_IOU, where, f"IoU {apart.iou:.4f} < {LEAST_IOU}")
     found.expect(apart.centroid_px <= CENTROID_TOLERANCE_PX, where, f"centroid {apart.centroid_px:.2f} px apart")

@@ -17,6 +17,7 @@ from simgrab.labels.datasets import Dataset
 from simgrab.scenario import Scenario
 from simgrab.utilities.files import discard, locked, remove_left
 from simgrab.utilities.resources import ASSETS
+from simgrab.world.extensions import Recipe
 from simgrab.world.output import manifest
 from simgrab.world.output.dataset import render
 from simgrab.world.output.folder import MANIFEST, writing
@@ -78,7 +79,7 @@ def _sound(folder: Path) -> bool:
 
 
 def _key(scenario: Scenario) -> str:
-    whole = [manifest.identity(scenario), _renderer(), _drawing_code()]
+    whole = [manifest.identity(Recipe(scenario)), _renderer(), _drawing_code()]
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
 
 

@@ -23,7 +23,7 @@ from skimage.metrics import structural_similarity
 
 from simgrab.errors import DatasetError, PictureError, SuiteError
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.utilities.parse import read_json
 from simgrab.utilities.pictures import read as read_picture
 from simgrab.utilities.strict import convert
@@ -162,7 +162,7 @@ def drawn_by(dataset: Dataset) -> str:
     return hashlib.sha256(json.dumps(who, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _row(dataset: Dataset, frame: int) -> Truth:
+def _row(dataset: Dataset, frame: int) -> Row:
     return next(row for row in dataset.rows if row.frame == frame)
 
 

@@ -18,7 +18,7 @@ from simgrab.instrument.estimate.frames import mount_from_camera, tilt_of
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.swings import errors
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.rng import stream
 
 _TOLD_SD_M = 1e-4  # of an offset that is told
@@ -118,7 +118,7 @@ class _Parts:
 
     some: NDArray[np.bool_]  # of the run's frames
     alpha: Array
-    rows: tuple[Truth, ...]
+    rows: tuple[Row, ...]
     time: Array | None
     centre: dict[str, Array]
     rope: dict[str, Array]
@@ -182,7 +182,7 @@ def _given(run: Run) -> Known | None:
     return tilt if run.about["estimate"] is None or tilt.frames < np.isfinite(run.alpha).sum() else None
 
 
-def _built(row: Truth) -> tuple[float, ...]:
+def _built(row: Row) -> tuple[float, ...]:
     """Lens and place of a row's camera, which do not change in a record; a mount may turn it."""
     return (
         row.fx_px, row.cx_px, row.cy_px, row.k1, row.k2, row.p1, row.p2, row.k3,
@@ -190,7 +190,7 @@ def _built(row: Truth) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def true_camera(rows: Sequence[Truth], nominal: Calibration) -> Calibration:
+def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
     """Give the camera as it truly is: lens and offset, and the mean roll."""
     row, roll = rows[0], np.angle(np.mean(np.exp(1j * np.deg2rad([row.roll_deg for row in rows]))))
     return msgspec.structs.replace(
@@ -200,7 +200,7 @@ def true_camera(rows: Sequence[Truth], nominal: Calibration) -> Calibration:
     )  # fmt: skip
 
 
-def by_pose(rows: tuple[Truth, ...], pixels: Array, rope: Array) -> Array:
+def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:
     r"""Swing of a grab seen at pixels (n, 2) by cameras of known pose, \|OA\| being rope (n,): rad, shape (n,)."""
     pose = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)
     camera = true_camera(rows, _any_camera(rows[0])).intrinsics
@@ -214,7 +214,7 @@ def by_pose(rows: tuple[Truth, ...], pixels: Array, rope: Array) -> Array:
     return np.arctan2(np.hypot(grab[:, 0], grab[:, 1]), -grab[:, 2])
 
 
-def steady(rows: tuple[Truth, ...], camera: Calibration) -> Known:
+def steady(rows: tuple[Row, ...], camera: Calibration) -> Known:
     """Give the best tilt that does not change: towards the mean of gravity as the camera feels it."""
     rotations = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)[:, :, :3]
     down = to_camera(np.array([0.0, 0.0, -1.0]), rotations, np.zeros(3)).mean(axis=0)
@@ -225,5 +225,5 @@ def steady(rows: tuple[Truth, ...], camera: Calibration) -> Known:
     )  # fmt: skip
 
 
-def _any_camera(row: Truth) -> Calibration:
+def _any_camera(row: Row) -> Calibration:
     return Calibration(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px)

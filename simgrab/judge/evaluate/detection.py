@@ -20,7 +20,7 @@ from simgrab.instrument.detect.pictures import centre
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.labels import arrays as labels
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.records.observations import Detection
 
 _NORMAL = 1.96
@@ -37,7 +37,7 @@ class Case:
 
     Attributes
     ----------
-    truth : Truth
+    truth : Row
     labelled : bool
         Whether detection labels hold a box.
     weather : str
@@ -46,7 +46,7 @@ class Case:
         What tells its worlds from those of others judged with it.
     """
 
-    truth: Truth
+    truth: Row
     labelled: bool
     weather: str
     detection: Detection

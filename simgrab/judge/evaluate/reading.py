@@ -13,7 +13,7 @@ from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.labels import datasets
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.records import frame_files
 from simgrab.records.observations import Reading
 from simgrab.scenario import Scenario, variants
@@ -154,7 +154,7 @@ def read_dataset(path: str | Path, reader: Reader, *, split: str | None = None) 
     return tuple(_read(dataset, own[row.frame], row, reader) for row in shown)
 
 
-def _read(dataset: Dataset, own: Scenario, row: Truth, reader: Reader) -> Read:
+def _read(dataset: Dataset, own: Scenario, row: Row, reader: Reader) -> Read:
     picture = frame_files.picture(dataset.image(row), row)
     assert own.display_layout is not None
     assert row.rope_text is not None

@@ -24,6 +24,7 @@ from simgrab.layouts import Layout, Rectangle
 from simgrab.rng import stream
 from simgrab.scenario import Scenario
 from simgrab.utilities.files import drafted
+from simgrab.utilities.pictures import encode
 from simgrab.utilities.pictures import read as read_picture
 from simgrab.world import frames
 from simgrab.world.camera.overlay import Overlay
@@ -76,10 +77,9 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
     }
     missing = {path: frame for path, frame in taken.items() if not path.exists()}
     if missing:
-        with frames.Studio(scenario) as studio:
-            for path, frame in missing.items():
-                with drafted(path) as draft:
-                    draft.write_bytes(frames.encode(studio.draw(frame).rgb[..., ::-1], "png"))
+        for path, frame in zip(missing, frames.frames(scenario, missing.values(), buffers=False), strict=True):
+            with drafted(path) as draft:
+                draft.write_bytes(encode(frame.rgb[..., ::-1], "png"))
     return [read_picture(path) for path in taken]
 
 
@@ -127,7 +127,7 @@ def stills(pictures: Sequence[Picture], layout: Layout, shown: Iterator[Shown], 
     for k, one in enumerate(shown):
         picture, canvas = pictures[k % len(pictures)], canvases[k % len(pictures)]
         with_display = overlay.blend(picture, one)[y0:y1, x0:x1]
-        data = frames.encode(with_display[..., ::-1], "jpeg", quality)
+        data = encode(with_display[..., ::-1], "jpeg", quality)
         coded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         canvas[y0:y1, x0:x1] = np.asarray(coded)[..., ::-1]
         yield Trial(canvas, one)

@@ -15,7 +15,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.run.runs import Run
 from simgrab.labels import arrays as labels
 from simgrab.labels import datasets
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.utilities import parquet
 from simgrab.utilities.parse import cannot, read_json
 
@@ -28,14 +28,14 @@ class Truths:
 
     Attributes
     ----------
-    rows : tuple of n Truth or None
+    rows : tuple of n Row or None
         None of frames that were never sent.
     weather : tuple of n str
     least_visible_fraction : float
         From which on a frame counts as one with a grab.
     """
 
-    rows: tuple[Truth | None, ...]
+    rows: tuple[Row | None, ...]
     weather: tuple[str, ...]
     least_visible_fraction: float
 
@@ -146,7 +146,7 @@ def _nearest(times: Array, stamps: Array) -> NDArray[np.int64]:
     return np.where(np.abs(times - stamps[before]) <= np.abs(stamps[after] - times), before, after)
 
 
-def _row(plain: dict[str, Any]) -> Truth:
-    fields = set(Truth.__struct_fields__)
+def _row(plain: dict[str, Any]) -> Row:
+    fields = set(Row.__struct_fields__)
     known = {key: value for key, value in plain.items() if key in fields}
-    return msgspec.convert(known | {"file": "", "image_sha256": plain["rgb_sha256"]}, Truth)
+    return msgspec.convert(known | {"file": "", "image_sha256": plain["rgb_sha256"]}, Row)

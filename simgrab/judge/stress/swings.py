@@ -194,7 +194,7 @@ def told(situation: Situation, draws: Draws, rope: Array) -> Array:
 
 def _physics(situation: Situation, draws: Draws) -> Motion:
     """Let the world move grab and camera: replication k is clip k of the scene."""
-    from simgrab.world.trajectory.clip import Timeline
+    from simgrab.world.trajectory.clip import ClipMotion
 
     attitude, frames = situation.attitude, draws.frames
     scenario = scenes.load(
@@ -216,7 +216,7 @@ def _physics(situation: Situation, draws: Draws) -> Motion:
         [
             [
                 (m.grab.alpha, m.grab.azimuth, m.grab.rope_length, m.tilt.beta, m.tilt.azimuth, m.tilt.roll)
-                for m in itertools.islice(Timeline(scenario, trial), frames)
+                for m in itertools.islice(ClipMotion(scenario, trial), frames)
             ]
             for trial in draws.trials
         ]

@@ -23,10 +23,13 @@ from simgrab.instrument.rope import rope
 from simgrab.instrument.sight import Sighting, look
 from simgrab.judge.doctor import examine
 from simgrab.judge.stress.records import Picture
+from simgrab.labels import arrays
 from simgrab.rng import stream
 from simgrab.scenario import Iid, Scenario
+from simgrab.utilities.pictures import encode
 from simgrab.utilities.resources import ASSETS
-from simgrab.world.frames import Drawn, Studio, encode
+from simgrab.world import frames as world_frames
+from simgrab.world.frames import Frame as RenderedFrame
 from simgrab.world.output import preview
 from simgrab.world.output.export import calibration_of
 
@@ -87,12 +90,10 @@ def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
 
     def frames() -> Iterator[Frame]:
         timed = not isinstance(own.swing, Iid)
-        with Studio(own) as studio:
-            for index in range(own.frames):
-                drawn = studio.draw(index)
-                truth.append(_truth(drawn, own))
-                time = index / own.clip.frame_rate_hz if timed else None
-                yield Frame(coded(drawn, own, cv2.IMREAD_COLOR_RGB), time)
+        for index, frame in enumerate(world_frames.frames(own, buffers=False)):
+            truth.append(_truth(frame))
+            time = index / own.clip.frame_rate_hz if timed else None
+            yield Frame(coded(frame, own, cv2.IMREAD_COLOR_RGB), time)
 
     try:
         sightings = tuple(look(frames(), pipeline.detector, pipeline.reader, calibration))
@@ -108,17 +109,16 @@ def _pipeline() -> Pipeline:
     return bundled()
 
 
-def _truth(drawn: Drawn, scenario: Scenario) -> tuple[float, ...]:
-    moment = drawn.aimed.moment
+def _truth(frame: RenderedFrame) -> tuple[float, ...]:
+    moment, (u, v) = frame.moment, arrays.centre(frame.truth)
     grab, tilt = moment.grab, moment.tilt
-    u, v = scenario.camera.intrinsics.project(drawn.aimed.centre_camera).tolist()
     swing = grab.alpha, grab.azimuth, grab.rope_length
     return *swing, tilt.beta, tilt.azimuth, tilt.roll, u, v, float(moment.present)
 
 
-def coded(drawn: Drawn, scenario: Scenario, order: int) -> Picture:
+def coded(frame: RenderedFrame, scenario: Scenario, order: int) -> Picture:
     """Give a picture as a file of it would, in OpenCV's ``order`` of colours."""
-    data = encode(drawn.rgb[..., ::-1], scenario.image.format, scenario.image.quality)
+    data = encode(frame.rgb[..., ::-1], scenario.image.format, scenario.image.quality)
     return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), order), np.uint8)
 
 
@@ -137,8 +137,11 @@ def sheet(watched: Watched) -> Picture:
     """Draw the frames again in which the grab was missed, or found farthest from where it is (BGR)."""
     off = watched.off_px
     worst = np.argsort(np.where(np.isfinite(off), -off, -np.inf), kind="stable")[:MOST_SHOWN]
-    with Studio(watched.scenario) as studio:
-        tiles = [_tile(coded(studio.draw(i), watched.scenario, cv2.IMREAD_COLOR), watched, i) for i in worst.tolist()]
+    shown = world_frames.frames(watched.scenario, worst.tolist(), buffers=False)
+    tiles = [
+        _tile(coded(frame, watched.scenario, cv2.IMREAD_COLOR), watched, i)
+        for i, frame in zip(worst.tolist(), shown, strict=True)
+    ]
     return np.asarray(preview.sheet(tiles), np.uint8)
 
 

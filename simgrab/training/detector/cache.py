@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simgrab.errors import TrainingError
 from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.records.frame_files import picture
 from simgrab.utilities.files import drafted_folder
 from simgrab.utilities.parse import read_json
@@ -33,7 +33,7 @@ class Frame:
     it out.
     """
 
-    row: Truth
+    row: Row
     file: Path
     labelled: bool
     weather: str

@@ -1,10 +1,11 @@
-"""From what is drawn to the picture that the camera gives: shutter, night, weather, lens, sensor, display, coding."""
+"""From what is rendered to the picture that the camera gives: night, weather, lens, sensor, display, coding."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +14,10 @@ from simgrab.geometry import Array
 from simgrab.scenario import AutoExposure, Dynamic, Scenario, Water
 from simgrab.world.camera import lamps, shutter, weather
 from simgrab.world.camera.bands import each_band
-from simgrab.world.camera.optics import (
-    Exposure,
-    ExposureControl,
-    Light,
-    expose,
-    recompress,
-    settled,
-    to_display,
-    to_linear,
-)
+from simgrab.world.camera.buffers import Buffers
+from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.camera.renderer import Renderer, View
+from simgrab.world.camera.renderer import Renderer
 from simgrab.world.camera.weather import Lamp, Sight, Weathered
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.trajectory.moment import Moment
@@ -32,31 +25,46 @@ from simgrab.world.trajectory.moment import Moment
 SUN_M = 1e4  # far enough for its light to be parallel
 SUN_SHARE = 0.6  # of a clear day's light that comes from the sun
 
-Picture = NDArray[np.uint8]
+
+@dataclass(frozen=True, eq=False)
+class Developed:
+    """What the camera makes of one frame.
+
+    Attributes
+    ----------
+    rgb : ndarray of uint8, shape (height, width, 3)
+    attenuation : ndarray of float32, shape (height, width), or None
+        Share of the scene's light that weather keeps from the camera; None in clear air.
+    exposure : Exposure or None
+        That it was taken with; None where the scenario has no optics.
+    """
+
+    rgb: Picture
+    attenuation: NDArray[np.float32] | None
+    exposure: Exposure | None
 
 
-class Chain:
-    """What happens to a picture from the scene to the stream.
+class Camera:
+    """The camera of a scenario: a pure function from buffers to a picture.
 
     Parameters
     ----------
     scenario : Scenario
-    renderer : Renderer
-    moment_at : callable
-        Gives the moment of a frame.
     """
 
-    def __init__(self, scenario: Scenario, renderer: Renderer, moment_at: Callable[[int], Moment]) -> None:
-        self._scenario, self._renderer, self._moment_at = scenario, renderer, moment_at
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
         layout = scenario.display_layout
         self._overlay = Overlay(layout) if layout else None
         exposure = scenario.optics.exposure
-        self._lags = isinstance(exposure, AutoExposure) and exposure.lag_s > 0 and isinstance(scenario.swing, Dynamic)
-        self._next, self._control = 0, ExposureControl(scenario.optics, scenario.clip.frame_rate_hz)
+        self.has_memory = (
+            isinstance(exposure, AutoExposure) and exposure.lag_s > 0 and isinstance(scenario.swing, Dynamic)
+        )
+        """Whether a frame's exposure depends on the frames before it in its clip."""
 
     @property
-    def plain(self) -> bool:
-        """Whether the picture is what was drawn, but for shutter and display."""
+    def is_plain(self) -> bool:
+        """Whether the picture is what was rendered, but for shutter and display."""
         return self._scenario.optics.off and not self.wants_view
 
     @property
@@ -64,66 +72,49 @@ class Chain:
         """Whether depth and ids of the whole picture are needed."""
         return self._scenario.light.floodlights > 0 or not self._scenario.weather.off
 
-    def picture(self, frame: int, view: View | None) -> tuple[Picture, NDArray[np.float32] | None]:
+    def develop(self, buffers: Buffers, before: Exposure | None = None) -> Developed:
         """Make a frame's picture.
 
         Parameters
         ----------
-        frame : int
-        view : View or None
-            Of the whole picture at the instant of the labels, where `wants_view`.
-
-        Returns
-        -------
-        rgb : ndarray of uint8, shape (height, width, 3)
-        veil : ndarray of float32, shape (height, width), or None
-            Share of the scene's light that weather keeps from the camera.
+        buffers : Buffers
+            With a ``view`` where `wants_view`.
+        before : Exposure, optional
+            Of the clip's frame before, where the camera `has_memory`.
         """
-        moment = self._moment_at(frame)
-        at = self._instants(moment)
-        if self.plain and len(at) == 1:
-            self._renderer.pose(moment)
-            return self._finished(moment, self._renderer.rgb()), None
-        return self.develop(frame, self._light(moment, at), view)
+        if self.is_plain:
+            rgb = buffers.rgb if buffers.rgb.dtype == np.uint8 else to_display(buffers.rgb)
+            return Developed(self._finished(buffers, rgb), None, None)
+        scenario, weathered = self._scenario, self._weathered(buffers)
+        exposure = self._metered(weathered.light, before)
+        rgb = expose(
+            scenario.optics, weathered.light, intrinsics=scenario.camera.intrinsics,
+            seed=scenario.seed, frame=buffers.projection.nominal.frame, exposure=exposure,
+        )  # fmt: skip
+        return Developed(self._finished(buffers, rgb), weathered.veil, exposure)
 
-    def develop(self, frame: int, light: Light, view: View | None) -> tuple[Picture, NDArray[np.float32] | None]:
-        """Make a frame's picture of the scene's linear light, shape (height, width, 3); see `picture`."""
-        if self.plain:
-            return self._finished(self._moment_at(frame), to_display(light)), None
-        weathered = self._weathered(frame, light, view)
-        rgb = self._exposed(frame, weathered.light)
-        return self._finished(self._moment_at(frame), rgb), weathered.veil
+    def meter(self, buffers: Buffers, before: Exposure | None) -> Exposure:
+        """Exposure of a frame whose picture is not wanted."""
+        return self._metered(self._weathered(buffers).light, before)
 
-    def _finished(self, moment: Moment, rgb: Picture) -> Picture:
+    def _metered(self, light: Light, before: Exposure | None) -> Exposure:
+        return metered(self._scenario.optics, light, before, period_s=1 / self._scenario.clip.frame_rate_hz)
+
+    def _finished(self, buffers: Buffers, rgb: Picture) -> Picture:
         """Put the display into a picture and code it."""
-        if self._overlay and moment.shown:
-            rgb = self._overlay.blend(rgb, moment.shown)
+        shown = buffers.projection.nominal.shown
+        if self._overlay and shown:
+            rgb = self._overlay.blend(rgb, shown)
         return recompress(rgb, self._scenario.optics.recompress_quality)
 
-    def _instants(self, moment: Moment) -> Array:
-        times = self._scenario.shutter
-        return shutter.instants(times.exposure_s, times.rolling_s, shutter.speed_px_s(self._scenario, moment))
-
-    def _light(self, moment: Moment, at: Array) -> Light:
-        """Draw the scene as its rows see it, one after another and each for a while: linear light."""
-        times = self._scenario.shutter
-        weights = shutter.row_weights(self._scenario.camera.height_px, times.exposure_s, times.rolling_s, at)
-        result = None
-        for seconds, share in zip(at.tolist(), weights.T.astype(np.float32), strict=True):
-            self._renderer.pose(moment.shifted(seconds))
-            rgb = self._renderer.rgb()
-            if len(at) == 1:
-                return to_linear(np.ascontiguousarray(rgb))
-            result = np.zeros(rgb.shape, np.float32) if result is None else result
-            each_band(len(rgb), partial(_accumulate, result, rgb, share))
-        assert result is not None
-        return result
-
-    def _weathered(self, frame: int, light: Light, view: View | None) -> Weathered:
+    def _weathered(self, buffers: Buffers) -> Weathered:
         """Light before the lens."""
+        view = buffers.view
+        light = to_linear(np.ascontiguousarray(buffers.rgb)) if buffers.rgb.dtype == np.uint8 else buffers.rgb
         if view is None:
             return Weathered(light, np.zeros(light.shape[:2], np.float32))
-        scenario, moment = self._scenario, shutter.exposed(self._scenario, self._moment_at(frame))
+        scenario, moment = self._scenario, buffers.projection.moment
+        frame = moment.frame
         k, rotation = scenario.camera.intrinsics, moment.tilt.jib_from_camera
         offset = np.array(scenario.camera.offset_m)
         if scenario.light.floodlights:
@@ -166,34 +157,26 @@ class Chain:
         towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
         return [Lamp(_vector(SUN_M * towards), SUN_SHARE * light.sun)]
 
-    def _exposed(self, frame: int, light: Light) -> Picture:
-        scenario = self._scenario
-        return expose(
-            scenario.optics, light, intrinsics=scenario.camera.intrinsics, seed=scenario.seed, frame=frame,
-            exposure=self._exposure(frame, light),
-        )  # fmt: skip
 
-    def _exposure(self, frame: int, light: Light) -> Exposure:
-        """Exposure of a frame; where it lags, what the clip showed before is metered first."""
-        if not self._lags:
-            return settled(self._scenario.optics, light)
-        clip = self._scenario.clip
-        first = clip.span(clip.of(frame), self._scenario.frames).start
-        if not first < self._next <= frame:
-            self._next = first
-            self._control = ExposureControl(self._scenario.optics, clip.frame_rate_hz)
-        while self._next < frame:
-            self._control.next(self._meter(self._next))
-            self._next += 1
-        self._next = frame + 1
-        return self._control.next(light)
+def exposed_rgb(scenario: Scenario, renderer: Renderer, moment: Moment) -> NDArray[Any]:
+    """Render the scene as the picture's rows see it, one after another and each for a while.
 
-    def _meter(self, frame: int) -> Light:
-        """Light of a frame that is not shown, or that another worker makes."""
-        moment = self._moment_at(frame)
-        self._renderer.pose(shutter.exposed(self._scenario, moment))
-        view = self._renderer.glance() if self.wants_view else None
-        return self._weathered(frame, self._light(moment, self._instants(moment)), view).light
+    Returns
+    -------
+    ndarray, shape (height, width, 3)
+        uint8, sRGB, where one instant is enough; else float32, linear light averaged over each row's exposure.
+    """
+    times = scenario.shutter
+    at = shutter.instants(times.exposure_s, times.rolling_s, shutter.speed_px_s(scenario, moment))
+    weights = shutter.row_weights(scenario.camera.height_px, times.exposure_s, times.rolling_s, at)
+    result = np.zeros((0, 0, 3), np.float32)
+    for seconds, share in zip(at.tolist(), weights.T.astype(np.float32), strict=True):
+        rgb = renderer.rgb(moment.shifted(seconds))
+        if len(at) == 1:
+            return rgb
+        result = result if result.size else np.zeros(rgb.shape, np.float32)
+        each_band(len(rgb), partial(_accumulate, result, rgb, share))
+    return result
 
 
 def _accumulate(total: Light, rgb: Picture, share: NDArray[np.float32], rows: slice) -> None:

@@ -1,4 +1,4 @@
-"""Draw a posed world with MuJoCo's classic renderer: rgb, ids, depth and silhouette, in exact pixel geometry."""
+"""Render a moment with MuJoCo's classic renderer: rgb, ids, depth and silhouette, in exact pixel geometry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LENS_SAMPLES = 3  # ids are drawn so much finer before a lens bends them, which 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one look through a window gives, shapes (h, w).
+    """Ids and depth in a window of the picture, shapes (h, w).
 
     Attributes
     ----------
@@ -40,6 +40,11 @@ class View:
     ids: NDArray[np.uint8]
     depth: NDArray[np.float32]
 
+    @property
+    def shows_grab(self) -> NDArray[np.bool_]:
+        """Pixels of the grab, shape (h, w)."""
+        return self.ids == GRAB
+
     def crop(self, window: Window) -> View:
         """Cut a window out of this one, which must hold it."""
         x0, y0, x1, y1 = window
@@ -48,7 +53,7 @@ class View:
 
 
 class Renderer:
-    """Draws one world through one camera. Use as a context manager: it owns an OpenGL context, one per process.
+    """Renders moments of one world through one camera. Use as a context manager: it owns an OpenGL context.
 
     Parameters
     ----------
@@ -58,19 +63,20 @@ class Renderer:
     Attributes
     ----------
     data : mujoco.MjData
-        The posed state.
+        The state that was rendered last.
     option : mujoco.MjvOption
-        Which geom groups are drawn.
+        Which geom groups are rendered.
     full : Window
         The whole picture.
     fingerprint : Fingerprint
-        What draws.
+        Of OpenGL and MuJoCo.
     """
 
     def __init__(self, world: World, scenario: Scenario) -> None:
         camera = scenario.camera
         self.world, self.intrinsics = world, camera.intrinsics
         self._rotation = np.eye(3)
+        self._posed: Moment | None = None
         self._centre = np.array(camera.offset_m)
         self.full: Window = (0, 0, camera.width_px, camera.height_px)
         self._lens = None if self.intrinsics.distortion.is_null else Lens(self.intrinsics)
@@ -106,54 +112,58 @@ class Renderer:
         """Free the OpenGL context."""
         self._stack.close()
 
-    def pose(self, moment: Moment) -> None:
-        """Pose world and camera; what follows is drawn so."""
-        self._rotation = moment.tilt.jib_from_camera
-        self.world.pose(self.data, moment)
+    def pose(self, moment: Moment) -> mujoco.MjData:
+        """Pose world and camera as at a moment, which every rendering does first; returns the state."""
+        if moment is not self._posed:
+            self._rotation = moment.tilt.jib_from_camera
+            self.world.pose(self.data, moment)
+            self._posed = moment
+        return self.data
 
-    def rgb(self) -> NDArray[np.uint8]:
-        """Draw the picture as the lens shows it, shape (height, width, 3)."""
-        self._gather(self.option)
+    def rgb(self, moment: Moment) -> NDArray[np.uint8]:
+        """Render the picture as the lens shows it, shape (height, width, 3)."""
+        self._gather(moment, self.option)
         if self._lens is None:
             return self._draw_rgb(self.full)
         lens = self._lens.map(self.full)
         return lens.resample(self._draw_rgb(lens.source), cv2.INTER_CUBIC)
 
     @property
-    def bends(self) -> bool:
-        """Whether a lens bends the picture, so that a `glance` sees less finely than a `look`."""
+    def has_lens(self) -> bool:
+        """Whether a lens distorts the picture, so that a `coarse_view` differs from a `view`."""
         return self._lens is not None
 
-    def look(self, window: Window | None = None, *, grab_only: bool = False) -> View:
-        """Draw ids and depth through a window of the picture, as finely as labels need them.
+    def view(self, moment: Moment, window: Window | None = None, *, grab_only: bool = False) -> View:
+        """Render ids and depth through a window of the picture, as finely as labels need them.
 
         Parameters
         ----------
+        moment : Moment
         window : Window, optional
             The whole picture unless given. It may reach beyond the picture.
         grab_only : bool
-            Draw the grab and what it holds as if nothing were in front of it.
+            Render the grab and what it holds as if nothing were in front of it.
         """
-        self._gather(self._grab_only if grab_only else self.option)
+        self._gather(moment, self._grab_only if grab_only else self.option)
         return self._view(window or self.full, LENS_SAMPLES)
 
-    def silhouette(self, window: Window, samples: int) -> NDArray[np.bool_]:
-        """Draw the whole grab alone through a window, with so many samples a pixel and direction.
+    def silhouette(self, moment: Moment, window: Window, samples: int) -> NDArray[np.bool_]:
+        """Render the whole grab alone through a window, with so many samples a pixel and direction.
 
         Returns
         -------
         ndarray of bool, shape (h·samples, w·samples)
         """
-        self._gather(self._grab_only)
+        self._gather(moment, self._grab_only)
         if self._lens is None:
             x0, y0, x1, y1 = (samples * v for v in window)
             return self._draw_tiles((x0, y0, x1, y1), samples)[0] == GRAB
         lens = self._lens.map(window, samples, enlarged=True)
         return lens.resample(self._draw_tiles(lens.source, samples)[0], cv2.INTER_NEAREST, NOTHING) == GRAB
 
-    def glance(self) -> View:
-        """Draw ids and depth of the whole picture; a lens may move its edges by half a pixel."""
-        self._gather(self.option)
+    def coarse_view(self, moment: Moment) -> View:
+        """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
+        self._gather(moment, self.option)
         return self._view(self.full, 1)
 
     def _view(self, window: Window, finer: int) -> View:
@@ -167,7 +177,8 @@ class Renderer:
             lens.resample(depth, cv2.INTER_NEAREST, FAR_M),
         )
 
-    def _gather(self, option: mujoco.MjvOption) -> None:
+    def _gather(self, moment: Moment, option: mujoco.MjvOption) -> None:
+        self.pose(moment)
         self._buffer.make_current()
         scene = self._scene
         everything = mujoco.mjtCatBit.mjCAT_ALL

@@ -14,20 +14,19 @@ import cv2
 import numpy as np
 
 from simgrab.errors import DatasetError
-from simgrab.labels.truth import SPLITS, Truth
+from simgrab.labels.truth import SPLITS, Row
 from simgrab.scenario import Scenario
 from simgrab.utilities import parquet, pictures
 from simgrab.utilities.parse import read_json
-from simgrab.world import frames
-from simgrab.world.frames import Studio
+from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import export, manifest, preview
+from simgrab.world.output import export, manifest, preview, stored
 from simgrab.world.output import workers as crew
 from simgrab.world.output.folder import MANIFEST, Folder, writing
 from simgrab.world.output.video.files import Reels
-from simgrab.world.output.video.render import Filming, VideoSummary, render_video
+from simgrab.world.output.video.render import Filming, VideoSummary, film_recipe
 from simgrab.world.output.workers import Progress, Tick
-from simgrab.world.scenery.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,9 @@ def render(
     resume: bool = False,
     progress: Progress | None = None,
     checking: Progress | None = None,
+    randomiser: Randomiser | str | None = None,
+    trajectory: Motion | str | None = None,
+    effects: Sequence[Effect | str] = (),
 ) -> Summary:
     """Render a scenario's frames and labels into a folder.
 
@@ -95,6 +97,9 @@ def render(
         Called with (frames done, frames in all).
     checking : callable, optional
         Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
+    randomiser, trajectory, effects
+        Functions of yours, as `simgrab.frames` takes them. The manifest names them, with digests of their source; for
+        several workers they must be defined at the top of a module.
 
     Returns
     -------
@@ -112,39 +117,41 @@ def render(
         If worker processes die of a frame or clip again and again.
     """
     crew.check(workers)
-    folder, identity = Folder(Path(out)), manifest.identity(scenario)
+    recipe = Recipe(scenario, Extensions.of(randomiser, trajectory, effects))
+    folder, identity = Folder(Path(out)), manifest.identity(recipe)
     folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
-    reels = Reels(scenario, Path(video)) if video is not None else None
+    reels = Reels(recipe, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
-    plan = None if folder.begun else crew.vetted(scenario, workers, checking)
+    known = None if folder.begun else crew.vetted(recipe, workers, checking)
     made = 0
     if folder.open(identity, resume=resume):
         with folder.lock(), reels.claim() if reels and clips else nullcontext():
             done = folder.done()
             missing = [frame for frame in range(scenario.frames) if frame not in done]
             if reels and clips:
-                drawn = _film(reels, clips, folder, plan, missing, workers, progress)
+                drawn = _film(reels, clips, folder, known, missing, workers, progress)
             else:
-                drawn = _draw(folder, scenario, plan, missing, workers, progress)
+                drawn = _draw(folder, recipe, known, missing, workers, progress)
             with closing(drawn):
                 drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
             with writing(folder.path):
-                _finish(folder, scenario, drawn_by)
+                _finish(folder, recipe, drawn_by)
         made = len(missing)
     if reels is None:
         return _summary(folder.path, scenario, made)
     # Makes the video where only that remains; else finds it finished.
-    filmed = render_video(scenario, reels.path, workers=workers, resume=True, progress=progress)
+    filmed = film_recipe(recipe, reels.path, workers=workers, resume=True, progress=progress)
     return replace(_summary(folder.path, scenario, made), video=replace(filmed, made=len(clips)))
 
 
 def _draw(
-    folder: Folder, scenario: Scenario, plan: Plan | None, missing: Sequence[int], workers: int,
+    folder: Folder, recipe: Recipe, known: crew.Vetted | None, missing: Sequence[int], workers: int,
     progress: Progress | None,
 ) -> Generator[Fingerprint, None, None]:  # fmt: skip
     """Draw and store missing frames, clip by clip where each clip is a world of its own."""
-    share = functools.partial(crew.share, scenario, plan, workers=workers)
-    if not scenario.vary:
+    scenario = recipe.scenario
+    share = functools.partial(crew.share, recipe, known, workers=workers)
+    if not recipe.varies:
         report = crew.report(progress, scenario.frames - len(missing), scenario.frames)
         return share(missing, functools.partial(_store, folder), unit="frame", progress=report)
     clips = sorted(set(map(scenario.clip.of, missing)))
@@ -156,20 +163,20 @@ def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
     return sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
 
 
-def _store(folder: Folder, studio: Studio, frame: int, tick: Tick) -> Fingerprint:
-    made = studio.make(frame)
+def _store(folder: Folder, generator: FrameGenerator, frame: int, tick: Tick) -> Fingerprint:
+    made = stored.make(generator, frame)
     folder.store(made)
     tick()
     return made.record.drawn_by
 
 
-def _store_clip(folder: Folder, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
+def _store_clip(folder: Folder, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
     """Make the missing frames of a clip, whose world is built once."""
-    for frame in studio.scenario.clip.span(clip, studio.scenario.frames):
+    for frame in generator.scenario.clip.span(clip, generator.scenario.frames):
         if folder.has(frame):
             tick()
         else:
-            _store(folder, studio, frame, tick)
+            _store(folder, generator, frame, tick)
     return folder.record(frame).drawn_by
 
 
@@ -177,7 +184,7 @@ def _film(
     reels: Reels,
     unfinished: Sequence[int],
     folder: Folder,
-    plan: Plan | None,
+    known: crew.Vetted | None,
     missing: Sequence[int],
     workers: int,
     progress: Progress | None,
@@ -187,7 +194,7 @@ def _film(
     clips = sorted({*unfinished, *map(clip.of, missing)})
     report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
     work = Filming(reels, folder)
-    return crew.share(scenario, plan, clips, work, workers=workers, unit="clip", progress=report)
+    return crew.share(reels.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
 
 
 def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
@@ -203,15 +210,16 @@ def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) ->
     return first
 
 
-def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
+def _finish(folder: Folder, recipe: Recipe, drawn_by: Fingerprint) -> None:
     """Write everything that depends on all frames; the manifest comes last."""
+    scenario = recipe.scenario
     records = [folder.record(frame) for frame in range(scenario.frames)]
     rows = [record.truth for record in records]
     for row in rows:
         folder.write(f"labels/{row.split}/{row.frame:06d}.txt", export.yolo(row, scenario))
     for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
         (folder.path / "images" / split).mkdir(parents=True, exist_ok=True)
-    core = manifest.identity(scenario)
+    core = manifest.identity(recipe)
     tables = {
         "labels.parquet": export.parquet(rows, core),
         "data.yaml": export.yolo_yaml(rows),
@@ -228,11 +236,11 @@ def _finish(folder: Folder, scenario: Scenario, drawn_by: Fingerprint) -> None:
     folder.close()
 
 
-def _preview(path: Path, rows: Sequence[Truth]) -> bytes:
+def _preview(path: Path, rows: Sequence[Row]) -> bytes:
     tiles = [
         preview.annotate(pictures.read(path / row.file, cv2.IMREAD_COLOR), row) for row in rows[: preview.MOST_TILES]
     ]
-    return frames.encode(preview.sheet(tiles), "jpeg", 90)
+    return pictures.encode(preview.sheet(tiles), "jpeg", 90)
 
 
 def _summary(path: Path, scenario: Scenario, made: int) -> Summary:

@@ -17,9 +17,9 @@ from pycocotools import mask as coco_mask
 
 from simgrab.calibration import Calibration
 from simgrab.labels import arrays as labels
-from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS, Truth, columns
+from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
 from simgrab.scenario import Scenario
-from simgrab.world.frames import Record
+from simgrab.world.output.stored import Record
 
 _YOLO_NEEDS = ("train", "val")
 _ARROW = {
@@ -33,14 +33,18 @@ _ARROW = {
 
 def labels_schema() -> pa.Schema:
     """Arrow schema of ``labels.parquet``; each column's metadata holds its unit and description."""
-    kinds = Truth.__annotations__
     return pa.schema(
         [
-            pa.field(name, _arrow_type(str(kinds[name])), metadata={"unit": unit, "description": text})
+            pa.field(name, _arrow_type(_kinds()[name]), metadata={"unit": unit, "description": text})
             for name, (unit, text) in columns().items()
         ],
         metadata={"keypoint_names": json.dumps(KEYPOINT_NAMES)},
     )
+
+
+def _kinds() -> dict[str, str]:
+    """Annotation of each column as it is written."""
+    return {name: str(kind) for name, kind in (Truth.__annotations__ | Row.__annotations__).items()}
 
 
 def _arrow_type(annotation: str) -> pa.DataType:
@@ -48,7 +52,7 @@ def _arrow_type(annotation: str) -> pa.DataType:
     return next(kind for kind, words in _ARROW.items() if inner.startswith(words))
 
 
-def parquet(rows: Sequence[Truth], metadata: dict[str, Any]) -> bytes:
+def parquet(rows: Sequence[Row], metadata: dict[str, Any]) -> bytes:
     """Labels as Parquet; ``metadata`` is kept under the schema key ``simgrab``."""
     schema = labels_schema()
     schema = schema.with_metadata({**(schema.metadata or {}), "simgrab": json.dumps(metadata, sort_keys=True)})
@@ -58,18 +62,18 @@ def parquet(rows: Sequence[Truth], metadata: dict[str, Any]) -> bytes:
     return sink.getvalue()
 
 
-def is_labelled(row: Truth, scenario: Scenario) -> bool:
+def is_labelled(row: Row, scenario: Scenario) -> bool:
     """Whether detection labels hold a box for the row, by the scenario's least fraction."""
     return labels.is_labelled(row, scenario.labels.least_visible_fraction)
 
 
-def _box(row: Truth) -> tuple[int, int, int, int]:
+def _box(row: Row) -> tuple[int, int, int, int]:
     box = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
     assert None not in box
     return box  # type: ignore[return-value]
 
 
-def yolo(row: Truth, scenario: Scenario) -> bytes:
+def yolo(row: Row, scenario: Scenario) -> bytes:
     """One frame's YOLO label: ``0 cx cy w h`` in shares of the picture, or nothing."""
     if not is_labelled(row, scenario):
         return b""
@@ -78,12 +82,12 @@ def yolo(row: Truth, scenario: Scenario) -> bytes:
     return f"0 {(x0 + x1) / 2 / w:.8f} {(y0 + y1) / 2 / h:.8f} {(x1 - x0) / w:.8f} {(y1 - y0) / h:.8f}\n".encode()
 
 
-def filled(rows: Sequence[Truth]) -> list[str]:
+def filled(rows: Sequence[Row]) -> list[str]:
     """Give the splits that have frames."""
     return [split for split in SPLITS if any(row.split == split for row in rows)]
 
 
-def yolo_yaml(rows: Sequence[Truth]) -> bytes:
+def yolo_yaml(rows: Sequence[Row]) -> bytes:
     """``data.yaml``; without ``path``, trainers look beside the file itself.
 
     Trainers need the keys ``train`` and ``val``, and pictures under every key. Without frames, ``test`` is left out,
@@ -100,7 +104,7 @@ def yolo_yaml(rows: Sequence[Truth]) -> bytes:
     return "\n".join([*lines, "nc: 1", "names: [grab]", ""]).encode()
 
 
-def metadata(rows: Sequence[Truth], split: str) -> bytes:
+def metadata(rows: Sequence[Row], split: str) -> bytes:
     """``metadata.csv`` of one split, as Hugging Face's ``imagefolder`` reads it: ``file_name`` and numbers.
 
     Its columns are those of ``labels.parquet`` that hold a number, or whether something is so. Where a number may be
@@ -127,7 +131,7 @@ def metadata_name(split: str) -> str:
 def _numbers() -> dict[str, bool]:
     """Columns of one number or truth value each, with whether it may be missing."""
     numbers = (pa.bool_(), pa.int64(), pa.float64())
-    return {f.name: "None" in str(Truth.__annotations__[f.name]) for f in labels_schema() if f.type in numbers}
+    return {f.name: "None" in _kinds()[f.name] for f in labels_schema() if f.type in numbers}
 
 
 def annotation(record: Record) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from simgrab.errors import DatasetError, first_line
 from simgrab.utilities import files
 from simgrab.utilities.destination import check_folder
 from simgrab.utilities.parse import read_json
-from simgrab.world.frames import Frame, Record
+from simgrab.world.output.stored import Record, StoredFrame
 
 MANIFEST = "manifest.json"
 
@@ -144,7 +144,7 @@ class Folder:
             why = f"{type(problem).__name__}: {first_line(problem)}"
             raise DatasetError(f"{row} is damaged ({why}); delete it, and --resume makes the frame anew") from None
 
-    def store(self, frame: Frame) -> None:
+    def store(self, frame: StoredFrame) -> None:
         """Keep a finished frame: pictures first, then its record, which makes it count."""
         with writing(self.path):
             for name, data in frame.files.items():

@@ -8,14 +8,15 @@ from importlib.metadata import version
 from typing import Any
 
 from simgrab._version import __version__
-from simgrab.scenario import Scenario
+from simgrab.world.extensions import Recipe
 from simgrab.world.gl import Fingerprint
 
 PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pyarrow", "pycocotools", "scipy", "trimesh")
 
 
-def identity(scenario: Scenario) -> dict[str, Any]:
-    """Say what must be equal for two runs to make the same dataset, but for what draws it."""
+def identity(recipe: Recipe) -> dict[str, Any]:
+    """Return what must be equal for two runs to make the same dataset, but for the renderer."""
+    scenario, extensions = recipe.scenario, recipe.extensions.describe()
     return {
         "simgrab": __version__,
         "scenario": scenario.to_dict(),
@@ -23,7 +24,7 @@ def identity(scenario: Scenario) -> dict[str, Any]:
         "seed": scenario.seed,
         "frames": scenario.frames,
         "packages": {name: version(name) for name in PACKAGES},
-    }
+    } | ({"extensions": extensions} if extensions else {})
 
 
 def compose(core: dict[str, Any], drawn_by: Fingerprint, digests: dict[str, str]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab import geometry
 from simgrab.geometry import Intrinsics
-from simgrab.labels.truth import KEYPOINT_NAMES, Truth
+from simgrab.labels.truth import KEYPOINT_NAMES, Row
 
 TILE_WIDTH = 640
 COLUMNS = 4
@@ -25,7 +25,7 @@ BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
 )
 
 
-def annotate(picture: NDArray[np.uint8], row: Truth) -> NDArray[np.uint8]:
+def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
     """Draw a row's labels on a copy of its picture (BGR), reduced to a tile of the sheet."""
     scale = TILE_WIDTH / row.width_px
     tile = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -42,7 +42,7 @@ def annotate(picture: NDArray[np.uint8], row: Truth) -> NDArray[np.uint8]:
     )
 
 
-def _draw_geometry(tile: NDArray[np.uint8], row: Truth, scale: float) -> None:
+def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
     """Principal point C', image of the vertical G', and the grab centre A', with the triangle they span."""
     k = Intrinsics(
         row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px,

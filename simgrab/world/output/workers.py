@@ -1,4 +1,4 @@
-"""Share the work on one scenario among processes, each with a studio of its own."""
+"""Share the work on one recipe among processes, each with a frame generator of its own."""
 
 from __future__ import annotations
 
@@ -6,18 +6,42 @@ import contextlib
 import functools
 import itertools
 from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass, field
 from typing import TypeVar
 
-from simgrab.errors import DatasetError
-from simgrab.scenario import Scenario
+from simgrab.errors import DatasetError, ScenarioError
 from simgrab.utilities.processes import Pool, tick
-from simgrab.world.frames import Studio, refuse_unseen, vet
-from simgrab.world.scenery.plan import Plan
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.projection import Projection, project
+from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.trajectory.trajectory import Trajectory
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
 Tick = Callable[[], None]
-Work = Callable[[Studio, int, Tick], T]
+Work = Callable[[FrameGenerator, int, Tick], T]
+MOST_PROJECTIONS = 4096
+"""Frames whose projection is kept from vetting for rendering; a few kilobytes each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Vetted:
+    """What was worked out to find a recipe possible, and need not be again.
+
+    Attributes
+    ----------
+    seen : int
+        Frames that show the grab.
+    plan : Plan or None
+        Of the world; None where each clip has its own.
+    projections : dict of int to Projection
+        Of the first frames.
+    """
+
+    seen: int
+    plan: Plan | None = None
+    projections: dict[int, Projection] = field(default_factory=dict)
 
 
 def check(workers: int) -> None:
@@ -26,43 +50,76 @@ def check(workers: int) -> None:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
 
 
-def vetted(scenario: Scenario, workers: int, checking: Progress | None = None) -> Plan | None:
-    """Refuse, before anything is drawn, a scenario with an impossible frame or whose camera never sees the grab.
+def vet(recipe: Recipe, number: int = 0) -> Vetted:
+    """Refuse a variant with an impossible frame.
 
-    Returns the plan of its world, or None where it has many: those are drawn up for nothing else, among the workers,
-    and ``checking`` is told how many of how many.
+    Parameters
+    ----------
+    recipe : Recipe
+    number : int
+        Of the variant: of its clip.
     """
-    if not scenario.vary:
-        seen, plan = vet(scenario)
-        refuse_unseen(scenario, seen)
-        return plan
+    scenario = recipe.scenario
+    span = scenario.clip.span(number, scenario.frames) if recipe.varies else range(scenario.frames)
+    one, k = recipe.variant(span.start), scenario.camera.intrinsics
+    plan, trajectory = draw_up(one.scenario, one.number), Trajectory(one.scenario, recipe.extensions)
+    seen, kept = 0, dict[int, Projection]()
+    for frame in span:  # all of them: each may be impossible
+        projection = project(one.scenario, plan, trajectory.at(frame))
+        seen += projection.meets(k.width_px, k.height_px)
+        if len(kept) < MOST_PROJECTIONS:
+            kept[frame] = projection
+    return Vetted(seen, plan, kept)
+
+
+def vetted(recipe: Recipe, workers: int, checking: Progress | None = None) -> Vetted | None:
+    """Refuse, before anything is rendered, a recipe with an impossible frame or whose camera never sees the grab.
+
+    Returns what of the one world need not be worked out again, or None where there are many: those are planned for
+    nothing else, among the workers, and ``checking`` is called with how many are done, and how many there are.
+    """
+    scenario = recipe.scenario
+    if not recipe.varies:
+        found = vet(recipe)
+        refuse_unseen(scenario.frames, found.seen)
+        return found
     clips = range(scenario.clip.count(scenario.frames))
-    told = report(checking, 0, len(clips))
-    with contextlib.closing(share(scenario, None, clips, _vet, workers=workers, unit="world", progress=told)) as counts:
-        refuse_unseen(scenario, sum(counts))
+    done = report(checking, 0, len(clips))
+    with contextlib.closing(share(recipe, None, clips, _vet, workers=workers, unit="world", progress=done)) as counts:
+        refuse_unseen(scenario.frames, sum(counts))
     return None
 
 
-def _vet(studio: Studio, clip: int, tick: Tick) -> int:
-    seen, _ = vet(studio.scenario, clip)
+def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> int:
+    seen = vet(generator.recipe, clip).seen
     tick()
     return seen
 
 
+def refuse_unseen(frames: int, seen: int) -> None:
+    """Refuse a scenario of whose frames none shows the grab."""
+    if not seen:
+        raise ScenarioError(
+            "camera",
+            f"it never sees the grab in any of the {frames} frames; "
+            "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
+        )
+
+
 def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int], None]:
-    """Turn frames done in this run into frames done in all, ``ahead`` of them earlier; tells of those at once."""
+    """Turn frames done in this run into frames done in all, ``ahead`` of them earlier, which are reported at once."""
 
-    def tell(done: int) -> None:
+    def done(count: int) -> None:
         if progress:
-            progress(ahead + done, total)
+            progress(ahead + count, total)
 
-    tell(0)
-    return tell
+    done(0)
+    return done
 
 
 def share(
-    scenario: Scenario,
-    plan: Plan | None,
+    recipe: Recipe,
+    known: Vetted | None,
     items: Iterable[int],
     work: Work[T],
     *,
@@ -74,14 +131,14 @@ def share(
 
     Parameters
     ----------
-    scenario : Scenario
-    plan : Plan or None
-        Of the same scenario's first variant, where it was drawn up already.
+    recipe : Recipe
+    known : Vetted or None
+        Of the same recipe, as far as it was worked out already.
     items : iterable of int
         Frames or clips.
     work : callable
-        Takes a studio, an item, and what it must call after every frame; picklable when there are several workers.
-        It is done again where its process died, and then calls for every frame of the item again.
+        Takes a frame generator, an item, and what it must call after every frame; picklable when there are several
+        workers. It is done again where its process died, and then calls for every frame of the item again.
     workers : int
         Processes. The software renderer uses every core already, so more than one gains little there.
     unit : str
@@ -95,25 +152,26 @@ def share(
         If processes die of an item again and again. What work raises is raised as it is.
     """
     if workers > 1:
-        with Pool(workers, setup=functools.partial(_open, scenario)) as pool:
+        with Pool(workers, setup=functools.partial(_open, recipe)) as pool:
             done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
             with contextlib.closing(done):
                 yield from done
         return
     counted = itertools.count(1)
-    with Studio(scenario, plan) as studio:
+    plan, projections = (known.plan, known.projections) if known else (None, None)
+    with FrameGenerator(recipe, plan, projections) as generator:
         for item in items:
-            yield work(studio, item, lambda: progress(next(counted)))
+            yield work(generator, item, lambda: progress(next(counted)))
 
 
-_studio: Studio
+_generator: FrameGenerator
 
 
-def _open(scenario: Scenario) -> None:
-    """Open the studio of a process that serves one scenario all its life."""
-    global _studio
-    _studio = Studio(scenario)
+def _open(recipe: Recipe) -> None:
+    """Open the generator of a process that serves one recipe all its life."""
+    global _generator
+    _generator = FrameGenerator(recipe)
 
 
 def _serve(work: Work[T], item: int) -> T:
-    return work(_studio, item, tick)
+    return work(_generator, item, tick)

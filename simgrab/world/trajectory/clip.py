@@ -24,7 +24,7 @@ from simgrab.world.trajectory.work import Course, Work
 MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
 
 
-class Timeline:
+class ClipMotion:
     """One clip. Iterate over it for its `Moment`s, from the first frame on, without end.
 
     Parameters

@@ -59,11 +59,3 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     )
     present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
     return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma), present=bool(present))
-
-
-def split(scenario: Scenario, frame: int) -> str:
-    """Draw a frame into train, val or test by the scenario's shares; frames of one clip, being alike, stay together."""
-    alone = isinstance(scenario.swing, Iid) and not scenario.vary
-    unit = frame if alone else scenario.clip.of(frame)
-    share = stream(scenario.seed, unit, "split").random()
-    return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"

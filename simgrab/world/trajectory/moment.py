@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from simgrab import geometry
 from simgrab.geometry import Array
+from simgrab.scenario import Camera
 from simgrab.world.trajectory.display import Shown
 
 STANDARD_GRAVITY = 9.80665
@@ -60,6 +61,11 @@ class Tilt:
     def jib_from_camera(self) -> Array:
         """Rotation, shape (3, 3)."""
         return geometry.camera_rotation(self.beta, self.azimuth, self.roll)
+
+    @classmethod
+    def at_rest(cls, camera: Camera) -> Tilt:
+        """Attitude that the scenario gives the camera."""
+        return cls(*(math.radians(a) for a in (camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg)))
 
     @classmethod
     def of(cls, rotation: Array, azimuth: float) -> Tilt:
@@ -137,6 +143,11 @@ class Moment:
     apparent_gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
     shown: Shown | None = None
     ahead: Moment | None = None
+
+    @classmethod
+    def still(cls, frame: int, grab: GrabState, tilt: Tilt) -> Moment:
+        """Moment of an independent frame, in which nothing moves."""
+        return cls(frame, grab, tilt, (grab.azimuth - tilt.azimuth) % (2 * math.pi))
 
     def shifted(self, seconds: float) -> Moment:
         """Go to an instant within some tens of milliseconds, along the way to the moment ahead; without one, stay."""

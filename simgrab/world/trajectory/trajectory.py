@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from simgrab.scenario import Iid, Scenario
+from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.scenery.meshes.grab import closing_rope_m
 from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.display import shown
@@ -15,7 +16,7 @@ from simgrab.world.trajectory.moment import Moment
 REMEMBERED = 64  # frames that may be asked for again without beginning their clip anew
 
 
-class Story:
+class Trajectory:
     """The moments of a scenario.
 
     Any frame can be asked for, in any order. With dynamic swing a clip runs from its beginning to the frame asked for,
@@ -24,10 +25,12 @@ class Story:
     Parameters
     ----------
     scenario : Scenario
+    extensions : Extensions
+        With a user's own trajectory, in place of the scenario's swing.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+    def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS) -> None:
+        self._scenario, self._extensions = scenario, extensions
         self._layout = scenario.display_layout
         self._clip = -1
         self._moments: Iterator[Moment] = iter(())
@@ -41,23 +44,26 @@ class Story:
         ScenarioError
             If it cannot be, naming frame and key.
         """
+        if self._extensions.trajectory is not None:
+            moment = self._extensions.moment(self._scenario, frame)
+            return moment if moment.shown else self._with_display(moment)
         if isinstance(self._scenario.swing, Iid):
             return self._with_display(swing.draw(self._scenario, frame))
         # Physics alone needs it: SciPy's filters take a quarter of the time in which `render` is imported.
-        from simgrab.world.trajectory.clip import Timeline
+        from simgrab.world.trajectory.clip import ClipMotion
 
         recent = next((m for m in self._recent if m.frame == frame), None)
         if recent:
             return recent
         clip = self._scenario.clip.of(frame)
         if clip != self._clip or (self._recent and frame < self._recent[-1].frame):
-            self._clip, self._moments = clip, iter(Timeline(self._scenario, clip))
+            self._clip, self._moments = clip, iter(ClipMotion(self._scenario, clip))
             self._recent.clear()
         for moment in self._moments:
             self._recent.append(moment)
             if moment.frame == frame:
                 return moment
-        raise AssertionError("a timeline has no end")
+        raise AssertionError("a clip's motion has no end")
 
     def _with_display(self, moment: Moment) -> Moment:
         """Independent frames know no time: their display shows the frame's own lengths, its clock goes by the index."""

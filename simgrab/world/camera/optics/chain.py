@@ -33,7 +33,7 @@ def expose(
     seed, frame : int
         Key the noise.
     exposure : Exposure
-        From `ExposureControl`, or `settled` for a frame on its own.
+        See `metered`.
 
     Returns
     -------

@@ -20,62 +20,52 @@ class Exposure(NamedTuple):
 
     Attributes
     ----------
-    gain : float
-        Level in the picture over the scene's light. What is below 1 the iris keeps out; above 1 it is amplification.
+    stops : float
+        Binary logarithm of the gain: of the level in the picture over the scene's light. What is below 0 the iris keeps
+        out; above 0 it is amplification.
     grey : bool
         Whether the picture shows luminance alone.
     """
 
-    gain: float
+    stops: float
     grey: bool
 
+    @property
+    def gain(self) -> float:
+        """Level in the picture over the scene's light."""
+        return float(2.0**self.stops)
 
-def settled(optics: Optics, light: Light) -> Exposure:
-    """Exposure of a frame on its own: of a camera that has long looked at this light."""
-    return ExposureControl(optics, 1.0).next(light)
 
-
-class ExposureControl:
-    """The exposure of a clip's frames, which are to be given in order.
+def metered(optics: Optics, light: Light, before: Exposure | None = None, *, period_s: float = 1.0) -> Exposure:
+    """Exposure of a frame by its own light and by the exposure of the frame before.
 
     Parameters
     ----------
     optics : Optics
-    frame_rate_hz : float
+    light : ndarray of float32, shape (height, width, 3)
+        Before the lens.
+    before : Exposure, optional
+        Of the clip's frame before: the gain in stops goes from there towards what this light asks for,
+        1 − exp(−period/lag) of the way. Without one the camera has settled.
+    period_s : float
+        From frame to frame.
 
     Examples
     --------
     >>> from simgrab.scenario import FixedExposure
-    >>> control = ExposureControl(Optics(exposure=FixedExposure(exposure_ev=1.0)), 25.0)
-    >>> control.next(np.ones((64, 64, 3), np.float32))
-    Exposure(gain=2.0, grey=False)
+    >>> metered(Optics(exposure=FixedExposure(exposure_ev=1.0)), np.ones((64, 64, 3), np.float32))
+    Exposure(stops=1.0, grey=False)
     """
-
-    def __init__(self, optics: Optics, frame_rate_hz: float) -> None:
-        self._optics = optics
-        self._period_s = 1 / frame_rate_hz
-        self._stops: float | None = None
-        self._grey = optics.night_mode == "on"
-
-    def next(self, light: Light) -> Exposure:
-        """Exposure of the next frame, whose light before the lens has shape (height, width, 3).
-
-        The first one finds the camera settled. Afterwards the gain in stops goes towards what the metered frame asks
-        for, 1 − exp(−period/lag) of the way each frame.
-        """
-        auto = self._optics.exposure
-        if not isinstance(auto, AutoExposure):
-            return Exposure(2.0**auto.exposure_ev, self._grey)
-        wanted = _wanted_stops(auto, light)
-        if self._stops is None or auto.lag_s == 0:
-            self._stops = wanted
-        else:
-            self._stops -= math.expm1(-self._period_s / auto.lag_s) * (wanted - self._stops)
-        gain = 2.0**self._stops
-        if self._optics.night_mode == "auto":
-            threshold_db = auto.night_gain_db - (HYSTERESIS_DB if self._grey else 0.0)
-            self._grey = 20 * math.log10(gain) >= threshold_db
-        return Exposure(gain, self._grey)
+    auto, grey = optics.exposure, before.grey if before else optics.night_mode == "on"
+    if not isinstance(auto, AutoExposure):
+        return Exposure(auto.exposure_ev, grey)
+    stops = _wanted_stops(auto, light)
+    if before and auto.lag_s > 0:
+        stops = before.stops - math.expm1(-period_s / auto.lag_s) * (stops - before.stops)
+    if optics.night_mode == "auto":
+        threshold_db = auto.night_gain_db - (HYSTERESIS_DB if grey else 0.0)
+        grey = 20 * math.log10(2.0**stops) >= threshold_db
+    return Exposure(stops, grey)
 
 
 def _wanted_stops(auto: AutoExposure, light: Light) -> float:

@@ -19,6 +19,7 @@ from simgrab.errors import DatasetError, ScenarioError
 from simgrab.scenario import Scenario
 from simgrab.utilities.destination import check_file
 from simgrab.utilities.parse import read_json
+from simgrab.world.extensions import Recipe
 from simgrab.world.output import manifest
 from simgrab.world.output.folder import differences, locked, writing
 
@@ -43,14 +44,19 @@ class Reels:
 
     Parameters
     ----------
-    scenario : Scenario
+    recipe : Recipe
     path : Path
         The video, of which the suffix tells the container. Where there are several clips each has its number in the
         name: ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
     """
 
-    scenario: Scenario
+    recipe: Recipe
     path: Path
+
+    @property
+    def scenario(self) -> Scenario:
+        """The recipe's scenario."""
+        return self.recipe.scenario
 
     def __post_init__(self) -> None:
         if self.path.suffix not in CONTAINERS:
@@ -86,7 +92,7 @@ class Reels:
 
     def identity(self) -> dict[str, Any]:
         """Say what must be equal for two runs to make the same videos, but for what draws them."""
-        core = manifest.identity(self.scenario)
+        core = manifest.identity(self.recipe)
         packages = core["packages"] | {"av": version("av")}
         return core | {"packages": packages, "container": self.container.name}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import av
 import msgspec
@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.labels.truth import Truth
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import Frame
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import export, manifest
 from simgrab.world.output.folder import writing
+from simgrab.world.output.stored import split
 from simgrab.world.output.video.coder import Coder
 from simgrab.world.output.video.files import MANIFEST, Reels
 from simgrab.world.output.video.table import Table
@@ -25,10 +28,16 @@ from simgrab.world.output.workers import Tick
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A picture, shape (height, width, 3), and its row of labels, whose ``image_sha256`` is of the picture's bytes."""
+    """A picture, shape (height, width, 3), its truth and its split."""
 
     rgb: NDArray[np.uint8]
-    row: Truth
+    truth: Truth
+    split: str
+
+    @classmethod
+    def of(cls, frame: Frame, recipe: Recipe) -> Shot:
+        """Take what a video needs of a frame."""
+        return cls(frame.rgb, frame.truth, split(recipe, frame.truth.frame))
 
 
 def film(
@@ -69,12 +78,15 @@ def film(
             shot = take(slot.frame) if slot.shows_frame or also(slot.frame) else None
             if slot.shows_frame:
                 assert shot is not None
-                shown = Shot(shot.rgb, _timed(shot.row, clip, slot))
+                shown = replace(shot, truth=_timed(shot.truth, clip, slot))
             if slot.pts is not None:
                 assert shown is not None  # a clip's first frame is always sent
                 coder.send(shown.rgb, slot.pts)
                 due, pts_s = slot.time_s, slot.pts / container.ticks_per_s
-                rows.add(shown.row, sent=sent, pts_s=pts_s, repeated=slot.repeated, due_s=due)
+                rows.add(
+                    shown.truth, split=shown.split, rgb_sha256=hashlib.sha256(shown.rgb.data).hexdigest(),
+                    sent=sent, pts_s=pts_s, repeated=slot.repeated, due_s=due,
+                )  # fmt: skip
                 sent += 1
             tick()
     with writing(reels.path):
@@ -84,11 +96,11 @@ def film(
         reels.put_in_place(clip)
 
 
-def _timed(row: Truth, clip: int, slot: Slot) -> Truth:
+def _timed(truth: Truth, clip: int, slot: Slot) -> Truth:
     """Rows of independent frames know neither clip nor time; within a video they have both."""
-    if row.time_s is not None:
-        return row
-    return msgspec.structs.replace(row, clip=clip, time_s=slot.time_s)
+    if truth.time_s is not None:
+        return truth
+    return msgspec.structs.replace(truth, clip=clip, time_s=slot.time_s)
 
 
 def _coder(x264: str) -> dict[str, str]:

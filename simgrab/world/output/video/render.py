@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pyarrow.compute as pc
 
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
 from simgrab.utilities import parquet
-from simgrab.world.frames import Studio
+from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
+from simgrab.world.output import stored
 from simgrab.world.output import workers as crew
 from simgrab.world.output.folder import Folder
 from simgrab.world.output.video.files import Reels
@@ -57,6 +59,9 @@ def render_video(
     resume: bool = False,
     progress: Progress | None = None,
     checking: Progress | None = None,
+    randomiser: Randomiser | str | None = None,
+    trajectory: Motion | str | None = None,
+    effects: Sequence[Effect | str] = (),
 ) -> VideoSummary:
     """Render a scenario into an H.264 video with a truth table beside it, or one of each for every clip.
 
@@ -77,6 +82,8 @@ def render_video(
         Called with (frames done, frames in all).
     checking : callable, optional
         Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
+    randomiser, trajectory, effects
+        Functions of yours, as `simgrab.frames` takes them; see `simgrab.render`.
 
     Returns
     -------
@@ -93,17 +100,31 @@ def render_video(
     WorkerError
         If worker processes die of a frame or clip again and again.
     """
+    recipe = Recipe(scenario, Extensions.of(randomiser, trajectory, effects))
+    return film_recipe(recipe, path, workers=workers, resume=resume, progress=progress, checking=checking)
+
+
+def film_recipe(
+    recipe: Recipe,
+    path: str | Path,
+    *,
+    workers: int = 1,
+    resume: bool = False,
+    progress: Progress | None = None,
+    checking: Progress | None = None,
+) -> VideoSummary:
+    """Render a recipe into videos; see `render_video`."""
     crew.check(workers)
-    reels = Reels(scenario, Path(path))
+    scenario, reels = recipe.scenario, Reels(recipe, Path(path))
     clips = reels.unfinished(resume=resume)
     if clips or reels.partial.exists():
-        plan = crew.vetted(scenario, workers, checking)
+        known = crew.vetted(recipe, workers, checking)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = crew.report(progress, ahead, scenario.frames)
         work = Filming(reels, None)
         with (
             reels.claim(),
-            closing(crew.share(scenario, plan, clips, work, workers=workers, unit="clip", progress=report)) as filmed,
+            closing(crew.share(recipe, known, clips, work, workers=workers, unit="clip", progress=report)) as filmed,
         ):
             for _ in filmed:
                 pass
@@ -124,29 +145,28 @@ class Filming:
     reels: Reels
     folder: Folder | None
 
-    def __call__(self, studio: Studio, clip: int, tick: Tick) -> Fingerprint:
-        """Draw the clip's frames, each once."""
-        span = studio.scenario.clip.span(clip, studio.scenario.frames)
-        drawn_by = studio.at(span.start).renderer.fingerprint
+    def __call__(self, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
+        """Make the clip's frames, each once."""
+        span = generator.scenario.clip.span(clip, generator.scenario.frames)
+        drawn_by = generator.scene(span.start).renderer.fingerprint
         if not self.reels.is_finished(clip):
             self._refuse_other_renderers(drawn_by)
-            film(self.reels, clip, lambda frame: self._take(studio, frame), drawn_by, tick=tick, also=self._lacks)
+            film(self.reels, clip, lambda frame: self._take(generator, frame), drawn_by, tick=tick, also=self._lacks)
             return drawn_by
         for frame in span:
             if self._lacks(frame):
-                self._take(studio, frame)
+                self._take(generator, frame)
             tick()
         return drawn_by
 
     def _lacks(self, frame: int) -> bool:
         return self.folder is not None and not self.folder.has(frame)
 
-    def _take(self, studio: Studio, frame: int) -> Shot:
-        drawn = studio.draw(frame)
-        if self.folder is not None and self._lacks(frame):
-            self.folder.store(studio.finish(drawn))
-        rgb = np.ascontiguousarray(drawn.rgb)
-        return Shot(rgb, studio.label(drawn, file="", image=rgb.data))
+    def _take(self, generator: FrameGenerator, number: int) -> Shot:
+        frame = generator.frame(number, full=stored.wants_full(generator))
+        if self.folder is not None and self._lacks(number):
+            self.folder.store(stored.encoded(generator, frame))
+        return Shot.of(frame, generator.recipe)
 
     def _refuse_other_renderers(self, drawn_by: Fingerprint) -> None:
         begun_by = self.reels.drawn_by()

@@ -78,12 +78,9 @@ class Table:
             with self._file:
                 self._writer.close()
 
-    def add(self, row: Truth, **own: Any) -> None:
+    def add(self, truth: Truth, **own: Any) -> None:
         """Add a picture: what it shows, and its own columns."""
-        known = msgspec.structs.asdict(row)
-        known["rgb_sha256"] = known.pop("image_sha256")
-        del known["file"]
-        self._rows.append(known | own)
+        self._rows.append(msgspec.structs.asdict(truth) | own)
         if len(self._rows) == ROWS_AT_ONCE:
             self._flush()
 

@@ -1,0 +1,243 @@
+"""A user's own functions in the making of frames: a randomiser, a trajectory, image effects."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import ExtensionError, SimgrabError, first_line
+from simgrab.rng import stream
+from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, Scenario, Variant, variant
+from simgrab.world.scenery.meshes.linkage import MAX_JAW
+from simgrab.world.trajectory.moment import Moment
+
+Picture: TypeAlias = NDArray[np.uint8]
+Randomiser: TypeAlias = Callable[[Scenario, np.random.Generator], Mapping[str, Any]]
+"""From a scenario to the keys that it changes for one clip, dotted, with their values."""
+Motion: TypeAlias = Callable[[Scenario, int, np.random.Generator], Moment]
+"""From a scenario and the number of a frame to its moment."""
+Effect: TypeAlias = Callable[[Picture, Moment, np.random.Generator], Picture]
+"""From a picture, RGB of shape (height, width, 3), and its moment to the picture that the frame gets."""
+
+GROUPS = {"randomiser": "simgrab.randomisers", "trajectory": "simgrab.trajectories", "effect": "simgrab.effects"}
+"""Entry points by which an installed package offers functions under a name."""
+NOTE = (
+    "These functions are not part of simgrab: the same bytes need the same functions and whatever they read, and "
+    "simgrab cannot promise that what an effect shows agrees with the labels."
+)
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Extensions:
+    """Functions of the user's, in place of simgrab's own or after them.
+
+    Each draws from the generator that it is given alone, so that frames stay the same in any order and on any worker.
+
+    Attributes
+    ----------
+    randomiser : callable or None
+        Called once for each clip, after ``vary``.
+    trajectory : callable or None
+        In place of the scenario's swing.
+    effects : tuple of callable
+        Applied in turn to the finished picture.
+    """
+
+    randomiser: Randomiser | None = None
+    trajectory: Motion | None = None
+    effects: tuple[Effect, ...] = ()
+
+    @classmethod
+    def of(
+        cls, randomiser: Randomiser | str | None, trajectory: Motion | str | None, effects: Sequence[Effect | str]
+    ) -> Extensions:
+        """Collect functions, each given as such or by the name of an entry point.
+
+        Raises
+        ------
+        ExtensionError
+            If no installed package offers such a name, or what is given cannot be called.
+        """
+        if isinstance(effects, str) or callable(effects):
+            raise ExtensionError("effects must be a list of functions or names")
+        return cls(
+            None if randomiser is None else _find("randomiser", randomiser),
+            None if trajectory is None else _find("trajectory", trajectory),
+            tuple(_find("effect", effect) for effect in effects),
+        )
+
+    def describe(self) -> dict[str, Any] | None:
+        """Return what the manifest states of the functions, with digests of their source; None where there are none."""
+        given = [
+            ("randomiser", self.randomiser),
+            ("trajectory", self.trajectory),
+            *(("effect", e) for e in self.effects),
+        ]
+        functions = [{"role": role} | _identity(function) for role, function in given if function is not None]
+        return {"functions": functions, "note": NOTE} if functions else None
+
+    def variant(self, scenario: Scenario, frame: int) -> Variant:
+        """Variant that a frame is of; see `simgrab.scenario.variant`.
+
+        Raises
+        ------
+        ScenarioError
+            If what was drawn is not valid.
+        ExtensionError
+            If the randomiser raises, or returns no mapping.
+        """
+        randomiser = self.randomiser
+        if randomiser is None:
+            return variant(scenario, frame)
+
+        def change(drawn: Scenario) -> Mapping[str, Any]:
+            rng = stream(scenario.seed, scenario.clip.of(frame), "randomiser")
+            found = _call("randomiser", randomiser, drawn, rng)
+            if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
+                raise ExtensionError(
+                    f"{_named('randomiser', randomiser)} must return a mapping from dotted keys to values"
+                )
+            return found
+
+        return variant(scenario, frame, change)
+
+    def moment(self, scenario: Scenario, frame: int) -> Moment:
+        """Moment of a frame by the user's trajectory.
+
+        Raises
+        ------
+        ExtensionError
+            If it raises, or returns what no frame can show; names the frame.
+        """
+        assert self.trajectory is not None
+        rng = stream(scenario.seed, frame, "trajectory")
+        moment = _call("trajectory", self.trajectory, scenario, frame, rng)
+        what = _named("trajectory", self.trajectory)
+        if not isinstance(moment, Moment):
+            raise ExtensionError(f"{what} must return a Moment, got {type(moment).__name__}")
+        grab = moment.grab
+        low, high = ROPE_LENGTH_RANGE_M
+        bounds = {
+            "alpha": (grab.alpha, 0.0, np.radians(MOST_ALPHA_DEG)), "rope_length": (grab.rope_length, low, high),
+            "jaw": (grab.jaw, 0.0, MAX_JAW), "load": (grab.load, 0.0, 1.0), "azimuth": (grab.azimuth, -1e3, 1e3),
+            "yaw": (grab.yaw, -1e3, 1e3), "tilt.beta": (moment.tilt.beta, 0.0, np.pi / 2),
+            "tilt.azimuth": (moment.tilt.azimuth, -1e3, 1e3), "tilt.roll": (moment.tilt.roll, -1e3, 1e3),
+        }  # fmt: skip
+        for name, (value, least, most) in bounds.items():
+            if not least <= value <= most:  # NaN is within no bounds
+                raise ExtensionError(f"{what}, frame {frame}: {name} is {value:g}, not within {least:g} … {most:g}")
+        if moment.frame != frame:
+            raise ExtensionError(f"{what} returned frame {moment.frame} for frame {frame}")
+        if (moment.time is None) != (moment.jib is None) or (moment.ahead and moment.ahead.time is None):
+            raise ExtensionError(f"{what}, frame {frame}: time and jib must be given together, and so must they ahead")
+        return moment
+
+    def apply(self, rgb: Picture, moment: Moment, scenario: Scenario) -> Picture:
+        """Apply the effects to a picture.
+
+        Raises
+        ------
+        ExtensionError
+            If one raises, or returns no picture of the same size.
+        """
+        for number, effect in enumerate(self.effects):
+            rng = stream(scenario.seed, moment.frame, f"effect.{number}")
+            given = np.ascontiguousarray(rgb)
+            given.flags.writeable = False  # an effect that writes into its argument would change the frame before it
+            result = np.asarray(_call("effect", effect, given, moment, rng))
+            if result.shape != rgb.shape or result.dtype != np.uint8:
+                raise ExtensionError(
+                    f"{_named('effect', effect)} returned {result.dtype} of shape {result.shape}; "
+                    f"a picture is uint8 of shape {rgb.shape}"
+                )
+            rgb = result
+        return rgb
+
+
+NO_EXTENSIONS = Extensions()
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A scenario and the functions that it is made with: all that the frames depend on.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    extensions : Extensions
+    """
+
+    scenario: Scenario
+    extensions: Extensions = NO_EXTENSIONS
+
+    @property
+    def varies(self) -> bool:
+        """Whether each clip has a world of its own."""
+        return bool(self.scenario.vary) or self.extensions.randomiser is not None
+
+    def variant(self, frame: int) -> Variant:
+        """Variant that a frame is of."""
+        return self.extensions.variant(self.scenario, frame)
+
+    def variant_number(self, frame: int) -> int:
+        """Index of the variant that a frame is of; 0 for all frames where nothing varies."""
+        return self.scenario.clip.of(frame) if self.varies else 0
+
+
+def _find(role: str, given: F | str) -> F:
+    if callable(given):
+        return given
+    if not isinstance(given, str):
+        raise ExtensionError(f"{role}: must be a function or the name of an entry point, got {type(given).__name__}")
+    group = GROUPS[role]
+    found = {point.name: point for point in entry_points(group=group)}
+    if given not in found:
+        there = ", ".join(sorted(found)) or "none"
+        raise ExtensionError(f"no {role} {given!r} in the entry points {group}; installed: {there}")
+    try:
+        loaded = found[given].load()
+    except Exception as problem:
+        why = f"{type(problem).__name__}: {first_line(problem)}"
+        raise ExtensionError(f"{role} {given!r} ({found[given].value}) cannot be imported: {why}") from None
+    if not callable(loaded):
+        raise ExtensionError(f"{role} {given!r} ({found[given].value}) is not a function")
+    return loaded
+
+
+def _call(role: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a user's function; what it raises comes in one line, with the traceback behind it."""
+    try:
+        return function(*arguments)
+    except (SimgrabError, MemoryError):
+        raise
+    except Exception as problem:
+        why = f"{type(problem).__name__}: {first_line(problem)}"
+        raise ExtensionError(f"{_named(role, function)} raised {why}") from problem
+
+
+def _named(role: str, function: Callable[..., Any]) -> str:
+    return f"{role} {_identity(function)['name']}"
+
+
+def _identity(function: Callable[..., Any]) -> dict[str, Any]:
+    """Name of a function, and SHA-256 of the file that defines it, or else of its own source; None where neither is."""
+    inner = function
+    while hasattr(inner, "func"):  # functools.partial
+        inner = inner.func
+    defined = inner if hasattr(inner, "__qualname__") else type(inner)
+    name = f"{defined.__module__}:{defined.__qualname__}"
+    try:
+        file = inspect.getsourcefile(defined)
+        source = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(defined).encode()
+    except (OSError, TypeError):
+        return {"name": name, "source_sha256": None}
+    return {"name": name, "source_sha256": hashlib.sha256(source).hexdigest()}

@@ -1,0 +1,109 @@
+"""Where a moment's grab is in the picture, computed from pose and camera before anything is rendered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from simgrab import geometry
+from simgrab.errors import ScenarioError
+from simgrab.geometry import Array
+from simgrab.labels.truth import KEYPOINT_NAMES
+from simgrab.scenario import Scenario
+from simgrab.world.camera import shutter
+from simgrab.world.camera.lens import Window
+from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.plan import Plan
+from simgrab.world.trajectory.moment import GrabState, Moment
+
+NEAREST_DEPTH_M = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """One frame's moment, and where the picture has the grab.
+
+    Attributes
+    ----------
+    nominal : Moment
+        As the trajectory gives it: the middle row's mid-exposure.
+    moment : Moment
+        The instant of the labels: that at which the row exposes which shows the grab centre.
+    centre_camera : ndarray, shape (3,)
+        Grab centre A, camera frame, m.
+    amodal_box : ndarray, shape (4,), or None
+        Tight box x0, y0, x1, y1 around the whole silhouette, px; None where the lens shows none of it, and of a grab
+        that is absent.
+    oriented_box : ndarray, shape (4, 2), or None
+        Corners of the smallest rotated rectangle around the whole silhouette, px; None as the amodal box is.
+    keypoints_camera : ndarray, shape (10, 3)
+        In the order of `simgrab.labels.truth.KEYPOINT_NAMES`, camera frame, m.
+    """
+
+    nominal: Moment
+    moment: Moment
+    centre_camera: Array
+    amodal_box: Array | None
+    oriented_box: Array | None
+    keypoints_camera: Array
+
+    @property
+    def window(self) -> Window:
+        """Whole pixels that hold the amodal box, with a pixel of margin; empty where there is none."""
+        if self.amodal_box is None:
+            return 0, 0, 0, 0
+        x0, y0, x1, y1 = self.amodal_box
+        return int(np.floor(x0)) - 1, int(np.floor(y0)) - 1, int(np.ceil(x1)) + 1, int(np.ceil(y1)) + 1
+
+    def meets(self, width_px: int, height_px: int) -> bool:
+        """Whether the window and the picture share a pixel."""
+        x0, y0, x1, y1 = self.window
+        return max(x0, 0) < min(x1, width_px) and max(y0, 0) < min(y1, height_px)
+
+
+def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
+    """Project a frame's moment.
+
+    Raises
+    ------
+    ScenarioError
+        If the state cannot be: naming frame and key.
+    """
+    moment = shutter.exposed(scenario, nominal)
+    frame, state = moment.frame, moment.grab
+    pose = state.jib_from_grab
+    points = plan.grab_points(state) @ pose[:3, :3].T + pose[:3, 3]
+    plan.check_clearance(moment, points)
+    camera, rotation = scenario.camera, moment.tilt.jib_from_camera
+
+    def to_camera(points_jib: Array) -> Array:
+        return geometry.to_camera(points_jib, rotation, camera.offset_m)
+
+    outline = to_camera(points)
+    if outline[:, 2].min() < NEAREST_DEPTH_M:
+        raise ScenarioError(
+            "swing", f"frame {frame}: the grab reaches the camera or passes behind it "
+            f"(alpha {np.degrees(state.alpha):.1f}°, rope {state.rope_length:.2f} m)",
+        )  # fmt: skip
+    amodal, oriented = None, None
+    if moment.present:
+        pixels = camera.intrinsics.project(outline)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
+        if len(pixels):
+            amodal = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+            oriented = cv2.boxPoints(cv2.minAreaRect(pixels.astype(np.float32)))
+    centre, keypoints = to_camera(pose[:3, 3]), to_camera(_keypoints(state))
+    return Projection(nominal, moment, centre, amodal, oriented, keypoints)
+
+
+def _keypoints(state: GrabState) -> Array:
+    """Keypoints in the jib frame, shape (10, 3), in the order of `KEYPOINT_NAMES`."""
+    frames, pose = grab.body_frames(state.jaw), state.jib_from_grab
+    lips = [frames[body][:3, :3] @ p + frames[body][:3, 3] for body in grab.LIP_CORNERS for p in grab.LIP_CORNERS[body]]
+    in_grab = np.concatenate([np.zeros((1, 3)), grab.ROPE_TERMINATIONS, np.array(lips)])
+    in_jib = in_grab @ pose[:3, :3].T + pose[:3, 3]
+    points = np.insert(in_jib, 1, 0.0, axis=0)  # the rope exit is O
+    assert len(points) == len(KEYPOINT_NAMES)
+    return points

@@ -1,0 +1,94 @@
+"""The built world of one variant of a scenario, and the steps from a moment to a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from simgrab.scenario import Variant
+from simgrab.world.camera.buffers import NONE_VISIBLE, Buffers, observe
+from simgrab.world.camera.optics import Exposure
+from simgrab.world.camera.pipeline import Camera, Developed, exposed_rgb
+from simgrab.world.camera.renderer import Renderer
+from simgrab.world.extensions import NO_EXTENSIONS, Extensions
+from simgrab.world.projection import Projection, project
+from simgrab.world.scenery import model
+from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.trajectory.trajectory import Trajectory
+
+
+class Scene:
+    """The world, renderer and camera of one variant. It owns an OpenGL context: close it.
+
+    Parameters
+    ----------
+    variant : Variant
+    extensions : Extensions
+    plan : Plan, optional
+        Of the same variant, where it was drawn up already.
+
+    Attributes
+    ----------
+    variant : Variant
+    scenario : Scenario
+        Of the variant.
+    world : World
+    renderer : Renderer
+    camera : Camera
+    trajectory : Trajectory
+    close : callable
+        Frees the OpenGL context.
+    """
+
+    def __init__(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
+        self.variant, self.scenario = variant, variant.scenario
+        self.world = model.build(self.scenario, plan or draw_up(self.scenario, variant.number))
+        self.renderer = Renderer(self.world, self.scenario)
+        self.close: Callable[[], None] = self.renderer.close
+        self.camera = Camera(self.scenario)
+        self.trajectory = Trajectory(self.scenario, extensions)
+        self._metered: tuple[int, Exposure] | None = None
+
+    def project(self, frame: int) -> Projection:
+        """Project a frame's moment."""
+        return project(self.scenario, self.world.plan, self.trajectory.at(frame))
+
+    def draw(self, projection: Projection, *, full: bool = False, labelled: bool = True) -> Buffers:
+        """Render a frame's buffers.
+
+        Parameters
+        ----------
+        projection : Projection
+        full : bool
+            Whether ids and depth of the whole picture are wanted as finely as labels need them.
+        labelled : bool
+            Whether the frame gets labels, for which the grab's visibility is rendered.
+        """
+        renderer, moment = self.renderer, projection.moment
+        whole = renderer.view(moment) if full else None
+        view = whole or (renderer.coarse_view(moment) if self.camera.wants_view else None)
+        visibility = observe(renderer, projection, whole if renderer.has_lens else view) if labelled else NONE_VISIBLE
+        rgb = exposed_rgb(self.scenario, renderer, projection.nominal)
+        return Buffers(projection, rgb, visibility, whole, view)
+
+    def develop(self, buffers: Buffers) -> Developed:
+        """Make the picture of a frame's buffers.
+
+        An exposure that lags depends on the frames before: they are metered first, from the clip's beginning, unless
+        the frame before was the last one developed.
+        """
+        if not self.camera.has_memory:
+            return self.camera.develop(buffers)
+        frame = buffers.projection.nominal.frame
+        developed = self.camera.develop(buffers, self._exposure_before(frame))
+        assert developed.exposure is not None
+        self._metered = frame, developed.exposure
+        return developed
+
+    def _exposure_before(self, frame: int) -> Exposure | None:
+        clip = self.scenario.clip
+        begin, before = clip.span(clip.of(frame), self.scenario.frames).start, None
+        if self._metered and begin <= self._metered[0] < frame:
+            begin, before = self._metered[0] + 1, self._metered[1]
+        for earlier in range(begin, frame):
+            before = self.camera.meter(self.draw(self.project(earlier), labelled=False), before)
+        return before

@@ -1,0 +1,196 @@
+"""A frame is a value: the same in Python as in a dataset, in any order, in any process."""
+
+import hashlib
+import os
+import pickle
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from conftest import small_scene
+
+import simgrab
+from simgrab.errors import ScenarioError
+from simgrab.labels.truth import Truth
+from simgrab.world.output.stored import DEPTH_MM
+
+PNG = {"image__format": "png", "image__ids": True, "image__depth": True}
+MOVING = {
+    "swing": {"model": "dynamic", "start": {"alpha_deg": 4.0}}, "shutter__exposure_s": 0.01, "shutter__rolling_s": 0.02,
+    "optics__exposure": {"model": "auto", "lag_s": 1.0},
+}  # fmt: skip
+SCENES = {
+    "still": small_scene(frames=4, **PNG),
+    "clip": small_scene(frames=4, **PNG, **MOVING),
+    "varied": small_scene(
+        frames=4, clip__clip_frames=2, vary={"camera.beta_deg": {"dist": "uniform", "low": 1.0, "high": 5.0}}, **PNG
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def stored(request, tmp_path_factory):
+    scene, path = SCENES[request.param], tmp_path_factory.mktemp("frames") / "data"
+    simgrab.render(scene, path)
+    return scene, simgrab.open(path)
+
+
+def truth_of(row):
+    return {name: getattr(row, name) for name in Truth.__struct_fields__}
+
+
+def test_frames_are_those_that_a_dataset_stores(stored):
+    scene, data = stored
+    count = 0
+    for frame, kept in zip(simgrab.frames(scene), data, strict=True):
+        count += 1
+        np.testing.assert_array_equal(frame.rgb, kept.rgb)
+        assert msgspec.structs.asdict(frame.truth) == truth_of(kept.truth)
+        np.testing.assert_array_equal(frame.mask, kept.mask)
+        for mine, other in ((frame.box, kept.box), (frame.keypoints, kept.keypoints)):
+            np.testing.assert_array_equal(mine, other)
+        stem = f"{kept.truth.split}/{kept.truth.frame:06d}.png"
+        ids, depth = (cv2.imread(str(data.path / k / stem), cv2.IMREAD_UNCHANGED) for k in ("ids", "depth"))
+        np.testing.assert_array_equal(frame.ids, ids)
+        np.testing.assert_array_equal((frame.depth * DEPTH_MM).clip(max=65535).round(), depth)
+    assert count == scene.frames
+
+
+def test_any_frame_alone_is_the_frame_of_the_whole(stored):
+    scene, data = stored
+    order = [3, 0, -2, 3]
+    for index, frame in zip(order, simgrab.frames(scene, order, buffers=False), strict=True):
+        np.testing.assert_array_equal(frame.rgb, data[index].rgb)
+        assert frame.truth.frame == index % scene.frames
+        assert frame.ids is frame.depth is None
+
+
+def test_two_iterators_do_not_disturb_each_other():
+    """Each owns an OpenGL context, and takes the thread back."""
+    one, other = SCENES["still"], SCENES["clip"]
+    alone = [[frame.rgb for frame in simgrab.frames(scene, buffers=False)] for scene in (one, other)]
+    together = zip(simgrab.frames(one, buffers=False), simgrab.frames(other, buffers=False), strict=True)
+    for (a, b), first, second in zip(together, *alone, strict=True):
+        np.testing.assert_array_equal(a.rgb, first)
+        np.testing.assert_array_equal(b.rgb, second)
+
+
+def test_a_frame_out_of_range_says_how_many_there_are():
+    with pytest.raises(IndexError, match="frame 4 is out of range: the scenario has 4 frames"):
+        next(simgrab.frames(SCENES["still"], [4]))
+    with pytest.raises(ScenarioError, match="nowhere"):
+        simgrab.frames("nowhere")
+
+
+def test_iterating_writes_nothing(tmp_path):
+    """In a folder and with a home that may not be written to; root may write there, so what lies there counts."""
+    code = "import simgrab; print(sum(f.mask.any() for f in simgrab.frames('quay-day', [0, 1])))"
+    folder, home = tmp_path / "here", tmp_path / "home"
+    for path in (folder, home):
+        path.mkdir(mode=0o500)
+    environment = os.environ | {"HOME": str(home), "XDG_CACHE_HOME": str(home / "cache"), "TMPDIR": str(folder)}
+    environment |= {"PYTHONPATH": str(Path(simgrab.__file__).parents[1]), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["MESA_SHADER_CACHE_DISABLE"] = "true"  # the driver's own, in the user's cache folder
+    size = "{'camera.width_px': 320, 'camera.height_px': 180, 'image.shadow_map_px': 0, 'image.samples': 0}"
+    code = code.replace("'quay-day', [0, 1]", f"simgrab.load('quay-day', {size}), [0, 1]")
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True)
+    assert (done.stdout.strip(), done.returncode) == ("2", 0), done.stderr
+    assert [*folder.iterdir(), *home.iterdir()] == []
+
+
+def arrays(frame):
+    return {"rgb": frame.rgb, "box": frame.box, "alpha_deg": frame.truth.alpha_deg}
+
+
+def test_a_dataset_of_frames_goes_by_number_and_can_be_pickled(stored):
+    scene, data = stored
+    frames = simgrab.FrameDataset(scene, arrays)
+    assert len(frames) == scene.frames
+    np.testing.assert_array_equal(frames[-1]["rgb"], data[-1].rgb)
+    again = pickle.loads(pickle.dumps(frames))
+    np.testing.assert_array_equal(again[0]["rgb"], data[0].rgb)
+    assert [len(clip) for clip in again.clips] == [2, 2] if scene.vary else [4]
+    for dataset in (frames, again):
+        dataset.close()
+        dataset.close()
+    with pytest.raises(IndexError):
+        again[4]
+
+
+LOADER = """
+import sys
+import torch.utils.data as data
+import simgrab
+from conftest import small_scene
+from world.test_frames import PNG, arrays
+
+if __name__ == "__main__":
+    start, used = sys.argv[1:]
+    frames = simgrab.FrameDataset(small_scene(frames=4, **PNG), arrays)
+    if used == "used":
+        frames[0]
+    for batch in data.DataLoader(frames, batch_size=2, num_workers=2, multiprocessing_context=start):
+        for rgb, alpha in zip(batch["rgb"], batch["alpha_deg"], strict=True):
+            print(hashlib.sha256(rgb.numpy()).hexdigest(), repr(float(alpha)))
+"""
+
+
+@pytest.mark.parametrize(("start", "used"), [("fork", "fresh"), ("spawn", "used"), ("fork", "used")])
+def test_a_data_loader_gives_the_same_frames(tmp_path, start, used):
+    """A fork after OpenGL was used is refused, for it would hang."""
+    pytest.importorskip("torch")
+    (tmp_path / "loader.py").write_text(f"import hashlib\n{LOADER}")
+    tests = Path(__file__).parents[1]
+    environment = os.environ | {"PYTHONPATH": f"{tests}:{tests.parent}"}
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "loader.py"), start, used], env=environment, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+    if (start, used) == ("fork", "used"):
+        assert "OpenGL was in use when this process was forked" in done.stderr
+        return
+    made = simgrab.frames(SCENES["still"], buffers=False)
+    expected = [f"{hashlib.sha256(f.rgb).hexdigest()} {f.truth.alpha_deg!r}" for f in made]
+    assert done.stdout.split("\n")[:-1] == expected, done.stderr
+
+
+def test_frames_need_no_torch():
+    code = (
+        "import sys; sys.modules['torch'] = None; import simgrab;"
+        "d = simgrab.FrameDataset('quay-day', lambda f: f.box); print(len(d))"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(simgrab.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.strip() == "64"
+
+
+def test_memory_stays_flat_over_two_thousand_frames():
+    """Tiny pictures, so that they take no hour; whatever grows with the number of frames would show all the same."""
+    code = (
+        "import resource, simgrab\n"
+        "size = {'camera.width_px': 64, 'camera.height_px': 64, 'frames': 2000, 'image.samples': 0,\n"
+        "        'image.shadow_map_px': 0, 'place': {'model': 'plain'}}\n"
+        "for i, frame in enumerate(simgrab.frames(simgrab.load('quay-day', size))):\n"
+        "    if i in (400, 1999):\n"
+        "        pages = int(open('/proc/self/statm').read().split()[1])\n"
+        "        print(pages * resource.getpagesize())\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(simgrab.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    early, late = map(int, done.stdout.split())
+    assert late - early < 8e6
+
+
+def test_nothing_depends_on_what_was_rendered_before():
+    """Each frame of an iterator that jumps about equals that of a new one."""
+    scene = SCENES["clip"]
+    jumping = {i: f.rgb for i, f in zip((2, 0, 3), simgrab.frames(scene, (2, 0, 3), buffers=False), strict=True)}
+    fresh = partial(simgrab.frames, scene, buffers=False)
+    for index, rgb in jumping.items():
+        (alone,) = fresh([index])
+        np.testing.assert_array_equal(alone.rgb, rgb)
