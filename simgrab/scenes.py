@@ -61,6 +61,15 @@ def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = Non
     return scenario
 
 
+def manifest(scene: str | Path) -> dict[str, Any] | None:
+    """Manifest that a scenario is read from; None where it comes from a bundled scene or a TOML file."""
+    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
+    if path.suffix != ".json":
+        return None
+    data = read_json(path, _REFUSE)
+    return data if isinstance(data, dict) else None
+
+
 def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
     """Parse ``a.b=value`` assignments; values are TOML, and dates and anything else are taken as strings."""
     changes: dict[str, Any] = {}

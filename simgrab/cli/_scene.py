@@ -39,6 +39,21 @@ def scene_options(function: F) -> F:
     return function
 
 
+def extension_options(function: F) -> F:
+    """Add the options that name functions of the user's, which installed packages offer as entry points."""
+    for option in (
+        click.option(
+            "--effect", "effects", metavar="NAME", multiple=True, help="Image effect, of simgrab.effects; repeatable."
+        ),
+        click.option("--trajectory", metavar="NAME", help="In place of the swing, of simgrab.trajectories."),
+        click.option(
+            "--randomiser", metavar="NAME", help="Changes keys clip by clip; an entry point of simgrab.randomisers."
+        ),
+    ):
+        function = option(function)
+    return function
+
+
 def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:
     """Read the scene that the options describe; short options win over ``--set``, and ``--size`` comes last."""
     wanted = None if size is None else scenes.parse_size(size)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from simgrab.cli._options import PATH
+from simgrab.cli._scene import extension_options
 from simgrab.text import printable
 
 EXIT = {"passed": 0, "failed": 1, "incomplete": 3}
@@ -19,9 +20,12 @@ EXIT = {"passed": 0, "failed": 1, "incomplete": 3}
 
 @click.command(name="audit")
 @click.argument("dataset", type=PATH)
+@extension_options
 @click.option("--json", "as_json", is_flag=True, help="Print the proofs as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but failures.")
-def command(dataset: Path, as_json: bool, quiet: bool) -> None:
+def command(
+    dataset: Path, randomiser: str | None, trajectory: str | None, effects: tuple[str, ...], as_json: bool, quiet: bool
+) -> None:
     """Prove the labels of DATASET anew. Exit status: 0 passed, 1 failed, 3 a proof could not be made."""
     from simgrab.judge.audit.audit import audit, summarise
 
@@ -34,7 +38,7 @@ def command(dataset: Path, as_json: bool, quiet: bool) -> None:
                 tasks[name] = task = bar.add_task(name, total=total)
             bar.update(task, completed=done)  # type: ignore[arg-type]
 
-        report = audit(dataset, progress=progress)
+        report = audit(dataset, progress=progress, randomiser=randomiser, trajectory=trajectory, effects=effects)
     if as_json:
         proofs = [dataclasses.asdict(p) | {"status": p.status} for p in report.proofs]
         click.echo(json.dumps({"status": report.status, "proofs": proofs}))

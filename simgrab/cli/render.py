@@ -5,16 +5,18 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from simgrab import scenes
 from simgrab.cli._options import FILE, FOLDER, WORKERS
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
-from simgrab.cli._scene import load_scene, scene_options
+from simgrab.cli._scene import extension_options, load_scene, scene_options
 from simgrab.text import printable
 
 
@@ -24,12 +26,13 @@ from simgrab.text import printable
 @click.option("--video", type=FILE, help="A video, .mp4 or .mkv; without --out, nothing else.")
 @click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that draw.")
 @click.option("--resume", is_flag=True, help="Go on with an unfinished dataset.")
+@extension_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def command(
     scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None, size: str | None,
-    assignments: tuple[str, ...], out: Path | None, video: Path | None, workers: int, resume: bool, as_json: bool,
-    quiet: bool,
+    assignments: tuple[str, ...], out: Path | None, video: Path | None, workers: int, resume: bool,
+    randomiser: str | None, trajectory: str | None, effects: tuple[str, ...], as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) into a dataset of labelled frames.
 
@@ -38,20 +41,27 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
         out = out or Path("runs") / scenario.name
+    from simgrab.world.extensions import Extensions
     from simgrab.world.output.dataset import Summary, render
     from simgrab.world.output.video.render import VideoSummary, render_video
 
+    given = Extensions.of(randomiser, trajectory, effects)
+    manifest = scenes.manifest(scene)
+    if manifest is not None:
+        given.refuse_others(manifest, Path(scene))
+    functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
         if out is not None:
             summary = render(
-                scenario, out, video=video, workers=workers, resume=resume, progress=progress, checking=checking
-            )
+                scenario, out, video=video, workers=workers, resume=resume, progress=progress, checking=checking,
+                **functions,
+            )  # fmt: skip
         else:
             assert video is not None
             summary = render_video(
-                scenario, video, workers=workers, resume=resume, progress=progress, checking=checking
+                scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, **functions
             )
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))

@@ -162,6 +162,23 @@ class Extensions:
             rgb = result
         return rgb
 
+    def refuse_others(self, manifest: Mapping[str, Any], path: Path) -> None:
+        """Refuse a manifest that names other functions than these.
+
+        Raises
+        ------
+        ExtensionError
+            Says which functions the manifest names.
+        """
+        stated, own = manifest.get("extensions"), self.describe()
+        if stated == own:
+            return
+        known = stated.get("functions") if isinstance(stated, dict) else None
+        names = [f"{f.get('role')} {f.get('name')}" for f in known or [] if isinstance(f, dict)]
+        raise ExtensionError(
+            f"{path} was made with {', '.join(names) or 'no function of a user'}; give the same, with the same source"
+        )
+
 
 NO_EXTENSIONS = Extensions()
 

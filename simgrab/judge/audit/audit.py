@@ -23,6 +23,7 @@ from simgrab.scenario import Scenario
 from simgrab.utilities import parquet, pictures
 from simgrab.utilities.parse import cannot, parse_json, read_json
 from simgrab.utilities.strict import convert
+from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import export, manifest, stored
@@ -47,7 +48,14 @@ class _Dataset:
     rows: list[Row]
 
 
-def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
+def audit(
+    path: str | Path,
+    *,
+    progress: Progress | None = None,
+    randomiser: Randomiser | str | None = None,
+    trajectory: Motion | str | None = None,
+    effects: Sequence[Effect | str] = (),
+) -> Audit:
     """Prove a dataset's labels.
 
     Parameters
@@ -56,6 +64,8 @@ def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
         Folder that `simgrab.world.output.dataset.render` finished.
     progress : callable, optional
         Called with (proof, frames done, frames in all).
+    randomiser, trajectory, effects
+        The functions that the dataset was made with, where there are any; see `simgrab.render`.
 
     Returns
     -------
@@ -66,8 +76,12 @@ def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
     ------
     DatasetError
         If there is no finished dataset to audit.
+    ExtensionError
+        If it was made with other functions than these.
     """
     data = _read(Path(path))
+    extensions = Extensions.of(randomiser, trajectory, effects)
+    extensions.refuse_others(data.manifest, data.path / MANIFEST)
     proofs = [
         _manifest_proof(data),
         identities.paper_identities(data.rows),
@@ -81,7 +95,7 @@ def audit(path: str | Path, *, progress: Progress | None = None) -> Audit:
                 progress(name, done + 1, len(data.rows))
             yield
 
-    with FrameGenerator(data.scenario) as generator:
+    with FrameGenerator(Recipe(data.scenario, extensions)) as generator:
         drawing: list[Callable[[], list[Proof]]] = [
             lambda: _redraw(data, generator, ticks("drawing again")),
             lambda: [silhouettes.compare(data.rows, generator, ticks("second renderer"))],

@@ -90,8 +90,7 @@ class Folder:
                 state = "an unfinished" if self.partial.exists() else "a finished"
                 advice = "go on with --resume, or choose" if self.partial.exists() else "choose"
                 raise DatasetError(f"{self.path} holds {state} dataset; {advice} another --out")
-            changed = [key for key in identity if known.get(key) != identity[key]]
-            if changed:
+            if differ(known, identity):
                 raise DatasetError(
                     f"{self.path} holds another dataset (its {differences(known, identity)} differs); "
                     "--resume needs the same scenario and packages, or choose another --out"
@@ -193,11 +192,16 @@ def writing(path: Path) -> Iterator[None]:
         raise DatasetError(f"cannot write to {path}: {problem.strerror or problem}") from None
 
 
+def differ(known: dict[str, Any], wanted: dict[str, Any]) -> bool:
+    """Whether what is known to lie there is not of the identity that is wanted; what else is known does not count."""
+    return any(known.get(key) != wanted.get(key) for key in {*wanted, "extensions"})
+
+
 def differences(known: dict[str, Any], wanted: dict[str, Any], prefix: str = "") -> str:
     """Dotted keys in which two identities differ, the first few."""
     found: list[str] = []
-    for key in wanted:
-        a, b = known.get(key), wanted[key]
+    for key in wanted | ({} if prefix else {"extensions": None}):
+        a, b = known.get(key), wanted.get(key)
         if isinstance(a, dict) and isinstance(b, dict):
             inner = differences(a, b, f"{prefix}{key}.")
             found += [inner] if inner else []

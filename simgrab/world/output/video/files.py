@@ -21,7 +21,7 @@ from simgrab.utilities.destination import check_file
 from simgrab.utilities.parse import read_json
 from simgrab.world.extensions import Recipe
 from simgrab.world.output import manifest
-from simgrab.world.output.folder import differences, locked, writing
+from simgrab.world.output.folder import differ, differences, locked, writing
 
 MANIFEST = ".manifest.json"
 SIDES = (".parquet", ".camera.toml", MANIFEST)  # what lies beside the video, the manifest last
@@ -138,7 +138,7 @@ class Reels:
 
     def _refuse_others(self, path: Path, known: dict[str, Any]) -> None:
         wanted = self.identity()
-        if any(known.get(key) != wanted[key] for key in wanted):
+        if differ(known, wanted):
             raise DatasetError(
                 f"{path} is of another video (its {differences(known, wanted)} differs); "
                 "--resume needs the same scenario and packages, or choose another --video"

@@ -1,0 +1,163 @@
+"""A user's own randomiser, trajectory and image effects."""
+
+import hashlib
+import importlib.metadata
+import json
+import re
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import as_options, small_scene
+from world import user_functions
+from world.user_functions import circle, invert, speckle, sunny_or_grey
+
+import simgrab
+from simgrab.cli import cli
+from simgrab.errors import DatasetError, ExtensionError, ScenarioError
+from simgrab.world.extensions import Extensions
+
+SCENE = small_scene(frames=4, image__format="png", clip__clip_frames=2)
+SOURCE = hashlib.sha256(Path(user_functions.__file__).read_bytes()).hexdigest()
+FUNCTIONS = {"randomiser": sunny_or_grey, "trajectory": circle, "effects": [speckle, invert]}
+
+
+def frames(scene=SCENE, **functions):
+    return list(simgrab.frames(scene, buffers=False, **functions))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "made"
+    simgrab.render(SCENE, path, **FUNCTIONS)
+    return path
+
+
+def test_a_randomiser_changes_the_keys_that_it_returns_for_each_clip():
+    found = frames(randomiser=sunny_or_grey)
+    assert [frame.truth.beta_deg for frame in found] == [pytest.approx(4.0)] * 4
+    suns = [json.loads(frame.truth.varied)["light.sun"] for frame in found]
+    assert suns[0] == suns[1] != suns[2] == suns[3]
+    assert [frame.truth.variant for frame in found] == [0, 0, 1, 1]
+
+
+def test_a_trajectory_takes_the_place_of_the_swing():
+    for index, frame in enumerate(frames(trajectory=circle)):
+        truth = frame.truth
+        assert (truth.alpha_deg, truth.rope_length_m) == (pytest.approx(3.0), 15.0)
+        assert truth.gamma_deg == pytest.approx((90.0 * index - truth.tilt_azimuth_deg) % 360.0)
+        assert frame.mask.any()
+
+
+def test_effects_change_the_picture_in_turn_and_no_label():
+    plain, both, reversed_ = frames(), frames(effects=[speckle, invert]), frames(effects=[invert, speckle])
+    for one, other, third in zip(plain, both, reversed_, strict=True):
+        changed = other.rgb != 255 - one.rgb
+        assert 0.04 < changed.any(axis=-1).mean() < 0.06
+        assert (other.rgb[changed] == 255).all()
+        assert (third.rgb[third.rgb != 255 - one.rgb] == 0).all()
+        assert other.truth == one.truth
+
+
+def test_a_dataset_with_functions_is_what_its_frames_are_and_says_so(made):
+    data = simgrab.open(made)
+    for frame, kept in zip(frames(**FUNCTIONS), data, strict=True):
+        np.testing.assert_array_equal(frame.rgb, kept.rgb)
+    stated = json.loads((made / "manifest.json").read_text())["extensions"]
+    names = ["sunny_or_grey", "circle", "speckle", "invert"]
+    roles = ["randomiser", "trajectory", "effect", "effect"]
+    assert stated["functions"] == [
+        {"role": role, "name": f"world.user_functions:{name}", "source_sha256": SOURCE}
+        for role, name in zip(roles, names, strict=True)
+    ]
+    assert "cannot promise" in stated["note"]
+
+
+def digests(path):
+    return {p.relative_to(path): hashlib.sha256(p.read_bytes()).hexdigest() for p in path.rglob("*") if p.is_file()}
+
+
+def test_two_workers_make_the_same_dataset_with_functions(made, tmp_path):
+    simgrab.render(SCENE, tmp_path / "two", workers=2, **FUNCTIONS)
+    assert digests(tmp_path / "two") == digests(made)
+
+
+def test_a_dataset_is_resumed_and_audited_with_the_same_functions_alone(made):
+    with pytest.raises(DatasetError, match="another dataset"):
+        simgrab.render(SCENE, made, resume=True)
+    assert simgrab.render(SCENE, made, resume=True, **FUNCTIONS).made == 0
+    with pytest.raises(ExtensionError, match=re.escape("was made with randomiser world.user_functions:sunny_or_grey")):
+        simgrab.audit(made)
+    assert [proof.findings for proof in simgrab.audit(made, **FUNCTIONS).proofs if proof.status == "failed"] == []
+
+
+def not_a_picture(rgb, _moment, _rng):
+    return rgb[:10]
+
+
+def writes(rgb, _moment, _rng):
+    rgb[0] = 0
+    return rgb
+
+
+def far(scenario, frame, rng):
+    moment = circle(scenario, frame, rng)
+    return simgrab.Moment.still(frame, simgrab.GrabState(np.nan, 0.0, 15.0, 0.0, 0.0, 0.0), moment.tilt)
+
+
+BAD = [
+    ({"effects": [not_a_picture]}, "effect .*:not_a_picture returned uint8 of shape \\(10, 480, 3\\); a picture is"),
+    ({"effects": [writes]}, "effect .*:writes raised ValueError: .*read-only"),
+    ({"effects": [lambda *_: None]}, "effect .*lambda.* returned object"),
+    ({"effects": [partial(int, "x")]}, "effect builtins:int raised"),
+    ({"effects": [3]}, "effect: must be a function or the name of an entry point, got int"),
+    ({"effects": "mist"}, "effects must be a list"),
+    ({"effects": ["mist"]}, "no effect 'mist' in the entry points simgrab.effects; installed: none"),
+    ({"trajectory": far}, "trajectory .*:far, frame 0: alpha is nan, not within"),
+    ({"trajectory": lambda *_: 3}, "must return a Moment, got int"),
+    ({"trajectory": lambda s, f, r: circle(s, f + 1, r)}, "returned frame 1 for frame 0"),
+    ({"randomiser": lambda *_: 3}, "must return a mapping"),
+    ({"randomiser": lambda *_: 1 / 0}, "randomiser .* raised ZeroDivisionError: division by zero"),
+]
+
+
+@pytest.mark.parametrize(("functions", "message"), BAD)
+def test_functions_that_do_not_work_are_named_in_one_line(functions, message):
+    with pytest.raises(ExtensionError, match=message) as problem:
+        frames(**functions)
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"), [({"camera.beta_deg": 500}, "camera.beta_deg"), ({"seed": 3}, "seed"), ({"x.y": 1}, "x")]
+)
+def test_a_randomiser_is_checked_as_strictly_as_a_scene_file(change, key):
+    with pytest.raises(ScenarioError) as problem:
+        frames(randomiser=lambda *_: change)
+    assert problem.value.key == key
+
+
+def test_installed_packages_offer_functions_by_name(monkeypatch, tmp_path):
+    points = importlib.metadata.EntryPoints(
+        importlib.metadata.EntryPoint(name, f"world.user_functions:{function}", f"simgrab.{group}")
+        for name, function, group in (
+            ("speckle", "speckle", "effects"), ("circle", "circle", "trajectories"), ("gone", "nothing", "effects")
+        )
+    )  # fmt: skip
+    monkeypatch.setattr("simgrab.world.extensions.entry_points", lambda group: points.select(group=group))
+    assert Extensions.of(None, "circle", ["speckle"]) == Extensions(None, circle, (speckle,))
+    with pytest.raises(ExtensionError, match=r"effect 'gone' .* cannot be imported: AttributeError"):
+        Extensions.of(None, None, ["gone"])
+    with pytest.raises(ExtensionError, match="installed: gone, speckle"):
+        Extensions.of(None, None, ["fog"])
+    small = ["quay-day", *as_options({"camera.width_px": 320, "camera.height_px": 180, "place": {"model": "plain"}})]
+    render = ["render", *small, "--frames", "2", "--quiet", "--effect", "speckle"]
+    done = CliRunner().invoke(cli, [*render, "--out", str(tmp_path / "a")])
+    assert done.exit_code == 0, done.output
+    again = ["render", str(tmp_path / "a" / "manifest.json"), "--quiet", "--out"]
+    refused = CliRunner().invoke(cli, [*again, str(tmp_path / "b")])
+    assert "was made with effect world.user_functions:speckle" in str(refused.exception or refused.output)
+    done = CliRunner().invoke(cli, [*again, str(tmp_path / "c"), "--effect", "speckle"])
+    assert digests(tmp_path / "a") == digests(tmp_path / "c"), done.output
