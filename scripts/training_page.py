@@ -1,6 +1,8 @@
-"""Write ``docs/training-studies.md`` of what `scripts.training_studies` found: ``python -m scripts.training_page``.
+"""Write ``docs/results/training-studies.md``: ``python -m scripts.training_page``.
 
-``docs/training-studies.json`` keeps the figures; those found in ``--work`` take the place of those it has.
+Its figures are the results of `scripts.training_studies`.
+
+``docs/results/training-studies.json`` keeps the figures; those found in ``--work`` replace those it has.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from simgrab.cli import main as run
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.training.folder import write as keep
 
-PAGE = Path(__file__).parents[1] / "docs" / "training-studies.md"
+PAGE = Path(__file__).parents[1] / "docs" / "results" / "training-studies.md"
 RECORD = PAGE.with_suffix(".json")
 NAMES = {"sgd": "SGD", "adam": "Adam"}
 # mAP50-95 in %, from the paper's table: by rate, SGD and Adam, each by the last rate of OneCycle.
@@ -50,12 +52,15 @@ def page(known: dict[str, dict[str, Any]]) -> str:
 
 
 def _head() -> str:
-    return f"""# The paper's trainings again, and what it could not see
+    return f"""# What do the paper's training experiments show when they are repeated?
 
-Made by `python -m scripts.training_studies` and `python -m scripts.training_page`. The video is `{VIDEO.scene}`, seed
-{VIDEO.seed}, one frame every {VIDEO.step_s:g} s: {LABELLED} frames, 80 % of them learned from and 20 % tested on, drawn
-at random as in the paper. Ours begins from chance; the paper's YOLOv5 began from COCO. Every figure is of one
-training."""
+A test on randomly chosen frames of the training video shows nothing about other weather or places.
+`python -m scripts.training_studies` trains, and `python -m scripts.training_page` writes this page.
+`git log -p docs/results/training-studies.json` shows the commit and date of each figure.
+
+The video is `{VIDEO.scene}`, seed {VIDEO.seed}, with one frame every {VIDEO.step_s:g} s. Of {LABELLED} frames, 80 % are
+used for training and 20 % for testing, split at random as in the paper. The nets here start from random weights; the
+paper's YOLOv5 started from COCO weights. Every figure is from one training."""
 
 
 def _table(found: dict[str, float]) -> str:
@@ -74,14 +79,15 @@ def _table(found: dict[str, float]) -> str:
     optimiser, highest, last = best.split()
     sgd, adam = (f"{_mean(found, one, RATES[0])} to {_mean(found, one, RATES[-1])} %" for one in OPTIMISERS)
     text = f"""
-        Best: {_percent(found[best])} %, by {NAMES[optimiser]} at a highest rate of {highest} that ends at {last} of it.
-        From the first row to the last SGD goes from {sgd}, Adam from {adam} (means of the three last rates; in the
-        paper from 84.7 to 94.2 % and from 92.8 to 90.4 %)."""
+        The best value is {_percent(found[best])} %, with {NAMES[optimiser]}, a highest rate of {highest} and a last
+        rate of {last} of it. The means over the three last rates change from the first row to the last: SGD from {sgd},
+        Adam from {adam}. In the paper they change from 84.7 to 94.2 % and from 92.8 to 90.4 %."""
     return f"""## Learning rates and optimisers
 
-mAP50-95 in % of `find` alone (one net of a million weights, one look, {EPOCHS} epochs; rows: the highest rate of
-OneCycle; columns: optimiser, and the last rate as a share of the highest), the paper's in brackets. The best epoch is
-chosen on the tested frames, here by IoU and recall. Ours were measured before augmentation turned hues.
+The table gives mAP50-95 in %, with the paper's values in brackets. Only the net `find` is trained here: a million
+weights, one pass over the image, {EPOCHS} epochs. Rows are the highest rate of OneCycle. Columns are the optimiser, and
+the last rate as a share of the highest. The best epoch is chosen on the test frames, here by IoU and recall. These
+values were measured before hue augmentation was added.
 
 {_wrapped(text)}
 
@@ -93,9 +99,9 @@ def _digits(found: dict[str, Any]) -> str:
     low, high = (100 * share for share in clopper_pearson(of["right"], of["tested"]) or (0, 1))
     return f"""## Digits
 
-LeNet-5 on {CROPS} crops of that video, {CROPS - of["tested"]} learned from: {of["right"]} of {of["tested"]} test crops
-read right (the paper: 64 of 64), the best epoch being chosen on them. So few tell little: the 95 % interval is
-{low:.1f} to {high:.1f} %, and they stand at the same places of one video. `scripts/score_reader.py` reads 100,000."""
+LeNet-5 was trained on {CROPS - of["tested"]} of {CROPS} crops of that video. It reads {of["right"]} of {of["tested"]}
+test crops right (the paper: 64 of 64). The best epoch is chosen on them. So few crops prove little: the 95 % interval
+is {low:.1f} to {high:.1f} %. They come from the same places in one video. `scripts/score_reader.py` reads 100,000."""
 
 
 def _leak(found: dict[str, Any]) -> str:
@@ -105,11 +111,11 @@ def _leak(found: dict[str, Any]) -> str:
     worst = min(scores, key=lambda name: float(scores[name]["map50_95"]))
     lowest, found_there = (_percent(scores[worst][key]) for key in ("map50_95", "recall"))
     text = f"""
-        The whole detector, by the hurried recipe (`--quick`), learned from 80 % of the video's frames, an eighth of
-        which choose the best epoch. The other 20 % lie between those, in the same light and before the same ground:
-        there mAP50-95 is {between} %, on what comes after them in the same video {later} %. Neither tells of another
-        weather or place; worst is "{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a grab, so
-        none tests false boxes."""
+        The whole detector was trained with `--quick` on 80 % of the video's frames. An eighth of them chooses the best
+        epoch. The other 20 % lie between those frames, in the same light and in front of the same ground. There,
+        mAP50-95 is {between} %. On later frames of the same video it is {later} %. Neither says anything about another
+        weather or place. The worst case is "{worst}": mAP50-95 {lowest} %, recall {found_there} %. All frames show a
+        grab, so none tests false boxes."""
     return f"""## What a random split of one video hides
 
 {_wrapped(text)}
@@ -125,19 +131,20 @@ def _counts(found: dict[str, Any]) -> str:
     fewest, most, best = min(found, key=int), max(found, key=int), max(found, key=lambda n: float(found[n]["map50_95"]))
     few, best_of_all, many = (_percent(found[n]["map50_95"]) for n in (fewest, best, most))
     text = f"""
-        The whole detector, shown as many frames however many there are ({shown}: a hurried training), learned from
-        frames of `scenes/training.toml` at {size}, {each} of each world, of which so many are taken evenly: while
-        there are fewer frames than worlds each is of a world of its own, then come ever more of each. Frames of other
-        worlds choose epochs and thresholds. Tested on {found[most]["frames"]:,} frames of worlds that none of these
-        is of, but of the same scene: of a place, paint or camera beyond it they tell nothing. Differences of a per cent
-        are within chance. mAP50-95 is {few} % with {int(fewest):,} frames, at its best {best_of_all} % with
-        {int(best):,}, and {many} % with {int(most):,}: of {WORLDS["frames"] // each:,} worlds, test and validation
-        among them, more frames of each teach little, at least in so short a training."""
+        The whole detector was trained on frames of `scenes/training.toml` at {size}, with {each} frames in each world.
+        A world is one random draw of everything that varies. Every row uses the same number of training examples
+        ({shown}), as in a quick training. The frames of a row are taken evenly over the worlds. With fewer frames than
+        worlds, every frame has a world of its own; with more, each world gives several. Frames of other worlds choose
+        epochs and thresholds. The test uses {found[most]["frames"]:,} frames of unseen worlds, but of the same scene.
+        It says nothing about places, paint or cameras that the scene lacks. Differences of one per cent are within
+        chance. mAP50-95 is {few} % with {int(fewest):,} frames, {best_of_all} % at its best with {int(best):,}, and
+        {many} % with {int(most):,}. There are {WORLDS["frames"] // each:,} worlds, test and validation included. More
+        frames of each world improve little, at least in so short a training."""
     return f"""## How many frames
 
 {_wrapped(text)}
 
-{HEAD.replace("tested on", "frames learned from")}
+{HEAD.replace("tested on", "training frames")}
 """ + "\n".join(rows)
 
 

@@ -2,7 +2,7 @@
 
 Studies: ``table`` (learning rates and optimisers), ``digits``, ``leak`` (one video split at random, against what was
 not in it), ``counts`` (accuracy against how many frames were learned from). What is done is kept in ``--work`` and not
-done again; `scripts.training_page` writes ``docs/training-studies.md`` of it. Needs ``simgrab[train]`` and 20 GB.
+done again; `scripts.training_page` writes ``docs/results/training-studies.md``. Needs ``simgrab[train]`` and 20 GB.
 """
 
 from __future__ import annotations

@@ -24,9 +24,12 @@ from simgrab.scenes import load
 from simgrab.utilities.strict import convert
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
-TEXTS = {path.name: path.read_text(encoding="utf-8") for path in PAGES}
-README, INSTRUMENT = TEXTS["README.md"], TEXTS["instrument.md"]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+TEXTS = {
+    str(path.relative_to(DOCS if path.is_relative_to(DOCS) else ROOT)): path.read_text(encoding="utf-8")
+    for path in PAGES
+}
+README, INSTRUMENT, OWN = TEXTS["README.md"], TEXTS["instrument.md"], TEXTS["own-pipeline.md"]
 
 
 def blocks(language, text=README):
@@ -61,12 +64,12 @@ def test_commands_parse(page):
 
 
 def test_the_table_names_every_command():
-    named = set(re.findall(r"^\| `simgrab (\w+)", README, re.MULTILINE))
+    named = set(re.findall(r"^\| `simgrab (\w+)", TEXTS["commands.md"], re.MULTILINE))
     assert named == set(cli.list_commands(click.Context(cli)))
 
 
 def test_scene_files_and_suites_read():
-    found = [*blocks("toml"), *blocks("toml", TEXTS["scenes.md"])]
+    found = [*blocks("toml"), *blocks("toml", TEXTS["writing-scenes.md"])]
     assert len(found) == 3
     for block in found:
         data = tomllib.loads(block)
@@ -79,7 +82,7 @@ def test_scene_files_and_suites_read():
 
 @pytest.mark.parametrize("path", PAGES, ids=str)
 def test_linked_files_exist(path):
-    for target in re.findall(r"\]\(((?!https?:)[^)#]+)[^)]*\)", TEXTS[path.name]):
+    for target in re.findall(r"\]\(((?!https?:)[^)#]+)[^)]*\)", path.read_text(encoding="utf-8")):
         assert (path.parent / target).exists(), target
 
 
@@ -91,6 +94,25 @@ def test_named_files_exist(page):
 
 def test_the_readme_names_every_page():
     assert {path.name for path in DOCS.glob("*.md")} == set(re.findall(r"\(docs/([\w-]+\.md)\)", README))
+
+
+def anchors(page):
+    """Anchors that GitHub makes of a page's headings."""
+    heads = re.findall(r"^#+ (.+)$", re.sub(r"```.*?```", "", page, flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("path", PAGES, ids=str)
+def test_linked_headings_exist(path):
+    for target, anchor in re.findall(r"\]\(((?!https?:)[^)#]*)#([^)]+)\)", path.read_text(encoding="utf-8")):
+        page = path.parent / target if target else path
+        assert anchor in anchors(page.read_text(encoding="utf-8")), f"{target}#{anchor}"
+
+
+def test_the_results_index_names_every_result():
+    results = DOCS / "results"
+    named = set(re.findall(r"\(([\w-]+\.md)\)", (results / "index.md").read_text(encoding="utf-8")))
+    assert {path.name for path in results.glob("*.md")} - {"index.md"} == named
 
 
 def test_code_runs_as_far_as_it_needs_no_drawing():
@@ -116,11 +138,11 @@ def test_the_instruments_page_holds_a_camera_that_loads(tmp_path):
     assert calibration.load(tmp_path / "camera.toml").digit_layout.digit_height_px == 34
 
 
-def test_the_instruments_page_holds_instruments_that_measure():
+def test_the_page_on_own_pipelines_holds_instruments_that_measure():
     frames = [Frame(np.zeros((540, 960, 3), np.uint8), 0.0), Frame(None, 1.0, "dropped")]
     camera = Calibration(width_px=960, height_px=540, focal_length_px=800.0, cx_px=480.0, cy_px=270.0)
     told = []
-    for block in blocks("python", INSTRUMENT):
+    for block in blocks("python", OWN):
         names = {}
         exec(block, names)
         make = names["mine"] if "mine" in names else names["Mine"]
