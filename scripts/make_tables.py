@@ -27,9 +27,9 @@ def scenes_table() -> str:
 
 
 def axes_table() -> str:
-    """Axes of the stress laboratory."""
+    """Axes of the stress studies."""
     rows = [f"| `{a.name}` | {a.unit} | {'' if a.holds is None else a.holds} | {a.says} |" for a in AXES.values()]
-    return "\n".join(["| axis | unit | holds at | what it turns up |", "|---|---|---|---|", *rows])
+    return "\n".join(["| axis | unit | no violation at | what it varies |", "|---|---|---|---|", *rows])
 
 
 # Page: the name of the table's place in it, and the table.
