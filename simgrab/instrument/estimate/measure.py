@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
-from simgrab.errors import RecordError
+from simgrab.errors import RecordError, first_line
 from simgrab.geometry import Array
-from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
 from simgrab.instrument.estimate.tables import PixelRecord, read_record
 from simgrab.records.estimates import Estimate, Intervals
 
@@ -34,6 +35,66 @@ class Measured:
     warnings: tuple[str, ...] = ()
 
 
+def estimate(
+    pixels: ArrayLike,
+    calibration: Calibration | str | Path,
+    estimator: str = DEFAULT,
+    *,
+    rope_length: ArrayLike | None = None,
+    time: ArrayLike | None = None,
+) -> Estimate:
+    """Estimate tilt and swing from the grab's centres in the pictures of one record.
+
+    Parameters
+    ----------
+    pixels : array_like, shape (n, 2)
+        As the pictures have them, px; NaN where the grab was not found.
+    calibration : Calibration or path
+        The camera, or its TOML file.
+    estimator : str
+        A name in `simgrab.instrument.estimate.ESTIMATORS`.
+    rope_length : array_like, shape (n,), optional
+        |OA|, m; required by some estimators.
+    time : array_like, shape (n,), optional
+        s; required by some estimators.
+
+    Returns
+    -------
+    Estimate
+        In radians; ``status`` is ``"refused"``, with a ``reason``, where the record does not determine the tilt.
+
+    Raises
+    ------
+    RecordError
+        If there is no such estimator, or the arrays are not of these shapes.
+
+    Examples
+    --------
+    >>> import numpy as np
+from numpy.typing import ArrayLike
+    >>> import simgrab
+    >>> from simgrab.calibration import Calibration
+    >>> camera = Calibration(width_px=1920, height_px=1080, focal_length_px=1645.0, cx_px=960.0, cy_px=540.0)
+    >>> pixels = np.random.default_rng(0).normal((960, 640), 50, (200, 2))
+    >>> found = simgrab.estimate(pixels, camera, "mean-ray")
+    >>> found.status, round(float(np.degrees(found.beta)), 1)
+    ('ok', 3.5)
+    """
+    kind = _kind(estimator)
+    known = calibration if isinstance(calibration, Calibration) else camera_file.load(calibration)
+    rope, when = (None if values is None else np.asarray(values, float) for values in (rope_length, time))
+    try:
+        return kind().estimate(np.asarray(pixels, float), known, rope_length=rope, time=when)
+    except ValueError as problem:
+        raise RecordError(f"{estimator}: {first_line(problem)}") from None
+
+
+def _kind(estimator: str) -> type[Estimator]:
+    if estimator not in ESTIMATORS:
+        raise RecordError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
+    return ESTIMATORS[estimator]
+
+
 def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> Measured:
     """Estimate tilt and swing from a file.
 
@@ -52,9 +113,7 @@ def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> M
     RecordError, CalibrationError
         One line with the file and the row or column.
     """
-    if estimator not in ESTIMATORS:
-        raise RecordError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
-    kind = ESTIMATORS[estimator]
+    kind = _kind(estimator)
     calibration = camera_file.load(camera)
     record = read_record(path, calibration, rope=kind.needs_rope, time=kind.needs_time)
     present = int(np.isfinite(record.pixels).all(axis=-1).sum())

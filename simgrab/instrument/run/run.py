@@ -22,12 +22,12 @@ from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
-from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
 from simgrab.instrument.run.video import Film
-from simgrab.instrument.source import Files, Source, fitting, open_source
+from simgrab.instrument.source import Files, Source, camera_beside, fitting, open_source
 from simgrab.records.estimates import Estimate
 from simgrab.utilities.destination import check_new_folder
 
@@ -58,23 +58,24 @@ class Options:
 
 def run(
     source: str | Path,
-    camera: str | Path | Calibration,
-    out: str | Path,
-    instrument: Instrument,
+    camera: str | Path | Calibration | None = None,
+    out: str | Path | None = None,
+    instrument: Instrument | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Run:
-    """Measure a source and write what was found into a new folder.
+    """Measure a source, and write the results into a new folder where one is given.
 
     Parameters
     ----------
     source : str or path
         As `simgrab.instrument.source.open_source` takes it.
-    camera : path or Calibration
-        Camera TOML.
-    out : path
-        Is made once everything is there: tables, alarms, annotated video, report.
-    instrument : Instrument
+    camera : path or Calibration, optional
+        Camera TOML; that beside or in the source unless given.
+    out : path, optional
+        Is made once everything is there: tables, alarms, annotated video, report. Nothing is written without it.
+    instrument : Instrument, optional
+        simgrab's own pipeline unless given.
     options : Options, optional
     progress : callable, optional
         Told how many frames are measured, and of how many.
@@ -85,13 +86,17 @@ def run(
         In one line what is wrong; then nothing lies at ``out``.
     """
     options = options or Options()
-    check_new_folder(Path(out), RunError)
-    calibration = camera if isinstance(camera, Calibration) else camera_file.load(camera)
+    if out is not None:
+        check_new_folder(Path(out), RunError)
+    if not isinstance(camera, Calibration):
+        camera = camera_file.load(camera_beside(source) if camera is None else camera)
     opened = open_source(source, rate_hz=options.rate_hz)
+    measure_source = _live if options.live or opened.live else _whole
+    instrument = instrument or assemble(live=options.live or opened.live)
+    if out is None:
+        return measure_source(opened, camera, instrument, options, None, progress)[0]
     with runs.making(Path(out)) as folder:
-        found, film = (_live if options.live or opened.live else _whole)(
-            opened, calibration, instrument, options, folder, progress
-        )
+        found, film = measure_source(opened, camera, instrument, options, folder, progress)
         if isinstance(opened, Files) and opened.labels_sha256:
             found.about["labels_sha256"] = opened.labels_sha256
         runs.save(found, folder)
@@ -144,23 +149,25 @@ def measure(
 
 
 def _whole(
-    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path,
+    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
     progress: Progress | None,
 ) -> tuple[Run, Film]:  # fmt: skip
-    """Measure, and go through the source again to draw."""
+    """Measure, and go through the source again for the annotated video."""
     frames = _counted(source, progress)
     found = measure(frames, calibration, instrument, source=source.name, rule=options.rule)
-    with Film(folder / VIDEO if options.video else None, options.rule) as film:
+    with Film(folder / VIDEO if folder and options.video else None, options.rule) as film:
+        if folder is None:
+            return found, film
         for frame, measured in zip(fitting(iter(source), calibration), found.measurements, strict=False):
             film.add(frame, measured)
     return found, film
 
 
 def _live(
-    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path,
+    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
     progress: Progress | None,
 ) -> tuple[Run, Film]:  # fmt: skip
-    """Measure and draw at once; an interrupt ends the record, as the end of the stream does."""
+    """Measure and annotate at once; an interrupt ends the record, as the end of the stream does."""
     if not isinstance(instrument, Pipeline):
         raise RunError(f"{instrument.name} cannot go frame by frame; a live run takes simgrab's own pipeline")
     notes = _Notes()
@@ -168,7 +175,7 @@ def _live(
     latency: list[float] = []
     tilt: Known | None = None
     begun = time.perf_counter()
-    with Film(folder / VIDEO if options.video else None, options.rule) as film:
+    with Film(folder / VIDEO if folder and options.video else None, options.rule) as film:
         try:
             for one in instrument.live(fitting(notes.of(_counted(source, progress)), calibration), calibration):
                 measured.append(one.measurement)
