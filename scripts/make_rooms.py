@@ -1,4 +1,4 @@
-"""Draw docs/rooms.svg: the rooms of the package, and what each may import. The test of the imports holds the same table.
+"""Draw docs/rooms.svg: the rooms of the package, and what each may import, as the test of imports has it.
 
 python -m scripts.make_rooms
 """
