@@ -9,21 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import numpy as np
 
 from simgrab.judge.stress import catalogue, laboratory
-from simgrab.judge.stress.page import HALF_REFUSED, span, worst_at_ten
-from simgrab.judge.stress.summary import Summary
-
-
-def cell(summary: Summary, name: str) -> str:
-    """Write one estimator's worst error, deg; nothing where it was not tried."""
-    if name not in summary.study.estimators:
-        return ""
-    error, refused = worst_at_ten(summary, name)
-    if refused > HALF_REFUSED:
-        return "refused"
-    return f"{error:.2f}" if np.isfinite(error) else ""
+from simgrab.judge.stress.page import axes, cell
 
 
 @click.command()
@@ -37,9 +25,8 @@ def main(folder: Path) -> None:
     print(f"| study | {' | '.join(names)} |")
     print("|---|" + "---|" * len(names))
     for finding in found:
-        study = finding.summary.study
-        what = ", ".join(f"{s.axis} {span(s.values)}" for s in study.axes)
-        print(f"| `{study.name}` ({what}) | {' | '.join(cell(finding.summary, name) for name in names)} |")
+        cells = " | ".join(cell(finding.summary, name)[0] for name in names)
+        print(f"| `{finding.summary.study.name}` ({axes(finding.summary.study)}) | {cells} |")
     limits = [verdict for finding in everything for verdict in finding.verdicts]
     print(f"\n{sum(v.passed for v in limits)} of {len(limits)} limits are met")
 

@@ -17,16 +17,13 @@ from simgrab.pages.plots import Figure
 
 def page(run: Run, known: Truths, found: Mapping[str, Any]) -> str:
     """Write the page of what `simgrab.judge.evaluate.evaluation.evaluate` found."""
-    told = "Above: the true swing and the measured one. Below: the error, with its 95 % interval."
-    parts = [html.section("Measured and true", html.drawing(trace(run, known), "trace", told))]
-    if found["budget"] is not None:
-        told = "Root mean square error of α as one thing after another is no longer told."
-        parts.append(html.section("Error budget", html.drawing(chain(found["budget"]), "budget", told)))
-    for table in tables(found):
-        note = f"<p>{html.text(table.note)}</p>" if table.note else ""
-        numbers = range(1, len(table.head))
-        parts.append(html.section(table.title, html.table(table.head, table.rows, numbers) + note))
-    return html.page(f"Evaluation of the run on {run.source}", html.text(run.instrument), parts)
+    return html.page(
+        "evaluation.html",
+        run=run,
+        trace=trace(run, known),
+        budget=None if found["budget"] is None else chain(found["budget"]),
+        tables=tables(found),
+    )
 
 
 def trace(run: Run, known: Truths) -> Figure:
