@@ -19,6 +19,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from simgrab._version import __version__
 from simgrab.errors import TrainingError
@@ -149,7 +150,8 @@ class _Run:
         self.identity = dataclasses.asdict(recipe) | {"data": data} | versions
         self.device = named(recipe.device)
         self.net = build().to(self.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = copy.deepcopy(self.net).eval().requires_grad_(False)
+        self.average = AveragedModel(self.net, use_buffers=True).eval().requires_grad_(False)
+        self.average.n_averaged += 1  # of the net as it was built; else the first step's weights would be copied
         self.copies = Copies(self.net, recipe.threads if self.device.type == "cpu" else 1)
         self.optimiser = _optimiser(self.net, recipe)
         self.steps = max(task.examples // recipe.batch, 1)  # an epoch; what is left over waits for another order
@@ -172,11 +174,11 @@ class _Run:
                 speed = (i + 1) * self.recipe.batch / (time.monotonic() - start)
                 report(Report(number + 1, self.recipe.epochs, i + 1, self.steps, losses[-1], speed))
         with torch.inference_mode():
-            figures = {name: float(value) for name, value in self.task.validate(self.average).items()}
+            figures = {name: float(value) for name, value in self.task.validate(self.average.module).items()}
         speed = self.steps * self.recipe.batch / (time.monotonic() - start)
         self.history.append({"loss": float(np.mean(losses))} | figures)
         if not self.best or figures[SCORE] > self.history[self.best_epoch - 1][SCORE]:
-            self.best, self.best_epoch = copy.deepcopy(self.average.state_dict()), number + 1
+            self.best, self.best_epoch = copy.deepcopy(self.average.module.state_dict()), number + 1
         self.seconds += time.monotonic() - start
         self.save()
         if report:
@@ -209,7 +211,9 @@ class _Run:
         nn.utils.clip_grad_norm_(self.net.parameters(), recipe.clip)
         self.optimiser.step()
         # Early averages forget faster, so that the first weights do not linger.
-        blend(self.average, self.net, 1 - min(recipe.average, (1 + number) / (10 + number)))
+        decay = min(recipe.average, (1 + number) / (10 + number))
+        self.average.multi_avg_fn = get_ema_multi_avg_fn(decay)  # type: ignore[no-untyped-call]
+        self.average.update_parameters(self.net)
         return value
 
     def _loss(self, net: nn.Module, batch: Batch) -> Tensor:
@@ -241,7 +245,7 @@ class _Run:
             for weight, values in self.optimiser.state.items():
                 if any(value.ndim and value.shape != weight.shape for value in values.values()):
                     raise ValueError("optimiser")
-            copy.deepcopy(self.average).load_state_dict(state["best"])
+            copy.deepcopy(self.average.module).load_state_dict(state["best"])
             history = [{str(name): float(value) for name, value in epoch.items()} for epoch in state["history"]]
             scores, best_epoch, seconds = [epoch[SCORE] for epoch in history], state["best_epoch"], state["seconds"]
             if not 1 <= best_epoch <= len(scores) or not isinstance(best_epoch, int):
@@ -255,22 +259,12 @@ class _Run:
         return TrainingError(f"{self.path} is damaged ({type(problem).__name__}); choose another --out")
 
     def result(self) -> Trained:
-        self.average.load_state_dict(self.best)
+        self.average.module.load_state_dict(self.best)
         best = {name: value for name, value in self.history[self.best_epoch - 1].items() if name != "loss"}
-        net = self.average.cpu().eval()
+        net = self.average.module.cpu().eval()
         return Trained(
             net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds, self.task.examples
         )
-
-
-def blend(average: nn.Module, net: nn.Module, share: float) -> None:
-    """Move an average towards a net by a share; whole numbers (counts of batches) are copied."""
-    with torch.no_grad():
-        for mean, value in zip(average.state_dict().values(), net.state_dict().values(), strict=True):
-            if mean.is_floating_point():
-                mean.lerp_(value, share)
-            else:
-                mean.copy_(value)
 
 
 def _optimiser(net: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
