@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
+
+from platformdirs import user_cache_path
 
 from simgrab.errors import DatasetError, RendererError
 from simgrab.judge.doctor import examine
@@ -31,7 +32,7 @@ Progress = Callable[[int, int], None]
 
 def default() -> Path:
     """User's cache folder, after the XDG base directory specification."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "simgrab"
+    return user_cache_path("simgrab")
 
 
 def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Progress | None = None) -> Dataset:
