@@ -23,12 +23,6 @@ _numbers = itertools.count()
 _ITSELF = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # follow no link, wait for no pipe
 
 
-def by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
-    """Key that sorts frame2 before frame10, and numbers before letters, by the file's name."""
-    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
-    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path.name
-
-
 @contextlib.contextmanager
 def drafted(path: Path) -> Iterator[Path]:
     """Give a file to write to, which takes the place of ``path`` once it lies whole on the disk.
@@ -119,14 +113,10 @@ def locked(lock: Path, *, wait: bool = False) -> Iterator[None]:
     """
     if lock.is_symlink():
         raise OSError(errno.ELOOP, f"{lock.name} is a link, and must be a file")
-    handle = os.open(lock, os.O_RDWR | os.O_CREAT | _ITSELF, 0o666)
-    try:
+    with _locked(lock, 0 if wait else fcntl.LOCK_NB, os.O_RDWR | os.O_CREAT) as handle:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
             raise OSError(errno.EINVAL, f"{lock.name} is not a file")
-        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         yield
-    finally:
-        os.close(handle)
 
 
 @contextlib.contextmanager
@@ -157,22 +147,22 @@ def _new_file(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _locked(path: Path, how: int = 0) -> Iterator[None]:
-    """Lock the very file or folder that has this name.
+def _locked(path: Path, how: int = 0, flags: int = os.O_RDONLY) -> Iterator[int]:
+    """Lock the very file or folder that has this name, and give its descriptor.
 
     Raises
     ------
     FileNotFoundError
         If it has it no more.
     OSError
-        If it cannot be locked.
+        If it cannot be opened or locked.
     """
-    handle = os.open(path, os.O_RDONLY | _ITSELF)
+    handle = os.open(path, flags | _ITSELF, 0o666)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | how)
         if not os.path.samestat(os.fstat(handle), path.lstat()):
-            raise FileNotFoundError(path)
-        yield
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+        yield handle
     finally:
         os.close(handle)
 

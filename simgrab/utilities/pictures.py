@@ -18,7 +18,6 @@ from cv2.utils import logging
 from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, PictureError, first_line
-from simgrab.utilities.files import by_number
 from simgrab.utilities.parse import cannot, read_bytes
 
 MOST_PIXELS = 100_000_000  # three times 8K; as RGB such a picture takes 300 MB
@@ -46,7 +45,13 @@ class _RefusedError(Exception):
 
 def of(folder: Path) -> tuple[Path, ...]:
     """Picture files of a folder, by the numbers in their names."""
-    return tuple(sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=by_number))
+    return tuple(sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_by_number))
+
+
+def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
+    """Key that sorts frame2 before frame10, and numbers before letters, by the file's name."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
+    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path.name
 
 
 def read(path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
