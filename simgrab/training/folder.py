@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from simgrab.errors import TrainingError
-from simgrab.utilities.destination import LOCK, check_folder, locked_folder
-from simgrab.utilities.files import drafted
+from simgrab.utilities import files
+from simgrab.utilities.destination import LOCK, check_folder, locked_folder, writing
 
 TRACES = ("checkpoint.pt", "*/checkpoint.pt")
 
@@ -55,8 +55,5 @@ def write(path: Path, data: bytes) -> None:
     ------
     TrainingError
     """
-    try:
-        with drafted(path) as draft:
-            draft.write_bytes(data)
-    except OSError as problem:
-        raise TrainingError(f"cannot write {path}: {problem.strerror or problem}") from None
+    with writing(path, TrainingError):
+        files.write(path, data)

@@ -52,6 +52,15 @@ def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab") -> Iterat
         yield
 
 
+@contextmanager
+def writing(what: str | Path, refuse: Refuse) -> Iterator[None]:
+    """Turn what the file system says while ``what`` is written into one line that names it."""
+    try:
+        yield
+    except OSError as problem:
+        raise refuse(f"cannot write {what}: {problem.strerror or problem}") from None
+
+
 def check_new_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
     """Refuse a path that is taken, or at which no folder can be made; parameters as those of `check_folder`."""
     if _lookup(path, refuse, option) is not None:

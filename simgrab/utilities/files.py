@@ -43,6 +43,12 @@ def drafted(path: Path) -> Iterator[Path]:
             _to_disk(path.parent)
 
 
+def write(path: Path, content: bytes | str) -> None:
+    """Write a file as `drafted` does: whole or not at all, text as UTF-8."""
+    with drafted(path) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 @contextlib.contextmanager
 def drafted_folder(path: Path) -> Iterator[Path]:
     """Give a folder to write into, which takes the name ``path`` at the end; a full folder there is in its way.

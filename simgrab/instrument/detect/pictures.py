@@ -19,7 +19,7 @@ from simgrab.records import frame_files
 from simgrab.records.observations import Detection
 from simgrab.text import cell, encodable
 from simgrab.utilities import parquet
-from simgrab.utilities.destination import check_file
+from simgrab.utilities.destination import check_file, writing
 from simgrab.utilities.files import drafted
 from simgrab.utilities.pictures import SUFFIXES
 from simgrab.utilities.pictures import of as files_of
@@ -174,16 +174,11 @@ def save(watched: Watched, path: str | Path) -> None:
     path = Path(path)
     check_table(path)
     table = rows(watched)
-    try:
-        with drafted(path) as draft:
-            if path.suffix.lower() == ".parquet":
-                parquet.write(pa.Table.from_pylist(table), draft)
-            else:
-                with draft.open("w", newline="", encoding="utf-8") as file:
-                    writer = csv.DictWriter(file, table[0].keys())
-                    writer.writeheader()
-                    writer.writerows(
-                        {key: cell(v) if isinstance(v, str) else v for key, v in row.items()} for row in table
-                    )
-    except OSError as problem:
-        raise DatasetError(f"cannot write {path}: {problem.strerror or problem}") from None
+    with writing(path, DatasetError), drafted(path) as draft:
+        if path.suffix.lower() == ".parquet":
+            parquet.write(pa.Table.from_pylist(table), draft)
+        else:
+            with draft.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, table[0].keys())
+                writer.writeheader()
+                writer.writerows({key: cell(v) if isinstance(v, str) else v for key, v in row.items()} for row in table)

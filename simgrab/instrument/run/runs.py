@@ -25,9 +25,9 @@ from simgrab.instrument.alarm import Event
 from simgrab.instrument.contract import Measurement, flaw
 from simgrab.instrument.estimate.follow import Known
 from simgrab.text import cell, encodable, printable
-from simgrab.utilities import parquet
-from simgrab.utilities.destination import check_new_folder
-from simgrab.utilities.files import drafted, drafted_folder
+from simgrab.utilities import files, parquet
+from simgrab.utilities.destination import check_new_folder, writing
+from simgrab.utilities.files import drafted_folder
 from simgrab.utilities.parse import cannot, read_json
 
 TABLE, SHEET, ALARMS, ABOUT, CAMERA = "angles.parquet", "angles.csv", "alarms.json", "run.json", "camera.toml"
@@ -267,11 +267,8 @@ def write(path: Path, text: str) -> None:
     ------
     RunError
     """
-    try:
-        with drafted(path) as draft:
-            draft.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise RunError(f"cannot write {path}: {problem.strerror or problem}") from None
+    with writing(path, RunError):
+        files.write(path, text)
 
 
 Progress = Callable[[int, int | None], None]

@@ -16,13 +16,14 @@ from simgrab.instrument.run.subject import checked, open_instrument
 from simgrab.judge.check import baseline as base
 from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
-from simgrab.judge.check.report import Outcome, Report, write
+from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
 from simgrab.labels.datasets import Dataset
 from simgrab.text import printable
-from simgrab.utilities.destination import check_folder
+from simgrab.utilities.destination import check_folder, writing
+from simgrab.utilities.files import write
 
 Progress = Callable[[str, int, int], None]
 
@@ -208,8 +209,6 @@ def _write(folder: Path, recorded: Baseline, suite: Suite, trials: dict[str, lis
     kept, files = golden.keep(datasets, {name: scene.golden for name, scene in suite.scenes.items()})
     files[golden.FILE] = msgspec.json.format(msgspec.json.encode(kept), indent=1) + b"\n"
     files[base.FILE] = msgspec.json.format(msgspec.json.encode(recorded), indent=1) + b"\n"
-    try:
+    with writing(f"the baseline {folder}", SuiteError):
         for file, data in files.items():  # the lists last: they name the pictures
             write(folder / file, data)
-    except OSError as problem:
-        raise SuiteError(f"cannot write the baseline {folder}: {problem.strerror or problem}") from None

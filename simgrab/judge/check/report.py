@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from simgrab.errors import SuiteError
 from simgrab.judge.check.trial import Metrics
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.utilities.files import drafted
+from simgrab.utilities.destination import writing
+from simgrab.utilities.files import write
 from simgrab.utilities.parse import read_json
 
 RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
@@ -126,15 +127,13 @@ def save(report: Report, out: Path) -> None:
     SuiteError
         If nothing can be written there.
     """
-    try:
+    with writing(out, SuiteError):
         for name in _earlier(out / RESULT):
             (out / name).unlink(missing_ok=True)
         for name, picture in report.pictures.items():
             write(out / PICTURES / name, cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes())
         write(out / JUNIT, as_junit(report))
         write(out / RESULT, as_json(report))
-    except OSError as problem:
-        raise SuiteError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
 def _earlier(result: Path) -> list[str]:
@@ -144,9 +143,3 @@ def _earlier(result: Path) -> list[str]:
         return [name for name in names if Path(name).parent == Path(PICTURES)]
     except (SuiteError, LookupError, TypeError):
         return []
-
-
-def write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
-    with drafted(path) as draft:
-        draft.write_bytes(data)

@@ -23,7 +23,7 @@ from simgrab.errors import DatasetError
 from simgrab.layouts import Layout, Rectangle
 from simgrab.rng import stream
 from simgrab.scenario import Scenario
-from simgrab.utilities.files import drafted
+from simgrab.utilities.files import write
 from simgrab.utilities.pictures import encode
 from simgrab.utilities.pictures import read as read_picture
 from simgrab.world import frames
@@ -78,8 +78,7 @@ def backdrops(scene: str, folder: Path, count: int, seed: int) -> list[Picture]:
     missing = {path: frame for path, frame in taken.items() if not path.exists()}
     if missing:
         for path, frame in zip(missing, frames.frames(scenario, missing.values(), buffers=False), strict=True):
-            with drafted(path) as draft:
-                draft.write_bytes(encode(frame.rgb[..., ::-1], "png"))
+            write(path, encode(frame.rgb[..., ::-1], "png"))
     return [read_picture(path) for path in taken]
 
 

@@ -10,7 +10,7 @@ from simgrab.judge.paper import figures as paper_figures
 from simgrab.judge.paper import page as paper_page
 from simgrab.judge.paper.paper import PaperSettings, PaperStudy, study
 from simgrab.utilities.destination import check_folder
-from simgrab.utilities.files import drafted
+from simgrab.utilities.files import drafted, write
 
 
 def run(
@@ -40,6 +40,5 @@ def run(
         for ending in ("svg", "png"):
             with drafted(folder / f"{name}.{ending}") as draft:
                 figure.savefig(draft, format=ending, dpi=130)
-    with drafted(folder / "paper.html") as draft:
-        draft.write_text(paper_page.page(found, figures), encoding="utf-8")
+    write(folder / "paper.html", paper_page.page(found, figures))
     return found

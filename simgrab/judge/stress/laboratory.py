@@ -20,8 +20,8 @@ from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Finding, Moments, Summary, Verdict, judge
 from simgrab.judge.stress.work import Part, check_workers, crew, parts, schema, store
 from simgrab.utilities import parquet
-from simgrab.utilities.destination import check_folder, locked_folder
-from simgrab.utilities.files import drafted
+from simgrab.utilities.destination import check_folder, locked_folder, writing
+from simgrab.utilities.files import drafted, write
 from simgrab.utilities.parse import read_json
 
 _SAME = {
@@ -79,11 +79,9 @@ def _run(
     from simgrab.judge.stress import page
 
     missing: list[tuple[Study, Path, Part]] = []
-    try:
+    with writing(folder, StressError):
         for study in studies:
             missing += _open(study, folder / study.name, resume=resume)
-    except OSError as problem:
-        raise StressError(f"cannot write {folder}: {problem.strerror or problem}") from None
     total = sum(len(study.points) * study.replications for study in studies)
     done = total - sum(part.last - part.first for _, _, part in missing)
     if progress:
@@ -143,8 +141,7 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
     elif path.exists() and any(path.iterdir()):
         raise StressError(f"{path} holds something else than a study; choose another --out")
     (path / PARTIAL).mkdir(parents=True, exist_ok=True)
-    with drafted(identity) as draft:
-        draft.write_text(json.dumps(_identity(study), indent=1, ensure_ascii=False), encoding="utf-8")
+    write(identity, json.dumps(_identity(study), indent=1, ensure_ascii=False))
     return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]
 
 

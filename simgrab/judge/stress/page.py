@@ -13,7 +13,7 @@ from simgrab.judge.stress.score import MARGIN_DEG
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Finding, Summary
 from simgrab.pages.html import page, svg
-from simgrab.utilities.files import drafted
+from simgrab.utilities import files
 
 HALF_REFUSED = 0.5
 
@@ -26,17 +26,16 @@ def write(findings: Sequence[Finding], path: Path, share: Share) -> None:
     curves = [f.summary for f in findings if f.summary.study.kind == "estimators"]
     names = list(dict.fromkeys(name for summary in curves for name in summary.study.estimators))
     verdicts = [(v, (v.study, v.text, v.found, "met" if v.passed else "NOT MET")) for f in findings for v in f.verdicts]
-    with drafted(path) as draft:
-        text = page(
-            "stress.html",
-            met=[row for verdict, row in verdicts if verdict.passed],
-            missed=[row for verdict, row in verdicts if not verdict.passed],
-            margin_deg=MARGIN_DEG,
-            estimators=names,
-            heat=[(s.study.name, axes(s.study), [cell(s, name) for name in names]) for s in curves],
-            sections=[sections[f.summary.study.name] for f in findings],
-        )
-        draft.write_text(text, encoding="utf-8")
+    text = page(
+        "stress.html",
+        met=[row for verdict, row in verdicts if verdict.passed],
+        missed=[row for verdict, row in verdicts if not verdict.passed],
+        margin_deg=MARGIN_DEG,
+        estimators=names,
+        heat=[(s.study.name, axes(s.study), [cell(s, name) for name in names]) for s in curves],
+        sections=[sections[f.summary.study.name] for f in findings],
+    )
+    files.write(path, text)
 
 
 def worst_at_ten(summary: Summary, name: str) -> tuple[float, float]:

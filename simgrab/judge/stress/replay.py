@@ -21,8 +21,8 @@ from simgrab.judge.stress.records import Picture, Records
 from simgrab.judge.stress.study import Study
 from simgrab.pages.plots import Figure
 from simgrab.records.estimates import Estimates
-from simgrab.utilities.destination import check_file
-from simgrab.utilities.files import drafted
+from simgrab.utilities.destination import check_file, writing
+from simgrab.utilities.files import drafted, write
 from simgrab.utilities.parse import shown
 
 
@@ -122,15 +122,12 @@ def pictures(again: Replay, out: str | Path) -> list[Path]:
     path = Path(out) / f"replay-{again.study.name}-{again.trial}.png"
     paths = [path]
     check_file(path, StressError)
-    try:
+    with writing(path, StressError):
         with drafted(path) as draft:
             draw(again).savefig(draft, format="png", dpi=110)
         if again.sheet is not None:
             paths.append(path.with_stem(f"{path.stem}-frames"))
-            with drafted(paths[-1]) as draft:
-                draft.write_bytes(cv2.imencode(".png", again.sheet)[1].tobytes())
-    except OSError as problem:
-        raise StressError(f"cannot write {path}: {problem.strerror or problem}") from None
+            write(paths[-1], cv2.imencode(".png", again.sheet)[1].tobytes())
     return paths
 
 

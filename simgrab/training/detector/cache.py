@@ -17,6 +17,7 @@ from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.labels.datasets import Dataset
 from simgrab.labels.truth import Row
 from simgrab.records.frame_files import picture
+from simgrab.utilities.destination import writing
 from simgrab.utilities.files import drafted_folder
 from simgrab.utilities.parse import read_json
 
@@ -105,7 +106,7 @@ def _make(
     make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
     progress: Progress | None,
 ) -> None:
-    try:
+    with writing(folder, TrainingError):
         shutil.rmtree(folder, ignore_errors=True)
         with drafted_folder(folder) as draft:
             needed, free = len(chosen) * int(np.prod(shape)), shutil.disk_usage(draft).free
@@ -128,5 +129,3 @@ def _make(
                 pool.shutdown(cancel_futures=True)  # at an error, leave what waits
             target.flush()
             (draft / "patches.json").write_text(json.dumps(rows))
-    except OSError as problem:
-        raise TrainingError(f"cannot write {folder}: {problem.strerror or problem}") from None
