@@ -18,7 +18,7 @@ import msgspec
 
 from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.cli._progress import drawing
+from simgrab.cli._progress import board, drawing
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
 from simgrab.training import need_torch
@@ -104,7 +104,6 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Pat
     """Train the detector; returns its nets."""
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import NETS, train
-    from simgrab.training.progress import board
 
     *datasets, hard = rendered([*DETECTOR, HARD], work, quick=quick, workers=workers)
     out = work / "detector"
@@ -116,7 +115,6 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Pat
 
 def reader(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:  # noqa: ARG001
     """Train the reader, which gains nothing by a second thread; returns its net."""
-    from simgrab.training.progress import board
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
 
     datasets = rendered([READER], work, quick=quick, workers=workers)

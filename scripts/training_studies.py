@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.cli._progress import drawing
+from simgrab.cli._progress import board, drawing
 from simgrab.errors import TrainingError
 from simgrab.geometry import PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect.bundled import Bundled
@@ -39,7 +39,6 @@ from simgrab.training.detector.nets import Find
 from simgrab.training.detector.settings import SHOWN_QUICK, Recipes, has_half_units, recipes
 from simgrab.training.detector.train import Frames, fit
 from simgrab.training.folder import claim, write
-from simgrab.training.progress import board
 from simgrab.training.reader.cells import Cells, gather
 from simgrab.training.reader.lenet import LeNet5
 from simgrab.training.reader.task import Digits

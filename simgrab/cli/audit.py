@@ -8,10 +8,9 @@ import sys
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import Progress
 
 from simgrab.cli._options import PATH
+from simgrab.cli._progress import steps
 from simgrab.cli._scene import extension_options
 from simgrab.text import printable
 
@@ -29,15 +28,7 @@ def command(
     """Prove the labels of DATASET anew. Exit status: 0 passed, 1 failed, 3 a proof could not be made."""
     from simgrab.judge.audit.audit import audit, summarise
 
-    with Progress(console=Console(stderr=True, quiet=quiet or as_json)) as bar:
-        tasks: dict[str, int] = {}
-
-        def progress(name: str, done: int, total: int) -> None:
-            task = tasks.setdefault(name, -1)
-            if task < 0:
-                tasks[name] = task = bar.add_task(name, total=total)
-            bar.update(task, completed=done)  # type: ignore[arg-type]
-
+    with steps(shown=not (quiet or as_json)) as progress:
         report = audit(dataset, progress=progress, randomiser=randomiser, trajectory=trajectory, effects=effects)
     if as_json:
         proofs = [dataclasses.asdict(p) | {"status": p.status} for p in report.proofs]

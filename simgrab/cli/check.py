@@ -31,9 +31,7 @@ def command(
     OUT gets check.json, junit.xml and pictures of golden frames that differ. Exit status: 0 passed, 1 failed, 2 the
     suite is broken.
     """
-    from rich.console import Console
-    from rich.progress import Progress, TaskID
-
+    from simgrab.cli._progress import steps
     from simgrab.errors import SuiteError
     from simgrab.judge.check import gate, report
     from simgrab.judge.check import suite as suites
@@ -49,14 +47,7 @@ def command(
     place = out or Path("runs") / f"check-{found.name}"
     check_folder(place, SuiteError)
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
-    with Progress(console=Console(stderr=True, quiet=quiet or as_json)) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def progress(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, total=total)
-            bar.update(tasks[what], completed=done)
-
+    with steps(shown=not (quiet or as_json)) as progress:
         options = gate.Options(instrument, baseline, seed, cache or default(), workers, progress)
         told = gate.record(found, options, seeds) if update else gate.check(found, options)
     report.save(told, place)

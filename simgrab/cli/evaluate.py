@@ -22,34 +22,29 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     DATASET is the rendered dataset that the run was on, or the rendered video, with its truth table beside it.
     """
     from rich.console import Console
-    from rich.table import Table
 
     from simgrab.instrument.run import runs
     from simgrab.judge.evaluate import truths
     from simgrab.judge.evaluate.evaluation import evaluate
     from simgrab.judge.evaluate.table import tables
-    from simgrab.pages.terminal import cell
+    from simgrab.pages.terminal import cell, table
 
-    made = runs.load(run)
-    known = truths.of(made, dataset)
-    found = evaluate(made, known)
+    measured = runs.load(run)
+    known = truths.of(measured, dataset)
+    found = evaluate(measured, known)
     if as_json:
         click.echo(json.dumps(found))
     else:
         console = Console()
         for each in tables(found):
-            table = Table(
-                *map(cell, each.head), title=cell(each.title), title_justify="left", show_header=any(each.head)
-            )
-            for column in table.columns[1:]:
+            made = table(each.rows, each.head, each.title)
+            for column in made.columns[1:]:
                 column.justify, column.no_wrap = "right", True
-            for row in each.rows:
-                table.add_row(*map(cell, row))
-            console.print(table)
+            console.print(made)
             if each.note:
                 console.print(cell(each.note), highlight=False)
     if html is not None:
         from simgrab.judge.evaluate.page import page
 
-        runs.write(html, page(made, known, found))
+        runs.write(html, page(measured, known, found))
         click.echo(f"page: {printable(html)}", err=as_json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from pathlib import Path
 
 import click
@@ -26,19 +27,15 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
     """
     from rich.console import Console
-    from rich.table import Table
 
     from simgrab.judge.paper.paper import PaperSettings
     from simgrab.judge.paper.run import run
     from simgrab.judge.paper.table import INCONSISTENT, rows
-    from simgrab.pages.terminal import cell
+    from simgrab.pages.terminal import cell, table
 
     console = Console()
     study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
-    table = Table("section", "", "published", "measured", "")
-    for row in rows(study):
-        table.add_row(*map(cell, (row.section, row.quantity, row.published, row.measured, row.note)))
-    console.print(table)
+    console.print(table(map(astuple, rows(study)), ("section", "", "published", "measured", "")))
     console.print("Where the text does not agree with itself:")
     for section, text in INCONSISTENT:
         console.print(f"  {section}: {text}", markup=False)

@@ -9,14 +9,13 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from simgrab import scenes
 from simgrab.cli._options import FILE, FOLDER, WORKERS
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
+from simgrab.pages.terminal import table
 from simgrab.text import printable
 
 
@@ -66,19 +65,12 @@ def command(
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
-        Console().print(_table(dataclasses.asdict(summary)))
+        facts = dataclasses.asdict(summary).items()
+        Console().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
         if out is not None:
             click.echo(printable(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}"))
         if video is not None:
             click.echo(printable(f"beside each video of {video} lies its truth table, .parquet"))
-
-
-def _table(summary: dict[str, object]) -> Table:
-    table = Table(show_header=False)
-    for key, value in summary.items():
-        if value is not None:
-            table.add_row(key.replace("_", " "), escape(printable(_text(value))))
-    return table
 
 
 def _text(value: object) -> str:

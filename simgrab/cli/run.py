@@ -70,7 +70,6 @@ def command(
     import json
 
     from rich.console import Console
-    from rich.table import Table
 
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
@@ -79,7 +78,7 @@ def command(
     from simgrab.instrument.run.subject import BUNDLED, open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
     from simgrab.instrument.source import camera_beside
-    from simgrab.pages.terminal import cell
+    from simgrab.pages.terminal import cell, table
 
     chosen: Instrument
     if instrument is not None:
@@ -96,15 +95,9 @@ def command(
         click.echo(json.dumps(found.about | {"failure": found.failure, "alarms": alarms(found.events)}))
     elif not quiet:
         console = Console()
-        facts = Table(show_header=False)
-        for row in [*held(found), *(row for row in measured(found) if row[1])]:
-            facts.add_row(*map(cell, row))
-        console.print(facts)
+        console.print(table([*held(found), *(row for row in measured(found) if row[1])]))
         if paper:
-            table = Table(*HEAD)
-            for line in beside_paper(found):
-                table.add_row(*map(cell, line))
-            console.print(table)
+            console.print(table(beside_paper(found), HEAD))
         console.print(f"report: {cell(out / 'report.html')}", soft_wrap=True)
     if found.failure is not None:
         click.echo(printable(f"simgrab: {found.failure}"), err=True)

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from simgrab.cli._options import FOLDER, PATH
+from simgrab.cli._progress import board
 from simgrab.cli._resume import resumable
 from simgrab.text import printable
 
@@ -64,7 +65,6 @@ def detector(
     need_torch()
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
-    from simgrab.training.progress import board
 
     chosen = functools.partial(
         recipes, quick=quick, epochs=epochs, batch=batch, half=half, seed=seed, patience=patience, device=device,
@@ -103,7 +103,6 @@ def reader(
 
     check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
-    from simgrab.training.progress import board
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
 
     recipe = dataclasses.replace(
