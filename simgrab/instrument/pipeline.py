@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from simgrab.calibration import Calibration
 from simgrab.errors import RunError
 from simgrab.instrument import angles
-from simgrab.instrument.ahead import ahead
 from simgrab.instrument.angles import Seen
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.detect import BUNDLED, Detector
@@ -23,6 +25,8 @@ from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
 from simgrab.instrument.sight import Sighting, look, one
 from simgrab.records.estimates import Estimate
+
+T = TypeVar("T")
 
 WITH_DISPLAY, WITHOUT = RopeAware.name, MeanRay.name
 # A crane's cycle takes 60 to 90 s, and swings are driven anew in each: the least that counts as an independent block.
@@ -109,7 +113,7 @@ class Pipeline:
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:
         """Measure a record, and say with what tilt."""
         self.chosen(calibration)
-        sightings = tuple(look(ahead(frames), self.detector, self.reader, calibration))
+        sightings = tuple(look(_ahead(frames), self.detector, self.reader, calibration))
         return self.conclude(sightings, calibration)
 
     def conclude(self, sightings: Sequence[Sighting], calibration: Calibration) -> Record:
@@ -141,7 +145,7 @@ class Pipeline:
         sightings: list[Sighting] = []
         lengths: list[float] = []
         tilt, due = self.tilt, WARM_UP_S
-        for frame in ahead(frames):
+        for frame in _ahead(frames):
             begun = time.perf_counter()
             if frame.time_s is None:
                 raise RunError("a live run needs frames that follow each other in time")
@@ -172,6 +176,21 @@ class Live:
     measurement: Measurement
     tilt: Known | None
     seconds: float
+
+
+def _ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
+    """Make the next few items in a thread while one is worked on, in order; errors come in their place.
+
+    Decoding and detection release Python's lock, so that each has a core. Never more than ``most`` items wait.
+    """
+    end = object()
+    source = iter(items)
+    with ThreadPoolExecutor(1) as thread:
+        waiting = deque(thread.submit(next, source, end) for _ in range(most))
+        while (item := waiting.popleft().result()) is not end:
+            waiting.append(thread.submit(next, source, end))
+            yield item  # type: ignore[misc]  # not the end, hence a T
+            del item  # a picture must not be held while the next is awaited
 
 
 def _time(sighting: Sighting) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from rich.console import Console
 from rich.table import Table
 
@@ -28,14 +30,11 @@ def show(report: Report, *, quiet: bool = False) -> None:
         for note in report.notes:
             console.print(cell(note), soft_wrap=True)
     if not (quiet and report.passed):
-        counts = [f"{_count(report, status)} {status}" for status in COLOURS]
+        statuses = Counter[str](verdict.status for verdict in report.verdicts)
+        counts = [f"{statuses[status]} {status}" for status in COLOURS]
         state = "passed" if report.passed else "failed"
         what = cell(f"{report.suite}, seed {report.seed}: {report.instrument}")
         console.print(f"{what} [{COLOURS[state]}]{state}[/] ({', '.join(counts)})", soft_wrap=True)
-
-
-def _count(report: Report, status: str) -> int:
-    return sum(verdict.status == status for verdict in report.verdicts)
 
 
 def _table(report: Report) -> Table:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import astuple
 from pathlib import Path
+
+import numpy as np
 
 from simgrab.errors import RunError
 from simgrab.judge.paper import figures as paper_figures
-from simgrab.judge.paper import page as paper_page
 from simgrab.judge.paper.paper import PaperSettings, PaperStudy, study
+from simgrab.judge.paper.table import INCONSISTENT, rows
+from simgrab.pages import html
+from simgrab.pages.plots import Figure
 from simgrab.utilities.destination import check_folder
 from simgrab.utilities.files import drafted, write
 
@@ -40,5 +45,39 @@ def run(
         for ending in ("svg", "png"):
             with drafted(folder / f"{name}.{ending}") as draft:
                 figure.savefig(draft, format=ending, dpi=130)
-    write(folder / "paper.html", paper_page.page(found, figures))
+    write(folder / "paper.html", _page(found, figures))
     return found
+
+
+def _page(study: PaperStudy, figures: Mapping[str, Figure]) -> str:
+    return html.page(
+        "paper.html",
+        settings=study.settings,
+        figures=figures,
+        estimators=_estimators(study),
+        published=[astuple(row) for row in rows(study)],
+        inconsistent=INCONSISTENT,
+    )
+
+
+def _estimators(study: PaperStudy) -> list[tuple[str, ...]]:
+    named = (
+        ("paper iteration, axis known", study.known),
+        ("paper iteration, axis estimated", study.estimated),
+        ("mean ray", study.mean_ray),
+        ("geometric median", study.median),
+    )
+    return [
+        (
+            name,
+            str(n),
+            f"{np.rad2deg(spread.rmse_beta):.4f} ± {np.rad2deg(spread.standard_error):.4f}",
+            f"{100 * spread.rmse_sigma2:.2f}",
+            f"{spread.refused} of {spread.refused + len(spread.beta_error)}",
+            f"{100 * spread.cover_beta:.1f}",
+            f"{100 * spread.cover_sigma:.1f}",
+        )
+        for n in study.known
+        for name, spreads in named
+        for spread in (spreads[n],)
+    ]
