@@ -113,7 +113,7 @@ class Pipeline:
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:
         """Measure a record, and say with what tilt."""
         self.chosen(calibration)
-        sightings = tuple(look(_ahead(frames), self.detector, self.reader, calibration))
+        sightings = tuple(look(ahead(frames), self.detector, self.reader, calibration))
         return self.conclude(sightings, calibration)
 
     def conclude(self, sightings: Sequence[Sighting], calibration: Calibration) -> Record:
@@ -145,7 +145,7 @@ class Pipeline:
         sightings: list[Sighting] = []
         lengths: list[float] = []
         tilt, due = self.tilt, WARM_UP_S
-        for frame in _ahead(frames):
+        for frame in ahead(frames):
             begun = time.perf_counter()
             if frame.time_s is None:
                 raise RunError("a live run needs frames that follow each other in time")
@@ -178,7 +178,7 @@ class Live:
     seconds: float
 
 
-def _ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
+def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
     """Make the next few items in a thread while one is worked on, in order; errors come in their place.
 
     Decoding and detection release Python's lock, so that each has a core. Never more than ``most`` items wait.

@@ -18,8 +18,8 @@ import pytest
 
 from simgrab.calibration import Calibration
 from simgrab.errors import SourceError
-from simgrab.instrument.ahead import ahead
 from simgrab.instrument.contract import Frame
+from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source
 from simgrab.instrument.video import _Clock
 from simgrab.labels import datasets
