@@ -18,6 +18,7 @@ from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.judge.audit.audit import audit
 from simgrab.labels.truth import columns
+from simgrab.world.extensions import Recipe
 from simgrab.world.output.dataset import render
 from simgrab.world.output.folder import Folder
 
@@ -127,7 +128,7 @@ def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     folder = Folder(tmp_path / "half")
     from simgrab.world.output.manifest import identity
 
-    folder.open(identity(scene), resume=False)
+    folder.open(identity(Recipe(scene)), resume=False)
     before = digest(folder.path)
     with pytest.raises(DatasetError, match=r"unfinished.*--resume"):
         render(scene, folder.path)
@@ -214,7 +215,7 @@ def test_two_writers_do_not_share_a_folder(scene, tmp_path):
     from simgrab.world.output.manifest import identity
 
     folder = Folder(tmp_path / "shared")
-    folder.open(identity(scene), resume=False)
+    folder.open(identity(Recipe(scene)), resume=False)
     with folder.lock(), pytest.raises(DatasetError, match="another simgrab"):
         render(scene, folder.path, resume=True)
 

@@ -228,7 +228,7 @@ def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_
 @pytest.mark.parametrize("workers", [1, 2])
 def test_many_worlds_are_counted_while_they_are_checked(workers):
     told = []
-    crew.vetted(scene(frames=6), workers, lambda *counts: told.append(counts))
+    crew.vetted(Recipe(scene(frames=6)), workers, lambda *counts: told.append(counts))
     assert (told[0], told[-1]) == ((0, 3), (3, 3))
     assert told == sorted(told)
 

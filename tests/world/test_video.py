@@ -25,6 +25,7 @@ from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.labels.truth import Truth
 from simgrab.scenario import Camera, Scenario
+from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.output.dataset import render
 from simgrab.world.output.video.files import Reels
@@ -269,7 +270,7 @@ def test_a_strangers_file_is_no_clip(rough, tmp_path):
 
 
 def test_two_writers_do_not_share_a_place(rough, tmp_path):
-    with Reels(rough, tmp_path / "swing.mp4").claim(), pytest.raises(DatasetError, match="another simgrab"):
+    with Reels(Recipe(rough), tmp_path / "swing.mp4").claim(), pytest.raises(DatasetError, match="another simgrab"):
         render_video(rough, tmp_path / "swing.mp4", resume=True)
 
 
@@ -312,9 +313,9 @@ def test_memory_does_not_grow_with_the_clip(tmp_path):
             resident.append(pages * resource.getpagesize() / 1e6)
             traced.append(tracemalloc.get_traced_memory()[0] / 1e6)
         row = msgspec.json.decode(known, type=Truth)
-        return Shot(np.full((64, 64, 3), frame % 256, np.uint8), msgspec.structs.replace(row, frame=frame))
+        return Shot(np.full((64, 64, 3), frame % 256, np.uint8), msgspec.structs.replace(row, frame=frame), "train")
 
-    reels = Reels(scenario, tmp_path / "long.mp4")
+    reels = Reels(Recipe(scenario), tmp_path / "long.mp4")
     tracemalloc.start()
     with reels.claim():
         film(reels, 0, take, drawn_by, tick=lambda: None, also=lambda _: False)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
+from simgrab.world.extensions import Recipe
 from simgrab.world.output.workers import vetted
 from simgrab.world.scenery.meshes.grab import closing_rope_m
 from simgrab.world.trajectory.axis import Axis, Move
@@ -117,7 +118,7 @@ def test_the_impossible_is_refused_when_it_is_read(changes, key, why):
 def test_hoisting_through_the_ground_is_refused():
     scene = small_scene("work-cycles", frames=3, swing__work__dig_rope_m=31.0)
     with pytest.raises(ScenarioError, match=r"swing\.work.*lowers the grab into what is below it; at most 2\d\.\d\d m"):
-        vetted(scene, 1)
+        vetted(Recipe(scene), 1)
 
 
 def test_independent_frames_know_no_vibration():
@@ -133,4 +134,4 @@ def test_slewing_goes_on_at_its_speed():
 
 @pytest.mark.parametrize("name", ["work-cycles", "qingdao-twin", "qingdao-night-snow", "qingdao-heavy-snow"])
 def test_no_frame_of_a_bundled_record_runs_the_grab_into_something(name):
-    vetted(scenes.load(name), 1)
+    vetted(Recipe(scenes.load(name)), 1)
