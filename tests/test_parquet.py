@@ -14,7 +14,7 @@ from simgrab.utilities import parquet
 COUNT = """
 import pathlib, sys
 import pyarrow as pa
-from simgrab import parquet
+from simgrab.utilities import parquet
 from simgrab.errors import RunError
 
 threads = lambda: {path.name for path in pathlib.Path("/proc/self/task").iterdir()}
@@ -83,7 +83,7 @@ LIMITED = """
 import resource, sys
 from pathlib import Path
 import pyarrow as pa
-from simgrab import parquet
+from simgrab.utilities import parquet
 from simgrab.errors import RecordError
 
 parquet.read_table(Path(sys.argv[1]) / "sound", RecordError)
@@ -166,7 +166,7 @@ def test_a_changed_byte_is_read_or_refused(tmp_path):
 
 CHANGE = """
 import pathlib, sys
-from simgrab import parquet
+from simgrab.utilities import parquet
 from simgrab.errors import RecordError
 
 path = pathlib.Path(sys.argv[1])
