@@ -20,11 +20,11 @@ MODULES = {
 BUILTINS = {"eval", "exec", "compile", "__import__"}
 # Modules that users name by --instrument or --estimator, in suites and in studies; and our own by name.
 IMPORTERS = {
-    "__init__.py", "cli/__init__.py", "judge/subject.py", "judge/stress/estimators.py", "world/gl.py",
+    "__init__.py", "cli/__init__.py", "instrument/run/subject.py", "judge/stress/estimators.py", "world/gl.py",
 }  # fmt: skip
 
 
-PIPES = "processes.py"  # between a command and its workers, whose items are pickled
+PIPES = "utilities/processes.py"  # between a command and its workers, whose items are pickled
 
 
 def name_of(node):
