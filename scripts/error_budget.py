@@ -60,7 +60,7 @@ def budget(name: str, out: Path, settings: Mapping[str, Any], workers: int) -> d
         render(scenes.load(scene, settings), out, workers=workers, resume=True, progress=progress)
     camera = measured_offset(calibration.load(out / "camera.toml"), settings["seed"])
     source = open_source(out)
-    found = evaluate(measure(source, camera, bundled(), source=source.name), out)
+    found = evaluate(measure(source, camera, bundled(), source=source.name), out).to_dict()
     out.with_suffix(".json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     return found
 

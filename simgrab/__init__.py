@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from simgrab._version import __version__
 
 if TYPE_CHECKING:
+    from simgrab.instrument.detect.pictures import detect as detect
     from simgrab.instrument.estimate.measure import estimate as estimate
     from simgrab.instrument.run.run import run as run
     from simgrab.judge.audit.audit import audit as audit
@@ -46,6 +47,7 @@ _HOME = {
     "audit": "simgrab.judge.audit.audit",
     "check": "simgrab.judge.check.gate",
     "run": "simgrab.instrument.run.run",
+    "detect": "simgrab.instrument.detect.pictures",
     "estimate": "simgrab.instrument.estimate.measure",
     "evaluate": "simgrab.judge.evaluate.evaluation",
 }

@@ -165,7 +165,7 @@ def film_truth(target: Path, corpus_folder: Path) -> None:
 def _judged(made: runs.Run, known: truths.Truths) -> None:
     found = evaluate(made, known)
     json.dumps(found)
-    assert tables(found)
+    assert tables(found.to_dict())
 
 
 def dataset(target: Path, _corpus: Path) -> None:

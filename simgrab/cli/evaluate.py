@@ -33,10 +33,10 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     known = truths.of(measured, dataset)
     found = evaluate(measured, known)
     if as_json:
-        click.echo(json.dumps(found))
+        click.echo(json.dumps(found.to_dict()))
     else:
         console = Console()
-        for each in tables(found):
+        for each in tables(found.to_dict()):
             made = table(each.rows, each.head, each.title)
             for column in made.columns[1:]:
                 column.justify, column.no_wrap = "right", True
@@ -46,5 +46,5 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     if html is not None:
         from simgrab.judge.evaluate.page import page
 
-        runs.write(html, page(measured, known, found))
+        runs.write(html, page(measured, known, found.to_dict()))
         click.echo(f"page: {printable(html)}", err=as_json)

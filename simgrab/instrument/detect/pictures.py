@@ -13,7 +13,8 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab.errors import DatasetError, DetectorError
-from simgrab.instrument.detect import Detector
+from simgrab.instrument.detect import BUNDLED, Detector
+from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
 from simgrab.records import frame_files
 from simgrab.records.observations import Detection
@@ -46,6 +47,38 @@ class Watched:
     files: tuple[Path, ...]
     detections: tuple[Detection, ...]
     seconds: tuple[float, ...]
+
+
+def detect(source: str | Path, detector: str | Path | Detector = BUNDLED, progress: Progress | None = None) -> Watched:
+    """Detect the grab in a picture, a folder of pictures or a dataset, writing nothing.
+
+    Parameters
+    ----------
+    source : str or path
+    detector : str, path or Detector
+        ``"bundled"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open detector.
+    progress : callable, optional
+        Called with (pictures done, pictures in all).
+
+    Returns
+    -------
+    Watched
+        ``files`` and, for each, what was detected; `rows` makes plain rows of it, and `save` a table.
+
+    Raises
+    ------
+    DatasetError, DetectorError
+        If there is no picture, one cannot be read, or the detector is none.
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> found = simgrab.detect("runs/quay-day")
+    >>> len(found.detections), found.detections[0].status
+    (6, 'found')
+    """
+    files = pictures(source)
+    return watch(files, open_detector(detector) if isinstance(detector, str | Path) else detector, progress)
 
 
 def watch(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Watched:

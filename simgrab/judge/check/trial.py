@@ -63,7 +63,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     with told(instrument.name):
         run = measure(source, camera, instrument, source=source.name)
     with told(f"{instrument.name}: cannot be evaluated"):
-        return flat(evaluate(run, dataset.path))
+        return flat(evaluate(run, dataset.path).to_dict())
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from simgrab.instrument.alarm import Rule
@@ -16,10 +17,11 @@ from simgrab.judge.evaluate.budget import budget
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.truths import Truths
+from simgrab.judge.evaluate.values import Evaluation
 from simgrab.records.observations import Detection, Reading
 
 
-def evaluate(run: Run | str | Path, known: Truths | str | Path) -> dict[str, Any]:
+def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
     """Compare a run with what is known of its frames.
 
     Parameters
@@ -31,11 +33,8 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> dict[str, Any
 
     Returns
     -------
-    dict
-        Plain data. ``frames``: how many, and by status. ``detection``: as `simgrab.judge.evaluate.detection.figures`,
-        and the ``jitter_px`` of the centre. ``reading``: digits and frames, and errors of the rope's length. ``angle``:
-        errors overall, above 8°, by rope length and weather. ``interval``: their coverage. ``alarm``: events and
-        frames. ``budget``: the share of each stage in the angles' error. A part without a comparison is None.
+    Evaluation
+        A part is None where there is nothing to compare.
 
     Raises
     ------
@@ -45,7 +44,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> dict[str, Any
     run = run if isinstance(run, Run) else runs.load(run)
     known = known if isinstance(known, Truths) else truths.of(run, known)
     rule = rule_of(run)
-    return {
+    found = {
         "run": {"source": run.source, "instrument": run.instrument},
         "frames": {"all": len(run.measurements), "known": sum(r is not None for r in known.rows)} | run.about["counts"],
         "detection": of_detection(run, known),
@@ -55,6 +54,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> dict[str, Any
         "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha, rule),
         "budget": budget(run, known),
     }
+    return msgspec.convert(found, Evaluation)
 
 
 def rule_of(run: Run) -> Rule:

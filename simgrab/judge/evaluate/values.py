@@ -1,0 +1,203 @@
+"""What an evaluation gives, as typed values. A part is None where there is nothing to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import msgspec
+from msgspec import UNSET, UnsetType
+
+
+class Errors(msgspec.Struct, frozen=True):
+    """Errors of angles, degrees: mean, root mean square, 95 % quantile and largest of the absolute error."""
+
+    frames: int
+    bias_deg: float | None
+    rmse_deg: float | None
+    p95_deg: float | None
+    max_deg: float | None
+
+
+class Angles(msgspec.Struct, frozen=True):
+    """Errors of all frames, of swings above 8°, by rope length and by weather."""
+
+    overall: Errors
+    above_8_deg: Errors
+    by_rope: dict[str, Errors]
+    by_weather: dict[str, Errors]
+
+
+class Coverage(msgspec.Struct, frozen=True):
+    """Share of true angles within their intervals, and the intervals' mean width."""
+
+    frames: int
+    share: float | None
+    width_deg: float | None
+
+
+class Alarms(msgspec.Struct, frozen=True):
+    """Alarms against the events of the true swing; see `simgrab.judge.evaluate.swings.alarms`."""
+
+    events: int
+    sure: int
+    missed: int
+    reported: int
+    false: int
+    delays: list[int]
+    already_on: int
+    median_delay: float | None
+    precision: float | None
+    recall: float | None
+
+
+class Detections(msgspec.Struct, frozen=True):
+    """Boxes and centres; see `simgrab.judge.evaluate.detection.figures`. Of boxes None where only centres are given."""
+
+    frames: int
+    labelled: int
+    empty: int
+    map50_95: float | None
+    map50: float | None
+    recall: float | None
+    recall_interval: tuple[float, float] | None
+    labelled_worlds: int
+    missed_worlds: int | None
+    longest_miss: int | None
+    false_boxes: int | None
+    false_share: float | None
+    false_interval: tuple[float, float] | None
+    empty_worlds: int
+    false_worlds: int | None
+    centre: dict[str, Any]
+    coverage: dict[str, Any] | None
+    jitter_px: float | None
+
+
+class Share(msgspec.Struct, frozen=True):
+    """A count among others, with its 95 % interval."""
+
+    count: int
+    of: int
+    value: float | None
+    interval: tuple[float, float] | None
+
+
+class Lengths(msgspec.Struct, frozen=True):
+    """Absolute errors of the rope's length."""
+
+    frames: int
+    median_m: float | None
+    p95_m: float | None
+    max_m: float | None
+
+
+class Readings(msgspec.Struct, frozen=True):
+    """Digits and frames read from the display; see `simgrab.judge.evaluate.reading.Score`."""
+
+    group: str
+    digits_right: Share
+    digits_refused: Share
+    frames_right: Share
+    frames_refused: Share
+    torn_right: Share
+    torn_refused: Share
+    wrong: list[dict[str, Any]]
+    jumps: int
+    length: Lengths
+
+
+class Stage(msgspec.Struct, frozen=True):
+    """One row of the error budget: what was replaced by the truth, the tilt that followed, and the errors of α."""
+
+    stage: str
+    frames: int
+    bias_deg: float | None
+    rmse_deg: float | None
+    p95_deg: float | None
+    max_deg: float | None
+    beta_deg: float | UnsetType | None = UNSET
+
+
+class Budget(msgspec.Struct, frozen=True):
+    """The share of each stage in the error of α; see `simgrab.judge.evaluate.budget.budget`."""
+
+    estimator: str
+    tilt: str
+    chain: list[Stage]
+    limit: str
+    aside: list[Stage]
+    drawn: Stage
+    paper: list[Stage]
+    run: Stage
+
+
+class Frames(msgspec.Struct, frozen=True):
+    """How many frames the run has, of how many the truth is known, and how many have each status."""
+
+    all: int
+    known: int
+    ok: int
+    missed: int
+    unread: int
+    lost: int
+    refused: int
+
+
+class Source(msgspec.Struct, frozen=True):
+    """What was measured, and by what."""
+
+    source: str
+    instrument: str
+
+
+class Evaluation(msgspec.Struct, frozen=True):
+    """A run compared with the truth. It can be indexed by the names of its parts, which gives plain data.
+
+    Attributes
+    ----------
+    run : Source
+    frames : Frames
+    detection : Detections or None
+    reading : Readings or None
+    angle : Angles
+    interval : Coverage
+    alarm : Alarms or None
+        None where frames have no time.
+    budget : Budget or None
+    """
+
+    run: Source
+    frames: Frames
+    detection: Detections | None
+    reading: Readings | None
+    angle: Angles
+    interval: Coverage
+    alarm: Alarms | None
+    budget: Budget | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as ``simgrab evaluate --json`` prints it."""
+        return dict(msgspec.to_builtins(self))
+
+    def __getitem__(self, part: str) -> Any:
+        if part not in self.__struct_fields__:
+            raise KeyError(part)
+        return msgspec.to_builtins(getattr(self, part))
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of the parts."""
+        return self.__struct_fields__
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def items(self) -> list[tuple[str, Any]]:
+        """Names of the parts, each with its plain data."""
+        return [(name, self[name]) for name in self]
+
+
+Mapping.register(Evaluation)
