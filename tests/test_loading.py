@@ -1,4 +1,4 @@
-"""The blocks of docs/loading.md run, each where its package is installed."""
+"""The blocks of docs/loading.md and docs/frames.md run, each where its package is installed."""
 
 import ast
 import importlib.util
@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
-PAGE = (Path(__file__).parents[1] / "docs" / "loading.md").read_text(encoding="utf-8")
-BLOCKS = dict(re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE))
+PAGES = [
+    (Path(__file__).parents[1] / "docs" / name).read_text(encoding="utf-8") for name in ("loading.md", "frames.md")
+]
+BLOCKS = {t: b for p in PAGES for t, b in re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", p, re.DOTALL | re.MULTILINE)}
 
 
 def packages(code):
@@ -31,8 +33,9 @@ def place(split_dataset, tmp_path):
     return tmp_path
 
 
-def test_every_block_of_the_page_is_run():
-    assert len(BLOCKS) == PAGE.count("```python") == PAGE.count("\n## ") == 7
+def test_every_block_of_the_pages_is_run():
+    assert [(page.count("```python"), page.count("\n## ")) for page in PAGES] == [(7, 7), (5, 5)]
+    assert len(BLOCKS) == 12
 
 
 @pytest.mark.parametrize("title", BLOCKS)
@@ -41,8 +44,10 @@ def test_the_block_runs(title, place):
     if missing:
         pytest.skip(f"{', '.join(missing)} is not installed")
     offline = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_HOME": str(place / "cache")}
+    (place / "block.py").write_text(BLOCKS[title], encoding="utf-8")
+    offline |= {"PYTHONPATH": str(Path(__file__).parents[1])}
     done = subprocess.run(
-        [sys.executable, "-c", BLOCKS[title]], cwd=place, env=offline, capture_output=True, text=True, check=False
+        [sys.executable, "block.py"], cwd=place, env=offline, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout
