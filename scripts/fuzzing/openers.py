@@ -164,7 +164,7 @@ def film_truth(target: Path, corpus_folder: Path) -> None:
 
 def _judged(made: runs.Run, known: truths.Truths) -> None:
     found = evaluate(made, known)
-    json.dumps(found)
+    json.dumps(found.to_dict())
     assert tables(found.to_dict())
 
 
