@@ -6,7 +6,8 @@
 Datasets, videos with their tables, datasets made by two workers, and datasets that were interrupted and resumed. What
 differs is listed by file; files that only one of the two writes are listed apart. What was changed on purpose since
 5d4215f is compared as far as it can be: of an MP4, which is written in fragments now, the decoded pictures and their
-times; of a manifest all but the digests of ``data.yaml`` and of the video, and its own.
+times; of a manifest all but the digests of ``data.yaml`` and of the video, and its own. The frames of each scene are
+made once more by `simgrab.frames` and compared with the dataset.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ import tempfile
 from pathlib import Path
 
 import av
+import msgspec
+
+import simgrab
+from simgrab.utilities.pictures import encode
 
 CHANGED_FILES = ("data.yaml", "metadata.csv", ".mp4")
 HERE = Path(__file__).parents[1]
@@ -98,6 +103,17 @@ def digests(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): digest(path) for path in files if path.name != "data.yaml"}
 
 
+def in_python(folder: Path) -> str:
+    """Compare `simgrab.frames` with the dataset: its picture files, encoded again, and its rows of labels."""
+    data = simgrab.open(folder)
+    image, equal = data.scenario.image, 0
+    for frame, kept in zip(simgrab.frames(data.scenario, buffers=False), data, strict=True):
+        same = encode(frame.rgb[..., ::-1], image.format, image.quality) == kept.file.read_bytes()
+        truth = msgspec.structs.asdict(frame.truth)
+        equal += same and all(value == getattr(kept.truth, name) for name, value in truth.items())
+    return f"{equal} of {len(data)} frames equal in Python"
+
+
 def main() -> None:
     """Parse and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -114,11 +130,13 @@ def main() -> None:
                 out.mkdir()
                 make(checkout, out, case)
             a, b = digests(ours), digests(theirs)
+            python = in_python(ours / "data")
         differing = [name for name in a if name in b and a[name] != b[name]]
         alone = sorted(set(a) ^ set(b))
         failed |= bool(differing)
         kinds = " ".join(case[3]) or "plain"
         print(f"{case[0]:18s} {kinds:14s} {len(set(a) & set(b)):3d} files in both, differing: {differing or 'none'}")
+        print(f"{'':33s} {python}")
         print(f"{'':33s} in one alone: {alone or 'none'}", flush=True)
     sys.exit(failed)
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from simgrab.judge.audit.audit import audit as audit
     from simgrab.judge.check.gate import check as check
     from simgrab.judge.evaluate.evaluation import evaluate as evaluate
-    from simgrab.labels.datasets import read as open  # noqa: F401
+    from simgrab.labels import datasets
     from simgrab.scenes import load as load
     from simgrab.world.frames import FrameDataset as FrameDataset
     from simgrab.world.frames import frames as frames
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from simgrab.world.trajectory.moment import GrabState as GrabState
     from simgrab.world.trajectory.moment import Moment as Moment
     from simgrab.world.trajectory.moment import Tilt as Tilt
+
+    open = datasets.read
 
 # Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
 _HOME = {
