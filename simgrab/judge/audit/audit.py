@@ -14,14 +14,15 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
+from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
 from simgrab.labels.masks import MOST_COCO_BYTES
 from simgrab.labels.truth import SPLITS, Row
+from simgrab.records import frame_files
 from simgrab.scenario import Scenario
-from simgrab.utilities import parquet, pictures
-from simgrab.utilities.parse import cannot, parse_json, read_json
+from simgrab.utilities import pictures
+from simgrab.utilities.parse import parse_json, read_json
 from simgrab.utilities.strict import convert
 from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
@@ -45,7 +46,7 @@ class _Dataset:
     manifest: dict[str, Any]
     scenario: Scenario
     schema: pa.Schema
-    rows: list[Row]
+    rows: tuple[Row, ...]
 
 
 def audit(
@@ -121,13 +122,8 @@ def _read(path: Path) -> _Dataset:
         scenario = convert(known["scenario"], Scenario)
     except (ValueError, KeyError, TypeError, AttributeError, SimgrabError) as problem:
         raise DatasetError(f"{path / MANIFEST}: not a simgrab manifest ({problem})") from None
-    table = parquet.read_table(path / "labels.parquet", DatasetError)
-    plain = parquet.rows(table, DatasetError, cannot(path / "labels.parquet"))
-    try:
-        rows = [msgspec.convert(row, Row) for row in plain]
-    except ValueError as problem:
-        raise DatasetError(f"{path / 'labels.parquet'}: not simgrab labels ({first_line(problem)})") from None
-    return _Dataset(path, known, scenario, table.schema, rows)
+    rows, schema, _ = frame_files.read_rows(path, Row)
+    return _Dataset(path, known, scenario, schema, rows)
 
 
 def _manifest_proof(data: _Dataset) -> Proof:

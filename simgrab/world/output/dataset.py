@@ -5,18 +5,21 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 
 from simgrab.errors import DatasetError
 from simgrab.labels.truth import SPLITS, Row
+from simgrab.records import frame_files
 from simgrab.scenario import Scenario
-from simgrab.utilities import parquet, pictures
+from simgrab.utilities import pictures
 from simgrab.utilities.parse import read_json
 from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
@@ -243,21 +246,24 @@ def _preview(path: Path, rows: Sequence[Row]) -> bytes:
     return pictures.encode(preview.sheet(tiles), "jpeg", 90)
 
 
+class _Seen(msgspec.Struct, frozen=True):
+    split: str
+    alpha_deg: float
+    rope_length_m: float
+    visible_fraction: float
+
+
 def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
-    table = parquet.read_table(
-        path / "labels.parquet",
-        DatasetError,
-        columns=["split", "alpha_deg", "rope_length_m", "box_x0_px", "visible_fraction", "in_frame_fraction"],
-    )
-    alpha, rope = (table[name].to_numpy() for name in ("alpha_deg", "rope_length_m"))
-    split = table["split"].to_pylist()
-    seen = table["visible_fraction"].to_numpy() >= max(scenario.labels.least_visible_fraction, 1e-12)
+    rows, _, _ = frame_files.read_rows(path, _Seen)
+    alpha, rope = (np.array([getattr(row, name) for row in rows]) for name in ("alpha_deg", "rope_length_m"))
+    splits = Counter(row.split for row in rows)
+    least = max(scenario.labels.least_visible_fraction, 1e-12)
     written = read_json(path / MANIFEST, DatasetError)
     return Summary(
         path=path,
-        frames=table.num_rows,
-        labelled=int(seen.sum()),
-        splits={name: split.count(name) for name in SPLITS},
+        frames=len(rows),
+        labelled=sum(row.visible_fraction >= least for row in rows),
+        splits={name: splits[name] for name in SPLITS},
         made=made,
         alpha_rms_deg=float(np.sqrt(np.mean(alpha**2))),
         alpha_max_deg=float(alpha.max()),
