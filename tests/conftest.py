@@ -35,6 +35,17 @@ CROOKED = {
 }
 
 
+def pytest_addoption(parser):
+    parser.addoption("--slow", action="store_true", help="run the tests marked slow too")
+
+
+def pytest_collection_modifyitems(config, items):
+    if not config.getoption("--slow"):
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+
+
 def toml(value):
     if isinstance(value, dict):
         return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
@@ -44,6 +55,14 @@ def toml(value):
 def as_options(changes):
     """Command-line arguments that make the same changes."""
     return [part for key, value in changes.items() for part in ("--set", f"{key}={toml(value)}")]
+
+
+def slow_but(cases, *fast):
+    """Cases of a parametrized test, all but ``fast`` of them marked slow."""
+    return [
+        case if case in fast else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        for case in cases
+    ]
 
 
 def small_scene(name="quay-day", **changes):

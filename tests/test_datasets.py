@@ -1,4 +1,3 @@
-import doctest
 import os
 import pickle
 import shutil
@@ -278,14 +277,6 @@ def test_a_picture_file_is_not_read_beyond_its_limit(copy):
 def test_a_dataset_goes_to_another_process(dataset):
     data = simgrab.open(dataset)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(data))[1].mask, data[1].mask)
-
-
-def test_the_example_of_its_docstring_runs(dataset, tmp_path, monkeypatch):
-    (tmp_path / "runs").mkdir()
-    (tmp_path / "runs" / "quay-day").symlink_to(dataset)
-    monkeypatch.chdir(tmp_path)
-    (example,) = doctest.DocTestFinder(recurse=False).find(datasets.read)
-    assert doctest.DocTestRunner().run(example) == (0, len(example.examples))
 
 
 def test_opening_needs_no_mujoco(dataset):

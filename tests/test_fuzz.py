@@ -1,4 +1,5 @@
 import pytest
+from conftest import slow_but
 
 pytest.importorskip("hypothesis")
 pytest.importorskip("onnx")
@@ -53,7 +54,7 @@ def test_a_kept_case_is_read_back_whole(tmp_path):
     assert cases.load(cases.keep(case, tmp_path / "case", "why \udcff")) == case
 
 
-@pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "video", "detector"])
+@pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "detector", *slow_but(["video"])])
 def test_the_same_seed_makes_the_same_inputs(made, kind):
     first, again, other = (generators.cases(kind, 6, seed, made) for seed in (5, 5, 6))
     assert first == again

@@ -12,12 +12,14 @@ def killer(tmp_path_factory):
     return killer
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "moment"), [("SIGTERM", 0.7), ("SIGKILL", 0.7), (WORKER, 0.5)])
 def test_killed_and_run_again_it_gives_the_same_bytes(killer, kind, moment):
     killer.kill("render", kind, moment)
     assert killer.found.notes == []
 
 
+@pytest.mark.slow
 def test_what_differs_is_found(killer):
     labels, extra = "labels.parquet", "images/train/999999.jpg"
     expected = killer.expected["render"]

@@ -12,8 +12,12 @@ import click
 @click.command(name="doctor")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def command(as_json: bool) -> None:
-    """Say whether this machine can draw, and with what. Exit status: 0 yes, 1 no."""
+    """Report whether this machine can render, with what, and what the bytes of a dataset depend on.
+
+    Exit status: 0 if it can, 1 if not.
+    """
     from simgrab.judge.doctor import examine
+    from simgrab.world.output.manifest import PACKAGES
 
     found = examine()
     if as_json:
@@ -31,6 +35,16 @@ def command(as_json: bool) -> None:
             click.echo(f"cannot draw: {found.problem}")
         second = found.second_renderer or f"none, audits stay incomplete: {found.second_problem}"
         click.echo(f"second renderer  {second}")
+        click.echo("The bytes of a dataset depend on the fingerprint, these CPU features and these versions:")
+        if found.rasterizer:
+            mesa = found.rasterizer
+            click.echo(f"Mesa             {mesa.mesa}, LLVM {mesa.llvm}, vectors of {mesa.vector_bits} bits")
+        click.echo(f"NumPy uses       {' '.join(found.cpu_features) or 'no CPU feature beyond its baseline'}")
+        deciding = ("simgrab", *PACKAGES)
+        for package in deciding:
+            click.echo(f"{package:<24} {found.versions[package]}")
+        click.echo("Also installed:")
         for package, version in found.versions.items():
-            click.echo(f"{package:<24} {version}")
+            if package not in deciding:
+                click.echo(f"{package:<24} {version}")
     sys.exit(0 if found.healthy else 1)

@@ -21,7 +21,10 @@ from seconds import SECOND_RENDERERS
 from simgrab import __version__, scenes
 from simgrab.cli import cli, main
 from simgrab.errors import SimgrabError, WorkerError
+from simgrab.judge import doctor
 from simgrab.judge.audit.second_renderer import choice, install_hint
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output.manifest import PACKAGES
 
 
 def run(*arguments):
@@ -319,6 +322,36 @@ def test_doctor_reports():
     found = json.loads(run("doctor", "--json")[1])
     assert found["renderer"]["fingerprint"]
     assert f"second renderer  {found['second_renderer']}\n" in out
+    assert f"NumPy uses       {' '.join(found['cpu_features']) or 'no CPU feature beyond its baseline'}\n" in out
+    for package in PACKAGES:
+        assert f"{package:<24} {version(package)}\n" in out
+
+
+def test_doctor_reports_what_numpy_and_mesa_use_of_the_cpu():
+    def report(**environment):
+        command = [sys.executable, "-m", "simgrab", "doctor", "--json"]
+        return json.loads(subprocess.check_output(command, env=os.environ | environment))
+
+    usual = report()
+    turned_down = report(NPY_DISABLE_CPU_FEATURES=" ".join(usual["cpu_features"]), LP_NATIVE_VECTOR_WIDTH="128")
+    assert turned_down["cpu_features"] == []
+    if usual["rasterizer"]:
+        assert f"LLVM {usual['rasterizer']['llvm']}" in usual["renderer"]["renderer"]
+        assert turned_down["rasterizer"] == usual["rasterizer"] | {"vector_bits": 128}
+
+
+@pytest.mark.parametrize(
+    ("renderer", "gl_version", "found"),
+    [
+        ("llvmpipe (LLVM 15.0.6, 256 bits)", "4.5 (Compatibility Profile) Mesa 22.3.6", ("22.3.6", "15.0.6", 256)),
+        ("llvmpipe (LLVM 19.1.7, 128 bits)", "4.5 (Core Profile) Mesa 25.0.7-2", ("25.0.7-2", "19.1.7", 128)),
+        ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", "4.6 (Compatibility Profile) Mesa 22.3.6", None),
+        ("NVIDIA H200/PCIe/SSE2", "4.6.0 NVIDIA 570.86.10", None),
+    ],
+)
+def test_a_rasterizer_is_read_from_what_opengl_calls_it(renderer, gl_version, found):
+    rasterizer = doctor.rasterizer(Fingerprint(renderer, gl_version, "4.0.0"))
+    assert rasterizer == (found and doctor.Rasterizer(*found))
 
 
 @pytest.mark.parametrize("kind", SECOND_RENDERERS)

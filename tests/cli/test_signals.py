@@ -130,7 +130,7 @@ def test_what_was_ignored_stays_ignored(tmp_path):
 
 def test_a_rendering_ends_with_its_workers(tmp_path):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "simgrab", "render", "quay-day", *as_options(SMALL | {"frames": 2000})]
+    command = [sys.executable, "-m", "simgrab", "render", "quay-day", *as_options(SMALL | {"frames": 400})]
     command += ["--out", str(out), "--workers", "2", "--quiet"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     while process.poll() is None and not any((out / ".partial" / "rows").glob("*.json")):

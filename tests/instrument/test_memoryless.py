@@ -136,6 +136,7 @@ def test_intervals_of_a_tilt_of_nearly_nothing(beta_deg):
     assert 0.935 < studies.coverage(interval, d.alpha, beta_deg=beta_deg)[0] < 0.985
 
 
+@pytest.mark.slow
 def test_on_a_swing_independent_frames_fail_and_blocks_hold():
     for name, kinds in studies.long_records(150, 30.0, 0.01).items():
         assert kinds["iid"][1] < 0.5, name  # σ: three thousand frames are not three thousand swings

@@ -92,6 +92,7 @@ def test_less_than_two_periods_of_free_swing_give_the_tilt():
     assert 0.90 <= found.alpha_cover <= 0.995
 
 
+@pytest.mark.slow
 def test_on_forced_records_it_is_no_worse_than_the_memoryless():
     found = studies.swinging("forced", 12, 300.0)
     assert found.refused == 0

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from conftest import small_scene
+from conftest import slow_but, small_scene
 from seconds import SECOND_RENDERERS
 
 from simgrab import geometry
@@ -36,7 +36,7 @@ def second_renderer(request, monkeypatch):
     return request.param
 
 
-@pytest.mark.parametrize("name", ["dataset", "crooked_dataset"])
+@pytest.mark.parametrize("name", slow_but(["dataset", "crooked_dataset"], "crooked_dataset"))
 def test_a_fresh_dataset_passes(name, second_renderer, request):
     report = audit(request.getfixturevalue(name))
     assert report.status == "passed", report.findings
@@ -112,7 +112,7 @@ def test_pictures_and_labels_that_no_row_knows_are_named(copy):
     assert "labels/train/000900.txt" in named
 
 
-@pytest.mark.parametrize(("column", "value"), [("amodal_x0_px", None), ("jaw_deg", 100.0), ("load", 1e9)])
+@pytest.mark.parametrize(("column", "value"), [("amodal_x0_px", None), *slow_but([("jaw_deg", 100.0), ("load", 1e9)])])
 def test_gross_values_are_findings_too(copy, column, value):
     table = pq.read_table(copy / "labels.parquet")
     rows = table.to_pylist()
@@ -164,11 +164,8 @@ def test_every_altered_manifest_field_is_named(copy):
     "kind",
     [
         "labels/train/000000.txt",
-        "annotations/instances_train.json",
-        "images/train/metadata.csv",
         "data.yaml",
-        "preview.jpg",
-        "camera.toml",
+        *slow_but(["annotations/instances_train.json", "images/train/metadata.csv", "preview.jpg", "camera.toml"]),
     ],
 )
 def test_altered_exports_are_named(copy, kind):

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL, as_options
+from conftest import SMALL, as_options, slow_but
 
 from simgrab.calibration import Calibration
 from simgrab.cli import cli
@@ -65,6 +65,7 @@ def test_pictures_of_any_name_are_detected_and_run(tmp_path):
         (tmp_path / NAME / name).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_locale_of_ascii_alone_changes_nothing(tmp_path):
     """Python then takes `ü雪` for bytes that are no text."""
     status, said, _ = simgrab("render", *as_options(SMALLER), "--frames", "1", "--out", str(tmp_path / "ü雪"), **ASCII)
@@ -75,7 +76,7 @@ def test_a_locale_of_ascii_alone_changes_nothing(tmp_path):
     assert json.loads(said)["file"].startswith(f"{tmp_path}/ü雪/images/")
 
 
-@pytest.mark.parametrize("env", [ASCII, {"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "utf-8"}])
+@pytest.mark.parametrize("env", [ASCII, *slow_but([{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "utf-8"}])])
 def test_messages_name_any_path_on_any_terminal(tmp_path, env):
     status, _, errors = simgrab("detect", str(tmp_path / NAME / "ü.mp4"), **env)
     assert status == 2

@@ -6,6 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from conftest import slow_but
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
@@ -64,7 +65,7 @@ class KilledError(Exception):
     pass
 
 
-@pytest.mark.parametrize("stage", NETS)
+@pytest.mark.parametrize("stage", slow_but(NETS, "find"))
 def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, stage):
     def report(name):
         def tell(now: Report):
@@ -81,6 +82,7 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, 
         assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
 
 
+@pytest.mark.slow
 def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, halves, tmp_path):
     def watch(name):
         if name == "looking at val pictures":
@@ -97,7 +99,7 @@ def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, h
     assert (tmp_path / "done" / "settle.onnx").read_bytes() == (trained.folder / "settle.onnx").read_bytes()
 
 
-@pytest.mark.parametrize("frames", [4, 6])  # of the hard dataset: four to learn from, none or two to judge by
+@pytest.mark.parametrize("frames", slow_but([4, 6], 6))  # of the hard dataset: four to learn from, others to judge by
 def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frames):
     out = train([halves], tmp_path / "out", tiny, hard=[_part(halves, tmp_path / "hard", frames)])
     same = {name: (out.folder / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()

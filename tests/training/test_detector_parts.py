@@ -357,6 +357,7 @@ def test_positions_lie_in_the_middle_of_cells():
     np.testing.assert_allclose(told(profile, torch.zeros(1, 1))[0].detach(), 7.5 / 40, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_edges_between_pixels_come_back_without_bias():
     torch.manual_seed(0)
     torch.set_num_threads(1)

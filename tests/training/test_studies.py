@@ -47,6 +47,7 @@ def study(work, *arguments):
     return json.loads((work / training_studies.RESULTS).read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_studies_run_once_and_fill_a_page(tmp_path, monkeypatch):
     known = study(tmp_path / "work", "table", "leak", "counts")

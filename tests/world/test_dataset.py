@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import SMALL, as_options, small_scene
+from conftest import SMALL, as_options, slow_but, small_scene
 
 from simgrab import scenes
 from simgrab.errors import DatasetError, ScenarioError
@@ -88,15 +88,15 @@ def test_another_seed_gives_another_dataset(dataset, tmp_path):
     assert a["alpha_deg"] != b["alpha_deg"]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers):
+@pytest.mark.parametrize(("workers", "kills"), slow_but([(1, (2,)), (1, (0, 2, 4)), (2, (0, 2, 4))], (1, (2,))))
+def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers, kills):
     out = tmp_path / "killed"
     command = simgrab(
         "render", "quay-day", *as_options(SMALL), "--out", out, "--quiet", "--resume", "--workers", workers
     )  # fmt: skip
     moments = random.Random(workers)
     rows = out / ".partial" / "rows"
-    for kill_after in (0, 2, 4):
+    for kill_after in kills:
         process = subprocess.Popen(command, start_new_session=True)
         while process.poll() is None and len(list(rows.glob("*.json"))) < kill_after + (not rows.exists()):
             time.sleep(0.005)
@@ -111,7 +111,7 @@ def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers):
 def test_workers_die_with_the_process_that_feeds_them(tmp_path):
     """Else they would write on, without the lock, under the feet of whoever resumes."""
     out = tmp_path / "orphans"
-    command = simgrab("render", "quay-day", *as_options(SMALL | {"frames": 2000}), "--out", out, "--workers", 2)
+    command = simgrab("render", "quay-day", *as_options(SMALL | {"frames": 400}), "--out", out, "--workers", 2)
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     rows = out / ".partial" / "rows"
     while process.poll() is None and not (rows.exists() and any(rows.glob("*.json"))):

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import slow_but
 
 from simgrab import scenes
 from simgrab.world.frames import FrameGenerator
@@ -17,7 +18,7 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", [name for name in scenes.names() if name.startswith("exam-")])
+@pytest.mark.parametrize("name", slow_but([n for n in scenes.names() if n.startswith("exam-")], "exam-heavy-snow"))
 def test_an_exam_shows_the_grab_or_none(name):
     with FrameGenerator(scenes.load(name, SMALL)) as generator:
         first = [generator.project(frame).moment for frame in range(15)]

@@ -6,13 +6,14 @@ import json
 import cv2
 import numpy as np
 import pytest
+from conftest import slow_but
 
 from scripts.make_golden import GOLDEN, SCENES, draw
 
 LIKENESS_DB = 30.0  # another renderer's edges and texture filters
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", slow_but(SCENES, "quay-day", "water-side"))
 def test_a_scene_looks_as_it_did(name):
     rgb, drawn_by = draw(name)
     kept = json.loads((GOLDEN / "digests.json").read_text())[name]

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import small_scene
+from conftest import slow_but, small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
@@ -81,7 +81,7 @@ def test_a_fixed_mount_stays_while_the_crane_works():
     assert {m.tilt.beta for m in betas({"model": "fixed"}, 60.0)} == {math.radians(4.0)}
 
 
-@pytest.mark.parametrize("model", ["fixed", "levelled", "rigid"])
+@pytest.mark.parametrize("model", slow_but(["fixed", "levelled", "rigid"], "levelled"))
 def test_vibration_has_the_stated_size_and_frequency(model):
     mount = {"model": model, "vibration": {"rms_deg": 0.1, "frequency_hz": 0.6, "damping": 0.1}}
     still = {"swing__work": {"model": "hang"}, "clip__frame_rate_hz": 10.0}

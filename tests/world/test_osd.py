@@ -5,6 +5,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+from conftest import slow_but
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFont
@@ -86,7 +87,7 @@ def backgrounds(width, height):
         yield np.roll(noisy, rng.integers(0, width, 2), axis=(0, 1))
 
 
-@pytest.mark.parametrize(("name", "size"), PICTURES)
+@pytest.mark.parametrize(("name", "size"), slow_but(PICTURES, PICTURES[1], PICTURES[3]))
 def test_digits_and_clock_read_back_exactly(name, size):
     layout = layouts.load(name).scaled(*size)
     overlay, background, rng = Overlay(layout), backgrounds(*size), np.random.default_rng(1)

@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from conftest import SMALL, small_scene
+from conftest import SMALL, slow_but, small_scene
 
 from simgrab import scenes
 from simgrab.world.frames import FrameGenerator
@@ -27,7 +27,7 @@ def labels(record):
     return row
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", slow_but(PRESETS, "heavy-snow"))
 def test_no_weather_and_no_lens_moves_a_label(preset):
     seen = scenes.load(preset, SMALL_CAMERA | {"shutter.rolling_s": 0.0})
     plain = msgspec.structs.replace(seen, weather=small_scene().weather, optics=small_scene().optics)
@@ -39,8 +39,9 @@ def test_no_weather_and_no_lens_moves_a_label(preset):
 
 
 def test_what_weather_hides_is_a_column():
+    plain = SMALL_CAMERA | {"place": {"model": "plain"}}
     hidden = [
-        make(scenes.load("fog", SMALL_CAMERA | {"weather.visibility_m": visibility}), 0).record.truth
+        make(scenes.load("fog", plain | {"weather.visibility_m": visibility}), 0).record.truth
         for visibility in (1000.0, 100.0, 30.0)
     ]
     assert hidden[0].weather_hidden_fraction < hidden[1].weather_hidden_fraction < hidden[2].weather_hidden_fraction

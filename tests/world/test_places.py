@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from conftest import slow_but
 from numpy.typing import NDArray
 
 from simgrab.rng import stream
@@ -23,6 +24,7 @@ OPTIONS: dict[str, Quay | Hold | Water | Plain] = {
     "plain": Plain(),
     "water, rough": Water(freeboard_m=8.0, quay_height_m=6.0, chop=1.0),
 }
+FAST = ("quay, grain, high pile", "hold, coal, full", "plain", "water, rough")
 GROUND = ("apron", "water", "deck 0", "deck 1", "deck 2", "deck 3", "deck 4", "hull", "tank top", "quay wall", "yard")
 STANDING = {  # what stands on the quay: parts of which every solid, or the lowest one, must touch the slabs
     "every": ("cones", "barrels", "pallet", "loader tyres", "truck tyres", "tarpaulin", "pile"),
@@ -47,7 +49,7 @@ def bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float
     return low, high
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", slow_but(OPTIONS, *FAST))
 def test_parts_are_closed_finite_and_named_once(name: str) -> None:
     parts = place(name)
     assert len({p.name for p in parts}) == len(parts)
@@ -61,7 +63,7 @@ def test_parts_are_closed_finite_and_named_once(name: str) -> None:
             assert np.isfinite(part.uv).all(), part.name
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", slow_but(OPTIONS, *FAST))
 def test_a_place_stays_within_its_budget(name: str) -> None:
     parts = place(name)
     materials = {p.material.name: p.material for p in parts}
@@ -70,7 +72,7 @@ def test_a_place_stays_within_its_budget(name: str) -> None:
     assert sum(m.texture.nbytes for m in materials.values() if m.texture is not None) < 115e6
 
 
-@pytest.mark.parametrize("name", [n for n in OPTIONS if n != "plain"])  # which has no corner near
+@pytest.mark.parametrize("name", slow_but([n for n in OPTIONS if n != "plain"], *FAST))  # which has no corner near
 def test_the_height_map_is_as_high_as_every_corner_near(name: str) -> None:
     parts = place(name)
     ground = HeightMap.of((p.mesh for p in parts), 16.0)
@@ -87,7 +89,7 @@ def test_the_height_map_is_as_high_as_every_corner_near(name: str) -> None:
     assert ground.gap(np.array([[500.0, 0.0, -90.0]])) == np.inf
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", slow_but(OPTIONS, *FAST))
 def test_the_world_has_no_edge_within_70_m(name: str) -> None:
     corners = np.concatenate([p.mesh.triangles[:, :, :2] for p in place(name)])
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -100,7 +102,7 @@ def test_the_world_has_no_edge_within_70_m(name: str) -> None:
         assert ((turn >= 0).all(axis=0) | (turn <= 0).all(axis=0)).any(), spot
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", slow_but(OPTIONS, *FAST))
 def test_nothing_floats(name: str) -> None:
     """Every solid is joined to the ground by a chain of solids whose boxes touch within a centimetre."""
     parts = place(name)
@@ -118,7 +120,7 @@ def test_nothing_floats(name: str) -> None:
     assert not [(parts[owner[k]].name, *low[k].round(2), *high[k].round(2)) for k in np.flatnonzero(~held)[:6]]
 
 
-@pytest.mark.parametrize("name", [n for n in OPTIONS if n.startswith("quay")])
+@pytest.mark.parametrize("name", slow_but([n for n in OPTIONS if n.startswith("quay")], *FAST))
 def test_what_stands_on_the_quay_touches_it(name: str) -> None:
     for part in place(name):
         foot = bodies(part.mesh)[0][:, 2] + HEIGHT

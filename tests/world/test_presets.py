@@ -54,6 +54,7 @@ def test_every_preset_is_among_them():
     assert {one.drawn[KEY] for one, _ in variants(presets())} == set(PRESETS)
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_bytes_also_when_killed_and_resumed(drawn, tmp_path):
     scenario, path = drawn
     out = tmp_path / "out"

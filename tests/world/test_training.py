@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import small_scene
+from conftest import slow_but, small_scene
 from test_dataset import digest
 
 from simgrab import scenes
@@ -66,6 +66,7 @@ def test_frames_of_a_variant_stay_in_one_split():
     assert {stored.split(many, f) for f in range(200)} == {"train", "val", "test"}
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_bytes(varied, tmp_path):
     render(scene(), tmp_path / "two", workers=2)
     assert digest(tmp_path / "two") == digest(varied)
@@ -155,6 +156,7 @@ def test_an_absent_grab_is_not_drawn_nor_are_its_ropes():
         assert (renderer.view(moment, grab_only=True).ids == NOTHING).all()
 
 
+@pytest.mark.slow
 def test_the_audit_passes_without_the_grab(half_empty):
     assert [p.findings for p in audit(half_empty).proofs if p.status == "failed"] == []
 
@@ -164,7 +166,7 @@ def test_a_scene_without_any_grab_is_refused():
         crew.vetted(Recipe(small_scene(swing__absent=1.0)), 1)
 
 
-@pytest.mark.parametrize("place", ["plain", "quay", "hold", "water"])
+@pytest.mark.parametrize("place", slow_but(["plain", "quay", "hold", "water"], "plain", "hold"))
 def test_other_grabs_stand_on_level_ground_out_of_the_way(place):
     cluttered = small_scene(place={"model": place}, clutter__other_grabs=3)
     bare = build(cluttered.place, head_height=28.0, rng=stream(0, 0, "place"))
@@ -214,7 +216,7 @@ def test_the_training_scene_runs():
     assert len(json.loads(row.varied)) > 20
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", slow_but([1, 2], 1))
 def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_path, workers):
     rope = {
         "swing.rope_length_m": {"dist": "one-of", "values": [{"dist": "constant", "value": v} for v in (10.0, 27.0)]}
@@ -225,7 +227,7 @@ def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", slow_but([1, 2], 1))
 def test_many_worlds_are_counted_while_they_are_checked(workers):
     told = []
     crew.vetted(Recipe(scene(frames=6)), workers, lambda *counts: told.append(counts))

@@ -134,6 +134,7 @@ def test_matroska_holds_the_same_pictures(videos, rough, tmp_path):
     assert [row["rgb_sha256"] for row in rows] == [row["rgb_sha256"] for row in table(videos / "swing-001.mp4")]
 
 
+@pytest.mark.slow
 def test_workers_manifest_and_command_line_give_the_same_bytes(videos, tmp_path):
     again = scenes.load(videos / "swing-001.manifest.json")
     render_video(again, tmp_path / "two" / "again.mp4", workers=2)
@@ -157,6 +158,7 @@ def test_a_clip_made_alone_is_the_same_and_no_two_are(videos, rough, tmp_path):
     assert digests(folder) == digests(videos)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_killed_and_resumed_it_ends_the_same(videos, tmp_path, workers):
     command = [sys.executable, "-m", "simgrab", "render", "quay-day", *as_options(SMALL | ROUGH), "--quiet"]
@@ -290,9 +292,9 @@ def test_a_full_disk_is_told_and_survived(videos, rough, tmp_path, monkeypatch):
 
 
 def test_others_stop_when_a_clip_fails(rough, tmp_path):
-    """A clip may be hours long: nobody waits for it when the run has failed."""
+    """A clip may be long: nobody waits for it when the run has failed."""
     scenario = msgspec.structs.replace(
-        rough, frames=8000, clip=msgspec.structs.replace(rough.clip, clip_frames=4000, drop_share=0.0)
+        rough, frames=800, clip=msgspec.structs.replace(rough.clip, clip_frames=400, drop_share=0.0)
     )
     (tmp_path / ".swing.mp4.partial" / "001.mp4").mkdir(parents=True)  # clip 1 cannot be written
     with pytest.raises(DatasetError, match="cannot write"):

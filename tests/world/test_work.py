@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import small_scene
+from conftest import slow_but, small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -132,6 +132,9 @@ def test_slewing_goes_on_at_its_speed():
     assert (course.slew_rate[:50] == 0).all()
 
 
-@pytest.mark.parametrize("name", ["work-cycles", "qingdao-twin", "qingdao-night-snow", "qingdao-heavy-snow"])
+RECORDS = ["work-cycles", "qingdao-twin", "qingdao-night-snow", "qingdao-heavy-snow"]
+
+
+@pytest.mark.parametrize("name", slow_but(RECORDS, "qingdao-heavy-snow"))
 def test_no_frame_of_a_bundled_record_runs_the_grab_into_something(name):
     vetted(Recipe(scenes.load(name)), 1)

@@ -29,7 +29,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     Examples
     --------
     >>> import numpy as np
-    >>> detector()(np.zeros((1080, 1920, 3), np.uint8)).status  # doctest: +SKIP
+    >>> detector()(np.zeros((1080, 1920, 3), np.uint8)).status
     'none'
     """
     path = WEIGHTS if name == BUNDLED else Path(name)

@@ -107,6 +107,7 @@ def test_physics_brings_times_and_a_camera_that_moves():
     assert np.std(off - still @ np.linalg.lstsq(still, off)[0]) > 0.3  # by another angle in each frame
 
 
+@pytest.mark.slow
 def test_workers_and_an_interruption_change_nothing(tmp_path):
     study = catalogue.read(SNOW | {"replications": 3, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
     folder, told = tmp_path / "pictures", []

@@ -83,6 +83,7 @@ def test_rows_are_the_same_in_parts_of_any_size_and_in_a_replay(file):
             assert all(ours[k] == row[k] for k in ours)
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     log = tmp_path / "log"
 

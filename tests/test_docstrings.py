@@ -1,0 +1,46 @@
+"""Every example in a docstring runs and gives what it shows."""
+
+import doctest
+import importlib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MODULES = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for path in (ROOT / "simgrab").rglob("*.py")
+    if ">>> " in path.read_text(encoding="utf-8")
+)
+
+
+def examples(name):
+    return [
+        test for test in doctest.DocTestFinder(exclude_empty=True).find(importlib.import_module(name)) if test.examples
+    ]
+
+
+@pytest.fixture
+def folder(dataset, tmp_path, monkeypatch):
+    """A working directory with a finished dataset, which examples open as ``runs/quay-day``."""
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "quay-day").symlink_to(dataset)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.usefixtures("folder")
+def test_examples_give_what_they_show(name):
+    if name.startswith("simgrab.training"):
+        pytest.importorskip("torch")
+    found = examples(name)
+    assert found
+    for test in found:
+        shown = []
+        outcome = doctest.DocTestRunner().run(test, out=shown.append)
+        assert outcome.failed == 0, "".join(shown)
+
+
+def test_a_wrong_example_is_found():
+    wrong = doctest.DocTestParser().get_doctest(">>> 1 + 1\n3\n", {}, "wrong", None, None)
+    assert doctest.DocTestRunner().run(wrong, out=lambda _: None).failed == 1
