@@ -10,6 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from conftest import slow_but
 
 from simgrab.errors import SourceError
 from simgrab.instrument.video import Video
@@ -85,14 +86,15 @@ def measured(path):
     return []
 
 
-def test_it_is_measured_up_to_wherever_it_breaks_off(own, tmp_path):
+@pytest.mark.parametrize(("around", "stride"), slow_but([((0,), 9973), ((-1, 0, 1, 7, 8, 9, 60), 997)], ((0,), 9973)))
+def test_it_is_measured_up_to_wherever_it_breaks_off(own, tmp_path, around, stride):
     path, _ = own
     data, whole = path.read_bytes(), list(Video(path))
     parts = boxes(data)
     header, last = parts[1][2], parts[-1][1]
-    ends = {end + off for _, _, end in parts[1:-1] for off in (-1, 0, 1, 7, 8, 9, 60)}
+    ends = {end + off for _, _, end in parts[1:-1] for off in around}
     seen = []
-    for end in sorted(ends | set(range(header, last, 997))):
+    for end in sorted(ends | set(range(header, last, stride))):
         (tmp_path / "cut.mp4").write_bytes(data[:end])
         if end < header:
             with pytest.raises(SourceError, match="not a video that can be opened"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import slow_but
 
 from scripts.factors import factor, law, report
 from simgrab import scenes
@@ -35,7 +36,7 @@ def test_choices_pass_by_their_shares_and_strangers_are_told():
     assert any("edge" in w for w in factor("coin", COINS, [*fair, "edge"]).warnings)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", slow_but([0, 1], 0))
 def test_the_training_scene_draws_what_it_asks_for(seed):
     lines = report(scenes.load("training", {"seed": seed, "frames": 3200}))
     assert [(line.name, line.warnings) for line in lines if line.warnings] == []

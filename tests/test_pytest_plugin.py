@@ -49,6 +49,7 @@ def run(folder, tests, cache, *options):
     return done.returncode, done.stdout
 
 
+@pytest.mark.slow
 def test_frames_and_truth_of_a_scene_are_kept_between_runs(tmp_path, cache):
     tests = OWN + (
         "def test_it(record):\n"

@@ -11,6 +11,7 @@ from simgrab.instrument.estimate.intervals import of_scale
 from simgrab.judge.paper.paper import PaperSettings, study
 
 
+@pytest.mark.slow
 def test_errors_fall_as_the_root_of_n():
     found = study(PaperSettings(replications=1000, frames=(100, 316, 1000, 3162), starts_deg=(0,)))
     assert found.slope_beta == pytest.approx(-0.5, abs=0.03)

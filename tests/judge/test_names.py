@@ -36,6 +36,7 @@ def simgrab(*arguments, **env):
     return done.returncode, done.stdout, done.stderr.decode().splitlines()
 
 
+@pytest.mark.slow
 def test_what_is_rendered_can_be_measured_and_compared(tmp_path):
     folder = tmp_path / NAME
     data, video, made = folder / "data", folder / "a.mp4", folder / "run"

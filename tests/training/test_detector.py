@@ -114,6 +114,7 @@ def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frame
     assert out.metrics["frames"] == trained.metrics["frames"] * (frames - 2) / 2
 
 
+@pytest.mark.slow
 def test_no_hard_dataset_is_needed_to_fit_and_one_that_shows_the_grab_is(trained, halves, tmp_path):
     """Frames by hand, as `scripts.training_studies` takes them."""
     frames = Frames.of([datasets.read(halves)])

@@ -108,6 +108,7 @@ def test_killed_and_resumed_it_ends_the_same(dataset, tmp_path, workers, kills):
     assert digest(out) == digest(dataset)
 
 
+@pytest.mark.slow
 def test_workers_die_with_the_process_that_feeds_them(tmp_path):
     """Else they would write on, without the lock, under the feet of whoever resumes."""
     out = tmp_path / "orphans"

@@ -13,7 +13,7 @@ from scripts.make_golden import GOLDEN, SCENES, draw
 LIKENESS_DB = 30.0  # another renderer's edges and texture filters
 
 
-@pytest.mark.parametrize("name", slow_but(SCENES, "quay-day", "water-side"))
+@pytest.mark.parametrize("name", slow_but(SCENES, "quay-day"))
 def test_a_scene_looks_as_it_did(name):
     rgb, drawn_by = draw(name)
     kept = json.loads((GOLDEN / "digests.json").read_text())[name]

@@ -6,6 +6,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from conftest import slow_but
 
 from simgrab import scenes
 from simgrab.scenario import Cargo
@@ -154,7 +155,8 @@ def test_another_paint_changes_no_shape(parts: dict[str, list[Part]]) -> None:
     assert not np.array_equal(parts["head"][0].material.texture, other["head"][0].material.texture)
 
 
-def test_a_world_leaves_the_shared_steel_as_it_was() -> None:
+@pytest.mark.parametrize("changes", slow_but([{"place": {"model": "plain"}}, {}], {"place": {"model": "plain"}}))
+def test_a_world_leaves_the_shared_steel_as_it_was(changes: dict[str, object]) -> None:
     def every_byte() -> list[bytes]:
         meshes = [part.mesh for parts in grab.steel().values() for part in parts]
         meshes += [
@@ -166,7 +168,7 @@ def test_a_world_leaves_the_shared_steel_as_it_was() -> None:
         return [np.asarray(v).tobytes() for mesh in meshes for v in (mesh.vertices, mesh.faces, mesh.face_normals)]
 
     before = every_byte()
-    scenario = scenes.load("quay-day", {"clutter.other_grabs": 3})
+    scenario = scenes.load("quay-day", changes | {"clutter.other_grabs": 3})
     model.build(scenario, draw_up(scenario))
     assert every_byte() == before
 

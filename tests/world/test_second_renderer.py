@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import slow_but
 from seconds import SECOND_RENDERERS, needs_embree
 
 from scripts.second_renderers import Comparison, compare
@@ -78,7 +79,7 @@ def test_a_renderer_whose_process_died_renders_on(renderer):
 
 
 @needs_embree
-@pytest.mark.parametrize("scene_fixture", ["scene", "crooked_scene"])
+@pytest.mark.parametrize("scene_fixture", slow_but(["scene", "crooked_scene"], "crooked_scene"))
 def test_mujoco_and_both_second_renderers_agree(scene_fixture, request):
     """scripts/second_renderers.py compares 64 frames of full size so."""
     with FrameGenerator(request.getfixturevalue(scene_fixture)) as generator:

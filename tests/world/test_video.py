@@ -291,6 +291,7 @@ def test_a_full_disk_is_told_and_survived(videos, rough, tmp_path, monkeypatch):
     assert digests(tmp_path) == digests(videos)
 
 
+@pytest.mark.slow
 def test_others_stop_when_a_clip_fails(rough, tmp_path):
     """A clip may be long: nobody waits for it when the run has failed."""
     scenario = msgspec.structs.replace(
