@@ -35,11 +35,12 @@ def command(as_json: bool) -> None:
             click.echo(f"cannot draw: {found.problem}")
         second = found.second_renderer or f"none, audits stay incomplete: {found.second_problem}"
         click.echo(f"second renderer  {second}")
-        click.echo("The bytes of a dataset depend on the fingerprint, these CPU features and these versions:")
+        click.echo("The bytes of a dataset depend on the fingerprint, on what these take from the CPU and on versions:")
         if found.rasterizer:
             mesa = found.rasterizer
             click.echo(f"Mesa             {mesa.mesa}, LLVM {mesa.llvm}, vectors of {mesa.vector_bits} bits")
-        click.echo(f"NumPy uses       {' '.join(found.cpu_features) or 'no CPU feature beyond its baseline'}")
+        for library, features in found.cpu_features.items():
+            click.echo(f"{library + ' uses':<16} {' '.join(features) or 'nothing beyond its baseline'}")
         deciding = ("simgrab", *PACKAGES)
         for package in deciding:
             click.echo(f"{package:<24} {found.versions[package]}")

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import ModuleType
 
+import cv2
 import numpy as np
+import scipy
+import scipy.linalg  # loads its OpenBLAS
 
 from simgrab._version import __version__
 from simgrab.errors import RendererError
@@ -50,9 +57,9 @@ class Diagnosis:
         Why there is none and what to install.
     rasterizer : Rasterizer or None
         Of Mesa's software renderer; None where another driver renders.
-    cpu_features : tuple of str
-        CPU features that NumPy dispatches to, beyond those that it was built for. Its sums and transcendental functions
-        may differ in the last bit from those of another machine.
+    cpu_features : dict of str to tuple of str
+        By library, what it takes from this CPU beyond what it was built for: features that NumPy and OpenCV dispatch
+        to, kernels of the OpenBLAS in NumPy and SciPy. With others, results may differ in the last bit.
     versions : dict of str to str
         Of simgrab, of the packages in a manifest, on which bytes depend, and of a few others.
     """
@@ -63,7 +70,7 @@ class Diagnosis:
     second_renderer: str
     second_problem: str
     rasterizer: Rasterizer | None
-    cpu_features: tuple[str, ...]
+    cpu_features: dict[str, tuple[str, ...]]
     versions: dict[str, str]
 
     @property
@@ -110,9 +117,25 @@ def rasterizer(fingerprint: gl.Fingerprint) -> Rasterizer | None:
     return Rasterizer(mesa[1], llvm[1], int(llvm[2])) if llvm and mesa else None
 
 
-def cpu_features() -> tuple[str, ...]:
-    """Return the CPU features that NumPy dispatches to here, without what ``NPY_DISABLE_CPU_FEATURES`` takes away."""
-    return tuple(np.show_config("dicts")["SIMD Extensions"].get("found", ()))
+def cpu_features() -> dict[str, tuple[str, ...]]:
+    """Return what libraries take from this CPU, without what environment variables take away; see `Diagnosis`."""
+    return {
+        "numpy": tuple(np.show_config("dicts")["SIMD Extensions"].get("found", ())),
+        "opencv": tuple(
+            name[1:] for name in cv2.getCPUFeaturesLine().split() if name.startswith("*") and not name.endswith("?")
+        ),
+        "openblas": tuple(kernel for package in (np, scipy) for kernel in _openblas_kernels(package)),
+    }
+
+
+def _openblas_kernels(package: ModuleType) -> Iterator[str]:
+    """Yield the kernels that the OpenBLAS in a package's wheel has chosen, none where it has another BLAS."""
+    for file in sorted(Path(package.__file__ or "").parent.parent.glob(f"{package.__name__}.libs/*openblas*")):
+        library = ctypes.CDLL(str(file))
+        for name in ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename"):
+            if kernel := getattr(library, name, None):
+                kernel.restype = ctypes.c_char_p
+                yield kernel().decode()
 
 
 def _open_context() -> gl.Fingerprint:

@@ -2,6 +2,7 @@ import errno
 import functools
 import json
 import os
+import platform
 import resource
 import subprocess
 import sys
@@ -322,22 +323,33 @@ def test_doctor_reports():
     found = json.loads(run("doctor", "--json")[1])
     assert found["renderer"]["fingerprint"]
     assert f"second renderer  {found['second_renderer']}\n" in out
-    assert f"NumPy uses       {' '.join(found['cpu_features']) or 'no CPU feature beyond its baseline'}\n" in out
+    for library, features in found["cpu_features"].items():
+        assert f"{library + ' uses':<16} {' '.join(features) or 'nothing beyond its baseline'}\n" in out
     for package in PACKAGES:
         assert f"{package:<24} {version(package)}\n" in out
 
 
-def test_doctor_reports_what_numpy_and_mesa_use_of_the_cpu():
+def test_doctor_reports_what_libraries_use_of_the_cpu():
     def report(**environment):
         command = [sys.executable, "-m", "simgrab", "doctor", "--json"]
         return json.loads(subprocess.check_output(command, env=os.environ | environment))
 
     usual = report()
-    turned_down = report(NPY_DISABLE_CPU_FEATURES=" ".join(usual["cpu_features"]), LP_NATIVE_VECTOR_WIDTH="128")
-    assert turned_down["cpu_features"] == []
+    turned_down = report(
+        NPY_DISABLE_CPU_FEATURES=" ".join(usual["cpu_features"]["numpy"]), LP_NATIVE_VECTOR_WIDTH="128",
+        OPENCV_CPU_DISABLE=",".join(usual["cpu_features"]["opencv"]),
+    )  # fmt: skip
+    assert (turned_down["cpu_features"]["numpy"], turned_down["cpu_features"]["opencv"]) == ([], [])
     if usual["rasterizer"]:
         assert f"LLVM {usual['rasterizer']['llvm']}" in usual["renderer"]["renderer"]
         assert turned_down["rasterizer"] == usual["rasterizer"] | {"vector_bits": 128}
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the kernel is one for x86-64")
+def test_doctor_names_the_kernels_of_openblas():
+    code = "from simgrab.judge.doctor import cpu_features; print(*cpu_features()['openblas'])"
+    said = subprocess.check_output([sys.executable, "-c", code], env=os.environ | {"OPENBLAS_CORETYPE": "Nehalem"})
+    assert set(said.decode().split()) <= {"Nehalem"}
 
 
 @pytest.mark.parametrize(
