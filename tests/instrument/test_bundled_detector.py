@@ -42,3 +42,18 @@ FEW = ((10, 11), 1, 1)
 @pytest.mark.parametrize(("frames", "shown", "bare"), slow_but([FEW, ALL], FEW))
 def test_the_grab_is_found_where_it_is_and_nowhere_else(frames, shown, bare):
     looks, found, empty = detector(), 0, 0
+    with FrameGenerator(scenes.load("exam-windy", {"clip.clip_frames": 2, "frames": 12})) as generator:
+        for frame in frames:
+            drawn = generator.frame(frame)
+            row, told = drawn.truth, looks(np.ascontiguousarray(drawn.rgb))
+            box = labels.box(row)
+            if box is None:
+                assert not told.found
+                empty += 1
+            elif row.visible_fraction > 0.5:
+                assert told.found
+                assert iou(told.box, box) > 0.85
+                assert np.linalg.norm(told.centre - labels.centre(row)) < 0.08 * (box[2:] - box[:2]).max()
+                found += 1
+    assert found >= shown
+    assert empty >= bare
