@@ -128,6 +128,7 @@ def test_what_was_ignored_stays_ignored(tmp_path):
     assert process.returncode == 143
 
 
+@pytest.mark.slow
 def test_a_rendering_ends_with_its_workers(tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "simgrab", "render", "quay-day", *as_options(SMALL | {"frames": 400})]

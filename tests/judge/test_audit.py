@@ -163,9 +163,16 @@ def test_every_altered_manifest_field_is_named(copy):
 @pytest.mark.parametrize(
     "kind",
     [
-        "labels/train/000000.txt",
         "data.yaml",
-        *slow_but(["annotations/instances_train.json", "images/train/metadata.csv", "preview.jpg", "camera.toml"]),
+        *slow_but(
+            [
+                "labels/train/000000.txt",
+                "annotations/instances_train.json",
+                "images/train/metadata.csv",
+                "preview.jpg",
+                "camera.toml",
+            ]
+        ),
     ],
 )
 def test_altered_exports_are_named(copy, kind):
@@ -238,6 +245,7 @@ def test_a_wrong_sign_of_gamma_is_caught(monkeypatch, tmp_path):
     assert "poses agree with angles, rope length and offset" in failed
 
 
+@pytest.mark.slow
 def test_a_swapped_tilt_axis_is_caught(monkeypatch, tmp_path):
     right = geometry.camera_rotation
     failed = planted(
@@ -257,6 +265,7 @@ def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
     assert "a second renderer draws the same silhouette" in failed
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("second_renderer")
 def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
     from simgrab.world.camera.renderer import Renderer

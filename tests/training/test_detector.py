@@ -65,7 +65,8 @@ class KilledError(Exception):
     pass
 
 
-@pytest.mark.parametrize("stage", slow_but(NETS, "find"))
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", NETS)
 def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, stage):
     def report(name):
         def tell(now: Report):

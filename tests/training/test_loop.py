@@ -257,6 +257,7 @@ def test_the_rate_rises_and_falls():
     assert np.all(np.diff(rates[10:]) < 0)
 
 
+@pytest.mark.slow
 def test_drawing_leaves_room_for_torch():
     """Mesa's LLVM and that in triton, which torch's optimisers import, do not bear each other in the wrong order."""
     code = """

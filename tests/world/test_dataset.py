@@ -156,6 +156,7 @@ def test_a_dataset_killed_while_it_cleaned_up_is_finished(dataset, scene, tmp_pa
     assert digest(tmp_path / "out") == digest(dataset)
 
 
+@pytest.mark.slow
 def test_frames_are_counted_once_when_a_run_goes_on_within_a_clip(tmp_path):
     """Each clip a world of its own, whose frames that are there count when the clip is taken up."""
     scene = small_scene(
@@ -257,6 +258,7 @@ def test_a_grab_out_of_the_picture_keeps_its_row(tmp_path):
         assert row["visible_fraction"] <= row["in_frame_fraction"] + 1e-9
 
 
+@pytest.mark.slow
 def test_a_grab_beyond_the_fold_of_the_lens_is_nowhere(tmp_path):
     """Brown-Conrady's polynomial would fold it back into the picture."""
     scenario = small_scene(

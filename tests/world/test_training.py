@@ -72,6 +72,7 @@ def test_two_workers_give_the_same_bytes(varied, tmp_path):
     assert digest(tmp_path / "two") == digest(varied)
 
 
+@pytest.mark.slow
 def test_resumed_within_a_variant_it_ends_the_same(varied, tmp_path, monkeypatch):
     real, left = Folder.store, [3]
 
@@ -97,10 +98,12 @@ def test_a_frame_alone_is_the_frame_of_the_whole(varied):
                 assert (varied / name).read_bytes() == data
 
 
+@pytest.mark.slow
 def test_the_audit_passes(varied):
     assert [p.findings for p in audit(varied).proofs if p.status == "failed"] == []
 
 
+@pytest.mark.slow
 def test_the_paint_is_the_one_drawn():
     """Reds and blues among the grab's own pixels go by the drawn name."""
     plain = small_scene(
@@ -207,6 +210,7 @@ def test_an_absent_grab_among_others_has_no_box():
         assert GRAB not in frame.ids
 
 
+@pytest.mark.slow
 def test_the_training_scene_runs():
     """One small world of the bundled scene, whole: drawn, labelled, encoded."""
     size = {"camera.width_px": 480, "camera.height_px": 270, "camera.focal.pixels_per_mm": 342.67 / 4}

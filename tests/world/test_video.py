@@ -127,6 +127,7 @@ def test_ffprobe_agrees(videos, rough, tmp_path, suffix):
     assert times == pytest.approx([row["pts_s"] for row in table(path)], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_matroska_holds_the_same_pictures(videos, rough, tmp_path):
     render_video(rough, tmp_path / "swing.mkv")
     rows, pictures = table(tmp_path / "swing-001.mkv"), decode(tmp_path / "swing-001.mkv")
@@ -200,6 +201,7 @@ def test_frames_and_video_come_from_one_run(videos, rough, tmp_path, monkeypatch
         }
 
 
+@pytest.mark.slow
 def test_dataset_and_video_are_taken_up_together(videos, rough, tmp_path):
     def stop(done, _):
         if done == 13:
@@ -276,6 +278,7 @@ def test_two_writers_do_not_share_a_place(rough, tmp_path):
         render_video(rough, tmp_path / "swing.mp4", resume=True)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_survived(videos, rough, tmp_path, monkeypatch):
     real = Reels.draft
 

@@ -81,6 +81,7 @@ def test_probes_are_swings_of_ten_degrees_all_around(clear):
     np.testing.assert_allclose(np.degrees(np.arccos(rays @ down)), 10.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_it_is_what_rendering_and_looking_give(watched, tmp_path):
     """The same scene through files on the disk: the pictures of a dataset, and its camera file."""
     assert render(watched.scenario, tmp_path / "set").frames == watched.scenario.frames

@@ -120,6 +120,7 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     assert (one / "small" / "summary.csv").read_bytes() == (killed / "small" / "summary.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_study_killed_while_it_cleaned_up_is_finished(tmp_path):
     study = small("focal", (0.0,), replications=2, n=20)
     laboratory.run([study], tmp_path)
