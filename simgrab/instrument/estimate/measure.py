@@ -71,7 +71,6 @@ def estimate(
     Examples
     --------
     >>> import numpy as np
-    from numpy.typing import ArrayLike
     >>> import simgrab
     >>> from simgrab.calibration import Calibration
     >>> camera = Calibration(width_px=1920, height_px=1080, focal_length_px=1645.0, cx_px=960.0, cy_px=540.0)
