@@ -12,7 +12,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from conftest import small_scene
+from conftest import slow_but, small_scene
 
 import simgrab
 from simgrab.errors import ScenarioError
@@ -140,7 +140,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(("start", "used"), [("fork", "fresh"), ("spawn", "used"), ("fork", "used")])
+@pytest.mark.parametrize(("start", "used"), [("fork", "used"), *slow_but([("fork", "fresh"), ("spawn", "used")])])
 def test_a_data_loader_gives_the_same_frames(tmp_path, start, used):
     """A fork after OpenGL was used is refused, for it would hang."""
     pytest.importorskip("torch")
@@ -169,6 +169,7 @@ def test_frames_need_no_torch():
     assert done.stdout.strip() == "64"
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_over_two_thousand_frames():
     """Small pictures, so that they take no hour; of each 0.2 MB would stay if one stayed."""
     code = (
