@@ -203,8 +203,8 @@ def frames(
     >>> scene = simgrab.load("quay-day", {"camera.width_px": 480, "camera.height_px": 270, "frames": 2})
     >>> for frame in simgrab.frames(scene):
     ...     print(frame.rgb.shape, frame.mask.any(), round(frame.truth.alpha_deg, 2), frame.depth.shape)
-    (270, 480, 3) True 2.13 (270, 480)
-    (270, 480, 3) True 1.04 (270, 480)
+    (270, 480, 3) True 2.0 (270, 480)
+    (270, 480, 3) True 1.43 (270, 480)
     """
     recipe = _recipe(scene, randomiser, trajectory, effects)
     numbers = range(recipe.scenario.frames) if indices is None else indices

@@ -18,6 +18,7 @@ import simgrab
 from simgrab.cli import cli
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError
 from simgrab.world.extensions import Extensions
+from simgrab.world.trajectory.trajectory import Trajectory
 
 SCENE = small_scene(frames=4, image__format="png", clip__clip_frames=2)
 SOURCE = hashlib.sha256(Path(user_functions.__file__).read_bytes()).hexdigest()
@@ -123,10 +124,18 @@ BAD = [
 ]
 
 
+def used(scene=SCENE, *, randomiser=None, trajectory=None, effects=()):
+    """Call what a frame would call, without a world to render."""
+    given = Extensions.of(randomiser, trajectory, effects)
+    scene = given.variant(scene, 0).scenario
+    moment = Trajectory(scene, given).at(0)
+    return given.apply(np.zeros((scene.camera.height_px, scene.camera.width_px, 3), np.uint8), moment, scene)
+
+
 @pytest.mark.parametrize(("functions", "message"), BAD)
 def test_functions_that_do_not_work_are_named_in_one_line(functions, message):
     with pytest.raises(ExtensionError, match=message) as problem:
-        frames(**functions)
+        used(**functions)
     assert "\n" not in str(problem.value)
 
 
@@ -135,7 +144,7 @@ def test_functions_that_do_not_work_are_named_in_one_line(functions, message):
 )
 def test_a_randomiser_is_checked_as_strictly_as_a_scene_file(change, key):
     with pytest.raises(ScenarioError) as problem:
-        frames(randomiser=lambda *_: change)
+        used(randomiser=lambda *_: change)
     assert problem.value.key == key
 
 
