@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simgrab.instrument.contract import Frame, Instrument
     from simgrab.judge.check.suite import Limit
     from simgrab.labels.datasets import Dataset
-    from simgrab.labels.truth import Truth
+    from simgrab.labels.truth import Row
 
 MARKER = "simgrab_limit"
 
@@ -42,7 +42,7 @@ class Record:
         return open_source(self.dataset.path)
 
     @property
-    def truth(self) -> tuple[Truth, ...]:
+    def truth(self) -> tuple[Row, ...]:
         """A row of labels a frame."""
         return self.dataset.rows
 

@@ -285,9 +285,9 @@ def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
 def test_identities_refuse_small_errors(dataset):
     import msgspec
 
-    from simgrab.labels.truth import Truth
+    from simgrab.labels.truth import Row
 
-    rows = [msgspec.convert(r, Truth) for r in pq.read_table(dataset / "labels.parquet").to_pylist()]
+    rows = [msgspec.convert(r, Row) for r in pq.read_table(dataset / "labels.parquet").to_pylist()]
     assert identities.paper_identities(rows).status == "passed"
     for column, error, proof in (
         ("theta_deg", 1e-3, identities.paper_identities),

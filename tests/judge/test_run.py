@@ -29,7 +29,7 @@ from simgrab.instrument.run.run import Options, measure, run
 from simgrab.instrument.run.table import beside_paper, held
 from simgrab.instrument.run.video import Film
 from simgrab.instrument.source import open_source
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Row
 from simgrab.layouts import load as layout
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -60,9 +60,9 @@ def clip(tmp_path_factory):
 
 def truth_of(path):
     rows = pq.read_table(path.with_suffix(".parquet")).to_pylist()
-    names = set(Truth.__struct_fields__)
+    names = set(Row.__struct_fields__)
     plain = {"file": "", "image_sha256": ""}
-    return [msgspec.convert({k: v for k, v in row.items() if k in names} | plain, Truth) for row in rows]
+    return [msgspec.convert({k: v for k, v in row.items() if k in names} | plain, Row) for row in rows]
 
 
 @pytest.fixture(scope="module")

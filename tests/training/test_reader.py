@@ -19,7 +19,7 @@ from simgrab.instrument.read import Reader  # noqa: E402
 from simgrab.instrument.read.crops import around, crops, cut  # noqa: E402
 from simgrab.instrument.read.reader import NO_DIGIT  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
-from simgrab.labels.truth import Truth  # noqa: E402
+from simgrab.labels.truth import Row  # noqa: E402
 from simgrab.training.reader import augment, cells, task  # noqa: E402
 from simgrab.training.reader.lenet import LeNet5  # noqa: E402
 from simgrab.training.reader.train import RECIPE, train_reader  # noqa: E402
@@ -158,7 +158,7 @@ def test_the_command_line_trains(dataset, tmp_path):
 def test_torn_frames_are_left_out(dataset):
     (found,) = datasets.read_all([dataset], "train")
 
-    def tear(row: Truth):
+    def tear(row: Row):
         return msgspec.structs.replace(row, torn_row_px=30) if row.frame < 10 else row
 
     torn = dataclasses.replace(found, rows=tuple(map(tear, found.rows)))

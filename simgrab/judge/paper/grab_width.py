@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
-from simgrab.errors import DatasetError
+from simgrab.errors import DatasetError, first_line
 from simgrab.geometry import Array, eq2_cos_alpha, vertical_direction
 from simgrab.instrument.estimate import GrabWidth, PaperIteration
-from simgrab.labels.truth import KEYPOINT_NAMES, Row
-from simgrab.records import frame_files
+from simgrab.labels.truth import KEYPOINT_NAMES
+from simgrab.utilities.parquet import read_table
 from simgrab.world.scenery.meshes import grab
 
-_COLUMNS = ("alpha_deg", "beta_deg", "yaw_deg", "jaw_deg", "rope_length_m", "grab_u_px", "grab_v_px")
+_COLUMNS = ("alpha_deg", "beta_deg", "yaw_deg", "jaw_deg", "rope_length_m", "grab_u_px", "grab_v_px", "keypoints")
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,12 @@ def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> Gr
         If there are too few such frames.
     """
     folder = Path(dataset)
-    rows, _, _ = frame_files.read_rows(folder, Row)
-    column = {name: np.array([getattr(row, name) for row in rows], float) for name in _COLUMNS}
+    labels = folder / "labels.parquet"
+    table = read_table(labels, DatasetError, columns=_COLUMNS).to_pydict()
+    try:
+        column = {name: np.asarray(values, float) for name, values in table.items() if name != "keypoints"}
+    except (TypeError, ValueError) as problem:
+        raise DatasetError(f"{labels}: not simgrab labels ({first_line(problem)})") from None
     calibration = camera_file.load(folder / "camera.toml")
     pixels = np.stack([column["grab_u_px"], column["grab_v_px"]], axis=-1)
     found = PaperIteration(start="mean-ray").estimate(pixels, calibration)
@@ -83,7 +87,7 @@ def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> Gr
         raise DatasetError(f"{folder}: {len(picked)} frames show a closed grab turned by less than {turned_deg:g} deg")
 
     width_m, drop = _lip()
-    seen = _lip_width_px(np.array([rows[i].keypoints for i in picked], float), calibration)
+    seen = _lip_width_px(np.array([table["keypoints"][i] for i in picked], float), calibration)
     by_width = GrabWidth(width_m).angle(m[picked], seen, column["rope_length_m"][picked] + drop)
     truth = np.deg2rad(column["alpha_deg"][picked])
     axis = float(vertical_direction(found.tilt_azimuth, np.deg2rad(calibration.roll_deg)))
