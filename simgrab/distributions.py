@@ -69,7 +69,7 @@ class Rayleigh(Law, frozen=True, tag="rayleigh"):
 
     def check(self) -> None:  # noqa: D102
         if self.high is not None and self.high < 1e-3 * self.scale:
-            raise ValueError(f"hardly any of the law lies in [0, {self.high:g}]")
+            raise ValueError(f"the distribution has almost no probability in [0, {self.high:g}]")
 
     def _beyond(self, high: float) -> float:
         """P(X > high) without truncation."""
@@ -121,7 +121,7 @@ class Normal(Law, frozen=True, tag="normal"):
         if self.sd == 0 and not low <= self.mean <= high:
             raise ValueError(f"with sd = 0 the mean must lie in [{low:g}, {high:g}], got {self.mean:g}")
         if self.sd > 0 and self._mass()[1] - self._mass()[0] < 1e-9:
-            raise ValueError(f"hardly any of the law lies in [{low:g}, {high:g}]")
+            raise ValueError(f"the distribution has almost no probability in [{low:g}, {high:g}]")
 
     def _mass(self) -> tuple[float, float]:
         low, high = self.support()

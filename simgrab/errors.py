@@ -75,7 +75,7 @@ class PictureError(DatasetError):
         self.path, self.reason = path, reason
 
     def _message(self) -> str:
-        return f"{self.path} cannot be read as a picture: {self.reason}"
+        return f"{self.path} cannot be read as an image: {self.reason}"
 
 
 class RendererError(SimgrabError):
@@ -131,7 +131,7 @@ def memory_problem(problem: BaseException | None) -> str | None:
     while problem is not None:
         text, code = str(problem), getattr(problem, "errno", None)
         if isinstance(problem, MemoryError) or code == errno.ENOMEM or any(sign in text for sign in _WANT_OF_MEMORY):
-            return first_line(problem) if text else "no more could be had"
+            return first_line(problem) if text else "allocation failed"
         problem = problem.__cause__ or problem.__context__
     return None
 

@@ -92,12 +92,13 @@ class Layout(Checked, frozen=True):
         size, least = f"{self.width_px} x {self.height_px} px", LEAST_DIGIT_PX
         if self.digit_width_px < least[0] or self.digit_height_px < least[1]:
             raise ValueError(
-                f"digits of {self.digit_width_px} x {self.digit_height_px} px in a picture of {size} "
-                f"cannot be read: it takes {least[0]} x {least[1]}"
+                f"digits of {self.digit_width_px} x {self.digit_height_px} px in an image of {size} "
+                f"cannot be read: at least {least[0]} x {least[1]} px is needed"
             )
         if self.clock.size_px < LEAST_CLOCK_PX:
             raise ValueError(
-                f"a clock {self.clock.size_px} px high in a picture of {size} cannot be read: it takes {LEAST_CLOCK_PX}"
+                f"a clock {self.clock.size_px} px high in an image of {size} cannot be read: "
+                f"at least {LEAST_CLOCK_PX} px is needed"
             )
         for name, corners in (("hoist_px", self.hoist_px), ("closing_px", self.closing_px)):
             if any(left[0] >= right[0] for left, right in itertools.pairwise(corners)):

@@ -131,7 +131,7 @@ def simgrab_judge(request: pytest.FixtureRequest) -> Iterator[Judge]:
 
     yield judge
     if limits and not judged:
-        pytest.fail(f"{MARKER}: nothing was judged", pytrace=False)
+        pytest.fail(f"{MARKER}: nothing was measured", pytrace=False)
 
 
 def _limits(marks: Iterable[pytest.Mark]) -> dict[str, Limit]:

@@ -82,7 +82,7 @@ def measured(path):
         return list(Video(path))
     except SourceError as problem:
         reason = str(problem)
-    assert reason.endswith("breaks off before its first picture (the file is cut off)")
+    assert reason.endswith("ends before its first image (the file is cut off)")
     return []
 
 
@@ -107,8 +107,8 @@ def test_it_is_measured_up_to_wherever_it_breaks_off(own, tmp_path, around, stri
             assert a.time_s == b.time_s
             np.testing.assert_array_equal(a.picture, b.picture)
         if frames and end < last:
-            assert frames[-1].reason == "the video breaks off here (the file is cut off)"
-            assert sum("breaks off" in frame.reason for frame in frames) == 1
+            assert frames[-1].reason == "the video is truncated here (the file is cut off)"
+            assert sum("is truncated" in frame.reason for frame in frames) == 1
         elif frames:  # every picture is there
             assert len(frames) == len(whole)
         seen.append(len(given))
@@ -127,7 +127,7 @@ def test_half_of_any_container_that_states_its_length_breaks_off(tmp_path):
         assert not extent(io.BytesIO(data[: len(data) // 2])).whole
         frames = list(Video(tmp_path / name))
         assert sum(frame.picture is not None for frame in frames) >= 3, name
-        assert frames[-1].reason == "the video breaks off here (the file is cut off)"
+        assert frames[-1].reason == "the video is truncated here (the file is cut off)"
 
 
 def box(kind, content=b"", length=None):

@@ -51,5 +51,5 @@ def test_discrete_laws():
     ],
 )
 def test_contradictions_are_refused(make):
-    with pytest.raises(ValueError, match=r"low|law|mean|weights?"):
+    with pytest.raises(ValueError, match=r"low|distribution|mean|weights?"):
         make()

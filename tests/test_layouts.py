@@ -28,7 +28,7 @@ BAD = {
     "clock overlaps": ({"clock": {"x_px": 1100, "y_px": 32, "size_px": 44}}, "clock and hoist_px.0 overlap"),
     "clock outside": ({"clock": {"x_px": 32, "y_px": 1040, "size_px": 44}}, "clock reaches .* outside"),
     "order": ({"hoist_px": BASE["hoist_px"][::-1]}, "hoist_px: .*left to right"),
-    "small": ({"digit_height_px": 7}, "digits of 28 x 7 px .* cannot be read: it takes 5 x 8"),
+    "small": ({"digit_height_px": 7}, "digits of 28 x 7 px .* cannot be read: at least 5 x 8"),
     "small clock": ({"clock": {"x_px": 32, "y_px": 32, "size_px": 7}}, "clock 7 px high .* cannot be read"),
     "no room for a point": ({"point": True}, "point: a gap of 4 px"),
     "decimals": ({"decimals": 4}, "decimals: .*<= 3"),
@@ -85,7 +85,7 @@ def test_scaled_layouts_hold_together(layout, width, height):
 
 
 def test_too_small_a_picture_is_refused_with_the_reason():
-    with pytest.raises(LayoutError, match="digits of 4 x 7 px in a picture of 320 x 180 px cannot be read"):
+    with pytest.raises(LayoutError, match="digits of 4 x 7 px in an image of 320 x 180 px cannot be read"):
         layouts.load("two-by-four").scaled(320, 180)
     small = {"camera.width_px": 320, "camera.height_px": 180}
     assert scenes.load("quay-day", small).display.layout_in(320, 180) is None

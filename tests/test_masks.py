@@ -75,5 +75,5 @@ def test_a_mask_of_another_picture_is_refused(copy, segmentation, why):
 def test_a_coco_file_is_not_read_beyond_its_limit(copy, monkeypatch):
     frame = next(frame for frame in simgrab.open(copy) if frame.labelled)
     monkeypatch.setattr(masks, "MOST_COCO_BYTES", 1000)
-    with pytest.raises(DatasetError, match="at most 1000 bytes are read"):
+    with pytest.raises(DatasetError, match="the limit is 1000 bytes"):
         _ = frame.mask

@@ -25,7 +25,7 @@ def refused(path, data):
     path.write_bytes(data)
     with pytest.raises(PictureError) as error:
         read(path)
-    assert str(error.value) == f"{path} cannot be read as a picture: {error.value.reason}"
+    assert str(error.value) == f"{path} cannot be read as an image: {error.value.reason}"
     return error.value.reason
 
 
@@ -80,8 +80,8 @@ def test_what_a_camera_appends_to_a_jpeg_or_puts_before_its_picture_does_no_harm
     ("data", "reason"),
     [
         (b"", "it is empty"),
-        (b"no picture", "it is no JPEG, PNG, BMP, TIFF or WebP"),
-        (b"GIF89a" + bytes(50), "it is no JPEG, PNG, BMP, TIFF or WebP"),
+        (b"no picture", "it is not a JPEG, PNG, BMP, TIFF or WebP"),
+        (b"GIF89a" + bytes(50), "it is not a JPEG, PNG, BMP, TIFF or WebP"),
         (png(0, 5), "it is damaged"),
         (png(8, 8), "it is damaged"),
     ],
@@ -117,7 +117,7 @@ def test_a_wrong_checksum_of_a_comment_does_no_harm(tmp_path):
 @pytest.mark.parametrize("size", [(50_000, 50_000), (10_001, 10_000), (MOST_SIDE + 1, 1), (1, 2**31 - 1)])
 def test_a_picture_that_is_too_large_is_refused_by_its_header(tmp_path, size):
     reason = refused(tmp_path / "a.png", png(*size))
-    assert reason == f"it has {size[0]} x {size[1]} px; at most 100 megapixels and 16384 px a side are read"
+    assert reason == f"it has {size[0]} x {size[1]} px; the limit is 100 megapixels and 16384 px a side"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -146,15 +146,15 @@ def test_a_camera_of_8k_fits():
 
 
 def test_what_is_no_file_or_too_long_is_refused(tmp_path):
-    with pytest.raises(PictureError, match=r"none\.jpg cannot be read as a picture: No such file"):
+    with pytest.raises(PictureError, match=r"none\.jpg cannot be read as an image: No such file"):
         read(tmp_path / "none.jpg")
     os.mkfifo(tmp_path / "pipe.jpg")  # which would be waited for
     for path, kind in ((tmp_path, "a folder"), (tmp_path / "pipe.jpg", "a pipe")):
-        with pytest.raises(PictureError, match=f"cannot be read as a picture: it is {kind}, not a file"):
+        with pytest.raises(PictureError, match=f"cannot be read as an image: it is {kind}, not a file"):
             read(path)
     with (tmp_path / "long.jpg").open("wb") as file:
         file.truncate(MOST_BYTES + 1)
-    with pytest.raises(PictureError, match="it has 763 MiB, and at most 763 MiB are read"):
+    with pytest.raises(PictureError, match="it is 763 MiB; the limit is 763 MiB"):
         read(tmp_path / "long.jpg")
 
 

@@ -101,7 +101,7 @@ def outcomes(tmp_path_factory, cache):
         ("exceeded", r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.01"),
         ("misspelt_metric", "did you mean 'angle.overall.rmse_deg'"),
         ("misspelt_end", "uper"),
-        ("never_judged", "nothing was judged"),
+        ("never_judged", "nothing was measured"),
         ("without_the_fixture", "needs the fixture simgrab_judge"),
     ],
 )

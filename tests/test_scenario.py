@@ -17,7 +17,7 @@ BAD = {
     "camera.beta_mrad": (5.0, "valid here: .*beta_deg"),
     "camera.offset_y_m": (math.nan, "finite"),
     "camera.height_px": (1080.5, "int"),
-    "camera.distortion.k1": (-0.99, "folds"),
+    "camera.distortion.k1": (-0.99, "not invertible"),
     "swing.alpha.sigma_deg": (-2.0, ">= 0"),
     "swing.alpha.law.dist": ("cauchy", "one of: half-normal"),
     "swing.alpha.law": ({"dist": "constant", "value": 0.0}, "sigma_deg = 0"),

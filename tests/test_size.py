@@ -109,7 +109,7 @@ def test_what_is_physical_stays():
 def test_the_display_is_fitted_or_refused():
     scene = load("calm-day")
     assert resized(scene, 640, 360).display_layout == scene.display_layout.scaled(640, 360)
-    with pytest.raises(ScenarioError, match=r"display.layout.*cannot be read: it takes 5 x 8"):
+    with pytest.raises(ScenarioError, match=r"display.layout.*cannot be read: at least 5 x 8"):
         resized(scene, 320, 180)
 
 

@@ -137,5 +137,5 @@ def test_what_would_take_years_is_refused():
     laws = {
         f"weather.{key}": {"dist": "choice", "values": [0.0] * 9000} for key in ("wetness", "rain_mm_h", "snow_cover")
     }
-    with pytest.raises(ScenarioError, match="27000 values; at most"):
+    with pytest.raises(ScenarioError, match="27000 values in total; the limit is"):
         scenes.load("quay-day", {"clip.clip_frames": 2, "vary": laws})

@@ -38,7 +38,7 @@ class Verbs(click.Group):
 @click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="simgrab")
 def cli() -> None:
-    """Frames of a swinging crane grab in which the swing is known, because it was set."""
+    """Render labelled frames of a swinging crane grab, and measure and evaluate its swing."""
 
 
 def main(command: click.Command = cli) -> NoReturn:
@@ -146,5 +146,5 @@ def _line(problem: Exception) -> str | None:
         where = "" if problem.filename is None else f"{problem.filename}: "
         return f"{where}{problem.strerror or problem}"
     if type(problem).__module__ == "av.error":
-        return f"FFmpeg cannot go on: {first_line(problem)}"
+        return f"FFmpeg failed: {first_line(problem)}"
     return None

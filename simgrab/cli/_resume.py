@@ -12,12 +12,12 @@ from simgrab.errors import WorkerError
 @contextmanager
 def resumable(*places: Path) -> Iterator[None]:
     """Add the way to go on to the line that is printed after an interrupt, or after workers died."""
-    advice = f"the same command with --resume goes on in {' and '.join(map(str, places))}"
+    advice = f"run the same command with --resume to continue in {' and '.join(map(str, places))}"
     try:
         yield
     except KeyboardInterrupt as stop:
         stop.add_note(advice)
         raise
     except WorkerError as problem:
-        problem.add_note(f"{advice}; where memory is short, with fewer --workers")
+        problem.add_note(f"{advice}; if memory is short, use fewer --workers")
         raise

@@ -24,12 +24,10 @@ def scene_options(function: F) -> F:
             "assignments",
             multiple=True,
             metavar="KEY=VALUE",
-            help="Set any key, each once, e.g. camera.roll_deg=3; --beta and its like win.",
+            help="Set any key, each once, e.g. camera.roll_deg=3; --beta and similar options take precedence.",
         ),
-        click.option(
-            "--size", metavar="WxH", help="Size of the picture, e.g. 640x360; the view stays, pixel-valued keys scale."
-        ),
-        click.option("--seed", type=int, help="Seed of every draw."),
+        click.option("--size", metavar="WxH", help="Size of the image, e.g. 640x360; keys in pixels scale with it."),
+        click.option("--seed", type=int, help="Random seed."),
         click.option("--frames", type=int, help="Number of frames."),
         click.option("--sigma", type=float, help="Swing: √E[α²], degrees."),
         click.option("--beta", type=float, help="Camera tilt β, degrees."),
@@ -43,9 +41,15 @@ def extension_options(function: F) -> F:
     """Add the options that name functions of the user's, which installed packages offer as entry points."""
     for option in (
         click.option(
-            "--effect", "effects", metavar="NAME", multiple=True, help="Image effect, of simgrab.effects; repeatable."
+            "--effect",
+            "effects",
+            metavar="NAME",
+            multiple=True,
+            help="Image effect of simgrab.effects; may be repeated.",
         ),
-        click.option("--trajectory", metavar="NAME", help="In place of the swing, of simgrab.trajectories."),
+        click.option(
+            "--trajectory", metavar="NAME", help="Replaces the swing; an entry point of simgrab.trajectories."
+        ),
         click.option(
             "--randomiser", metavar="NAME", help="Changes keys clip by clip; an entry point of simgrab.randomisers."
         ),
@@ -63,6 +67,8 @@ def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **sho
     scenario = scenes.load(scene, changes)
     if sigma is not None:
         if isinstance(scenario.swing, Dynamic):
-            raise ScenarioError("swing.alpha.sigma_deg", "--sigma draws independent swings; here physics makes them")
+            raise ScenarioError(
+                "swing.alpha.sigma_deg", "--sigma applies to independent frames; this scene simulates the swing"
+            )
         scenario = scenes.load(scene, changes | {SHORT_NAMES["sigma"]: sigma})
     return scenario if wanted is None else scenes.resized(scenario, *wanted)

@@ -20,12 +20,12 @@ EXIT = {"passed": 0, "failed": 1, "incomplete": 3}
 @click.command(name="audit")
 @click.argument("dataset", type=PATH)
 @extension_options
-@click.option("--json", "as_json", is_flag=True, help="Print the proofs as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but failures.")
 def command(
     dataset: Path, randomiser: str | None, trajectory: str | None, effects: tuple[str, ...], as_json: bool, quiet: bool
 ) -> None:
-    """Prove the labels of DATASET anew. Exit status: 0 passed, 1 failed, 3 a proof could not be made."""
+    """Check the labels of DATASET. Exit status: 0 passed, 1 failed, 3 a check could not be made."""
     from simgrab.judge.audit.audit import audit, summarise
 
     with steps(shown=not (quiet or as_json)) as progress:

@@ -12,24 +12,24 @@ from simgrab.cli._options import FOLDER, PATH, WORKERS
 
 @click.command(name="check")
 @click.argument("suite")
-@click.option("--instrument", help="Another than the suite's, as package.module:factory.")
-@click.option("--baseline", type=PATH, help="Folder of what was recorded.  [default: the suite's]")
-@click.option("--update-baseline", "update", is_flag=True, help="Record what is seen now.")
-@click.option("--seeds", type=click.IntRange(1, 1000), help="Over so many seeds.  [default: the suite's]")
-@click.option("--seed", type=click.IntRange(0, 2**53), help="Another than the suite's.")
-@click.option("--cache", type=FOLDER, help="Of rendered datasets.  [default: ~/.cache/simgrab]")
-@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that draw.")
+@click.option("--instrument", help="Instrument to use instead of the suite's, as package.module:factory.")
+@click.option("--baseline", type=PATH, help="Baseline folder.  [default: the suite's]")
+@click.option("--update-baseline", "update", is_flag=True, help="Record the current figures as the baseline.")
+@click.option("--seeds", type=click.IntRange(1, 1000), help="Number of seeds to record.  [default: the suite's]")
+@click.option("--seed", type=click.IntRange(0, 2**53), help="Seed to use instead of the suite's.")
+@click.option("--cache", type=FOLDER, help="Cache of rendered datasets.  [default: ~/.cache/simgrab]")
+@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Worker processes.")
 @click.option("--out", type=FOLDER, help="Folder of the results.  [default: runs/check-SUITE]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--quiet", is_flag=True, help="Print nothing but what failed.")
+@click.option("--quiet", is_flag=True, help="Print failures only.")
 def command(
     suite: str, instrument: str | None, baseline: Path | None, update: bool, seeds: int | None, seed: int | None,
     cache: Path | None, workers: int, out: Path | None, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """Show SUITE, a bundled suite or a TOML file, to an instrument, and judge what it measures.
+    """Run an instrument on SUITE and compare its measurements with limits and baseline.
 
-    OUT gets check.json, junit.xml and pictures of golden frames that differ. Exit status: 0 passed, 1 failed, 2 the
-    suite is broken.
+    SUITE is a bundled suite or a TOML file. OUT gets check.json, junit.xml and images of golden frames that differ.
+    Exit status: 0 passed, 1 failed, 2 the suite is invalid.
     """
     from simgrab.cli._progress import steps
     from simgrab.errors import SuiteError
@@ -40,9 +40,9 @@ def command(
     from simgrab.utilities.destination import check_folder
 
     if seeds is not None and not update:
-        raise click.UsageError("--seeds is for --update-baseline")
+        raise click.UsageError("--seeds needs --update-baseline")
     if seed is not None and update:
-        raise click.UsageError("--update-baseline goes from the suite's own seed on; --seed is not for it")
+        raise click.UsageError("--seed cannot be combined with --update-baseline, which starts at the suite's seed")
     found = suites.load(suite)
     place = out or Path("runs") / f"check-{found.name}"
     check_folder(place, SuiteError)

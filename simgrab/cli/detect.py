@@ -15,12 +15,16 @@ from simgrab.text import printable
 @click.command(name="detect")
 @click.argument("source", type=PATH)
 @click.option(
-    "--detector", "name", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx."
+    "--detector",
+    "name",
+    default="bundled",
+    show_default=True,
+    help="Or a folder of `train detector`, or a YOLO's .onnx.",
 )
 @click.option("--out", type=FILE, help="Table of detections, .parquet or .csv.")
-@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each picture: the table's row.")
+@click.option("--json", "as_json", is_flag=True, help="Print one line of JSON for each image: the row of the table.")
 def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
-    """Find the grab in SOURCE: a picture, a folder of pictures, or a dataset.
+    """Detect the grab in SOURCE: an image, a folder of images, or a dataset.
 
     The table has u_px, v_px, which `simgrab estimate` reads. `python -m scripts.score_detector` compares with labels.
     """
@@ -31,14 +35,14 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     if out:
         detections.check_table(out)
     files, looks = detections.pictures(source), detector(name)
-    with bar("looking", shown=not as_json and len(files) > 1) as progress:
+    with bar("detecting", shown=not as_json and len(files) > 1) as progress:
         watched = detections.watch(files, looks, progress)
     if as_json:
         for row in detections.rows(watched):
             click.echo(json.dumps(row))
     else:
         found, median = sum(one.found for one in watched.detections), statistics.median(watched.seconds)
-        click.echo(printable(f"{looks.name}: the grab in {found} of {len(files)} pictures, {1e3 * median:.1f} ms each"))
+        click.echo(printable(f"{looks.name}: the grab in {found} of {len(files)} images, {1e3 * median:.1f} ms each"))
     if out:
         detections.save(watched, out)
         click.echo(printable(f"table: {out}"), err=as_json)

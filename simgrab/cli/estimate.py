@@ -17,14 +17,14 @@ from simgrab.text import printable
 @click.option("--camera", type=PATH, required=True, help="Camera TOML.")
 @click.option("--estimator", type=click.Choice(list(ESTIMATORS)), default=DEFAULT, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
-@click.option("--figure", type=FILE, help="Where the figure goes; FILE.estimate.png by default.")
-@click.option("--no-figure", is_flag=True, help="Draw none.")
+@click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")
+@click.option("--no-figure", is_flag=True, help="Write no figure.")
 def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Path | None, no_figure: bool) -> None:
     """Estimate camera tilt and swing angles from grab centres.
 
-    FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre as the picture has it
-    (empty where it was not found), |OA| in metres, and seconds. A dataset's labels.parquet will do: the first two may
-    be called grab_u_px, grab_v_px.
+    FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre in the image as recorded
+    (empty where it was not detected), |OA| in metres, and seconds. A dataset's labels.parquet works as well: the first
+    two columns may be called grab_u_px, grab_v_px.
     """
     from simgrab.instrument.estimate import measure as judge
 

@@ -14,12 +14,12 @@ from simgrab.text import printable
 @click.command(name="evaluate")
 @click.argument("run", type=PATH)
 @click.argument("dataset", type=PATH)
-@click.option("--page", "html", type=FILE, help="An HTML page with figures.")
+@click.option("--page", "html", type=FILE, help="Write an HTML page with figures.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
 def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
-    """Compare a RUN's folder with what is known of its frames, and say what each stage adds to the error.
+    """Compare a RUN with the truth, and report each stage's share of the error.
 
-    DATASET is the rendered dataset that the run was on, or the rendered video, with its truth table beside it.
+    DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it.
     """
     from rich.console import Console
 

@@ -22,7 +22,7 @@ from simgrab.cli._options import FOLDER, PATH
 )
 @click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True)
 def command(out: Path, replications: int, seed: int, grab_width: Path | None) -> None:
-    """Run section 4.4 of the paper and print published beside measured.
+    """Run section 4.4 of the paper and print published and measured values side by side.
 
     Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
     """
@@ -36,7 +36,7 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     console = Console()
     study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
     console.print(table(map(astuple, rows(study)), ("section", "", "published", "measured", "")))
-    console.print("Where the text does not agree with itself:")
+    console.print("Contradictions within the text of the paper:")
     for section, text in INCONSISTENT:
         console.print(f"  {section}: {text}", markup=False)
     if grab_width is not None:

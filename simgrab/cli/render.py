@@ -22,20 +22,20 @@ from simgrab.text import printable
 @click.command(name="render")
 @scene_options
 @click.option("--out", type=FOLDER, help="Folder of the dataset.  [default: runs/SCENE, or none]")
-@click.option("--video", type=FILE, help="A video, .mp4 or .mkv; without --out, nothing else.")
-@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that draw.")
-@click.option("--resume", is_flag=True, help="Go on with an unfinished dataset.")
+@click.option("--video", type=FILE, help="Write a video (.mp4, .mkv); add --out for a dataset too.")
+@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Worker processes.")
+@click.option("--resume", is_flag=True, help="Continue an unfinished dataset.")
 @extension_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
     scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None, size: str | None,
     assignments: tuple[str, ...], out: Path | None, video: Path | None, workers: int, resume: bool,
     randomiser: str | None, trajectory: str | None, effects: tuple[str, ...], as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) into a dataset of labelled frames.
+    """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) as a dataset of labelled frames.
 
-    With --video, into a video with its truth table beside it; with --out as well, into both.
+    With --video, write a video and its truth table instead; with --out as well, write both.
     """
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
@@ -68,9 +68,9 @@ def command(
         facts = dataclasses.asdict(summary).items()
         Console().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
         if out is not None:
-            click.echo(printable(f"look at {out / 'preview.jpg'}; labels are in {out / 'labels.parquet'}"))
+            click.echo(printable(f"preview: {out / 'preview.jpg'}; labels: {out / 'labels.parquet'}"))
         if video is not None:
-            click.echo(printable(f"beside each video of {video} lies its truth table, .parquet"))
+            click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
 
 
 def _text(value: object) -> str:

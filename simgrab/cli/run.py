@@ -25,7 +25,7 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
     told = re.fullmatch(r"(\d+(?:\.\d+)?)(s|min|)", text.strip())
     seconds = 0.0 if told is None else float(told[1]) * (60 if told[2] == "min" else 1)
     if not 0 < seconds <= LONGEST_S:
-        raise click.BadParameter(f"{shown(text)} is no stretch of time, such as 300s or 5min, of a day at most")
+        raise click.BadParameter(f"{shown(text)}: invalid duration; use e.g. 300s or 5min, at most one day")
     return seconds
 
 
@@ -39,8 +39,10 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.command(name="run")
 @click.argument("source")
 @click.option("--camera", type=PATH, help="Camera TOML.  [default: that beside or in SOURCE]")
-@click.option("--out", type=NEW_FOLDER, required=True, help="New folder for what is found.")
-@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
+@click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the results.")
+@click.option(
+    "--detector", default="bundled", show_default=True, help="Or a folder of `train detector`, or a YOLO's .onnx."
+)
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
 @click.option(
     "--estimator", type=click.Choice(list(ESTIMATORS)), help="[default: rope-aware; without a display mean-ray]"
@@ -48,24 +50,24 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option(
     "--calibrate",
     callback=_stretch,
-    help="Take the tilt from the first stretch, e.g. 300s, or all of a shorter record.  [default: the whole record]",
+    help="Estimate the tilt from the first part, e.g. 300s, or all of a shorter record.  [default: the whole record]",
 )
-@click.option("--calibration", type=PATH, help="Take the tilt of another run: its tilt.toml.")
-@click.option("--live", is_flag=True, help="Estimate anew as frames come; streams are always read so.")
+@click.option("--calibration", type=PATH, help="Use the tilt of another run: its tilt.toml.")
+@click.option("--live", is_flag=True, help="Update the estimate while frames arrive; always on for streams.")
 @click.option("--rate", type=float, callback=_rate, help="Frames/s of a folder.  [default: 9]")
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
-@click.option("--paper", is_flag=True, help="Print the paper's figures of its own video beside these.")
-@click.option("--json", "as_json", is_flag=True, help="Print the facts as JSON.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--paper", is_flag=True, help="Print the paper's figures of its own video next to this run's.")
+@click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
+@click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
     source: str, camera: Path | None, out: Path, detector: str, instrument: str | None, estimator: str | None,
     calibrate: float | None, calibration: Path | None, live: bool, rate: float | None, no_video: bool, paper: bool,
     as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """Measure swing in SOURCE: a video, a stream's URL, a folder of pictures, or a dataset.
+    """Measure swing in SOURCE: a video, a stream's URL, a folder of images, or a dataset.
 
     OUT gets angles.parquet and .csv, alarms.json, tilt.toml, run.json, annotated.mp4 and report.html. Exit status: 0 at
-    least one frame has an angle, 1 none has, and OUT says why, 2 bad input.
+    least one frame has an angle, 1 none has (the reason is in OUT), 2 bad input.
     """
     import json
 
@@ -83,7 +85,9 @@ def command(
     chosen: Instrument
     if instrument is not None:
         if detector != BUNDLED or any((estimator, calibrate, calibration, live)):
-            raise click.UsageError("--instrument brings its own detector, estimator and calibration, and is not live.")
+            raise click.UsageError(
+                "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration or --live."
+            )
         sys.path.insert(0, str(Path.cwd()))  # a pipeline lies where one works
         chosen = open_instrument(instrument)
     else:

@@ -21,17 +21,17 @@ from simgrab.utilities.destination import check_folder
 
 @click.command(name="stress")
 @click.argument("study", required=False)
-@click.option("--all", "everything", is_flag=True, help="Run every bundled study of a depth.")
-@click.option("--depth", help="In place of the study's own; of --all, which studies.  [default: geometric]")
-@click.option("--quick", is_flag=True, help="Few replications of short records: does it work?")
+@click.option("--all", "everything", is_flag=True, help="Run every bundled study of one fidelity.")
+@click.option("--depth", help="Fidelity of the study; with --all, which studies to run.  [default: geometric]")
+@click.option("--quick", is_flag=True, help="Few replications of short records (smoke test).")
 @click.option("--out", type=PATH, default="runs/stress", show_default=True)
 @click.option("--workers", type=WORKERS, help="Processes.  [default: one a core]")
-@click.option("--resume", is_flag=True, help="Go on with an unfinished run.")
+@click.option("--resume", is_flag=True, help="Continue an unfinished run.")
 @click.option("--frames", "n", type=click.IntRange(10, 1_000_000), help="n, in place of the study's own.")
 @click.option("--replications", type=click.IntRange(2, 10_000_000), help="M, in place of the study's own.")
-@click.option("--seed", type=click.IntRange(0, 2**53), help="Seed of every draw, in place of the study's own.")
-@click.option("--replay", nargs=2, metavar="STUDY TRIAL", help="Make one replication again, with its picture.")
-@click.option("--at", "at", multiple=True, metavar="VALUE", help="Of each axis, for --replay.  [default: the last]")
+@click.option("--seed", type=click.IntRange(0, 2**53), help="Random seed, in place of the study's own.")
+@click.option("--replay", nargs=2, metavar="STUDY TRIAL", help="Repeat one replication, with its figure.")
+@click.option("--at", "at", multiple=True, metavar="VALUE", help="Axis value, for --replay.  [default: the last]")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def command(
@@ -39,10 +39,10 @@ def command(
     n: int | None, replications: int | None, seed: int | None, replay: tuple[str, str] | None, at: tuple[str, ...],
     as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """Turn up an assumption and see what every estimator makes of it.
+    """Violate an assumption and measure every estimator.
 
     STUDY is a bundled study or a TOML file; without one the bundled studies are listed. Exit status: 0 all limits of
-    the studies are met, 1 one is not.
+    the studies are met, 1 at least one is not.
     """
     if [study is not None, everything, replay is not None].count(True) > 1:
         raise click.UsageError("STUDY, --all and --replay exclude each other.")

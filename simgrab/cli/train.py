@@ -19,42 +19,42 @@ from simgrab.text import printable
 
 @click.group(name="train")
 def command() -> None:
-    """Train the instrument's nets from rendered datasets alone. Needs `pip install 'simgrab[train]'`."""
+    """Train the instrument's networks from rendered datasets. Needs `pip install 'simgrab[train]'`."""
 
 
 def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
     if as_json:
         click.echo(json.dumps(metrics))
     elif not quiet:
-        click.echo(f"{card.read_text(encoding='utf-8')}\nnets and cards: {printable(card.parent)}")
+        click.echo(f"{card.read_text(encoding='utf-8')}\nnetworks and cards: {printable(card.parent)}")
 
 
 @command.command()
 @click.argument("datasets", nargs=-1, required=True, type=PATH)
-@click.option("--out", type=FOLDER, required=True, help="New folder for nets, cards, checkpoints.")
+@click.option("--out", type=FOLDER, required=True, help="New folder for networks, cards, checkpoints.")
 @click.option(
     "--hard",
     type=PATH,
     multiple=True,
-    help="Dataset, mostly of no grab, to learn what none is from once the grab is found; as often as wanted.",
+    help="Dataset of negative examples for the last network; may be repeated.",
 )
-@click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
+@click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
-@click.option("--epochs", type=int, help="Passes over the frames, of each net.  [default: as time allows]")
-@click.option("--batch", type=int, help="Examples a step.  [default: 16 of the first net, 32 of the others]")
+@click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
+@click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the others]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
-@click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
-@click.option("--threads", default=2, show_default=True, help="Of torch; 1 where others use the cores too.")
-@click.option("--half/--no-half", default=None, help="Multiply in bfloat16.  [default: where there are units for it]")
-@click.option("--resume", is_flag=True, help="Go on with an interrupted training.")
+@click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")
+@click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores.")
+@click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]")
+@click.option("--resume", is_flag=True, help="Continue an interrupted training.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
     datasets: tuple[Path, ...], out: Path, hard: tuple[Path, ...], seed: int, quick: bool, epochs: int | None,
     batch: int | None, patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool,
     quiet: bool,
 ) -> None:  # fmt: skip
-    """Train the detector from DATASETS of `simgrab render`: what their split train shows, judged by val.
+    """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
     OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
     """
@@ -74,22 +74,22 @@ def detector(
         result = train(datasets, out, chosen, hard=hard, resume=resume, watch=shown.step, report=shown.training)
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
-        click.echo("none of the validation frames' grabs is found: learn from more frames, or for longer", err=True)
+        click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
 
 @command.command()
 @click.argument("datasets", nargs=-1, required=True, type=PATH)
-@click.option("--out", type=FOLDER, required=True, help="Folder for net, card and checkpoint.")
-@click.option("--seed", default=0, show_default=True, help="Of the weights, the order and the augmentation.")
+@click.option("--out", type=FOLDER, required=True, help="Folder for network, card and checkpoint.")
+@click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
 @click.option("--quick", is_flag=True, help="Half of the time.")
-@click.option("--epochs", type=int, help="Passes over the digits.  [default: 16, or 6 with --quick]")
-@click.option("--batch", default=128, show_default=True, help="Digits a step.")
+@click.option("--epochs", type=int, help="Epochs.  [default: 16, or 6 with --quick]")
+@click.option("--batch", default=128, show_default=True, help="Batch size.")
 @click.option("--patience", default=8, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
-@click.option("--device", default="cpu", show_default=True, help="As torch names it, e.g. cuda.")
-@click.option("--threads", default=1, show_default=True, help="Of torch; another number gives other weights.")
-@click.option("--resume", is_flag=True, help="Go on with an interrupted training.")
+@click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")
+@click.option("--threads", default=1, show_default=True, help="torch threads; the weights depend on it.")
+@click.option("--resume", is_flag=True, help="Continue an interrupted training.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--quiet", is_flag=True, help="Print errors only.")
 def reader(
     datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, batch: int, patience: int,
     device: str, threads: int, resume: bool, as_json: bool, quiet: bool,

@@ -138,7 +138,7 @@ def _status(s: Sighting, alpha: bool, rope: bool, jump: bool, refused: str) -> t
         return "missed", s.missed
     if alpha:
         return "ok", ""
-    unread = "the hoist cannot have got to what was read" if jump else s.rope_reason
+    unread = "the hoist is too slow to have reached the length read" if jump else s.rope_reason
     if not rope and (unread or not refused):
         return "unread", unread or "the camera file states no display to read the rope's length from"
-    return "refused", refused or "no swing reaches the pixel: the rope is shorter than the offset"
+    return "refused", refused or "no swing angle explains the pixel: the rope is shorter than the camera offset"

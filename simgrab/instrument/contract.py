@@ -92,7 +92,7 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if (self.status == "ok") != (self.alpha is not None):
-            raise ValueError(f"alpha belongs to the status 'ok' and to no other; got {self.status!r}, {self.alpha}")
+            raise ValueError(f"alpha is only allowed with status 'ok'; got {self.status!r}, {self.alpha}")
         if (self.status == "ok") == bool(self.reason):
             raise ValueError(f"a reason belongs to every status but 'ok'; got {self.status!r}, {self.reason!r}")
 
@@ -108,9 +108,9 @@ def flaw(m: Measurement) -> str:
     if m.alpha_low is not None and m.alpha_high is not None and m.alpha_low > m.alpha_high:
         return f"alpha_low: {m.alpha_low:g} rad is above alpha_high, {m.alpha_high:g}"
     if m.box is not None and not (m.box[0] < m.box[2] and m.box[1] < m.box[3]):
-        return f"box: x0 < x1 and y0 < y1 are due, got {m.box}"
+        return f"box: x0 < x1 and y0 < y1 are required, got {m.box}"
     if m.rope_text is not None and not _NUMBERS.fullmatch(m.rope_text):
-        return f"rope_text: four digits, a blank and four digits are due, as in '0615 09??', got {m.rope_text!r}"
+        return f"rope_text: must be four digits, a space and four digits, as in '0615 09??', got {m.rope_text!r}"
     return ""
 
 

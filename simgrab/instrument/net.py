@@ -97,7 +97,7 @@ class Net:
             raise self.refuse(f"{self.path} does not run: {_why(problem)}") from None
         for name, out in zip(names, found, strict=True):
             if not isinstance(out, np.ndarray) or out.dtype.kind != "f":
-                raise self.refuse(f"{self.path}: its output {one_line(name)} is no array of floats")
+                raise self.refuse(f"{self.path}: its output {one_line(name)} is not an array of floats")
             if out.size > MOST_NUMBERS:
                 raise self.refuse(f"{self.path}: its output {one_line(name)} has more than {MOST_NUMBERS} numbers")
         return found
@@ -147,7 +147,7 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
                 content, options, providers=["CPUExecutionProvider"], enable_fallback=False
             )
     except Exception as problem:  # its errors have no common base
-        raise refuse(f"{path} is no ONNX model that can be run ({_why(problem)})") from None
+        raise refuse(f"{path} is not an ONNX model that can be run ({_why(problem)})") from None
     metadata = {
         key: value
         for key, value in session.get_modelmeta().custom_metadata_map.items()

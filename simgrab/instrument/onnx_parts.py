@@ -53,7 +53,7 @@ def check(content: bytes, refuse: Callable[[str], Exception]) -> None:
                 if number in inside:
                     waiting.append((inside[number], first, last))
         except _NoMessageError:
-            raise refuse("is no ONNX model that can be run (damaged, or another kind of file)") from None
+            raise refuse("is not an ONNX model that can be run (damaged, or another kind of file)") from None
 
 
 class _NoMessageError(Exception):

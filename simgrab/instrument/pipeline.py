@@ -106,7 +106,7 @@ class Pipeline:
         if self.estimator.needs_rope and not display:
             raise RunError(
                 f"{self.estimator.name} needs the rope's length, and the camera file states no display to read it "
-                f"from (digit_layout); {WITHOUT} does without"
+                f"from (digit_layout); {WITHOUT} needs none"
             )
         return self.estimator
 
@@ -124,7 +124,7 @@ class Pipeline:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
             return Record(record, angles.measurements(record, alpha, ends), None, self.tilt)
         if self.calibrate_s is not None and record.time is None:
-            raise RunError("independent frames have no first stretch to calibrate on")
+            raise RunError("independent frames have no first part to calibrate on")
         estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
         if not estimate.ok:
             nothing = np.full((len(sightings), 3), np.nan)
@@ -245,8 +245,8 @@ def assemble(
     if estimator is not None and estimator not in ESTIMATORS:
         raise RunError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
     if calibrate_s is not None and (tilt is not None or live):
-        other = "a live run, which goes on calibrating" if live else "a calibration that is given"
-        raise RunError(f"a first stretch to calibrate on excludes {other}")
+        other = "a live run, which calibrates continuously" if live else "a calibration that is given"
+        raise RunError(f"--calibrate cannot be combined with {other}")
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
     chosen = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)

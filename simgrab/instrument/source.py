@@ -75,7 +75,7 @@ class Files:
                 # OpenCV makes 8 bits of 16, and three channels of one.
                 picture = pictures.read(path)
             except PictureError as problem:
-                reason = f"{printable(name)} cannot be read as a picture: {problem.reason}"
+                reason = f"{printable(name)} cannot be read as an image: {problem.reason}"
                 yield Frame(None, time, reason, name)
             else:
                 yield Frame(picture, time, name=name)
@@ -135,7 +135,7 @@ def _folder(path: Path, rate_hz: float | None) -> Files:
 
 def _timed(source: Source, rate_hz: float | None) -> Source:
     if rate_hz is not None:
-        raise SourceError(f"{source.name} has times of its own; a rate is for folders of pictures")
+        raise SourceError(f"{source.name} has its own time stamps; --rate applies to image folders only")
     return source
 
 
@@ -187,10 +187,10 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
         if frame.picture is not None:
             given = (frame.picture.shape[1], frame.picture.shape[0])
             if given != size:
-                problem = f"a picture of {given[0]}x{given[1]} px where the camera file says {size[0]}x{size[1]}"
+                problem = f"an image of {given[0]}x{given[1]} px, but the camera file states {size[0]}x{size[1]} px"
                 if not seen:
                     named = f"{frame.name} is {problem}" if frame.name else problem
-                    raise SourceError(f"{named}: not of this camera")
+                    raise SourceError(f"{named}: they do not match")
                 frame = Frame(None, frame.time_s, problem, frame.name)
             seen = True
         yield frame

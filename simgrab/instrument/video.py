@@ -140,7 +140,7 @@ class Stream:
         scheme = url.partition("://")[0].lower()
         if scheme not in SCHEMES:
             streams = ", ".join(f"{s}://" for s in SCHEMES)
-            raise SourceError(f"{self.name}: no stream, which begins with {streams}; name a file by its path alone")
+            raise SourceError(f"{self.name}: a stream URL must begin with {streams}; give a file by its path alone")
         rules = {
             "format_whitelist": ",".join((*FORMATS, *STREAM_FORMATS)),
             "protocol_whitelist": ",".join(PROTOCOLS),
@@ -214,14 +214,14 @@ def _decoded(container: InputContainer, name: str, *, whole: bool) -> Iterator[F
             seen = seen or frame.picture is not None
             yield frame
     if broken and not seen:
-        raise SourceError(f"{name}: the video breaks off before its first picture ({broken}){_advice(name, container)}")
+        raise SourceError(f"{name}: the video ends before its first image ({broken}){_advice(name, container)}")
     if broken:
-        yield Frame(None, clock.next(None), f"the video breaks off here ({broken})")
+        yield Frame(None, clock.next(None), f"the video is truncated here ({broken})")
 
 
 def _advice(name: str, container: InputContainer) -> str:
     if name.lower().startswith("http") and "mp4" in container.format.name:
-        return "; an MP4 with its index at the end takes a server that serves byte ranges: download it first"
+        return "; an MP4 with its index at the end needs an HTTP server with byte ranges: download it first"
     return ""
 
 

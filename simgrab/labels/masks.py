@@ -74,7 +74,7 @@ class Masks:
         file = self._file(split)
 
         def refusal(why: object) -> DatasetError:
-            return DatasetError(f"{file}: not COCO labels, or they cannot be read ({why})")
+            return DatasetError(f"{file}: not readable COCO labels ({why})")
 
         data = read_bytes(file, refusal, most_bytes=MOST_COCO_BYTES).removeprefix(codecs.BOM_UTF8)
         try:
@@ -107,6 +107,6 @@ def _decoded(counts: str, height: int, width: int) -> NDArray[np.bool_]:
     runs[1::2] = np.cumsum(runs[1::2])
     runs[2::2] = np.cumsum(runs[2::2])
     if runs.min() < 0 or runs.max() > height * width or runs.sum() != height * width:
-        raise ValueError(f"its run lengths are of {runs.sum()} px")
+        raise ValueError(f"its run lengths sum to {runs.sum()} px")
     inside = np.arange(len(runs)) % 2 == 1
     return np.repeat(inside, runs).reshape(width, height).T

@@ -104,7 +104,7 @@ def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]
     """
     file = path / LABELS
     if not is_file(file, DatasetError):
-        state = "unfinished; go on with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
+        state = "unfinished; continue with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         raise DatasetError(f"{path} is {state}: it has no {LABELS}")
     strict = kind.__struct_config__.forbid_unknown_fields
     with opened(file, DatasetError, most_bytes=parquet.MOST_BYTES) as handle:
@@ -130,9 +130,9 @@ def check_files(path: Path, rows: Sequence[Row]) -> None:
     folder = os.path.realpath(path)
     for row in rows:
         if os.path.isabs(row.file) or os.path.normpath(row.file).startswith(".."):  # noqa: PTH117
-            raise DatasetError(f"{path}: frame {row.frame} names the picture {row.file}, which is not in the dataset")
+            raise DatasetError(f"{path}: frame {row.frame} names the image {row.file}, which is not in the dataset")
         if not is_file(path / row.file, DatasetError):
-            raise DatasetError(f"{path}: frame {row.frame} has labels and no picture; {row.file} is missing")
+            raise DatasetError(f"{path}: frame {row.frame} has labels but no image; {row.file} is missing")
         if os.path.commonpath([folder, os.path.realpath(path / row.file)]) != folder:
             _content(path / row.file, row)
 
@@ -180,5 +180,5 @@ def _content(file: Path, row: Row) -> bytes:
     """Read a row's picture file; refuse another one than that of the labels."""
     data = read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES)
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
-        raise DatasetError(f"{file} is not the picture that its labels are of: it was changed or damaged")
+        raise DatasetError(f"{file} does not match the digest in its labels: it was changed or damaged")
     return data

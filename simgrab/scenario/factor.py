@@ -33,7 +33,7 @@ class OneOf(Checked, frozen=True, tag_field="dist", tag="one-of"):
             try:
                 msgspec.json.encode(value)
             except TypeError:
-                raise ValueError(f"values.{i}: {shown(value)} is nothing that a file can hold") from None
+                raise ValueError(f"values.{i}: {shown(value)} cannot be stored in a file") from None
         if len(set(self.names)) != len(self.names):
             raise ValueError("names must differ")
         if self.weights and sum(self.weights) <= 0:

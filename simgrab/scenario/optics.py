@@ -42,7 +42,7 @@ class Sensor(Strict, frozen=True):
 
     def check(self) -> None:  # noqa: D102
         if self.read_noise_e > 0 and self.full_well_e == 0:
-            raise ValueError("read_noise_e counts electrons: say with full_well_e how many make white")
+            raise ValueError("read_noise_e is in electrons and needs full_well_e, the electron count of white")
         if 0 < self.full_well_e < 100:
             raise ValueError(f"full_well_e must be 0 (no shot noise) or at least 100, got {self.full_well_e:g}")
 
@@ -68,7 +68,7 @@ class Optics(Strict, frozen=True):
         if self.night_mode != "auto":
             return
         if isinstance(self.exposure, FixedExposure):
-            raise ValueError('night_mode "auto" goes by the gain, which only exposure.model = "auto" changes')
+            raise ValueError('night_mode "auto" depends on the gain and needs exposure.model = "auto"')
         if self.exposure.night_gain_db > self.exposure.max_gain_db:
             raise ValueError(
                 f"exposure.night_gain_db ({self.exposure.night_gain_db:g}) is never reached: "

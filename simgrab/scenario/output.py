@@ -100,7 +100,8 @@ class Display(Strict, frozen=True):
             raise ValueError(f"start must be a local date and time such as 2022-01-26T14:05:37, got {self.start!r}")
         if self.readout_s * self.refresh_hz > 1:
             raise ValueError(
-                f"readout_s must not exceed the {1 / self.refresh_hz:g} s between refreshes: a picture tears once"
+                f"readout_s must not exceed the {1 / self.refresh_hz:g} s between refreshes: "
+                "an image can be torn only once"
             )
 
     @property

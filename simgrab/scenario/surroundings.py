@@ -73,6 +73,6 @@ class Light(Strict, frozen=True):
 
     def check(self) -> None:  # noqa: D102
         if self.sun == 0 and self.sky == 0 and self.floodlights == 0:
-            raise ValueError("sun, sky and floodlights must not all be 0: nothing would be seen")
+            raise ValueError("sun, sky and floodlights must not all be 0: the image would be black")
         if self.floodlights > 0 and self.sun > 0:
             raise ValueError(f"floodlights are for the night: set sun = 0 (it is {self.sun:g})")

@@ -21,7 +21,7 @@ class Alpha(Strict, frozen=True):
 
     def check(self) -> None:  # noqa: D102
         if self.law.rms() <= 0:
-            raise ValueError("the law must not be all zeros; for a still grab set sigma_deg = 0")
+            raise ValueError("the distribution must not be zero everywhere; for a still grab set sigma_deg = 0")
 
     @property
     def scale_deg(self) -> float:

@@ -16,7 +16,7 @@ from simgrab.scenario.whole import Scenario, merged
 from simgrab.utilities.strict import convert
 
 FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "vary")
-_FIXED_WHY = "cannot vary: one dataset has one of it, by which its frames, files and columns fit together"
+_FIXED_WHY = "cannot vary: it must be the same for the whole dataset"
 
 
 MOST_TRIALS = 20_000
@@ -106,7 +106,7 @@ def check(scenario: Scenario) -> None:
     rng = np.random.default_rng(0)
     count = sum(len(trials(factor, rng)) for factor in scenario.vary.values())
     if count > MOST_TRIALS:
-        raise ScenarioError("vary", f"its factors have {count} values; at most {MOST_TRIALS} are tried")
+        raise ScenarioError("vary", f"the factors have {count} values in total; the limit is {MOST_TRIALS}")
     for key, factor in scenario.vary.items():
         for value in trials(factor, rng):
             try:

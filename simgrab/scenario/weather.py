@@ -57,7 +57,7 @@ class Weather(Strict, frozen=True):
                 f"snow_mm_h ({self.snow_mm_h:g}) must not be above 2.5 while it rains: heavy snow falls without rain"
             )
         if self.lens_dirt + self.lens_snow > 1:
-            raise ValueError("lens_dirt + lens_snow must not be above 1: they share one glass")
+            raise ValueError("lens_dirt + lens_snow must not be above 1: both cover the same glass")
 
     @property
     def off(self) -> bool:

@@ -62,7 +62,7 @@ class Scenario(Strict, frozen=True):
             _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
             if self.camera.mount.vibration.rms_deg > 0:
                 raise ScenarioError(
-                    "camera.mount.vibration", 'independent frames know no time; swing.model = "dynamic"'
+                    "camera.mount.vibration", 'independent frames have no time; swing.model = "dynamic"'
                 )
         else:
             self._check_duration(self.swing)
@@ -73,7 +73,7 @@ class Scenario(Strict, frozen=True):
             )
         self._check_display()
         if self.vary and not self.clip.clip_frames:
-            raise ScenarioError("clip.clip_frames", "vary draws once for each clip: say how many frames share a draw")
+            raise ScenarioError("clip.clip_frames", "vary draws new values for each clip: set clip.clip_frames")
 
     def _check_duration(self, swing: Dynamic) -> None:
         days = (self.frames / self.clip.frame_rate_hz + self.clip.count(self.frames) * swing.settle_s) / 86_400
@@ -125,7 +125,9 @@ def _without_none(value: Any) -> Any:
 def _within(key: str, law: Law, low: float, high: float) -> None:
     least, most = law.support()
     if least < low or most > high:
-        raise ScenarioError(key, f"draws must stay within {low:g} … {high:g}, this law spans {least:g} … {most:g}")
+        raise ScenarioError(
+            key, f"values must stay within {low:g} … {high:g}, this distribution spans {least:g} … {most:g}"
+        )
 
 
 def _check_lens(intrinsics: Intrinsics) -> None:
@@ -133,7 +135,7 @@ def _check_lens(intrinsics: Intrinsics) -> None:
     w, h = intrinsics.width_px, intrinsics.height_px
     border = [(x, y) for x in (0, w / 2, w) for y in (0, h / 2, h)]
     if any(map(math.isnan, intrinsics.undistort(border).ravel())):
-        raise ScenarioError("camera.distortion", "the lens folds the picture: no ray reaches its corners")
+        raise ScenarioError("camera.distortion", "the distortion is not invertible: no ray maps to the image corners")
 
 
 def schema() -> dict[str, Any]:

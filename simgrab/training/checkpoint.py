@@ -44,15 +44,15 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
         state = torch.load(path, map_location="cpu", weights_only=True) if plain else None
         known = state["identity"] if isinstance(state, dict) else None
     except Exception as problem:
-        raise TrainingError(f"{path} is no checkpoint of simgrab ({type(problem).__name__})") from None
+        raise TrainingError(f"{path} is not a simgrab checkpoint ({type(problem).__name__})") from None
     if not isinstance(state, dict) or not isinstance(known, dict):
-        raise TrainingError(f"{path} is no checkpoint of simgrab")
+        raise TrainingError(f"{path} is not a simgrab checkpoint")
     differing = [key for key in sorted(known.keys() | identity.keys(), key=str) if known.get(key) != identity.get(key)]
     if differing:
         changes = ", ".join(
             f"{one_line(key, 40)} {shown(known.get(key))} became {shown(identity.get(key))}" for key in differing[:3]
         )
         raise TrainingError(
-            f"{path} is of another training ({changes}): --resume needs the same, or choose another --out"
+            f"{path} belongs to another training ({changes}): --resume needs the same settings, or choose another --out"
         )
     return dict(state)

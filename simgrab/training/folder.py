@@ -43,9 +43,9 @@ def check(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> None:
     except OSError as problem:
         raise TrainingError(f"cannot write to {out}: {problem.strerror or problem}") from None
     if full and not known:
-        raise TrainingError(f"{out} is not empty, and is no training's folder; choose another --out")
+        raise TrainingError(f"{out} is not empty and does not contain a training; choose another --out")
     if full and not resume:
-        raise TrainingError(f"{out} is not empty; go on with --resume, or choose another --out")
+        raise TrainingError(f"{out} is not empty; continue with --resume, or choose another --out")
 
 
 def write(path: Path, data: bytes) -> None:

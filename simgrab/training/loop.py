@@ -236,7 +236,7 @@ class _Run:
             self.net.load_state_dict(state["net"])
             self.average.load_state_dict(state["average"])
         except RuntimeError:
-            raise TrainingError(f"{self.path} holds another net, of another version: choose another --out") from None
+            raise TrainingError(f"{self.path} holds another network or version: choose another --out") from None
         except (KeyError, TypeError, AttributeError) as problem:
             raise self._damaged(problem) from None
         try:

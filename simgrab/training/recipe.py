@@ -80,7 +80,7 @@ class Recipe:
             if value > most:
                 raise TrainingError(f"{name}: must be {most} or less, got {value}")
         if self.optimiser not in OPTIMISERS:
-            raise TrainingError(f"optimiser: {self.optimiser!r} is none of {', '.join(OPTIMISERS)}")
+            raise TrainingError(f"optimiser: unknown {self.optimiser!r}; one of: {', '.join(OPTIMISERS)}")
 
     def rate_at(self, done: float) -> float:
         """Learning rate when a share ``done`` of the steps is done: up on half a cosine, down on another."""

@@ -53,7 +53,7 @@ def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str
         known = pq.ParquetFile(file, pre_buffer=False)  # buffering would be done in threads
         count, schema = known.metadata.num_rows, known.schema_arrow
     if count > MOST_ROWS:
-        raise refuse(f"{what}: it has {count} rows, and at most {MOST_ROWS} are read")
+        raise refuse(f"{what}: it has {count} rows; the limit is {MOST_ROWS}")
     missing = [name for name in columns or () if name not in schema.names]
     if missing:
         raise refuse(f"{what}: it has no column {missing[0]}")
@@ -79,9 +79,9 @@ def rows(table: pa.Table, refuse: Refuse, what: str) -> list[dict[str, Any]]:
     columns: dict[str, list[Any]] = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
         if name in columns:
-            raise refuse(f"{what}: column {name} is there twice")
+            raise refuse(f"{what}: duplicate column {name}")
         if not _is_plain(column.type):
-            raise refuse(f"{what}: column {name} is of type {one_line(column.type, 80)}, which no table of simgrab has")
+            raise refuse(f"{what}: column {name} has the unsupported type {one_line(column.type, 80)}")
         try:
             columns[name] = column.to_pylist()
         except MemoryError:

@@ -101,7 +101,7 @@ def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int)
         if not stat.S_ISREG(about.st_mode):
             raise refuse(f"{what}: it is {kind_of(about.st_mode)}, not a file")
         if about.st_size > most_bytes:
-            raise refuse(f"{what}: it has {_size(about.st_size)}, and at most {_size(most_bytes)} are read")
+            raise refuse(f"{what}: it is {_size(about.st_size)}; the limit is {_size(most_bytes)}")
         try:
             yield file
         except OSError as problem:
@@ -173,7 +173,7 @@ def parse_value(text: str, refuse: Refuse, what: str) -> Any:
 
 def _loads_toml(text: str) -> dict[str, Any]:
     if _LONG_KEY.search(text):  # for which the parser takes time by the square of its length
-        raise RecursionError("a key of too many parts")
+        raise RecursionError("a dotted key has too many parts")
     return tomllib.loads(text)
 
 
@@ -241,7 +241,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):
         counts = Counter(key for key, _ in pairs)
-        raise ValueError(f"the key {next(key for key, count in counts.items() if count > 1)!r} is there twice")
+        raise ValueError(f"duplicate key {next(key for key, count in counts.items() if count > 1)!r}")
     return table
 
 

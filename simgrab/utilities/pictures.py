@@ -109,7 +109,7 @@ def too_large(width: int, height: int) -> str:
     if width * height <= MOST_PIXELS and max(width, height) <= MOST_SIDE:
         return ""
     most = f"{MOST_PIXELS / 1e6:.0f} megapixels and {MOST_SIDE} px a side"
-    return f"it has {width} x {height} px; at most {most} are read"
+    return f"it has {width} x {height} px; the limit is {most}"
 
 
 def _problem(data: bytes) -> str:
@@ -124,7 +124,7 @@ def _problem(data: bytes) -> str:
                 return _CUT_OFF
             except _RefusedError as reason:
                 return str(reason)
-    return "it is no JPEG, PNG, BMP, TIFF or WebP"
+    return "it is not a JPEG, PNG, BMP, TIFF or WebP"
 
 
 def _within(data: bytes, end: int) -> None:

@@ -129,8 +129,8 @@ class Pool:
             job, how = running.pop(place), self._discard(place)
             job.deaths += 1
             if job.deaths == ATTEMPTS:
-                raise WorkerError(f"{called(job)}: {ATTEMPTS} worker processes died of it, and the last {how}")
-            _log.warning("%s: its worker process %s; the item is done again", called(job), how)
+                raise WorkerError(f"{called(job)}: {ATTEMPTS} worker processes died processing it; the last {how}")
+            _log.warning("%s: its worker process %s; the item is retried", called(job), how)
             waiting.append(job)
 
         try:

@@ -43,7 +43,7 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
         if wanted and not path.is_dir() and (path.exists() or path.is_symlink()):
             return path
         folder_there = bool(str(wanted)) and path.is_dir()
-        what = f"{str(wanted)!r} is a folder, no {kind}" if folder_there else f"no {kind} or file {str(wanted)!r}"
+        what = f"{str(wanted)!r} is a folder, not a {kind}" if folder_there else f"no {kind} or file {str(wanted)!r}"
     except OSError as problem:  # a name that is too long, a folder that may not be searched
         raise refuse(f"cannot read {path}: {problem.strerror}") from None
     there = names(folder)

@@ -152,7 +152,7 @@ def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkey
     ("stop", "line"),
     [
         (KeyboardInterrupt(), "interrupted; {}"),
-        (WorkerError("frame 3: it died"), "frame 3: it died; {}; where memory is short, with fewer --workers"),
+        (WorkerError("frame 3: it died"), "frame 3: it died; {}; if memory is short, use fewer --workers"),
     ],
 )
 def test_what_can_be_taken_up_again_says_how(stop, line, monkeypatch, capsys):
@@ -163,7 +163,7 @@ def test_what_can_be_taken_up_again_says_how(stop, line, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["simgrab", "render", "--frames", "1", "--out", "out"])
     with pytest.raises(SystemExit):
         main()
-    advice = "the same command with --resume goes on in out"
+    advice = "run the same command with --resume to continue in out"
     assert capsys.readouterr().err.strip().splitlines()[-1] == f"simgrab: {line.format(advice)}"
 
 

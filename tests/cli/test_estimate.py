@@ -174,7 +174,7 @@ BAD = {
     "rope 0": ("rope-aware", changed("rope_length_m", 4, 0.0), r"rope_length_m, row 5: is 0; must be metres, above 0"),
     "rope in cm": ("rope-aware", changed("rope_length_m", 0, 2000.0), r"rope_length_m, row 1: is 2000; must be metres"),
     "rope gone": ("rope-aware", changed("rope_length_m", 2, ""), r"rope_length_m, row 3: is missing"),
-    "a word": ("mean-ray", changed("v_px", 9, "left"), r"v_px, row 10: 'left' is no number"),
+    "a word": ("mean-ray", changed("v_px", 9, "left"), r"v_px, row 10: 'left' is not a number"),
     "time back": ("pendulum-smoother", changed("time_s", 6, 0.1), r"time_s, row 7: must increase, got 0.1 after"),
     "time gone": ("mean-ray", changed("time_s", 6, ""), r"time_s, row 7: is missing"),
 }
@@ -210,7 +210,7 @@ def test_columns_that_are_not_read_may_have_any_names(tmp_path, camera, table):
     assert [one.exit_code for one in found] == [0, 0]
     assert found[0].output == found[1].output
     (tmp_path / "bad.csv").write_text("u_px,v_px,u_px\n1,2,3\n")
-    assert "column u_px is there twice" in str(call(tmp_path / "bad.csv", "--camera", camera).exception)
+    assert "duplicate column u_px" in str(call(tmp_path / "bad.csv", "--camera", camera).exception)
 
 
 def test_files_that_are_not_there(tmp_path, camera, table):

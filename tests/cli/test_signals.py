@@ -139,5 +139,5 @@ def test_a_rendering_ends_with_its_workers(tmp_path):
     os.killpg(process.pid, signal.SIGTERM)  # as a service's end does
     _, said = process.communicate()  # until the last process has let go of stderr
     assert process.returncode == 143
-    assert said.strip() == f"simgrab: interrupted; the same command with --resume goes on in {out}"
+    assert said.strip() == f"simgrab: interrupted; run the same command with --resume to continue in {out}"
     assert any((out / ".partial" / "rows").iterdir())

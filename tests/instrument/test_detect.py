@@ -339,7 +339,7 @@ def test_outputs_besides_the_boxes_may_be_of_any_type(tmp_path):
     net.graph.output.append(helper.make_tensor_value_info("size", TensorProto.INT64, [4]))
     onnx.save(net, path)
     assert Yolo(path)(np.zeros((64, 64, 3), np.uint8)).score == pytest.approx(0.8)
-    with pytest.raises(DetectorError, match="its output size is no array of floats"):
+    with pytest.raises(DetectorError, match="its output size is not an array of floats"):
         open_net(path)(np.zeros((1, 3, SIDE, SIDE), np.float32))
 
 
@@ -385,7 +385,9 @@ def test_what_is_no_detector_is_refused(tmp_path):
         "maps": constant_yolo(tmp_path / "c.onnx", np.zeros((1, 2, 64, 64))),
         "grey": constant_yolo(tmp_path / "d.onnx", rows(CELLS, 6), shape=(1, 1, SIDE, SIDE)),
     }.items():
-        with pytest.raises(DetectorError, match="no detector: a detector takes floats 1 x 3 x height x width") as told:
+        with pytest.raises(
+            DetectorError, match="not a detector: a detector takes floats 1 x 3 x height x width"
+        ) as told:
             detector(path)
         assert "this has inputs images 1 x" in str(told.value), name
     masks = rows(CELLS, 38)
@@ -394,7 +396,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
         detector(constant_yolo(tmp_path / "m.onnx", masks.transpose(0, 2, 1)))
     logits = rows(CELLS, 5)
     logits[0, :, 4] = 3.2
-    with pytest.raises(DetectorError, match="gives scores of"):
+    with pytest.raises(DetectorError, match="outputs scores of"):
         detector(constant_yolo(tmp_path / "l.onnx", logits.transpose(0, 2, 1)))
     segments = onnx.load(constant_yolo(tmp_path / "s.onnx", rows(CELLS, 6).transpose(0, 2, 1)))
     helper.set_model_props(segments, {"task": "segment"})
@@ -404,7 +406,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
     with pytest.raises(DetectorError, match="multiples of 32"):
         detector(constant_yolo(tmp_path / "e.onnx", rows(CELLS, 6), shape=(1, 3, 60, 60)))
     (tmp_path / "text.onnx").write_text("no model")
-    with pytest.raises(DetectorError, match="no ONNX model that can be run"):
+    with pytest.raises(DetectorError, match="not an ONNX model that can be run"):
         detector(tmp_path / "text.onnx")
     with pytest.raises(DetectorError, match="No such file"):
         detector(tmp_path / "missing.onnx")
@@ -418,7 +420,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
         "no JSON": "was not written by simgrab",
         "[1]": "was not written by simgrab",
         json.dumps({"task": SETTLE, "settings": {"moon": 1}}): "settings: moon: unknown key",
-        json.dumps({"task": SETTLE}): "holds no settings",
+        json.dumps({"task": SETTLE}): "has no settings in its metadata",
     }.items():
         net = onnx.load(ours / "settle.onnx")
         helper.set_model_props(net, {KEY: facts})

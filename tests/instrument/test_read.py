@@ -187,7 +187,7 @@ def test_one_clear_message(reader, tmp_path):
     with pytest.raises(ReaderError, match=re.escape("none.onnx: No such file")):
         Reader(tmp_path / "none.onnx")
     (tmp_path / "text.onnx").write_text("no model")
-    with pytest.raises(ReaderError, match="no ONNX model"):
+    with pytest.raises(ReaderError, match="not an ONNX model"):
         Reader(tmp_path / "text.onnx")
 
 

@@ -262,7 +262,7 @@ def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
         monkeypatch, tmp_path, "simgrab.geometry.Intrinsics._to_pixels", lambda self, xy: right(self, xy) + 0.5
     )
     assert "the grab centre lies where an independent projection puts it" in failed
-    assert "a second renderer draws the same silhouette" in failed
+    assert "a second renderer renders the same silhouette" in failed
 
 
 @pytest.mark.slow
@@ -279,7 +279,7 @@ def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
         return rect
 
     failed = planted(monkeypatch, tmp_path, "simgrab.world.camera.renderer.Renderer.aim", shifted)
-    assert list(failed) == ["a second renderer draws the same silhouette"]
+    assert list(failed) == ["a second renderer renders the same silhouette"]
 
 
 def test_identities_refuse_small_errors(dataset):

@@ -156,7 +156,7 @@ def test_what_the_baseline_has_too_few_values_for_is_told(place, tmp_path):
     gate.record(small, options(place, sound, baseline=tmp_path), seeds=1)
     told = check(place, baseline=tmp_path, seed=2)
     assert told.passed
-    assert "held by limits alone" in told.notes[0]
+    assert "compared with limits only" in told.notes[0]
     assert "swing angle.overall.rmse_deg" in told.notes[0]
     assert not check(place, baseline=tmp_path).notes  # the very frames that were recorded
 
@@ -164,8 +164,8 @@ def test_what_the_baseline_has_too_few_values_for_is_told(place, tmp_path):
 def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
     limits = {"angle.by_weather.fog.rmse_deg": {"upper": 1}, "alarm.missed": {"upper": 0}}
     problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
-    assert "to measure it by" in problems["angle.by_weather.fog.rmse_deg"]
-    assert "to measure it by" in problems["alarm.missed"]  # independent frames know no time
+    assert "the scene has no such data" in problems["angle.by_weather.fog.rmse_deg"]
+    assert "the scene has no such data" in problems["alarm.missed"]  # independent frames know no time
 
 
 def test_an_instrument_that_misses_every_grab_has_no_recall(place, tmp_path):
@@ -207,7 +207,7 @@ ACTS = {
     "never asks, and never ends": (lambda _: itertools.repeat(MEASURED), "more than 16 measurements of 16 frames"),
     "asks too late": (
         lambda frames: (next(frames) and MEASURED if i == 9 else MEASURED for i in itertools.count()),
-        "asks for frame 0 only after",
+        "requested frame 0 after",
     ),
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
     "gives a text": (lambda frames: [Measurement(status="ok", alpha="0.1") for _ in frames], "frame 0: alpha"),
@@ -231,7 +231,7 @@ ACTS = {
     "gives degrees": (lambda frames: [Measurement(status="ok", alpha=5.0) for _ in frames], "5 rad is beyond"),
     "gives a box upside down": (
         lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 9.0, 5.0, 4.0)) for _ in frames],
-        "y0 < y1 are due",
+        "y0 < y1 are required",
     ),
     "gives a bad box": (
         lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 2.0)) for _ in frames],
@@ -316,11 +316,11 @@ def without_grab(picture):
 def test_golden_frames_are_compared_by_hash_or_by_likeness(place, tmp_path):
     same_renderer = altered(place, tmp_path, lambda picture: picture)
     assert same_renderer.status == "failed"
-    assert "drawn by the same renderer" in same_renderer.message
+    assert "rendered by the same renderer" in same_renderer.message
     assert same_renderer.difference.shape == (270, 3 * 480, 3)
     assert altered(place, tmp_path, lambda picture: picture, drawn_by="another").status == "passed"
     assert altered(place, tmp_path, without_grab, drawn_by="another").status == "failed"
-    assert "stale" in altered(place, tmp_path, lambda picture: picture, digest="another").message
+    assert "out of date" in altered(place, tmp_path, lambda picture: picture, digest="another").message
     assert "size" in altered(place, tmp_path, lambda p: p[:200], drawn_by="another").message
 
 

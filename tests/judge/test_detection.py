@@ -205,7 +205,7 @@ def test_detections_are_kept_as_a_table(known, tmp_path):
 def test_sources_of_pictures(known, tmp_path):
     one = known.image(known.rows[0])
     assert detections.pictures(one) == (one,)
-    with pytest.raises(DatasetError, match="is no dataset, and holds no"):
+    with pytest.raises(DatasetError, match="is not a dataset, and contains no"):
         detections.pictures(tmp_path)
     shutil.copy(one, tmp_path / "b.jpg")
     (tmp_path / "a.jpg").write_bytes(b"no picture")
@@ -239,7 +239,7 @@ def test_only_the_pictures_that_labels_are_of_are_scored(known, tmp_path):
     other = datasets.read(tmp_path / "other")
     assert detections.watch_dataset(other.path, other.rows, Fixed(known)).files == tuple(map(other.image, other.rows))
     shutil.copy(other.image(other.rows[0]), other.image(other.rows[1]))
-    with pytest.raises(DatasetError, match="not the picture that its labels are of"):
+    with pytest.raises(DatasetError, match="does not match the digest in its labels"):
         detections.watch_dataset(other.path, other.rows, Fixed(known))
 
 

@@ -133,7 +133,7 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
         truths.of(clean, tmp_path / "none.mp4")
     with pytest.raises(RunError, match=r"it has no images/train/000005.jpg"):
         truths.of(clean, dataset)
-    with pytest.raises(RunError, match="its labels are others"):
+    with pytest.raises(RunError, match="its labels differ"):
         truths.of(dataclasses.replace(clean, about=clean.about | {"labels_sha256": "of another"}), swinging / "data")
     with pytest.raises(RunError, match="the run's are 320x180"):
         truths.of(smaller, swinging / "data")
@@ -212,7 +212,7 @@ def test_the_command_line_prints_tables_and_json(clean, swinging, tmp_path):
     folder, data = str(swinging / "clean"), str(swinging / "data")
     told = CliRunner().invoke(cli, ["evaluate", folder, data, "--page", str(tmp_path / "e.html")])
     assert told.exit_code == 0, told.output
-    for words in ("Error budget", "rope-aware", "COCO mAP@50:95", "What adds most"):
+    for words in ("Error budget", "rope-aware", "COCO mAP@50:95", "Largest contribution"):
         assert words in told.output
     plain = json.loads(CliRunner().invoke(cli, ["evaluate", folder, data, "--json"]).output)
     assert plain["angle"]["overall"] == pytest.approx(evaluate(clean, data)["angle"]["overall"])

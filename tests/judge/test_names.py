@@ -71,7 +71,7 @@ def test_a_locale_of_ascii_alone_changes_nothing(tmp_path):
     """Python then takes `ü雪` for bytes that are no text."""
     status, said, _ = simgrab("render", *as_options(SMALLER), "--frames", "1", "--out", str(tmp_path / "ü雪"), **ASCII)
     assert status == 0
-    assert f"look at {tmp_path}/ü雪/preview.jpg".encode() in said
+    assert f"preview: {tmp_path}/ü雪/preview.jpg".encode() in said
     status, said, _ = simgrab("detect", str(tmp_path / "ü雪"), "--json", **ASCII)
     assert status == 0
     assert json.loads(said)["file"].startswith(f"{tmp_path}/ü雪/images/")

@@ -110,12 +110,12 @@ def test_a_dataset_without_picture_or_display_is_refused(dataset, tmp_path):
     bare = tmp_path / "bare"
     shutil.copytree(dataset, bare)
     next((bare / "images").rglob("*.jpg")).unlink()
-    with pytest.raises(DatasetError, match="has labels and no picture"):
+    with pytest.raises(DatasetError, match="has labels but no image"):
         reading.read_dataset(bare, Reader())
     bare = tmp_path / "other"
     shutil.copytree(dataset, bare)
     next((bare / "images").rglob("*.jpg")).write_bytes(b"another")
-    with pytest.raises(DatasetError, match="not the picture that its labels are of"):
+    with pytest.raises(DatasetError, match="does not match the digest in its labels"):
         reading.read_dataset(bare, Reader())
     with pytest.raises(DatasetError, match="no frame shows rope lengths"):
         reading.read_dataset(dataset, Reader(), split="none")

@@ -86,7 +86,7 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, 
 @pytest.mark.slow
 def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, halves, tmp_path):
     def watch(name):
-        if name == "looking at val pictures":
+        if name == "detecting in val images":
             raise KilledError
         return lambda _done, _total: None
 
@@ -134,8 +134,8 @@ def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeyp
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     for problem, arguments in {
-        "no training's folder": [halves, "--out", tmp_path / "full"],
-        "not empty, and is no": [halves, "--out", halves, "--resume"],
+        "does not contain a training": [halves, "--out", tmp_path / "full"],
+        "is not empty and does not": [halves, "--out", halves, "--resume"],
         "device 'none' cannot be used": [halves, "--out", tmp_path / "e", "--device", "none"],
         "not a dataset": [tmp_path, "--out", tmp_path / "a"],
         "no frames in the split 'val'": [_part(halves, tmp_path / "p", 4), "--out", tmp_path / "b"],
@@ -160,7 +160,7 @@ def test_two_trainings_do_not_share_a_folder(more, halves, tmp_path):
     assert str(error) == f"{tmp_path / 'out'} is being written by another training"
     with claim(tmp_path / "out", resume=False):  # nothing was written, so nothing is in the way
         (tmp_path / "out" / "file").touch()
-    with pytest.raises(TrainingError, match="not empty; go on with --resume"), claim(tmp_path / "out", resume=False):
+    with pytest.raises(TrainingError, match="not empty; continue with --resume"), claim(tmp_path / "out", resume=False):
         pass
 
 
@@ -175,7 +175,7 @@ def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
     monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: Result(tmp_path, {"recall": 0.0}))
     monkeypatch.setattr("simgrab.training.folder.check", lambda *_, **__: None)
     (tmp_path / "refine.md").touch()
-    assert "none of the validation frames' grabs is found" in run(halves, "--out", tmp_path)[1]
+    assert "no grab of the validation frames is detected" in run(halves, "--out", tmp_path)[1]
     assert run(halves, "--out", tmp_path, "--quiet")[1] == ""
 
 

@@ -129,13 +129,13 @@ def test_another_trainings_checkpoint_is_refused(tmp_path, monkeypatch):
     with pytest.raises(TrainingError, match="data 'one' became 'two'"):
         loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="two", resume=True)
     one = dataclasses.replace(RECIPE, epochs=1)
-    with pytest.raises(TrainingError, match="holds another net"):
+    with pytest.raises(TrainingError, match="holds another network"):
         loop.train(lambda: torch.nn.Linear(1, 1), Line(), one, tmp_path, data="one", resume=True)
     monkeypatch.setattr(loop, "__version__", "99")
     with pytest.raises(TrainingError, match=r"simgrab '.+' became '99'"):
         loop.train(build, Line(), one, tmp_path, data="one", resume=True)
     (tmp_path / "checkpoint.pt").write_bytes(b"torn")
-    with pytest.raises(TrainingError, match="no checkpoint"):
+    with pytest.raises(TrainingError, match="not a simgrab checkpoint"):
         loop.train(build, Line(), RECIPE, tmp_path, resume=True)
 
 
@@ -174,7 +174,7 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path):
     }
     for name, write in writers.items():
         write()
-        with pytest.raises(TrainingError, match="no checkpoint of simgrab") as refused:
+        with pytest.raises(TrainingError, match="not a simgrab checkpoint") as refused:
             loop.train(build, Line(), RECIPE, tmp_path, resume=True)
         assert "\n" not in str(refused.value)
         assert not harm.path.exists(), name
@@ -190,11 +190,11 @@ def test_damaged_checkpoints_are_refused_in_one_line(tmp_path):
     state = torch.load(path, weights_only=True)
     for size in (0, 4, 1000, len(sound) // 2, len(sound) - 1):
         path.write_bytes(sound[:size])
-        with pytest.raises(TrainingError, match="no checkpoint"):
+        with pytest.raises(TrainingError, match="not a simgrab checkpoint"):
             loop.train(build, Line(), one, tmp_path, resume=True)
     path.write_bytes(sound)
     repacked(path, lambda _, content: (content, zipfile.ZIP_DEFLATED))  # 1 MB may be 1 GB
-    with pytest.raises(TrainingError, match="no checkpoint"):
+    with pytest.raises(TrainingError, match="not a simgrab checkpoint"):
         loop.train(build, Line(), one, tmp_path, resume=True)
     for foreign in ([1, 2], torch.zeros(3), {"a": 1}, {"identity": "abc"}, {"identity": {1: 2, "x" * 10**5: 3}}):
         torch.save(foreign, path)

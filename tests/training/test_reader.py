@@ -180,7 +180,7 @@ def test_one_clear_message(dataset, tmp_path):
     with pytest.raises(TrainingError, match="device 'none' cannot be used"):
         train_reader([dataset], tmp_path / "none", dataclasses.replace(FAST, device="none"))
     assert not (tmp_path / "none").exists()
-    with pytest.raises(TrainingError, match="no training's folder"):
+    with pytest.raises(TrainingError, match="does not contain a training"):
         train_reader([dataset], broken, FAST)
 
 

@@ -52,5 +52,5 @@ def test_splits_follow_their_shares(scene):
 def test_a_law_without_bounds_is_refused_where_it_goes_too_far():
     wild = small_scene(swing__alpha={"sigma_deg": 30.0, "law": {"dist": "exponential"}})
     wildest = max(range(500), key=lambda f: abs(float(wild.swing.alpha.law.sample(stream(0, f, "swing.alpha")))))
-    with pytest.raises(ScenarioError, match=f"frame {wildest} draws alpha"):
+    with pytest.raises(ScenarioError, match=f"frame {wildest} has alpha"):
         draw(wild, wildest)

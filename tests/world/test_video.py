@@ -242,7 +242,7 @@ def test_one_clip_has_no_number(tmp_path):
         ({}, "/proc/a.mp4", "cannot write to /proc/a.mp4"),
         ({}, "a file/a.mp4", "cannot write"),
         ({}, "mine.mp4", r"mine\.mp4 exists; choose another"),
-        ({"camera.principal_offset_px": [9000.0, 0.0]}, "a.mp4", "never sees"),
+        ({"camera.principal_offset_px": [9000.0, 0.0]}, "a.mp4", "the grab is outside the image"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_written(changes, name, message, tmp_path):

@@ -361,7 +361,7 @@ def test_the_error_function_is_good_enough_for_dust():
         ({"rain_mm_h": -1.0}, "rain_mm_h"),
         ({"snow_mm_h": 50.0}, "snow_mm_h"),
         ({"rain_mm_h": 5.0, "snow_mm_h": 4.0}, "heavy snow falls without rain"),
-        ({"lens_dirt": 0.7, "lens_snow": 0.5}, "share one glass"),
+        ({"lens_dirt": 0.7, "lens_snow": 0.5}, "cover the same glass"),
         ({"wetness": 1.5}, "wetness"),
         ({"fog": 1.0}, "fog"),
     ],

@@ -122,7 +122,7 @@ def test_hoisting_through_the_ground_is_refused():
 
 
 def test_independent_frames_know_no_vibration():
-    with pytest.raises(ScenarioError, match="independent frames know no time"):
+    with pytest.raises(ScenarioError, match="independent frames have no time"):
         scenes.load("quay-day", {"camera.mount": {"model": "fixed", "vibration": {"rms_deg": 0.1}}})
 
 

@@ -177,7 +177,7 @@ class Bundled:
         self._settle = _opened(folder / "settle.onnx", SETTLE, _CROP, _ROWS)
         facts = self._settle.facts
         if not settings and "settings" not in facts:
-            raise DetectorError(f"{self._settle.path} holds no settings: train it again")
+            raise DetectorError(f"{self._settle.path} has no settings in its metadata: train it again")
         path = self._settle.path
         self.settings = settings or convert(facts["settings"], Settings, DetectorError, f"{path}: settings")
         self.trust = convert(facts.get("trust", {}), Trust, DetectorError, f"{path}: trust")
@@ -343,7 +343,7 @@ def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: Shapes) ->
     found: Any = net.facts.get("task")
     shapes = [shape[1:] for shape in net.inputs.values()]
     if found != task or shapes != [picture] or net.types != ("tensor(uint8)",) or len(net.outputs) != len(outputs):
-        raise DetectorError(f"{path} is not simgrab's {task} net (its task is {one_line(repr(found), 40)}; {net})")
+        raise DetectorError(f"{path} is not simgrab's {task} network (its task is {one_line(repr(found), 40)}; {net})")
     blank = np.zeros((1, *picture), np.uint8)
     if not all(np.isfinite(out).all() for out in _run(net, blank, outputs)):
         raise DetectorError(f"{path} outputs NaN or infinity")

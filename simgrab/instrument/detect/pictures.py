@@ -142,7 +142,7 @@ def pictures(source: str | Path) -> tuple[Path, ...]:
         raise DatasetError(f"{source}: there is no such file or folder")
     files = files_of(source)
     if not files:
-        raise DatasetError(f"{source} is no dataset, and holds no {', '.join(SUFFIXES)}")
+        raise DatasetError(f"{source} is not a dataset, and contains no {', '.join(SUFFIXES)}")
     return files
 
 

@@ -82,12 +82,12 @@ class Yolo:
         blank = self._run(np.full((1, 3, self.height, self.width), 0.5, np.float32))
         found = layout(blank, self.height, self.width)
         if found is None or not _detects(self._net, self.height, self.width):
-            raise DetectorError(f"{self._net.path} is no detector: {EXPECTED}; this has {self._net}")
+            raise DetectorError(f"{self._net.path} is not a detector: {EXPECTED}; this has {self._net}")
         self.layout = found
         self.column = _column(self._net, blank.shape[1 if found.family == "yolov8" else 2] - found.columns)
         highest = decode(blank, found, self.column, self.height, self.width)[1].max()
         if not 0 <= highest <= _MOST_SCORE:
-            raise DetectorError(f"{self._net.path} gives scores of {highest:.3g}, which is no detector's: {EXPECTED}")
+            raise DetectorError(f"{self._net.path} outputs scores of {highest:.3g}, outside [0, 1]: {EXPECTED}")
 
     @property
     def name(self) -> str:
@@ -184,7 +184,7 @@ def _column(net: Net, classes: int) -> int:
     given = _literal(net, "names")
     names = list(given.values()) if isinstance(given, dict) else given if isinstance(given, list) else []
     if names and len(names) != classes:
-        raise DetectorError(f"{net.path} is no detector: it names {len(names)} classes and outputs {classes}")
+        raise DetectorError(f"{net.path} is not a detector: it names {len(names)} classes and outputs {classes}")
     if classes == 1:
         return 0
     if names.count(GRAB) != 1:
@@ -224,7 +224,7 @@ def _input(net: Net) -> tuple[int, int]:
     shape = next(iter(net.inputs.values()), ())
     fits = len(net.inputs) == 1 and net.types[0] == "tensor(float)" and len(shape) == 4
     if not fits or shape[0] not in (1, None) or shape[1] not in (3, None):
-        raise DetectorError(f"{net.path} is no detector: {EXPECTED}; this has {net}")
+        raise DetectorError(f"{net.path} is not a detector: {EXPECTED}; this has {net}")
     usual = _literal(net, "imgsz")
     if not isinstance(usual, list) or len(usual) != 2 or not all(isinstance(side, int) for side in usual):
         usual = [_SIZE] * 2

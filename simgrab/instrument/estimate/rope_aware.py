@@ -104,7 +104,7 @@ class RopeAware(Estimator):
 
     def _why(self, error: float, finite: bool) -> str:
         if not finite:
-            return "no swing reaches the rays: the rope is shorter than the offset"
+            return "no swing angle explains the rays: the rope is shorter than the camera offset"
         return "" if error <= self.tolerance else f"not converged in {self.max_iterations} iterations"
 
 

@@ -115,7 +115,7 @@ def _table(path: Path) -> pa.Table:
     names = table.column_names
     for name in (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"):  # others are not looked at
         if names.count(name) > 1:
-            raise RecordError(f"{path}: column {name} is there twice")
+            raise RecordError(f"{path}: duplicate column {name}")
     return table
 
 
@@ -127,7 +127,9 @@ def _csv(path: Path) -> pa.Table:
     if not header or not header[0].strip():
         raise RecordError(f"{path}: the file is empty; a header u_px, v_px[, rope_length_m, time_s] is needed")
     if len(header[0]) > MOST_HEADER_BYTES:
-        raise RecordError(f"{cannot(path)}: its first line is no header: it is longer than {MOST_HEADER_BYTES} bytes")
+        raise RecordError(
+            f"{cannot(path)}: its first line is not a header: it is longer than {MOST_HEADER_BYTES} bytes"
+        )
     try:
         names = [name.strip().strip('"') for name in header[0].decode().split(",")]
         options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
@@ -148,7 +150,7 @@ def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
         try:
             return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
         except pa.ArrowException:
-            raise RecordError(f"{path}: column {name} holds no numbers but {column.type}") from None
+            raise RecordError(f"{path}: column {name} must be numbers, is {column.type}") from None
     text = np.array([("nan" if not t or not t.strip() else t) for t in column.to_pylist()], dtype=object)
     try:
         return text.astype(np.float64)
@@ -157,7 +159,7 @@ def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
             try:
                 float(cell)
             except ValueError:
-                raise RecordError(f"{path}: {name}, row {row}: {cell.strip()!r} is no number") from None
+                raise RecordError(f"{path}: {name}, row {row}: {cell.strip()!r} is not a number") from None
         raise
 
 

@@ -140,7 +140,7 @@ def checked(times: Array, readings: Sequence[Reading], hoist: Hoist | None = Non
     trusted = np.flatnonzero(believed)
     result = list(readings)
     for i in np.flatnonzero(np.isfinite(lengths) & ~believed).tolist():
-        reason = "as much speaks for another reading"
+        reason = "another reading is equally likely"
         if len(trusted):
             near = trusted[np.abs(times[trusted] - times[i]).argmin()]
             apart = abs(times[near] - times[i])

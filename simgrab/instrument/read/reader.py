@@ -60,7 +60,7 @@ class Reader:
         inputs, outputs = (tuple(shape[1:] for shape in e.values()) for e in (self._net.inputs, self._net.outputs))
         floats = self._net.types == ("tensor(float)",)
         if known is None or not floats or inputs != ((1, INPUT_PX, INPUT_PX),) or outputs != ((CLASSES,),):
-            raise ReaderError(f"{model} is no reader of digits ({self._net}); simgrab train reader writes one")
+            raise ReaderError(f"{model} is not a digit reader ({self._net}); simgrab train reader writes one")
         try:
             self.threshold = float(parse_json(known, ReaderError, METADATA)["threshold"])
         except (ReaderError, ValueError, LookupError, TypeError, OverflowError):
@@ -69,7 +69,7 @@ class Reader:
             raise ReaderError(f"{model}: its threshold must be more than 0 and 1 at most, got {self.threshold:g}")
         sums = self.probabilities(np.zeros((1, 1, INPUT_PX, INPUT_PX), np.float32)).sum(axis=1)
         if not np.allclose(sums, 1, atol=1e-3):
-            raise ReaderError(f"{model} is no reader of digits: its probabilities do not add up to 1")
+            raise ReaderError(f"{model} is not a digit reader: its probabilities do not add up to 1")
 
     def read(self, picture: Picture, layout: Layout | None, *, display_constant_m: float = 0.0) -> Reading:
         """Read the display in a picture.

@@ -143,7 +143,7 @@ def measure(
     if not notes.names:
         raise SourceError(f"{source}: it holds no frame")
     if len(measured) != len(notes.names):
-        raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one each is due")
+        raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one for each frame is required")
     speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
     return _conclude(notes, measured, calibration, instrument, source, rule or Rule(), estimate, tilt, speed)
 
@@ -169,7 +169,7 @@ def _live(
 ) -> tuple[Run, Film]:  # fmt: skip
     """Measure and annotate at once; an interrupt ends the record, as the end of the stream does."""
     if not isinstance(instrument, Pipeline):
-        raise RunError(f"{instrument.name} cannot go frame by frame; a live run takes simgrab's own pipeline")
+        raise RunError(f"{instrument.name} cannot measure frame by frame; a live run needs simgrab's own pipeline")
     notes = _Notes()
     measured: list[Measurement] = []
     latency: list[float] = []

@@ -79,7 +79,8 @@ class CheckedInstrument:
                     if not given:  # nor is there a frame, which is said elsewhere
                         break
                     raise InstrumentError(
-                        f"{self.name}: more than {len(given)} measurements of {len(given)} frames; one each is due"
+                        f"{self.name}: more than {len(given)} measurements of {len(given)} frames; "
+                        "one for each frame is required"
                     )
                 given.append(one)
         passing.reach(None)  # so that those it did not ask for are counted too
@@ -118,9 +119,7 @@ class _Passing:
     def __next__(self) -> Frame:
         with self._lock:
             if self._count - self._taken > len(self._kept):
-                raise InstrumentError(
-                    f"{self._name}: asks for frame {self._taken} only after measurements of later ones"
-                )
+                raise InstrumentError(f"{self._name}: requested frame {self._taken} after measuring later frames")
             frame = self._kept.popleft() if self._kept else self._next()
             self._taken += 1
             return frame

@@ -83,7 +83,9 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     if not timed:
         return [("95 % intervals by", "frames")]
     few = next((i["note"] for i in estimate["intervals"] if i["kind"] == "blocks"), "")
-    return [("95 % intervals by", "frames, and too narrow: these are not independent" + (f" ({few})" if few else ""))]
+    return [
+        ("95 % intervals by", "frames; too narrow, because frames are not independent" + (f" ({few})" if few else ""))
+    ]
 
 
 def _number(value: Any) -> str:

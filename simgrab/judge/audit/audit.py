@@ -108,7 +108,7 @@ def audit(
                 raise
             except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError) as problem:
                 # Altered data can be too far out to compute with; that is a finding, and no reason to lose the others.
-                what = f"holds what no dataset does ({type(problem).__name__}: {problem})"
+                what = f"contains invalid values ({type(problem).__name__}: {problem})"
                 proofs.append(Proof("labels and manifest can be computed with", 1, (Finding("dataset", what),)))
     return Audit(tuple(proofs))
 
@@ -195,10 +195,10 @@ def _redraw(data: _Dataset, generator: FrameGenerator, tick: Iterator[None]) -> 
             _compare_picture(pictures, data.path, row, name, picture, same)
         _compare_exports(exports, data, row, made.record, coco[made.record.truth.split], same)
     _compare_metadata(exports, data)
-    drawn = "drawn by the same renderer" if same else f"drawn by another renderer ({fingerprint.renderer})"
+    drawn = "rendered by the same renderer" if same else f"rendered by another renderer ({fingerprint.renderer})"
     return [
         labels.proof("every label column follows from the scenario; visible boxes equal the ids'", drawn),
-        pictures.proof("every picture is the one that the scenario draws", drawn),
+        pictures.proof("every picture is the one that the scenario renders", drawn),
         exports.proof("YOLO and COCO labels and metadata.csv follow from the rows and ids"),
     ]
 
@@ -233,7 +233,7 @@ def _compare_picture(found: Findings, path: Path, row: Row, name: str, expected:
     if name == row.file:
         found.expect(hashlib.sha256(data).hexdigest() == row.image_sha256, where, "differs from its image_sha256")
     if same:
-        found.expect(data == expected, where, "not the picture that the scenario draws")
+        found.expect(data == expected, where, "not the picture that the scenario renders")
         return
     if name != row.file:  # ids and depth differ at edges, where a mean over the picture says little
         return
@@ -243,7 +243,9 @@ def _compare_picture(found: Findings, path: Path, row: Row, name: str, expected:
         found.expect(False, where, problem.reason)
         return
     psnr = cv2.PSNR(ours, theirs) if ours.shape == theirs.shape else 0.0
-    found.expect(psnr >= OTHER_RENDERER_PSNR_DB, where, f"not the picture that the scenario draws (PSNR {psnr:.1f} dB)")
+    found.expect(
+        psnr >= OTHER_RENDERER_PSNR_DB, where, f"not the picture that the scenario renders (PSNR {psnr:.1f} dB)"
+    )
 
 
 def _compare_exports(

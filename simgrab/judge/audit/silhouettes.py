@@ -22,7 +22,7 @@ EDGE_TOLERANCE_PX = 0.5
 CENTROID_TOLERANCE_PX = 0.2
 LEAST_IOU = 0.98
 MOST_SAMPLES = 5000  # a side of the supersampled picture
-CLAIM = "a second renderer draws the same silhouette"
+CLAIM = "a second renderer renders the same silhouette"
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

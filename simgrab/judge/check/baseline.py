@@ -98,7 +98,7 @@ def load(folder: Path) -> Baseline | None:
 
 
 def _refusal(problem: str) -> SuiteError:
-    return SuiteError(f"{problem}; record it anew by --update-baseline")
+    return SuiteError(f"{problem}; record it again with --update-baseline")
 
 
 def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:

@@ -90,7 +90,7 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     if recorded is not None and (blind := _uncompared(scenes)):
-        notes = (*notes, f"held by limits alone, for the baseline has too few values: {', '.join(blind)}")
+        notes = (*notes, f"compared with limits only, because the baseline has too few values: {', '.join(blind)}")
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
@@ -177,7 +177,7 @@ def _compared(
     reasons = base.stale(recorded, suite, instrument)
     if not reasons:
         return recorded, (Verdict(scene="", what="baseline", status="passed"),), ()
-    message = f"stale: {'; '.join(reasons)}. Look why, and record it anew by --update-baseline"
+    message = f"out of date: {'; '.join(reasons)}. Find the cause, then run with --update-baseline"
     return None, (Verdict(scene="", what="baseline", status="failed", message=message),), ()
 
 

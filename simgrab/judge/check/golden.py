@@ -109,7 +109,7 @@ def load(folder: Path) -> dict[str, Kept]:
 
 
 def _refusal(problem: str) -> SuiteError:
-    return SuiteError(f"{problem}; record them anew by --update-baseline")
+    return SuiteError(f"{problem}; record them again with --update-baseline")
 
 
 def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: float) -> Look:
@@ -126,16 +126,18 @@ def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: floa
         return Look(frame, "skipped", "not recorded yet")
     if kept.digest != dataset.data.scenario_digest:
         now = dataset.data.scenario_digest[:12]
-        return Look(frame, "failed", f"stale: recorded for the scenario {kept.digest[:12]}, and this is {now}")
+        return Look(frame, "failed", f"out of date: recorded for the scenario {kept.digest[:12]}, and this is {now}")
     if kept.sha256 == row.image_sha256:
         return Look(frame, "passed", "the same to the byte")
     golden, picture = _read(folder / kept.file), _read(dataset.image(row))
     if golden.shape != picture.shape:
         return Look(frame, "failed", f"of another size than recorded: {picture.shape} for {golden.shape}")
     least = likeness(golden, picture)
-    told = Look(frame, "passed", f"least SSIM of a tile {least:.3f}, at least {least_ssim:g} is due", least)
+    told = Look(frame, "passed", f"lowest SSIM of a tile {least:.3f}, at least {least_ssim:g} is required", least)
     if kept.drawn_by == drawn_by(dataset):
-        told = replace(told, status="failed", message=f"changed, though drawn by the same renderer (SSIM {least:.3f})")
+        told = replace(
+            told, status="failed", message=f"changed, although rendered by the same renderer (SSIM {least:.3f})"
+        )
     elif least < least_ssim:
         told = replace(told, status="failed")
     return told if told.status == "passed" else replace(told, difference=_beside(golden, picture))
@@ -158,7 +160,7 @@ def drawn_by(dataset: Dataset) -> str:
     try:
         who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"]}
     except (LookupError, TypeError):
-        raise DatasetError(f"{path} is not a simgrab manifest: it says not what rendered the dataset") from None
+        raise DatasetError(f"{path} is not a simgrab manifest: it does not name the renderer") from None
     return hashlib.sha256(json.dumps(who, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -170,7 +172,7 @@ def _read(path: Path) -> Picture:
     try:
         return read_picture(path)
     except PictureError as problem:
-        raise SuiteError(f"{problem}; record it anew by --update-baseline") from None
+        raise SuiteError(f"{problem}; record it again with --update-baseline") from None
 
 
 def _beside(golden: Picture, picture: Picture) -> Picture:

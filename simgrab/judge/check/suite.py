@@ -161,7 +161,7 @@ class Suite(Checked, frozen=True):
             raise SuiteError(f"scenes.{name}: {problem}") from None
         varied = [key for key in scenario.vary if any(part.startswith(CAMERA) for part in key.split("+"))]
         if varied:
-            raise SuiteError(f"scenes.{name}: vary.{varied[0]}: a suite's camera is one for all frames; set it")
+            raise SuiteError(f"scenes.{name}: vary.{varied[0]}: the camera must not vary within a suite; fix its value")
         beyond = [frame for frame in scene.golden if frame >= scenario.frames]
         if beyond:
             raise SuiteError(f"scenes.{name}.golden: no frame {beyond[0]} among {scenario.frames}")

@@ -91,4 +91,4 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
 
 def _nothing(metric: str) -> str:
     """Say why there is no value."""
-    return unknown(metric) or "the instrument told nothing, or the scene showed nothing, to measure it by"
+    return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"

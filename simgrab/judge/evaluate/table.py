@@ -49,7 +49,7 @@ def _of_detection(f: Mapping[str, Any] | None) -> Table | None:
         ("centre error, 95 % (px)", text(centre.get("p95_px"), 2)),
         ("centre bias u, v (px)", f"{text(centre.get('u_mean_px'), 2)}, {text(centre.get('v_mean_px'), 2)}"),
         ("jitter (px)", text(f["jitter_px"], 2)),
-        ("stated 95 % of the centre hold", percent(f["coverage"]["centre"])),
+        ("coverage of the stated 95 % of the centre", percent(f["coverage"]["centre"])),
     )
     return Table("Detection", ("", ""), rows)
 
@@ -67,7 +67,7 @@ def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
         ("frames read right", share("frames_right")),
         ("frames refused", share("frames_refused")),
         ("torn displays read as one text", share("torn_right")),
-        ("readings that the hoist cannot have got to", str(f["jumps"])),
+        ("readings that the hoist is too slow to have reached", str(f["jumps"])),
         ("rope's length, median and 95 % error (m)", f"{text(length['median_m'])}, {text(length['p95_m'])}"),
     )
     return Table("Reading", ("", ""), rows, "The display lags behind the rope.")
@@ -77,10 +77,10 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
     rows = [("all", *errors(f["overall"])), ("α above 8°", *errors(f["above_8_deg"]))]
     rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
-    note = "No intervals were told."
+    note = "No intervals were given."
     if interval["share"] is not None:
         width = text(interval["width_deg"], 2)
-        note = f"95 % intervals hold the true α in {percent(interval['share'])}, at a mean width of {width}°."
+        note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
     return Table("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), note)
 
 
@@ -107,17 +107,17 @@ def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
     if f is None:
         return None
     groups = (
-        ("", (*f["chain"], f["run"])), ("nothing told, ", [f["drawn"]]), ("aside: ", f["aside"]),
+        ("", (*f["chain"], f["run"])), ("no truth, ", [f["drawn"]]), ("single inputs: ", f["aside"]),
         ("the paper's method: ", f["paper"]),
     )  # fmt: skip
     rows = [
         (f"{prefix}{row['stage']}", *errors(row), text(row.get("beta_deg"))) for prefix, rows in groups for row in rows
     ]
     return Table(
-        f"Error budget of the swing angle, degrees ({f['estimator']})", ("what is told", *ERRORS, "β̂"), tuple(rows),
-        "Each row down to the run itself is told one thing less than the row above it; all are of the same frames. "
-        + ("The tilt is the one that was given, or found in a part of the frames. " if f["tilt"] == "given" else "")
-        + f"What adds most: {f['limit']}.",
+        f"Error budget of the swing angle, degrees ({f['estimator']})", ("oracle inputs", *ERRORS, "β̂"), tuple(rows),
+        "Each row down to the run itself replaces one more oracle input by the measured one; all use the same frames. "
+        + ("The tilt was given, or estimated from part of the frames. " if f["tilt"] == "given" else "")
+        + f"Largest contribution: {f['limit']}.",
     )  # fmt: skip
 
 

@@ -89,7 +89,7 @@ def of(run: Run, known: str | Path) -> Truths:
     path = Path(known)
     found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"))
     if not any(row is not None for row in found.rows):
-        raise RunError(f"{known}: holds none of the frames of the run on {run.source}")
+        raise RunError(f"{known}: contains none of the frames of the run on {run.source}")
     first = next(row for row in found.rows if row is not None)
     camera = run.calibration
     if (first.width_px, first.height_px) != (camera.width_px, camera.height_px):
@@ -106,9 +106,10 @@ def _of_dataset(run: Run, path: Path) -> Truths:
     rows = tuple(by_name.get(name) for name in run.names)
     strange = [name for name, row in zip(run.names, rows, strict=True) if row is None]
     if 0 < len(strange) < len(rows):
-        raise RunError(f"{path}: is not what the run was on: it has no {strange[0]} ({len(strange)} of {len(rows)} so)")
+        missing = f"{strange[0]} is missing ({len(strange)} of {len(rows)} frames)"
+        raise RunError(f"{path}: does not belong to this run: {missing}")
     if run.about.get("labels_sha256", dataset.data.labels_sha256) != dataset.data.labels_sha256:
-        raise RunError(f"{path}: is not what the run was on, {run.source}: its labels are others")
+        raise RunError(f"{path}: does not belong to this run, of {run.source}: its labels differ")
     weather = tuple("" if row is None else dataset.weather(row) for row in rows)
     return Truths(rows, weather, dataset.least_visible_fraction)
 

@@ -67,7 +67,7 @@ def check(study: Study) -> None:
     if not 1 <= len(study.axes) <= most:
         raise StressError(f"axes: takes 1 to {most} of them, got {len(study.axes)}; {_valid_axes(depth)}")
     if study.kind == "convergence" and tuple(s.axis for s in study.axes) != MAP_AXES:
-        raise StressError(f"axes: a map of convergence has these, in this order: {', '.join(MAP_AXES)}")
+        raise StressError(f"axes: a convergence map has these, in this order: {', '.join(MAP_AXES)}")
     for i, sweep in enumerate(study.axes):
         if not sweep.values:
             raise StressError(
@@ -85,13 +85,13 @@ def check(study: Study) -> None:
         estimators.find(name)
     for name in (*study.consistent, *(accept.estimator for accept in study.accept)):
         if name not in study.estimators:
-            raise StressError(f"{name!r} is judged but not tried; estimators: {', '.join(study.estimators)}")
+            raise StressError(f"{name!r} has limits but is not in estimators: {', '.join(study.estimators)}")
     for point in study.points:
         depth.settle(study, point)
     for key, points in (("holds", [study.holds] if study.holds else []), ("accept", [a.at for a in study.accept])):
         for point in points:
             if point not in study.points:
-                raise StressError(f"{key}: {list(point)} is no point of the axes; one of: {_points(study)}")
+                raise StressError(f"{key}: {list(point)} is not a combination of axis values; one of: {_points(study)}")
     for accept in study.accept:
         valid = ("refused", *depths.columns(study.kind))
         if accept.quantity not in valid:
@@ -110,5 +110,5 @@ def _check_axis(where: str, name: str, depth: Depth) -> None:
     known = name in depth.axes() if name in AXES else any(f"{name}.".startswith(f"{key}.") for key in depth.keys)
     if not known:
         hint = "" if name in AXES else resources.suggestion(name, [*AXES, *depth.keys])
-        what = "does not reach this depth" if name in AXES or "." in name else "unknown axis"
+        what = "is not available at this depth" if name in AXES or "." in name else "unknown axis"
         raise StressError(f"{where}: {name!r}: {what}{hint}; {_valid_axes(depth)}")

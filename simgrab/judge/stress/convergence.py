@@ -22,7 +22,7 @@ COLUMNS = MappingProxyType(
         "beta_error_deg": "β̂ − β from start 0",
         "converges": "whether start 0 converges",
         "domain": "whether start 0 stays where (est-3) has a solution",
-        "foretold": "whether the kurtosis of the ray angles is below 3, which says the same of the first step",
+        "foretold": "whether the kurtosis of the ray angles is below 3, the same condition for the first step",
         "repaired": "whether the start at the mean ray converges",
         "apart_deg": "largest distance between the ends of both starts",
         "fixed_deg": "β*, the fixed point found from the mean ray",

@@ -39,7 +39,7 @@ def draw(summary: Summary) -> Figure:
         for axes, law in zip(maps, laws, strict=True):
             _map(axes, summary, law, ns[-1])
         maps[0].set_ylabel("β (deg)")
-        above.suptitle(f"converged from start 0 (%), n = {ns[-1]:g}; *: foretold to leave its domain for n → ∞")
+        above.suptitle(f"converged from start 0 (%), n = {ns[-1]:g}; *: predicted to leave its domain for n → ∞")
         rates, where, steps = below.subplots(1, 3)
         _rates(rates, summary)
         _fixed(where, summary)
@@ -129,6 +129,6 @@ def sentences(summary: Summary) -> list[str]:
     domain = [(summary.at(p, name, "domain").mean, summary.at(p, name, "foretold").mean) for p in here]
     agree = np.mean([abs(a - b) < 0.5 for a, b in domain])
     result.append(
-        f"The kurtosis of the rays foretells whether start 0 stays in its domain at {100 * agree:.0f} % of the points."
+        f"The kurtosis of the rays predicts whether start 0 stays in its domain at {100 * agree:.0f} % of the points."
     )
     return result

@@ -70,7 +70,7 @@ DEPTHS: Mapping[str, Depth[Any]] = MappingProxyType({depth.name: depth for depth
 def find(name: str) -> Depth[Any]:
     """Find a depth; raises `StressError` naming what there is."""
     if name not in DEPTHS:
-        raise StressError(f"depth: {name!r} is not to be had; one of: {', '.join(DEPTHS)}")
+        raise StressError(f"unknown depth {name!r}; one of: {', '.join(DEPTHS)}")
     return DEPTHS[name]
 
 

@@ -52,7 +52,7 @@ def draw(summary: Summary, points: Sequence[Point]) -> Figure:
         panels: tuple[tuple[Axes, str, str, tuple[Curve, ...]], ...] = (
             (bias, "bias of β̂", "deg", (("beta_error_deg", "mean", "-", 1),)),
             (rms, "RMSE of β̂", "deg", (("beta_error_deg", "rms", "-", 1),)),
-            (cover, "95 % holds β —, σ - -, β by blocks ···", "%",
+            (cover, "95 % covers β —, σ - -, β by blocks ···", "%",
              (("cover_beta", "mean", "-", 100), ("cover_sigma", "mean", "--", 100),
               ("blocks_cover_beta", "mean", ":", 100))),
             (refused, "records refused", "%", (("refused", "mean", "-", 100),)),

@@ -36,7 +36,7 @@ def number(name: str, value: Value, low: float = -math.inf, high: float = math.i
 def law(situation: Situation, value: Value) -> Situation:
     """Give α another law."""
     if value not in LAWS:
-        raise StressError(f"alpha-law: unknown law {value!r}; one of: {', '.join(LAWS)}")
+        raise StressError(f"alpha-law: unknown distribution {value!r}; one of: {', '.join(LAWS)}")
     return situation.having("swing", law=LAWS[str(value)])
 
 

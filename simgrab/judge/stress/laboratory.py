@@ -27,7 +27,7 @@ from simgrab.utilities.parse import read_json
 _SAME = {
     "digest": "its settings differ",
     "simgrab": "made by another version",
-    "made_with": "drawn by another renderer, or seen with other weights",
+    "made_with": "made by another renderer, or detected with other weights",
 }
 
 Progress = Callable[[int, int], None]
@@ -128,7 +128,7 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
         if not isinstance(known, dict):
             raise StressError(f"{identity} is not a study that simgrab wrote; choose another --out")
         if not resume:
-            advice = "go on with --resume, or choose" if (path / PARTIAL).exists() else "choose"
+            advice = "continue with --resume, or choose" if (path / PARTIAL).exists() else "choose"
             raise StressError(f"{path} holds a study already; {advice} another --out")
         mine = _identity(study)
         changed = [why for key, why in _SAME.items() if known.get(key, "") != mine[key]]
@@ -139,7 +139,7 @@ def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, 
             shutil.rmtree(path / PARTIAL, ignore_errors=True)
             return []
     elif path.exists() and any(path.iterdir()):
-        raise StressError(f"{path} holds something else than a study; choose another --out")
+        raise StressError(f"{path} contains something other than a study; choose another --out")
     (path / PARTIAL).mkdir(parents=True, exist_ok=True)
     write(identity, json.dumps(_identity(study), indent=1, ensure_ascii=False))
     return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]

@@ -39,7 +39,7 @@ def settle(chosen: Study, point: tuple[Value, ...]) -> Scenario:
     """
     scenario = study.scenario(chosen, point)
     if scenario.vary:
-        raise StressError(f"{BASE}: {scenario.name!r} varies ({next(iter(scenario.vary))}); a record is of one scene")
+        raise StressError(f"{BASE}: {scenario.name!r} varies {next(iter(scenario.vary))}; the base scene must not vary")
     lacks = {
         "needs_rope": "the rope's length, and the scene shows no display to read it from (display.layout)"
         if scenario.display_layout is None else "",

@@ -91,7 +91,8 @@ def parse_point(study: Study, at: Sequence[str]) -> tuple[Value, ...]:
         if len(at) == len(point) and all(_same(a, v) for a, v in zip(at, point, strict=True)):
             return point
     points = "; ".join(" ".join(f"--at {value}" for value in point) for point in study.points)
-    raise StressError(f"{' '.join(f'--at {value}' for value in at)}: no point of {study.name}; there are: {points}")
+    given = " ".join(f"--at {value}" for value in at)
+    raise StressError(f"{given}: not a combination of axis values of {study.name}; one of: {points}")
 
 
 def _same(text: str, value: Value) -> bool:
@@ -132,14 +133,14 @@ def pictures(again: Replay, out: str | Path) -> list[Path]:
 
 
 def draw(again: Replay) -> Figure:
-    """Draw where the grab was found and where each estimator takes the vertical to be; and α̂ over the frames."""
+    """Draw detected grab centre and where each estimator takes the vertical to be; and α̂ over the frames."""
     records = again.records
     k = records.calibration.intrinsics
     figure = Figure(figsize=(12, 5), layout="constrained")
     left, right = figure.subplots(1, 2)
     u, v = records.pixels[0].T
     left.plot(u, v, ".", ms=2, color="#b9bfc4", label="grab")
-    left.plot(k.cx_px, k.cy_px, "+", ms=12, color="#1c2126", label="C′, as told")
+    left.plot(k.cx_px, k.cy_px, "+", ms=12, color="#1c2126", label="C′, as stated")
     rotation = camera_rotation(records.beta, records.azimuth, np.deg2rad(records.calibration.roll_deg))
     left.plot(*k.project(rotation.T @ (0.0, 0.0, -1.0)), "x", ms=12, mew=2, color="#1c2126", label="G′, true")
     right.plot(np.rad2deg(records.alpha[0]), color="#1c2126", lw=0.8, label="true")
@@ -149,7 +150,7 @@ def draw(again: Replay) -> Figure:
         down = gravity(found.beta[0], found.tilt_azimuth[0]) @ mount_from_camera(records.calibration)
         left.plot(*k.project(down), "o", ms=7, mfc="none", mew=1.6, color=colour, label=f"G′, {name}")
         right.plot(np.rad2deg(found.alpha[0]), color=colour, lw=0.7, alpha=0.7, label=name)
-    left.set(title="where the grab was found", xlabel="u (px)", ylabel="v (px)", aspect="equal")
+    left.set(title="detected grab centre", xlabel="u (px)", ylabel="v (px)", aspect="equal")
     left.invert_yaxis()
     right.set(title="swing", xlabel="frame", ylabel="α (deg)")
     for axes in (left, right):

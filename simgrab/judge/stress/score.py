@@ -29,13 +29,13 @@ COLUMNS = MappingProxyType(
         "alpha10_most_deg": "largest size of the same",
         "miss": "share of directions in which a swing of 11° would stay below 10°",
         "false_alarm": "share of directions in which one of 9° would exceed 10°",
-        "cover_beta": "whether the 95 % interval (i.i.d. or posterior) holds β",
-        "cover_sigma": "whether it holds σ",
-        "cover_alpha": "share of the frames whose interval holds α",
-        "blocks_cover_beta": "whether the 95 % interval by blocks holds β; empty where there is none",
-        "blocks_cover_sigma": "whether it holds σ",
-        "used": "share of the frames that it had to go by",
-        "iterations": "steps it took; empty where it does not say",
+        "cover_beta": "whether the 95 % interval (i.i.d. or posterior) covers β",
+        "cover_sigma": "whether it covers σ",
+        "cover_alpha": "share of the frames whose interval covers α",
+        "blocks_cover_beta": "whether the 95 % interval by blocks covers β; empty where there is none",
+        "blocks_cover_sigma": "whether it covers σ",
+        "used": "share of the frames that were used",
+        "iterations": "iterations; empty where not reported",
     }
 )
 """Numbers of a row and what they are. NaN where refused or not to be had."""

@@ -91,7 +91,7 @@ def coverage(summary: Summary, points: Sequence[Point]) -> str:
         if found is not None:
             figure, name, point = found
             share = f"{100 * figure.mean:.1f} ± {100 * figure.mean_se:.1f} %"
-            parts.append(f"of {symbol} holds it in {share} ({name}, {at(summary, point)})")
+            parts.append(f"of {symbol} covers it in {share} ({name}, {at(summary, point)})")
     return f"At worst the 95 % interval {' and that '.join(parts)}." if parts else "There are no intervals."
 
 

@@ -93,10 +93,10 @@ def build(
         patches = [[Patch(*map(int, p)) for p in row] for row in listed]
         found = np.load(folder / "bytes.npy", mmap_mode="r", allow_pickle=False)
         if found.dtype != np.uint8 or found.shape != (len(chosen), *shape) or len(patches) != len(chosen):
-            raise ValueError("of other frames")
+            raise ValueError("it belongs to other frames")
         return found, patches
     except (TrainingError, OSError, EOFError, ValueError, TypeError, OverflowError, AttributeError) as problem:
-        raise TrainingError(f"{folder} is damaged ({type(problem).__name__}); delete it, and it is made anew") from None
+        raise TrainingError(f"{folder} is damaged ({type(problem).__name__}); delete it; it will be rebuilt") from None
 
 
 def _make(

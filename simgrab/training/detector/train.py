@@ -144,7 +144,7 @@ def fit(
     folder = out / "cache" / digest[:16]
 
     small = [
-        find.pictures(folder / f"small-{name}", some, step(f"shrinking {name} pictures"))
+        find.pictures(folder / f"small-{name}", some, step(f"resizing {name} images"))
         for name, some in (("train", train_frames), ("val", val_frames))
     ]
     found = _learn(Find, find.Finding(*small), recipes.find, out / "find", digest, resume, follow("find"))
@@ -167,7 +167,7 @@ def fit(
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
         if some:
             aside = folder.with_name(hard.digest[:16])
-            pictures = find.pictures(aside / f"small-{name}", some, step(f"shrinking hard {name} pictures"))
+            pictures = find.pictures(aside / f"small-{name}", some, step(f"resizing hard {name} images"))
             sets.append(cut(aside, f"hard-{name}", some, pictures))
     digest += hard.digest + _digest(out / "refine.onnx")
     start = functools.partial(settle.learner, refined.net)
@@ -180,7 +180,7 @@ def fit(
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", {"task": SETTLE})
         looks = Bundled(draft, Settings(least_presence=0.0))
-    seen = evaluate.watch(looks, [*val_frames, *hard.val], step("looking at val pictures"))
+    seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     presence = round(evaluate.least_presence(seen), 4)
     seen = evaluate.by(presence, seen)
     settings = msgspec.structs.asdict(Settings(least_presence=presence))

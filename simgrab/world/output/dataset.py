@@ -206,7 +206,7 @@ def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) ->
         first = first or fingerprint
         if fingerprint != first:
             raise DatasetError(
-                f"{path} was begun with {first.renderer}, MuJoCo {first.mujoco}; this is "
+                f"{path} was started with {first.renderer}, MuJoCo {first.mujoco}, and this machine has "
                 f"{fingerprint.renderer}, MuJoCo {fingerprint.mujoco}: choose another --out"
             )
     assert first is not None

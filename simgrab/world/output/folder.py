@@ -88,7 +88,7 @@ class Folder:
             finished = (self.path / MANIFEST).exists()  # it comes last
             if not resume:
                 state = "an unfinished" if self.partial.exists() else "a finished"
-                advice = "go on with --resume, or choose" if self.partial.exists() else "choose"
+                advice = "continue with --resume, or choose" if self.partial.exists() else "choose"
                 raise DatasetError(f"{self.path} holds {state} dataset; {advice} another --out")
             if differ(known, identity):
                 raise DatasetError(
@@ -108,7 +108,7 @@ class Folder:
             inside = [p.name for p in self.partial.iterdir()] if self.partial.is_dir() else []
             foreign = any(name not in ours and not name.startswith("draft-") for name in inside)
             if self.path.is_dir() and (foreign or any(p != self.partial for p in self.path.iterdir())):
-                raise DatasetError(f"{self.path} holds something else than a simgrab dataset; choose another --out")
+                raise DatasetError(f"{self.path} contains something other than a simgrab dataset; choose another --out")
 
     def _identity(self) -> dict[str, Any] | None:
         for path in (self.partial / "identity.json", self.path / MANIFEST):
@@ -141,7 +141,7 @@ class Folder:
             return msgspec.json.decode(row.read_bytes(), type=Record)
         except (OSError, ValueError, RecursionError) as problem:
             why = f"{type(problem).__name__}: {first_line(problem)}"
-            raise DatasetError(f"{row} is damaged ({why}); delete it, and --resume makes the frame anew") from None
+            raise DatasetError(f"{row} is damaged ({why}); delete it, and --resume renders the frame again") from None
 
     def store(self, frame: StoredFrame) -> None:
         """Keep a finished frame: pictures first, then its record, which makes it count."""
@@ -188,7 +188,7 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as problem:
         if problem.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise DatasetError(f"no space left for {path}; free some and go on with --resume") from None
+            raise DatasetError(f"no space left for {path}; free some and continue with --resume") from None
         raise DatasetError(f"cannot write to {path}: {problem.strerror or problem}") from None
 
 

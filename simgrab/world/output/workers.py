@@ -101,8 +101,8 @@ def refuse_unseen(frames: int, seen: int) -> None:
     if not seen:
         raise ScenarioError(
             "camera",
-            f"it never sees the grab in any of the {frames} frames; "
-            "lower camera.beta_deg or the focal length, or set offset and azimuth so that it looks at the rope",
+            f"the grab is outside the image in all {frames} frames; "
+            "lower camera.beta_deg or the focal length, or set offset and azimuth so that the rope is in view",
         )
 
 

@@ -91,7 +91,7 @@ class Plan:
         if gap < CLEARANCE_M:
             raise ScenarioError(
                 "swing.work" if jib else "swing.rope_length_m",
-                f"frame {moment.frame} has {rope:.2f} m of rope, which lowers the grab into what is below it; "
+                f"frame {moment.frame}: a rope of {rope:.2f} m lowers the grab into the ground or the cargo; "
                 f"at most {rope - CLEARANCE_M + gap:.2f} m there",
             )
 

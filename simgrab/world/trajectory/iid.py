@@ -38,13 +38,13 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     alpha_deg = abs(value("alpha", swing.alpha.law)) * swing.alpha.scale_deg
     if alpha_deg > MOST_ALPHA_DEG:
         raise ScenarioError(
-            "swing.alpha.sigma_deg", f"frame {frame} draws alpha = {alpha_deg:.1f}°, above {MOST_ALPHA_DEG:g}°"
+            "swing.alpha.sigma_deg", f"frame {frame} has alpha = {alpha_deg:.1f}°, above {MOST_ALPHA_DEG:g}°"
         )
     jaw = np.radians(value("jaw", swing.jaw_deg))
     if jaw > MAX_JAW:
         raise ScenarioError(
             "swing.jaw_deg",
-            f"frame {frame} draws {np.degrees(jaw):.1f}°; the jaws open to {np.degrees(MAX_JAW):g}° at most",
+            f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(MAX_JAW):g}° is possible",
         )
     gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
     load = value("load", swing.load)

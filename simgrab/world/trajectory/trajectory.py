@@ -63,7 +63,7 @@ class Trajectory:
             self._recent.append(moment)
             if moment.frame == frame:
                 return moment
-        raise AssertionError("a clip's motion has no end")
+        raise AssertionError("internal error: a clip's motion has no end")
 
     def _with_display(self, moment: Moment) -> Moment:
         """Independent frames know no time: their display shows the frame's own lengths, its clock goes by the index."""

@@ -32,7 +32,7 @@ BAD = {
     "no estimator": ({"estimators": ["json:JSONDecoder"]}, ("json:JSONDecoder", "estimate(pixels")),
     "an axis that the depth cannot reach": (
         {"axes": [{"axis": "weather.visibility_m", "values": [100.0]}]},
-        ("weather.visibility_m", "does not reach", "camera.beta_deg", "lean-along"),
+        ("weather.visibility_m", "is not available", "camera.beta_deg", "lean-along"),
     ),
     "another depth": ({"depth": "painted"}, ("painted", "one of: geometric, rendered")),
     "consistent but not tried": (
@@ -146,7 +146,9 @@ def test_a_replay_shows_diagnostics_and_its_picture(tmp_path):
     assert -0.5 < found["beta_error_deg"] < 0
     assert len(found["diagnostics"]["beta_history"]) == found["iterations"] + 1
     assert (tmp_path / "replay-focal-3.png").read_bytes()[1:4] == b"PNG"
-    assert "no point" in str(invoke("--replay", "focal", 3, "--at", "7", "--out", tmp_path).exception)
+    assert "not a combination of axis values" in str(
+        invoke("--replay", "focal", 3, "--at", "7", "--out", tmp_path).exception
+    )
     assert "0 to 999" in str(invoke("--replay", "focal", 1000, "--out", tmp_path).exception)
 
 

@@ -64,7 +64,7 @@ class Reels:
         camera = self.scenario.camera
         for key, size in (("width_px", camera.width_px), ("height_px", camera.height_px)):
             if size % 2:
-                raise ScenarioError(f"camera.{key}", f"must be even for a video, whose colours are halved; got {size}")
+                raise ScenarioError(f"camera.{key}", f"must be even: video has colour at half resolution; got {size}")
 
     @property
     def container(self) -> Container:
@@ -126,7 +126,7 @@ class Reels:
             files, known = self.files(clip), self.known(clip)
             there = [path for path in files.values() if path.exists()]
             if not resume and (there or self.partial.exists()):
-                advice = "" if begun is known is None else "go on with --resume, or "
+                advice = "" if begun is known is None else "continue with --resume, or "
                 raise DatasetError(f"{(there or [self.partial])[0]} exists; {advice}choose another --video")
             if known is not None:
                 self._refuse_others(files[MANIFEST], known)

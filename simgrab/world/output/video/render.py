@@ -172,7 +172,7 @@ class Filming:
         begun_by = self.reels.drawn_by()
         if begun_by not in (None, drawn_by.digest):
             raise DatasetError(
-                f"{self.reels.path} was begun with another renderer than {drawn_by.renderer}, MuJoCo "
+                f"{self.reels.path} was started with another renderer than {drawn_by.renderer}, MuJoCo "
                 f"{drawn_by.mujoco}: choose another --video"
             )
 
