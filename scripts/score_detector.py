@@ -38,7 +38,7 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
         elif any(row.split == "train" for row in dataset.rows):
             click.echo(f"{path}: frames of the split train are scored too; --split test leaves them out", err=True)
         with bar(str(path), shown=True) as progress:
-            watched = detections.watch_dataset(dataset.path, dataset.rows, looks, progress)
+            watched = detections.detect_dataset(dataset.path, dataset.rows, looks, progress)
         some += detection.cases(dataset, watched.detections)
         seconds += watched.seconds
     if not some:

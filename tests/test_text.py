@@ -121,7 +121,7 @@ def test_a_run_shows_and_keeps_names_as_text(tmp_path):
 
 @every
 def test_a_table_of_detections_holds_any_name(name, tmp_path):
-    watched = detections.Watched("x", (Path(name),), (Detection("none", name, 0.0),), (0.1,))
+    watched = detections.Detections("x", (Path(name),), (Detection("none", name, 0.0),), (0.1,))
     for ending in (".csv", ".parquet"):
         detections.save(watched, tmp_path / f"found{ending}")
     assert pq.read_table(tmp_path / "found.parquet")["reason"].to_pylist() == [name] or name == HOSTILE["surrogates"]

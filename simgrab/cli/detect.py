@@ -36,13 +36,13 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
         detections.check_table(out)
     files, looks = detections.pictures(source), detector(name)
     with bar("detecting", shown=not as_json and len(files) > 1) as progress:
-        watched = detections.watch(files, looks, progress)
+        found = detections.detect_files(files, looks, progress)
     if as_json:
-        for row in detections.rows(watched):
+        for row in detections.rows(found):
             click.echo(json.dumps(row))
     else:
-        found, median = sum(one.found for one in watched.detections), statistics.median(watched.seconds)
-        click.echo(printable(f"{looks.name}: the grab in {found} of {len(files)} images, {1e3 * median:.1f} ms each"))
+        count, median = sum(one.found for one in found.detections), statistics.median(found.seconds)
+        click.echo(printable(f"{looks.name}: the grab in {count} of {len(files)} images, {1e3 * median:.1f} ms each"))
     if out:
-        detections.save(watched, out)
+        detections.save(found, out)
         click.echo(printable(f"table: {out}"), err=as_json)

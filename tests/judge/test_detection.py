@@ -190,7 +190,7 @@ class Fixed:
 
 def test_detections_are_kept_as_a_table(known, tmp_path):
     files = detections.pictures(known.path)
-    watched = detections.watch(files, Fixed(known))
+    watched = detections.detect_files(files, Fixed(known))
     detections.save(watched, tmp_path / "d.parquet")
     table = pq.read_table(tmp_path / "d.parquet").to_pylist()
     assert [row["file"] for row in table] == [str(known.image(row)) for row in known.rows]
@@ -217,7 +217,7 @@ def test_sources_of_pictures(known, tmp_path):
     assert detections.pictures(folder) == open_source(folder).files
     assert len(detections.pictures(folder)) == 7
     with pytest.raises(DatasetError, match=r"a\.jpg cannot be read"):
-        detections.watch(detections.pictures(tmp_path), Fixed(known))
+        detections.detect_files(detections.pictures(tmp_path), Fixed(known))
     with pytest.raises(DatasetError, match="there is no such file or folder"):
         detections.pictures(tmp_path / "typo.jpg")
     for name in ("frame10.png", "frame2.png", "frame²0.png"):
@@ -231,16 +231,16 @@ def test_the_picture_that_a_detector_cannot_look_at_is_named(known):
         raise DetectorError("too small")
 
     with pytest.raises(DetectorError, match=r"000000\.jpg: too small"):
-        detections.watch(detections.pictures(known.path), refuses)
+        detections.detect_files(detections.pictures(known.path), refuses)
 
 
 def test_only_the_pictures_that_labels_are_of_are_scored(known, tmp_path):
     shutil.copytree(known.path, tmp_path / "other")
     other = datasets.read(tmp_path / "other")
-    assert detections.watch_dataset(other.path, other.rows, Fixed(known)).files == tuple(map(other.image, other.rows))
+    assert detections.detect_dataset(other.path, other.rows, Fixed(known)).files == tuple(map(other.image, other.rows))
     shutil.copy(other.image(other.rows[0]), other.image(other.rows[1]))
     with pytest.raises(DatasetError, match="does not match the digest in its labels"):
-        detections.watch_dataset(other.path, other.rows, Fixed(known))
+        detections.detect_dataset(other.path, other.rows, Fixed(known))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Let a detector look at pictures, and keep what it says as a table."""
+"""Detect the grab in image files, and write the detections as a table."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ TABLES = (".parquet", ".csv")
 
 
 @dataclass(frozen=True)
-class Watched:
-    """What a detector said of pictures.
+class Detections:
+    """Detections of a detector in image files.
 
     Attributes
     ----------
@@ -49,7 +49,9 @@ class Watched:
     seconds: tuple[float, ...]
 
 
-def detect(source: str | Path, detector: str | Path | Detector = BUNDLED, progress: Progress | None = None) -> Watched:
+def detect(
+    source: str | Path, detector: str | Path | Detector = BUNDLED, progress: Progress | None = None
+) -> Detections:
     """Detect the grab in a picture, a folder of pictures or a dataset, writing nothing.
 
     Parameters
@@ -62,13 +64,13 @@ def detect(source: str | Path, detector: str | Path | Detector = BUNDLED, progre
 
     Returns
     -------
-    Watched
+    Detections
         ``files`` and, for each, what was detected; `rows` makes plain rows of it, and `save` a table.
 
     Raises
     ------
     DatasetError, DetectorError
-        If there is no picture, one cannot be read, or the detector is none.
+        If there is no picture, one cannot be read, or the detector cannot be opened.
 
     Examples
     --------
@@ -78,11 +80,11 @@ def detect(source: str | Path, detector: str | Path | Detector = BUNDLED, progre
     (6, 'found')
     """
     files = pictures(source)
-    return watch(files, open_detector(detector) if isinstance(detector, str | Path) else detector, progress)
+    return detect_files(files, open_detector(detector) if isinstance(detector, str | Path) else detector, progress)
 
 
-def watch(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Watched:
-    """Let a detector look at picture files.
+def detect_files(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Detections:
+    """Detect the grab in image files.
 
     Parameters
     ----------
@@ -93,25 +95,27 @@ def watch(files: Sequence[Path], detector: Detector, progress: Progress | None =
 
     Returns
     -------
-    Watched
+    Detections
 
     Raises
     ------
     DatasetError, DetectorError
-        If one cannot be read, or looked at; says which.
+        If an image cannot be read or used; names it.
     """
-    return _watch(files, map(read_picture, files), detector, progress)
+    return _detect(files, map(read_picture, files), detector, progress)
 
 
-def watch_dataset(
+def detect_dataset(
     path: Path, rows: Sequence[frame_files.Row], detector: Detector, progress: Progress | None = None
-) -> Watched:
-    """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `watch`."""
+) -> Detections:
+    """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `detect_files`."""
     files = [path / row.file for row in rows]
-    return _watch(files, map(frame_files.picture, files, rows), detector, progress)
+    return _detect(files, map(frame_files.picture, files, rows), detector, progress)
 
 
-def _watch(files: Sequence[Path], seen: Iterable[Picture], detector: Detector, progress: Progress | None) -> Watched:
+def _detect(
+    files: Sequence[Path], seen: Iterable[Picture], detector: Detector, progress: Progress | None
+) -> Detections:
     detections, seconds = [], []
     for path, picture in zip(files, seen, strict=True):
         start = time.perf_counter()
@@ -122,7 +126,7 @@ def _watch(files: Sequence[Path], seen: Iterable[Picture], detector: Detector, p
         seconds.append(time.perf_counter() - start)
         if progress:
             progress(len(detections), len(files))
-    return Watched(detector.name, tuple(files), tuple(detections), tuple(seconds))
+    return Detections(detector.name, tuple(files), tuple(detections), tuple(seconds))
 
 
 def pictures(source: str | Path) -> tuple[Path, ...]:
@@ -146,16 +150,16 @@ def pictures(source: str | Path) -> tuple[Path, ...]:
     return files
 
 
-def rows(watched: Watched) -> list[dict[str, Any]]:
-    """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box's where the detector tells no other."""
+def rows(found: Detections) -> list[dict[str, Any]]:
+    """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box centre where the detector outputs none."""
     return [
-        {"file": encodable(path)} | _row(found) | {"seconds": seconds}
-        for path, found, seconds in zip(watched.files, watched.detections, watched.seconds, strict=True)
+        {"file": encodable(path)} | _row(detection) | {"seconds": seconds}
+        for path, detection, seconds in zip(found.files, found.detections, found.seconds, strict=True)
     ]
 
 
 def centre(found: Detection) -> Any:
-    """Grab centre of a detection, the box's where it tells no other, (2,), px; NaN where nothing was found."""
+    """Grab centre of a detection, or the box centre where it has none, (2,), px; NaN where nothing was found."""
     if found.centre is not None:
         return found.centre
     return np.full(2, np.nan) if found.box is None else (found.box[:2] + found.box[2:]) / 2
@@ -185,7 +189,7 @@ def _filled(values: Any, names: Sequence[str]) -> Any:
 
 
 def check_table(path: Path) -> None:
-    """Refuse, before pictures are looked at, a table that cannot be written.
+    """Refuse, before detection, a table that cannot be written.
 
     Raises
     ------
@@ -196,7 +200,7 @@ def check_table(path: Path) -> None:
     check_file(path, DatasetError)
 
 
-def save(watched: Watched, path: str | Path) -> None:
+def save(found: Detections, path: str | Path) -> None:
     """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads as they are; all of them or no file.
 
     Raises
@@ -206,7 +210,7 @@ def save(watched: Watched, path: str | Path) -> None:
     """
     path = Path(path)
     check_table(path)
-    table = rows(watched)
+    table = rows(found)
     with writing(path, DatasetError), drafted(path) as draft:
         if path.suffix.lower() == ".parquet":
             parquet.write(pa.Table.from_pylist(table), draft)
