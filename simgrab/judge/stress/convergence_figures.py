@@ -7,8 +7,8 @@ import numpy as np
 from simgrab.geometry import Array
 from simgrab.judge.stress.convergence import population, starts_at_zero
 from simgrab.judge.stress.figures import COLOURS
-from simgrab.judge.stress.knobs import Value
 from simgrab.judge.stress.laws import KURTOSIS
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.summary import Summary
 from simgrab.pages.plots import Axes, Figure, rc_context
 

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, geometric, rendered, score, situation, study
 from simgrab.judge.stress.axes import AXES
-from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.records import Picture, Records
 from simgrab.judge.stress.situation import Situation
 from simgrab.judge.stress.study import Study

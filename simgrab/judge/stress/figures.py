@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simgrab.judge.stress import words
-from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.study import axis_of
 from simgrab.judge.stress.summary import Point, Summary
 from simgrab.pages.plots import Axes, Figure, rc_context

@@ -11,7 +11,7 @@ import numpy as np
 from simgrab.errors import StressError
 from simgrab.geometry import Array, camera_rotation, grab_centre, to_camera
 from simgrab.judge.stress import estimators, study, swings
-from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.records import PROBE_ALPHA, PROBES, Picture, Records
 from simgrab.judge.stress.study import BASE, Study
 from simgrab.judge.stress.swings import Draws, Motion

@@ -16,7 +16,7 @@ from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
 from simgrab.judge.stress import convergence, depths, estimators, score
 from simgrab.judge.stress.figures import COLOURS
-from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.records import Picture, Records
 from simgrab.judge.stress.study import Study
 from simgrab.pages.plots import Figure

@@ -13,7 +13,7 @@ import msgspec
 from simgrab import scenes
 from simgrab.errors import SimgrabError, StressError
 from simgrab.judge.stress.axes import AXES, Axis
-from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.situation import Situation
 from simgrab.scenario import Scenario
 from simgrab.scenario.base import Meta, Strict

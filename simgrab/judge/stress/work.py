@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, depths, estimators, score
-from simgrab.judge.stress.knobs import Value
+from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.study import Study
 from simgrab.utilities import parquet
 from simgrab.utilities.files import drafted

@@ -19,7 +19,7 @@ from simgrab.scenario import Dynamic
 
 MOST = 1e9
 Value = Annotated[float, msgspec.Meta(ge=-MOST, le=MOST)] | str
-Knob = Callable[[Situation, Value], Situation]
+Parameter = Callable[[Situation, Value], Situation]
 DEG = math.pi / 180
 _MIDDLE_ROPE_M = 21.5
 
@@ -81,7 +81,7 @@ def mount(situation: Situation, value: Value) -> Situation:
     return situation.having("swing", motion=situation.swing.motion or "work-cycles", mount=str(value))
 
 
-def leaning(name: str, part: int, scale: Callable[[float], float]) -> Knob:
+def leaning(name: str, part: int, scale: Callable[[float], float]) -> Parameter:
     """Make what leans the rope along (0) or across (1) the tilt, by ``scale(value)`` rad."""
 
     def apply(situation: Situation, value: Value) -> Situation:
@@ -92,7 +92,7 @@ def leaning(name: str, part: int, scale: Callable[[float], float]) -> Knob:
     return apply
 
 
-def offset(name: str, part: int, sign: float = 1.0) -> Knob:
+def offset(name: str, part: int, sign: float = 1.0) -> Parameter:
     """Move the camera. The instrument is told where it would be unmoved, give or take as much as it was moved."""
 
     def apply(situation: Situation, value: Value) -> Situation:
@@ -133,7 +133,7 @@ def focal(situation: Situation, value: Value) -> Situation:
     return situation.having(told=msgspec.structs.replace(situation.told, focal_length_px=told))
 
 
-def principal(name: str, part: int) -> Knob:
+def principal(name: str, part: int) -> Parameter:
     """Make what moves the principal point along (0) or across (1) the tilt."""
 
     def apply(situation: Situation, value: Value) -> Situation:
