@@ -48,7 +48,7 @@ def command(
         raise click.UsageError("STUDY, --all and --replay exclude each other.")
     if study is not None or everything or replay is not None:
         check_folder(out, StressError)
-    from simgrab.judge.stress import catalogue, depths
+    from simgrab.judge.stress import catalogue, fidelities
     from simgrab.judge.stress.study import Study, quickened
 
     changes = {k: v for k, v in {"n": n, "replications": replications, "seed": seed}.items() if v is not None}
@@ -63,7 +63,9 @@ def command(
     if replay is not None:
         _replay(load(replay[0]), replay[1], at, out, as_json)
     elif everything or study is not None:
-        chosen = [load(name) for name in (catalogue.of(depth or depths.GEOMETRIC.name) if everything else [str(study)])]
+        chosen = [
+            load(name) for name in (catalogue.of(depth or fidelities.GEOMETRIC.name) if everything else [str(study)])
+        ]
         _run(chosen, out, (os.cpu_count() or 1) if workers is None else workers, resume, as_json, quiet)
     else:
         _list({name: catalogue.load(name).title for name in catalogue.names()}, as_json)

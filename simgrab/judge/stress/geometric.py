@@ -1,4 +1,4 @@
-"""The geometric depth: from a situation to pixels, without pictures."""
+"""The geometric fidelity: from a situation to pixels, without pictures."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from simgrab._version import __version__
 from simgrab.errors import StressError
-from simgrab.judge.stress import depths
+from simgrab.judge.stress import fidelities
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Finding, Moments, Summary, Verdict, judge
 from simgrab.judge.stress.work import Part, check_workers, crew, parts, schema, store
@@ -114,7 +114,7 @@ def _store(job: tuple[Study, Path, Part]) -> int:
 
 
 def _identity(study: Study) -> dict[str, Any]:
-    made_with = depths.find(study.depth).made_with()
+    made_with = fidelities.find(study.depth).made_with()
     return {
         "simgrab": __version__, "made_with": made_with, "digest": study.digest, "study": msgspec.to_builtins(study),
     }  # fmt: skip
@@ -157,7 +157,7 @@ def _finish(out: Path, study: Study) -> None:
 
 
 def _summed(study: Study, path: Path) -> Summary:
-    moments = Moments(study, depths.columns(study.kind))
+    moments = Moments(study, fidelities.columns(study.kind))
     for table in parquet.groups(path / TRIALS):
         moments.add(table)
     return moments.summary()

@@ -1,4 +1,4 @@
-"""What every depth gives: records as the estimators get them, and the truth to judge by."""
+"""What every fidelity gives: records as the estimators get them, and the truth to judge by."""
 
 from __future__ import annotations
 

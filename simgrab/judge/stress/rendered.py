@@ -1,4 +1,4 @@
-"""The rendered depth: a replication is a record of pictures, looked at by the bundled detector and reader."""
+"""The rendered fidelity: a replication is a record of pictures, looked at by the bundled detector and reader."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import numpy as np
 from simgrab.errors import StressError
 from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.frames import gravity, mount_from_camera
-from simgrab.judge.stress import convergence, depths, estimators, score
+from simgrab.judge.stress import convergence, estimators, fidelities, score
 from simgrab.judge.stress.figures import COLOURS
 from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.records import Picture, Records
@@ -106,8 +106,8 @@ def _same(text: str, value: Value) -> bool:
 
 def replay(study: Study, trial: int, point: tuple[Value, ...]) -> Replay:
     """Make one replication again; its numbers are those of the whole run."""
-    depth = depths.find(study.depth)
-    records, sheet = depth.show(depth.settle(study, point), study.seed, trial)
+    fidelity = fidelities.find(study.depth)
+    records, sheet = fidelity.show(fidelity.settle(study, point), study.seed, trial)
     found, rows = {}, {}
     for name in study.estimators:
         if trial >= study.trials_of(name):

@@ -66,7 +66,7 @@ class Study(Strict, frozen=True):
     kind : str
         ``"estimators"``, or ``"convergence"``: how the paper's iteration gets to its end.
     depth : str
-        How far a record goes from truth to angles: see `simgrab.judge.stress.depths`.
+        How far a record goes from truth to angles: see `simgrab.judge.stress.fidelities`.
     base : str
         Scene that it departs from.
     given : dict

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab.errors import StressError
-from simgrab.judge.stress import convergence, depths, estimators, score
+from simgrab.judge.stress import convergence, estimators, fidelities, score
 from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.study import Study
 from simgrab.utilities import parquet
@@ -36,12 +36,12 @@ class Part:
 
 
 def parts(study: Study) -> list[Part]:
-    """Cut a study into parts that its depth may draw together. What slow estimators take part in is cut finer."""
-    depth = depths.find(study.depth)
+    """Cut a study into parts that its fidelity may draw together. What slow estimators take part in is cut finer."""
+    fidelity = fidelities.find(study.depth)
     slow_until = max((study.trials_of(name) for name in study.fewer if name in study.estimators), default=0)
     result = []
     for index, point in enumerate(study.points):
-        together = depth.together(depth.settle(study, point))
+        together = fidelity.together(fidelity.settle(study, point))
         first = 0
         while first < study.replications:
             step = min(together, MOST_SLOW_TRIALS) if first < slow_until else together
@@ -54,10 +54,10 @@ def parts(study: Study) -> list[Part]:
 def make(study: Study, part: Part) -> pa.Table:
     """Draw, estimate and score the replications of a part: one row for each of them and each estimator."""
     point = study.points[part.point]
-    depth = depths.find(study.depth)
-    here = depth.settle(study, point)
+    fidelity = fidelities.find(study.depth)
+    here = fidelity.settle(study, point)
     trials = range(part.first, part.last)
-    records = depth.draw(here, study.seed, trials)
+    records = fidelity.draw(here, study.seed, trials)
     tables = []
     for name in study.estimators:
         if study.kind == "convergence":
@@ -65,7 +65,7 @@ def make(study: Study, part: Part) -> pa.Table:
         elif study.trials_of(name) >= part.last:
             columns = score.score(estimators.run(name, records), records)
         elif (left := study.trials_of(name) - part.first) > 0:
-            some = depth.draw(here, study.seed, trials[:left])
+            some = fidelity.draw(here, study.seed, trials[:left])
             columns = score.score(estimators.run(name, some), some)
         else:
             continue
@@ -77,7 +77,7 @@ def schema(study: Study) -> pa.Schema:
     """Columns of a study's rows."""
     fields = [(s.axis, pa.string() if any(isinstance(v, str) for v in s.values) else pa.float64()) for s in study.axes]
     fields += [("trial", pa.int64()), ("estimator", pa.string()), ("status", pa.string()), ("reason", pa.string())]
-    fields += [(name, pa.float64()) for name in depths.columns(study.kind)]
+    fields += [(name, pa.float64()) for name in fidelities.columns(study.kind)]
     return pa.schema(fields)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from simgrab.judge.stress import catalogue, depths
+from simgrab.judge.stress import catalogue, fidelities
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Moments, Summary
 from simgrab.judge.stress.work import make, parts
@@ -29,7 +29,7 @@ def small(study: str | Study, *points: tuple, **changes: object) -> Study:
 
 
 def summed(study: Study) -> Summary:
-    moments = Moments(study, depths.columns(study.kind))
+    moments = Moments(study, fidelities.columns(study.kind))
     for part in parts(study):
         moments.add(make(study, part))
     return moments.summary()

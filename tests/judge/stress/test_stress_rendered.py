@@ -1,4 +1,4 @@
-"""The rendered depth: what is drawn is the scene, what is told is what the pipeline sees of it, always the same."""
+"""The rendered fidelity: what is drawn is the scene, what is told is what the pipeline sees of it, always the same."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,7 @@ from simgrab.instrument.pipeline import bundled
 from simgrab.instrument.sight import look
 from simgrab.instrument.source import open_source
 from simgrab.judge.stress import catalogue, estimators, geometric, laboratory, rendered, replay
-from simgrab.judge.stress.depths import GEOMETRIC, RENDERED
+from simgrab.judge.stress.fidelities import GEOMETRIC, RENDERED
 from simgrab.judge.stress.laboratory import PARTIAL, STUDY, TRIALS
 from simgrab.judge.stress.study import quickened, situation
 from simgrab.judge.stress.watch import Watched, watch

@@ -30,7 +30,7 @@ BAD = {
     "unknown estimator": ({"estimators": ["mean-rai"]}, ("mean-rai", "geometric-median", "package.module:Class")),
     "no such module": ({"estimators": ["nowhere.to_be:Found"]}, ("nowhere.to_be:Found", "No module")),
     "no estimator": ({"estimators": ["json:JSONDecoder"]}, ("json:JSONDecoder", "estimate(pixels")),
-    "an axis that the depth cannot reach": (
+    "an axis that the fidelity cannot reach": (
         {"axes": [{"axis": "weather.visibility_m", "values": [100.0]}]},
         ("weather.visibility_m", "is not available", "camera.beta_deg", "lean-along"),
     ),

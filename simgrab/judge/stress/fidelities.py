@@ -20,8 +20,8 @@ Here = TypeVar("Here")
 
 
 @dataclass(frozen=True)
-class Depth(Generic[Here]):
-    """One depth.
+class Fidelity(Generic[Here]):
+    """One fidelity.
 
     Attributes
     ----------
@@ -56,22 +56,24 @@ class Depth(Generic[Here]):
         return [axis.name for axis in AXES.values() if axis.key or self.whole]
 
 
-GEOMETRIC = Depth[Situation](
+GEOMETRIC = Fidelity[Situation](
     "geometric", study.situation, geometric.draw, geometric.together, geometric.show, str, situation.KEYS, whole=True
 )
-RENDERED = Depth[Scenario](
+RENDERED = Fidelity[Scenario](
     "rendered", rendered.settle, rendered.draw, rendered.together, rendered.show, rendered.made_with, rendered.KEYS,
     whole=False,
 )  # fmt: skip
-DEPTHS: Mapping[str, Depth[Any]] = MappingProxyType({depth.name: depth for depth in (GEOMETRIC, RENDERED)})
-"""Depth by name."""
+FIDELITIES: Mapping[str, Fidelity[Any]] = MappingProxyType(
+    {fidelity.name: fidelity for fidelity in (GEOMETRIC, RENDERED)}
+)
+"""Fidelity by name."""
 
 
-def find(name: str) -> Depth[Any]:
-    """Find a depth; raises `StressError` naming what there is."""
-    if name not in DEPTHS:
-        raise StressError(f"unknown depth {name!r}; one of: {', '.join(DEPTHS)}")
-    return DEPTHS[name]
+def find(name: str) -> Fidelity[Any]:
+    """Find a fidelity; raises `StressError` naming what there is."""
+    if name not in FIDELITIES:
+        raise StressError(f"unknown depth {name!r}; one of: {', '.join(FIDELITIES)}")
+    return FIDELITIES[name]
 
 
 def columns(kind: str) -> tuple[str, ...]:
