@@ -2,7 +2,7 @@
 
     python -m scripts.instrument [--clips 6] [--noise-px 1.5]
 
-Clips of five minutes at 9 frames/s, whose sightings are the truth and noise; the camera hangs 0.6 m beside the rope
+Clips of five minutes at 9 frames/s, whose observations are the truth and noise; the camera hangs 0.6 m beside the rope
 exit, and each clip has a camera file whose offset errs by 5 cm per coordinate. ``given``: the tilt comes from ten
 minutes of calm cycles beforehand. This is what the default estimator was chosen by.
 """
@@ -63,7 +63,7 @@ def measure(world: str, clips: int, noise: float) -> dict[str, dict[str, Any]]:
             if kind.endswith("given"):
                 kept = {key: value for key, value in changes.items() if key == "camera__mount"}
                 calm = swinging.record("work-cycles", fixed=fixed, frames=CALM, seed=200 + clip, **kept)
-                tilt = pipeline.conclude(calm.sightings(noise, 50 + clip), camera).tilt
+                tilt = pipeline.conclude(calm.observations(noise, 50 + clip), camera).tilt
                 pipeline = dataclasses.replace(pipeline, tilt=tilt)
             together[kind].append(one(pipeline, truth, camera, noise, clip))
     return {kind: pooled(found) for kind, found in together.items()}
@@ -71,7 +71,7 @@ def measure(world: str, clips: int, noise: float) -> dict[str, dict[str, Any]]:
 
 def one(pipeline: Pipeline, truth: Any, camera: Any, noise: float, clip: int) -> dict[str, Any]:
     """Measure one clip."""
-    found = pipeline.conclude(truth.sightings(noise, clip), camera).measurements
+    found = pipeline.conclude(truth.observations(noise, clip), camera).measurements
     alpha = np.array([np.nan if m.alpha is None else m.alpha for m in found], float)
     alarms = swings.alarms(truth.time, found, events(truth.time, found), truth.alpha, Rule())
     return alarms | {"error": alpha - truth.alpha, "coverage": swings.coverage(found, truth.alpha)}

@@ -9,7 +9,7 @@ import numpy as np
 from simgrab import scenes
 from simgrab.calibration import Calibration
 from simgrab.geometry import to_camera
-from simgrab.instrument.sight import Sighting
+from simgrab.instrument.observation import Observation
 from simgrab.world.output.export import calibration_of
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -25,13 +25,13 @@ class Swinging:
     beta: np.ndarray
     calibration: Calibration
 
-    def sightings(self, noise_px=0.0, seed=0):
+    def observations(self, noise_px=0.0, seed=0):
         pixels = self.pixels + np.random.default_rng(seed).normal(0, noise_px, self.pixels.shape)
         sd = (max(noise_px, 0.1),) * 2
         layout, constant = self.calibration.digit_layout, self.calibration.display_constant_m
         texts = [layout.text(r - constant, 20.0) for r in self.rope]
         return [
-            Sighting(time, centre=(u, v), centre_sd=sd, box=(u - 40, v - 40, u + 40, v + 40), score=0.9,
+            Observation(time, centre=(u, v), centre_sd=sd, box=(u - 40, v - 40, u + 40, v + 40), score=0.9,
                      rope_text=text, rope_status="read", hoist_m=layout.lengths(text)[0])
             for time, (u, v), text in zip(self.time.tolist(), pixels.tolist(), texts, strict=True)
         ]  # fmt: skip

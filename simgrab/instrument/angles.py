@@ -14,8 +14,8 @@ from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
+from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
-from simgrab.instrument.sight import Sighting
 from simgrab.records.estimates import Estimate
 
 
@@ -25,7 +25,7 @@ class Seen:
 
     Attributes
     ----------
-    sightings : sequence of n Sighting
+    observations : sequence of n Observation
     time : ndarray, shape (n,), or None
         None for independent frames.
     pixels : ndarray, shape (n, 2)
@@ -35,7 +35,7 @@ class Seen:
     rope : Rope
     """
 
-    sightings: Sequence[Sighting]
+    observations: Sequence[Observation]
     time: Array | None
     pixels: Array
     pixel_sd: Array
@@ -47,15 +47,15 @@ class Seen:
         return np.asarray(found & np.isfinite(self.rope.length) if rope else found)
 
 
-def seen(sightings: Sequence[Sighting], rope: Rope) -> Seen:
-    """Put sightings into arrays."""
+def seen(observations: Sequence[Observation], rope: Rope) -> Seen:
+    """Put observations into arrays."""
     nothing = (np.nan, np.nan)
-    timed = all(s.time_s is not None for s in sightings)
-    sd = np.array([s.centre_sd or (0.0, 0.0) for s in sightings], float).reshape(-1, 2)
+    timed = all(s.time_s is not None for s in observations)
+    sd = np.array([s.centre_sd or (0.0, 0.0) for s in observations], float).reshape(-1, 2)
     return Seen(
-        sightings,
-        np.array([s.time_s for s in sightings], float) if timed else None,
-        np.array([s.centre or nothing for s in sightings], float).reshape(-1, 2),
+        observations,
+        np.array([s.time_s for s in observations], float) if timed else None,
+        np.array([s.centre or nothing for s in observations], float).reshape(-1, 2),
         np.sqrt(np.mean(sd**2, axis=-1)),
         rope,
     )
@@ -112,12 +112,12 @@ def measurements(record: Seen, alpha: Array, ends: Array, refused: str = "") -> 
         Why there is none where nothing was lacking.
     """
     danger = alarm.probability(alpha, *ends.T)
-    rows = zip(record.sightings, alpha, ends, danger, record.rope.length, record.rope.jump, strict=True)
+    rows = zip(record.observations, alpha, ends, danger, record.rope.length, record.rope.jump, strict=True)
     return tuple(_measurement(s, a, e, p, rope, jump, refused) for s, a, e, p, rope, jump in rows)
 
 
 def _measurement(
-    s: Sighting, alpha: float, ends: Array, danger: float, rope: float, jump: bool, refused: str
+    s: Observation, alpha: float, ends: Array, danger: float, rope: float, jump: bool, refused: str
 ) -> Measurement:
     status, reason = _status(s, bool(np.isfinite(alpha)), bool(np.isfinite(rope)), bool(jump), refused)
     ok = status == "ok"
@@ -131,7 +131,7 @@ def _measurement(
     )  # fmt: skip
 
 
-def _status(s: Sighting, alpha: bool, rope: bool, jump: bool, refused: str) -> tuple[Status, str]:
+def _status(s: Observation, alpha: bool, rope: bool, jump: bool, refused: str) -> tuple[Status, str]:
     if s.lost:
         return "lost", s.lost
     if s.missed:

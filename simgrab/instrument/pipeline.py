@@ -21,9 +21,9 @@ from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import ESTIMATORS, Estimator, IntervalSettings, MeanRay, RopeAware
 from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
-from simgrab.instrument.sight import Sighting, look, one
 from simgrab.records.estimates import Estimate
 
 T = TypeVar("T")
@@ -113,13 +113,13 @@ class Pipeline:
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:
         """Measure a record, and say with what tilt."""
         self.chosen(calibration)
-        sightings = tuple(look(ahead(frames), self.detector, self.reader, calibration))
-        return self.conclude(sightings, calibration)
+        observations = tuple(observe(ahead(frames), self.detector, self.reader, calibration))
+        return self.conclude(observations, calibration)
 
-    def conclude(self, sightings: Sequence[Sighting], calibration: Calibration) -> Record:
+    def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> Record:
         """Make angles of what was seen."""
         estimator = self.chosen(calibration)
-        record = angles.seen(sightings, rope(sightings, calibration, self.bridge))
+        record = angles.seen(observations, rope(observations, calibration, self.bridge))
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
             return Record(record, angles.measurements(record, alpha, ends), None, self.tilt)
@@ -127,7 +127,7 @@ class Pipeline:
             raise RunError("independent frames have no first part to calibrate on")
         estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
         if not estimate.ok:
-            nothing = np.full((len(sightings), 3), np.nan)
+            nothing = np.full((len(observations), 3), np.nan)
             refused = f"no tilt: {estimate.reason}"
             return Record(record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None)
         tilt = known(estimate)
@@ -142,20 +142,20 @@ class Pipeline:
         estimator = self.chosen(calibration)
         if estimator.needs_time:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
-        sightings: list[Sighting] = []
+        observations: list[Observation] = []
         lengths: list[float] = []
         tilt, due = self.tilt, WARM_UP_S
         for frame in ahead(frames):
             begun = time.perf_counter()
             if frame.time_s is None:
                 raise RunError("a live run needs frames that follow each other in time")
-            sightings.append(one(frame, self.detector, self.reader, calibration))
-            now = frame.time_s - _time(sightings[0])
-            recent = _recent(sightings)
+            observations.append(one(frame, self.detector, self.reader, calibration))
+            now = frame.time_s - _time(observations[0])
+            recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
             lengths.append(float(ropes.length[-1]))
             if self.tilt is None and now >= due:
-                found = angles.calibrate(_whole(sightings, lengths), calibration, estimator)
+                found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
                 tilt, due = (known(found) if found.ok else tilt), now + AGAIN_S
             newest = angles.seen(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             if tilt is None:
@@ -164,7 +164,7 @@ class Pipeline:
                 (measured,) = angles.measurements(newest, nothing[:, 0], nothing[:, 1:], waits)
             else:
                 (measured,) = angles.measurements(newest, *angles.by_tilt(newest, tilt, calibration))
-            yield Live(frame, sightings[-1], measured, tilt, time.perf_counter() - begun)
+            yield Live(frame, observations[-1], measured, tilt, time.perf_counter() - begun)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +172,7 @@ class Live:
     """One frame of a live record: what was measured, with what tilt, and in how many seconds."""
 
     frame: Frame
-    sighting: Sighting
+    observation: Observation
     measurement: Measurement
     tilt: Known | None
     seconds: float
@@ -193,21 +193,21 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
             del item  # a picture must not be held while the next is awaited
 
 
-def _time(sighting: Sighting) -> float:
-    assert sighting.time_s is not None
-    return sighting.time_s
+def _time(observation: Observation) -> float:
+    assert observation.time_s is not None
+    return observation.time_s
 
 
-def _recent(sightings: Sequence[Sighting]) -> list[Sighting]:
-    first = _time(sightings[-1]) - WINDOW_S
-    kept = len(sightings) - 1
-    while kept and _time(sightings[kept - 1]) >= first:
+def _recent(observations: Sequence[Observation]) -> list[Observation]:
+    first = _time(observations[-1]) - WINDOW_S
+    kept = len(observations) - 1
+    while kept and _time(observations[kept - 1]) >= first:
         kept -= 1
-    return list(sightings[kept:])
+    return list(observations[kept:])
 
 
-def _whole(sightings: Sequence[Sighting], lengths: Sequence[float]) -> Seen:
-    return angles.seen(sightings, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
+def _whole(observations: Sequence[Observation], lengths: Sequence[float]) -> Seen:
+    return angles.seen(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
 
 
 def bundled() -> Pipeline:
@@ -246,7 +246,7 @@ def assemble(
         raise RunError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
     if calibrate_s is not None and (tilt is not None or live):
         other = "a live run, which calibrates continuously" if live else "a calibration that is given"
-        raise RunError(f"--calibrate cannot be combined with {other}")
+        raise RunError(f"calibration on the first part cannot be combined with {other}")
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
     chosen = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)

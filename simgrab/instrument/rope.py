@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from simgrab.calibration import Calibration
 from simgrab.geometry import Array
+from simgrab.instrument.observation import Observation
 from simgrab.instrument.read import Hoist, consistent
-from simgrab.instrument.sight import Sighting
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,17 @@ class Bridge:
     longest_s: float = 2.0
 
 
-def rope(sightings: Sequence[Sighting], calibration: Calibration, bridge: Bridge) -> Rope:
+def rope(observations: Sequence[Observation], calibration: Calibration, bridge: Bridge) -> Rope:
     """Find the rope's length in every frame.
 
     Independent frames (without times) have what was read in them and nothing else.
     """
-    hoist = np.array([np.nan if s.rope_status != "read" or s.hoist_m is None else s.hoist_m for s in sightings], float)
-    if any(s.time_s is None for s in sightings):
+    hoist = np.array(
+        [np.nan if s.rope_status != "read" or s.hoist_m is None else s.hoist_m for s in observations], float
+    )
+    if any(s.time_s is None for s in observations):
         return Rope(_sound(hoist + calibration.display_constant_m), np.zeros(len(hoist), bool))
-    times = np.array([s.time_s for s in sightings], float)
+    times = np.array([s.time_s for s in observations], float)
     believed = consistent(times, hoist, bridge.hoist)
     jump = np.isfinite(hoist) & ~believed
     length = _bridged(times, np.where(believed, hoist, np.nan), bridge.longest_s)

@@ -49,20 +49,20 @@ def rms(error):
 
 def test_the_default_estimator_takes_the_offset_into_account(crane):
     truth = np.degrees(crane.alpha)
-    sightings = crane.sightings(1.5)
-    chosen = made().conclude(sightings, crane.calibration)
+    observations = crane.observations(1.5)
+    chosen = made().conclude(observations, crane.calibration)
     assert chosen.estimate.estimator == "rope-aware"
     assert rms(degrees(chosen.measurements) - truth) < 0.15
-    blind = made(estimator=MeanRay()).conclude(sightings, crane.calibration)
+    blind = made(estimator=MeanRay()).conclude(observations, crane.calibration)
     assert rms(degrees(blind.measurements) - truth) > 0.4
 
 
 def test_without_a_display_the_default_does_without_the_rope(crane):
     camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
-    assert made().conclude(crane.sightings(), camera).estimate.estimator == "mean-ray"
-    assert made(reader=None).conclude(crane.sightings(), crane.calibration).estimate.estimator == "mean-ray"
+    assert made().conclude(crane.observations(), camera).estimate.estimator == "mean-ray"
+    assert made(reader=None).conclude(crane.observations(), crane.calibration).estimate.estimator == "mean-ray"
     with pytest.raises(RunError, match="rope-aware needs the rope's length"):
-        made(estimator=RopeAware()).conclude(crane.sightings(), camera)
+        made(estimator=RopeAware()).conclude(crane.observations(), camera)
 
 
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name != "pendulum-smoother"])
@@ -104,28 +104,30 @@ def test_the_detectors_noise_widens_its_frames_intervals_and_no_others(crane):
 
 
 def test_a_first_stretch_calibrates_what_comes_after(crane):
-    truth, sightings = np.degrees(crane.alpha), crane.sightings(1.5)
-    first = made(calibrate_s=60.0).conclude(sightings, crane.calibration)
+    truth, observations = np.degrees(crane.alpha), crane.observations(1.5)
+    first = made(calibrate_s=60.0).conclude(observations, crane.calibration)
     assert first.estimate.frames == 540
     assert rms(degrees(first.measurements) - truth) < 0.3
-    again = made(tilt=first.tilt).conclude(sightings[540:], crane.calibration)
+    again = made(tilt=first.tilt).conclude(observations[540:], crane.calibration)
     np.testing.assert_allclose(degrees(again.measurements), degrees(first.measurements)[540:], atol=1e-9)
     assert again.estimate is None
 
 
 def test_what_is_lost_is_carried_with_its_reason(crane):
-    sightings = crane.sightings(1.0)
+    observations = crane.observations(1.0)
     nothing = {"box": None, "centre": None, "centre_sd": None}
     for i, changes in {
         10: {"lost": "lost: 0.22 s without a picture", "rope_status": "", "hoist_m": None} | nothing,
         20: {"missed": "nothing found"} | nothing,
         30: {"hoist_m": None, "rope_status": "refused", "rope_reason": "hoist.2 shows no digit"},
-        40: {"hoist_m": sightings[40].hoist_m + 3.0},
+        40: {"hoist_m": observations[40].hoist_m + 3.0},
     }.items():
-        sightings[i] = msgspec.structs.replace(sightings[i], **changes)
+        observations[i] = msgspec.structs.replace(observations[i], **changes)
     for i in range(100, 160):  # longer than can be bridged
-        sightings[i] = msgspec.structs.replace(sightings[i], hoist_m=None, rope_status="refused", rope_reason="glare")
-    found = made().conclude(sightings, crane.calibration).measurements
+        observations[i] = msgspec.structs.replace(
+            observations[i], hoist_m=None, rope_status="refused", rope_reason="glare"
+        )
+    found = made().conclude(observations, crane.calibration).measurements
     assert [found[i].status for i in (10, 20, 30, 40, 130)] == ["lost", "missed", "ok", "ok", "unread"]
     assert found[10].reason == "lost: 0.22 s without a picture"
     assert found[20].reason == "nothing found"
@@ -138,21 +140,23 @@ def test_what_is_lost_is_carried_with_its_reason(crane):
 
 
 def test_ropes_are_bridged_no_further_than_stated(crane):
-    sightings = crane.sightings()
+    observations = crane.observations()
     for i in [*range(5), *range(100, 117), *range(200, 220)]:
-        sightings[i] = msgspec.structs.replace(sightings[i], hoist_m=None, rope_status="refused")
-    length = rope(sightings, crane.calibration, Bridge()).length
+        observations[i] = msgspec.structs.replace(observations[i], hoist_m=None, rope_status="refused")
+    length = rope(observations, crane.calibration, Bridge()).length
     assert np.isfinite(length[:117]).all()  # 17 frames leave 18 steps, 2 s
     assert np.abs(length[:117] - crane.rope[:117]).max() < 0.7
     assert np.isnan(length[200:220]).all()
 
 
 def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
-    sightings = [msgspec.structs.replace(s, centre=None, box=None, missed="nothing found") for s in crane.sightings()]
-    found = made().conclude(sightings, crane.calibration)
+    observations = [
+        msgspec.structs.replace(s, centre=None, box=None, missed="nothing found") for s in crane.observations()
+    ]
+    found = made().conclude(observations, crane.calibration)
     assert not found.estimate.ok
     assert {m.status for m in found.measurements} == {"missed"}
-    few = sightings[:-2] + crane.sightings()[-2:]
+    few = observations[:-2] + crane.observations()[-2:]
     found = made().conclude(few, crane.calibration)
     assert found.measurements[-1].status == "refused"
     assert "fewer than" in found.measurements[-1].reason
@@ -160,63 +164,63 @@ def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
 
 
 class Scripted:
-    """Detector and reader that say what sightings say, picture by picture."""
+    """Detector and reader that say what observations say, picture by picture."""
 
     name = "scripted"
 
-    def __init__(self, sightings):
-        self.sightings, self.at = [s for s in sightings if not s.lost], -1
+    def __init__(self, observations):
+        self.observations, self.at = [s for s in observations if not s.lost], -1
 
     def __call__(self, _picture):
         self.at += 1
-        s = self.sightings[self.at]
+        s = self.observations[self.at]
         if s.centre is None:
             return Detection("none", s.missed, 0.0)
         return Detection("found", "", s.score, np.array(s.box), np.array(s.centre), 0.0, np.ones(4),
                          np.array(s.centre_sd), 0.0)  # fmt: skip
 
     def read(self, _picture, _layout, *, display_constant_m):
-        s = self.sightings[self.at]
+        s = self.observations[self.at]
         hoist, closing = s.rope_text.split()
         ok = s.hoist_m is not None
         return Reading("read" if ok else "refused", "" if ok else s.rope_reason, hoist, closing, np.ones(8), s.hoist_m,
                        20.0 if ok else None, s.hoist_m + display_constant_m if ok else None)  # fmt: skip
 
 
-def frames_of(sightings):
+def frames_of(observations):
     blank = np.zeros((2, 2, 3), np.uint8)
-    return [Frame(None if s.lost else blank, s.time_s, s.lost) for s in sightings]
+    return [Frame(None if s.lost else blank, s.time_s, s.lost) for s in observations]
 
 
 def test_frames_through_detector_and_reader_give_what_their_sightings_give(crane):
-    sightings = crane.sightings(1.0)
-    sightings[5] = msgspec.structs.replace(sightings[5], centre=None, box=None, missed="nothing found")
-    said = Scripted(sightings)
-    by_frames = Pipeline(said, said)(frames_of(sightings), crane.calibration)
-    by_sightings = made().conclude(sightings, crane.calibration).measurements
+    observations = crane.observations(1.0)
+    observations[5] = msgspec.structs.replace(observations[5], centre=None, box=None, missed="nothing found")
+    said = Scripted(observations)
+    by_frames = Pipeline(said, said)(frames_of(observations), crane.calibration)
+    by_sightings = made().conclude(observations, crane.calibration).measurements
     np.testing.assert_allclose(degrees(by_frames), degrees(by_sightings))
     assert [m.status for m in by_frames] == [m.status for m in by_sightings]
 
 
 def test_a_live_record_ends_where_the_whole_one_does(crane):
-    sightings = crane.sightings(1.0)
-    said = Scripted(sightings)
-    live = list(Pipeline(said, said).live(frames_of(sightings), crane.calibration))
+    observations = crane.observations(1.0)
+    said = Scripted(observations)
+    live = list(Pipeline(said, said).live(frames_of(observations), crane.calibration))
     waiting = [one for one in live if one.tilt is None]
     assert len(waiting) == math.ceil(rooms.WARM_UP_S * 9)
     assert all("no tilt yet" in one.measurement.reason for one in waiting)
     found = degrees([one.measurement for one in live])
-    whole = degrees(made().conclude(sightings, crane.calibration).measurements)
+    whole = degrees(made().conclude(observations, crane.calibration).measurements)
     assert np.abs(found - whole)[-90:].max() < 0.1
     assert rms(found - np.degrees(crane.alpha)) < 0.5
 
 
 def test_a_live_record_carries_what_is_lost(crane):
-    sightings = crane.sightings(1.0)[:400]
-    sightings[300] = msgspec.structs.replace(sightings[300], lost="lost", centre=None, box=None, hoist_m=None)
-    sightings[310] = msgspec.structs.replace(sightings[310], hoist_m=sightings[310].hoist_m + 5)
-    said = Scripted(sightings)
-    live = [one.measurement for one in Pipeline(said, said).live(frames_of(sightings), crane.calibration)]
+    observations = crane.observations(1.0)[:400]
+    observations[300] = msgspec.structs.replace(observations[300], lost="lost", centre=None, box=None, hoist_m=None)
+    observations[310] = msgspec.structs.replace(observations[310], hoist_m=observations[310].hoist_m + 5)
+    said = Scripted(observations)
+    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), crane.calibration)]
     assert live[300].status == "lost"
     assert live[310].rope_status == "jump"
     assert live[310].rope_length_m == pytest.approx(crane.rope[310], abs=0.2)
@@ -227,7 +231,7 @@ def test_a_live_record_carries_what_is_lost(crane):
 
 
 def test_a_tilt_file_comes_back_and_a_bad_one_is_told(tmp_path, crane):
-    tilt = made().conclude(crane.sightings(1.0), crane.calibration).tilt
+    tilt = made().conclude(crane.observations(1.0), crane.calibration).tilt
     path = tmp_path / "tilt.toml"
     path.write_text(tilt.to_toml())
     assert load(path) == tilt
@@ -241,7 +245,7 @@ def test_a_tilt_file_comes_back_and_a_bad_one_is_told(tmp_path, crane):
 
 
 def test_settings_that_exclude_each_other_are_refused():
-    with pytest.raises(RunError, match="excludes a calibration that is given"):
+    with pytest.raises(RunError, match="combined with a calibration that is given"):
         rooms.assemble(calibrate_s=60.0, tilt="tilt.toml")
     with pytest.raises(RunError, match="live"):
         rooms.assemble(calibrate_s=60.0, live=True)
@@ -250,16 +254,16 @@ def test_settings_that_exclude_each_other_are_refused():
 
 
 def test_independent_frames_are_measured_each_by_its_own_reading(crane):
-    sightings = [msgspec.structs.replace(s, time_s=None) for s in crane.sightings()]
-    sightings[3] = msgspec.structs.replace(sightings[3], hoist_m=None, rope_status="refused", rope_reason="torn")
-    found = made().conclude(sightings, crane.calibration)
+    observations = [msgspec.structs.replace(s, time_s=None) for s in crane.observations()]
+    observations[3] = msgspec.structs.replace(observations[3], hoist_m=None, rope_status="refused", rope_reason="torn")
+    found = made().conclude(observations, crane.calibration)
     assert found.measurements[3].status == "unread"
     assert sum(m.status == "ok" for m in found.measurements) == FRAMES - 1
     assert dataclasses.asdict(found.estimate)["frames"] == FRAMES - 1
 
 
 def test_the_smoother_runs_on_a_record(crane):
-    found = made(estimator=PendulumSmoother()).conclude(crane.sightings(1.5), crane.calibration)
+    found = made(estimator=PendulumSmoother()).conclude(crane.observations(1.5), crane.calibration)
     assert rms(degrees(found.measurements) - np.degrees(crane.alpha)) < 0.15
     assert found.tilt is not None
 

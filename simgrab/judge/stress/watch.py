@@ -18,9 +18,9 @@ from simgrab.geometry import Array
 from simgrab.instrument import angles
 from simgrab.instrument.angles import Seen
 from simgrab.instrument.contract import Frame
+from simgrab.instrument.observation import Observation, observe
 from simgrab.instrument.pipeline import Pipeline, bundled
 from simgrab.instrument.rope import rope
-from simgrab.instrument.sight import Sighting, look
 from simgrab.judge.doctor import examine
 from simgrab.judge.stress.records import Picture
 from simgrab.labels import arrays
@@ -96,10 +96,10 @@ def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
             yield Frame(coded(frame, own, cv2.IMREAD_COLOR_RGB), time)
 
     try:
-        sightings = tuple(look(frames(), pipeline.detector, pipeline.reader, calibration))
+        observations = tuple(observe(frames(), pipeline.detector, pipeline.reader, calibration))
     except SimgrabError as problem:
         raise StressError(f"replication {trial}: {problem}") from None
-    found = angles.seen(sightings, rope(sightings, calibration, pipeline.bridge))
+    found = angles.seen(observations, rope(observations, calibration, pipeline.bridge))
     rows = np.array(truth).T
     return Watched(own, calibration, found, rows[:6], rows[6:8].T, rows[8] > 0)
 
@@ -173,11 +173,11 @@ def _mark(picture: Picture, true: Array, found: Array, scale: float, corner: Arr
 
 
 def _caption(watched: Watched, index: int) -> str:
-    sighting: Sighting = watched.seen.sightings[index]
+    observation: Observation = watched.seen.observations[index]
     alpha, rope_m = np.degrees(watched.truth[0, index]), watched.truth[2, index]
     told = watched.seen.rope.length[index]
-    centre = f"centre off by {watched.off_px[index]:.1f} px" if sighting.centre else sighting.missed
+    centre = f"centre off by {watched.off_px[index]:.1f} px" if observation.centre else observation.missed
     if not watched.present[index]:
-        centre = f"no grab there: {'found one' if sighting.centre else 'none found'}"
-    read = f"read {told:.2f}" if np.isfinite(told) else sighting.rope_reason or "no display"
+        centre = f"no grab there: {'found one' if observation.centre else 'none found'}"
+    read = f"read {told:.2f}" if np.isfinite(told) else observation.rope_reason or "no display"
     return f"#{index}  {centre}   alpha {alpha:.2f} deg   rope {rope_m:.2f} m, {read}"

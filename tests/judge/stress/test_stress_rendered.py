@@ -17,8 +17,8 @@ from simgrab import __version__, calibration
 from simgrab.cli import cli
 from simgrab.errors import SimgrabError, StressError
 from simgrab.geometry import camera_rotation, eq2_cos_alpha, vertical_direction
+from simgrab.instrument.observation import observe
 from simgrab.instrument.pipeline import bundled
-from simgrab.instrument.sight import look
 from simgrab.instrument.source import open_source
 from simgrab.judge.stress import catalogue, estimators, geometric, laboratory, rendered, replay
 from simgrab.judge.stress.fidelities import GEOMETRIC, RENDERED
@@ -87,9 +87,9 @@ def test_it_is_what_rendering_and_looking_give(watched, tmp_path):
     assert render(watched.scenario, tmp_path / "set").frames == watched.scenario.frames
     camera, pipeline = calibration.load(tmp_path / "set" / "camera.toml"), bundled()
     assert watched.calibration == camera
-    seen = list(look(open_source(tmp_path / "set"), pipeline.detector, pipeline.reader, camera))
+    seen = list(observe(open_source(tmp_path / "set"), pipeline.detector, pipeline.reader, camera))
     assert [(s.centre, s.rope_text, s.score) for s in seen] == [
-        (s.centre, s.rope_text, s.score) for s in watched.seen.sightings
+        (s.centre, s.rope_text, s.score) for s in watched.seen.observations
     ]
 
 

@@ -1,4 +1,4 @@
-"""What is seen in each frame, before anything is made of it: the grab's place and the display's text."""
+"""Observations of each frame, before any estimate: the grab's position and the display's text."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from simgrab.instrument.read import Reader
 from simgrab.records.observations import Detection, Reading
 
 
-class Sighting(msgspec.Struct, frozen=True, gc=False):
-    """One frame's sight. About a kilobyte, for records of hours. Pixels and metres.
+class Observation(msgspec.Struct, frozen=True, gc=False):
+    """Observation of one frame: about a kilobyte, for records of hours. Pixels and metres.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Sighting(msgspec.Struct, frozen=True, gc=False):
     lost : str
         Why there was no picture; empty where there was one.
     missed : str
-        Why no grab was found in it; empty where one was.
+        Why no grab was detected in it; empty where one was.
     score : float
     box, centre, centre_sd : tuple of floats, or None
         As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector predicts no other.
@@ -50,34 +50,34 @@ class Sighting(msgspec.Struct, frozen=True, gc=False):
     hoist_m: float | None = None
 
 
-def look(
+def observe(
     frames: Iterable[Frame], detector: Detector, reader: Reader | None, calibration: Calibration
-) -> Iterator[Sighting]:
-    """Look at frames one by one. Without a reader, or a display in the camera file, nothing is read.
+) -> Iterator[Observation]:
+    """Detect the grab and read the display in each frame; without a reader or a display layout, nothing is read.
 
     Raises
     ------
     DetectorError, ReaderError, LayoutError
-        If they cannot use a picture.
+        If detector, reader or layout cannot use a picture.
     """
     for frame in frames:
         yield one(frame, detector, reader, calibration)
 
 
-def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Calibration) -> Sighting:
-    """Look at a frame."""
+def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Calibration) -> Observation:
+    """Detect the grab and read the display in one frame."""
     if frame.picture is None:
-        return Sighting(frame.time_s, frame.name, lost=frame.reason)
+        return Observation(frame.time_s, frame.name, lost=frame.reason)
     found = detector(frame.picture)
     reading = None
     if reader is not None and calibration.digit_layout is not None:
         reading = reader.read(
             frame.picture, calibration.digit_layout, display_constant_m=calibration.display_constant_m
         )
-    return _sighting(frame, found, reading)
+    return _observation(frame, found, reading)
 
 
-def _sighting(frame: Frame, found: Detection, reading: Reading | None) -> Sighting:
+def _observation(frame: Frame, found: Detection, reading: Reading | None) -> Observation:
     box = centre = sd = None
     if found.found and found.box is not None:
         x0, y0, x1, y1 = (float(edge) for edge in found.box)
@@ -85,7 +85,7 @@ def _sighting(frame: Frame, found: Detection, reading: Reading | None) -> Sighti
     if found.found and found.centre is not None:
         centre = _pair(found.centre)
         sd = None if found.centre_sd_px is None else _pair(found.centre_sd_px)
-    return Sighting(
+    return Observation(
         frame.time_s, frame.name, missed="" if found.found else found.reason or "no grab found", score=found.score,
         box=box, centre=centre, centre_sd=sd,
         rope_text=None if reading is None else reading.text,
