@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from simgrab import scenes
-from simgrab.distributions import Choice, Constant, Law
+from simgrab.distributions import Choice, Constant, Distribution
 from simgrab.errors import DatasetError
 from simgrab.geometry import Array
 from simgrab.scenario import Factor, Iid, OneOf, Scenario, Variant, variants
@@ -54,7 +54,7 @@ def factor(name: str, asked: Factor, drawn: Sequence[Any]) -> Line:
     return law(name, [asked] * len(drawn), drawn)
 
 
-def law(name: str, asked: Sequence[Law], drawn: Sequence[float]) -> Line:
+def law(name: str, asked: Sequence[Distribution], drawn: Sequence[float]) -> Line:
     """Compare draws with laws, one for each: by its law's distribution function each draw is uniform."""
     first = asked[0]
     if isinstance(first, Choice | Constant):
@@ -105,7 +105,7 @@ def _tenths(values: Array, low: float, high: float) -> list[int]:
     return [int(n) for n in np.histogram(values, 10, (low, high if high > low else low + 1))[0]]
 
 
-def _distribution(one: Law) -> Callable[[float], float]:
+def _distribution(one: Distribution) -> Callable[[float], float]:
     drawn = np.sort(np.asarray(one.sample(np.random.default_rng(0), DRAWN), float))
     return lambda value: float(np.searchsorted(drawn, value)) / DRAWN
 

@@ -1,6 +1,6 @@
-"""Laws that a scenario draws from: one small struct each, with one `sample`.
+"""Distributions that a scenario draws from: one small struct each, with one `sample`.
 
-Values carry the unit of the key that holds the law, e.g. metres under ``rope_length_m``.
+Values carry the unit of the key that holds the distribution, e.g. metres under ``rope_length_m``.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0, le=MOST)]
 Weights = Annotated[tuple[NonNegative, ...], msgspec.Meta(max_length=MOST_VALUES)]
 
 
-class Law(Checked, frozen=True, tag_field="dist"):
-    """A one-dimensional probability law.
+class Distribution(Checked, frozen=True, tag_field="dist"):
+    """A one-dimensional probability distribution.
 
-    Each law gives `sample`, its root mean square `rms`, and the interval `support` outside which it never falls.
+    Each distribution gives `sample`, its root mean square `rms`, and the interval `support` that contains all values.
     """
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:
@@ -43,8 +43,8 @@ class Law(Checked, frozen=True, tag_field="dist"):
         raise NotImplementedError
 
 
-class HalfNormal(Law, frozen=True, tag="half-normal"):
-    """|N(0, scale²)|: the paper's law of α (section 4.3)."""
+class HalfNormal(Distribution, frozen=True, tag="half-normal"):
+    """|N(0, scale²)|: the paper's distribution of α (section 4.3)."""
 
     scale: NonNegative = 1.0
 
@@ -58,7 +58,7 @@ class HalfNormal(Law, frozen=True, tag="half-normal"):
         return 0.0, math.inf
 
 
-class Rayleigh(Law, frozen=True, tag="rayleigh"):
+class Rayleigh(Distribution, frozen=True, tag="rayleigh"):
     """Length of a two-dimensional normal vector: what isotropic forcing of a pendulum gives.
 
     It is truncated to [0, high] where that is given.
@@ -91,8 +91,8 @@ class Rayleigh(Law, frozen=True, tag="rayleigh"):
         return 0.0, math.inf if self.high is None else self.high
 
 
-class Exponential(Law, frozen=True, tag="exponential"):
-    """Exponential law of the given mean: a heavy tail."""
+class Exponential(Distribution, frozen=True, tag="exponential"):
+    """Exponential distribution of the given mean: a heavy tail."""
 
     mean: NonNegative = 1.0
 
@@ -106,8 +106,8 @@ class Exponential(Law, frozen=True, tag="exponential"):
         return 0.0, math.inf
 
 
-class Normal(Law, frozen=True, tag="normal"):
-    """Normal law, truncated to [low, high] where these are given."""
+class Normal(Distribution, frozen=True, tag="normal"):
+    """Normal distribution, truncated to [low, high] where these are given."""
 
     mean: Value = 0.0
     sd: NonNegative = 1.0
@@ -150,7 +150,7 @@ class Normal(Law, frozen=True, tag="normal"):
         return low, math.inf if self.high is None else self.high
 
 
-class Uniform(Law, frozen=True, tag="uniform"):
+class Uniform(Distribution, frozen=True, tag="uniform"):
     """Uniform on [low, high)."""
 
     low: Value
@@ -170,7 +170,7 @@ class Uniform(Law, frozen=True, tag="uniform"):
         return self.low, self.high
 
 
-class Constant(Law, frozen=True, tag="constant"):
+class Constant(Distribution, frozen=True, tag="constant"):
     """Always the same value."""
 
     value: Value
@@ -185,7 +185,7 @@ class Constant(Law, frozen=True, tag="constant"):
         return self.value, self.value
 
 
-class Choice(Law, frozen=True, tag="choice"):
+class Choice(Distribution, frozen=True, tag="choice"):
     """One of several values, with weights that need not sum to 1 (equal unless given)."""
 
     values: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1, max_length=MOST_VALUES)]
@@ -211,4 +211,4 @@ class Choice(Law, frozen=True, tag="choice"):
         return min(self.values), max(self.values)
 
 
-Distribution = HalfNormal | Rayleigh | Exponential | Normal | Uniform | Constant | Choice
+AnyDistribution = HalfNormal | Rayleigh | Exponential | Normal | Uniform | Constant | Choice

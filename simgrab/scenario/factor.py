@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from simgrab.distributions import MOST_VALUES, Choice, Distribution, Weights
+from simgrab.distributions import MOST_VALUES, AnyDistribution, Choice, Weights
 from simgrab.scenario.base import Meta
 from simgrab.utilities.parse import shown
 from simgrab.utilities.strict import Checked
@@ -51,7 +51,7 @@ class OneOf(Checked, frozen=True, tag_field="dist", tag="one-of"):
         return self.names[index] if self.names else self.values[index]
 
 
-Factor = OneOf | Distribution
+Factor = OneOf | AnyDistribution
 
 
 def draw(factor: Factor, rng: np.random.Generator) -> tuple[Any, Any]:

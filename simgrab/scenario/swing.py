@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from simgrab.distributions import Constant, Distribution, HalfNormal, Uniform
+from simgrab.distributions import AnyDistribution, Constant, HalfNormal, Uniform
 from simgrab.scenario.base import Meta, Share, Strict, Tagged
 
 MOST_ALPHA_DEG = 80.0
@@ -17,7 +17,7 @@ class Alpha(Strict, frozen=True):
     """The swing angle: ``law`` gives the shape and ``sigma_deg`` the scale, √E[α²], for every law."""
 
     sigma_deg: Annotated[float, Meta(ge=0, le=30)] = 2.0
-    law: Distribution = HalfNormal()
+    law: AnyDistribution = HalfNormal()
 
     def check(self) -> None:  # noqa: D102
         if self.law.rms() <= 0:
@@ -36,11 +36,11 @@ class Iid(Tagged, frozen=True, tag="iid"):
     """
 
     alpha: Alpha = Alpha()
-    gamma_deg: Distribution = Uniform(0.0, 360.0)
-    rope_length_m: Distribution = Uniform(8.0, 23.0)
-    yaw_deg: Distribution = Uniform(-15.0, 15.0)
-    jaw_deg: Distribution = Constant(0.0)
-    load: Distribution = Constant(0.0)
+    gamma_deg: AnyDistribution = Uniform(0.0, 360.0)
+    rope_length_m: AnyDistribution = Uniform(8.0, 23.0)
+    yaw_deg: AnyDistribution = Uniform(-15.0, 15.0)
+    jaw_deg: AnyDistribution = Constant(0.0)
+    load: AnyDistribution = Constant(0.0)
     absent: Share = 0.0
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import msgspec
 import tomli_w
 
-from simgrab.distributions import Law
+from simgrab.distributions import Distribution
 from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import Intrinsics
 from simgrab.layouts import Layout
@@ -122,7 +122,7 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def _within(key: str, law: Law, low: float, high: float) -> None:
+def _within(key: str, law: Distribution, low: float, high: float) -> None:
     least, most = law.support()
     if least < low or most > high:
         raise ScenarioError(

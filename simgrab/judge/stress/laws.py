@@ -8,12 +8,12 @@ from typing import Annotated
 
 import numpy as np
 
-from simgrab.distributions import Exponential, HalfNormal, Law, Rayleigh
+from simgrab.distributions import Distribution, Exponential, HalfNormal, Rayleigh
 from simgrab.geometry import Array
 from simgrab.scenario.base import Meta
 
 
-class Student(Law, frozen=True, tag="student"):
+class Student(Distribution, frozen=True, tag="student"):
     """Size of Student's t: tails so heavy that the fourth moment is infinite up to 4 degrees of freedom."""
 
     degrees: Annotated[float, Meta(gt=2)] = 5.0
@@ -28,7 +28,7 @@ class Student(Law, frozen=True, tag="student"):
         return 0.0, math.inf
 
 
-class Bursts(Law, frozen=True, tag="bursts"):
+class Bursts(Distribution, frozen=True, tag="bursts"):
     """A share ``idle`` of the frames swings half-normally, the others ``ratio`` times as far."""
 
     idle: Annotated[float, Meta(ge=0, lt=1)] = 0.8
@@ -45,7 +45,7 @@ class Bursts(Law, frozen=True, tag="bursts"):
         return 0.0, math.inf
 
 
-class Harmonic(Law, frozen=True, tag="harmonic"):
+class Harmonic(Distribution, frozen=True, tag="harmonic"):
     """|sin φ|, φ uniform: a swing of constant amplitude through the vertical, seen at any time."""
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
@@ -68,7 +68,7 @@ LAWS = MappingProxyType(
         "harmonic": Harmonic(),
     }
 )
-"""Law of α by name; only its shape matters, σ scales it."""
+"""Distribution of α by name; only its shape matters, σ scales it."""
 
 KURTOSIS = MappingProxyType(
     {

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from simgrab.calibration import Calibration
-from simgrab.distributions import Constant, Law, Uniform
+from simgrab.distributions import Constant, Distribution, Uniform
 from simgrab.errors import StressError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.scenario import Camera, Iid, Scenario
@@ -29,7 +29,7 @@ class Swing:
 
     Attributes
     ----------
-    law : Law
+    law : Distribution
         Of α; only its shape matters.
     sigma : float
         √E[α²], rad.
@@ -51,7 +51,7 @@ class Swing:
         Scene whose physics moves the grab, and the mount it moves the camera with; empty for independent frames.
     """
 
-    law: Law
+    law: Distribution
     sigma: float
     kappa: float = 0.0
     towards: float = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simgrab import geometry
-from simgrab.distributions import Law
+from simgrab.distributions import Distribution
 from simgrab.errors import ScenarioError
 from simgrab.rng import stream
 from simgrab.scenario import MOST_ALPHA_DEG, Iid, Scenario
@@ -32,7 +32,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     swing = scenario.swing
     assert isinstance(swing, Iid)
 
-    def value(name: str, law: Law) -> float:
+    def value(name: str, law: Distribution) -> float:
         return float(law.sample(stream(scenario.seed, frame, f"swing.{name}")))
 
     alpha_deg = abs(value("alpha", swing.alpha.law)) * swing.alpha.scale_deg

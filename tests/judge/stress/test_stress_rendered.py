@@ -159,9 +159,9 @@ def test_a_frame_whose_rope_was_not_read_is_missing_where_ropes_are_needed():
 BAD = {
     "an axis without a key": (
         {"axes": [{"axis": "focal", "values": [0.0]}]},
-        ("focal", "does not reach", "rendered", "beta", "weather", "base"),
+        ("focal", "is not available", "rendered", "beta", "weather", "base"),
     ),
-    "given without a key": ({"given": {"noise": 1.0}}, ("given.noise", "does not reach", "optics")),
+    "given without a key": ({"given": {"noise": 1.0}}, ("given.noise", "is not available", "optics")),
     "a misspelt table": ({"axes": [{"axis": "wether.snow_mm_h", "values": [0.0]}]}, ("wether", "weather")),
     "a misspelt key": (
         {"axes": [{"axis": "weather.snow", "values": [0.0]}]},
@@ -210,7 +210,7 @@ def test_a_study_goes_to_another_depth_where_its_axes_reach_it():
 
     refused = invoke("lean-along", "--depth", "rendered").exception
     assert isinstance(refused, SimgrabError)
-    assert "does not reach" in str(refused)
+    assert "is not available" in str(refused)
     assert "geometric, rendered" in str(invoke("--all", "--depth", "painted").exception)
 
 
