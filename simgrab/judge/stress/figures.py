@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.judge.stress import words
+from simgrab.judge.stress import sentences
 from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.study import axis_of
 from simgrab.judge.stress.summary import Point, Summary
@@ -108,11 +108,11 @@ def _line(
 
 
 SENTENCES: tuple[Callable[[Summary, Sequence[Point]], str], ...] = (
-    words.bias,
-    words.spread,
-    words.coverage,
-    words.failures,
-    words.alarm_error,
-    words.alarms,
+    sentences.bias,
+    sentences.spread,
+    sentences.coverage,
+    sentences.failures,
+    sentences.alarm_error,
+    sentences.alarms,
 )
 """One for each panel, in reading order."""

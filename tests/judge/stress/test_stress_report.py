@@ -6,7 +6,7 @@ import re
 import pytest
 from stress_runs import small
 
-from simgrab.judge.stress import laboratory, words
+from simgrab.judge.stress import laboratory, sentences
 from simgrab.judge.stress.laboratory import REPORT, SUMMARY
 
 
@@ -39,9 +39,9 @@ def test_its_sentences_hold_the_summarys_numbers(run):
     page = (out / REPORT).read_text(encoding="utf-8")
     figure = findings[0].summary.at((1.2,), "zero-tilt", "beta_error_deg")
     assert figure.mean == pytest.approx(-5)
-    said = words.bias(findings[0].summary, findings[0].summary.study.points)
+    said = sentences.bias(findings[0].summary, findings[0].summary.study.points)
     assert said in page
-    worst, name, point = words.extreme(
+    worst, name, point = sentences.extreme(
         findings[0].summary, findings[0].summary.study.points, "beta_error_deg", lambda f: abs(f.mean)
     )
     assert point == (1.2,)

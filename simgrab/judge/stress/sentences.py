@@ -130,7 +130,7 @@ def alarms(summary: Summary, points: Sequence[Point]) -> str:
     if missed[0].mean == 0 and false[0].mean == 0:
         return f"No swing of {over:g}° is missed and none of {under:g}° sets off the alarm."
 
-    def told(found: tuple[Figure, str, Point]) -> str:
+    def largest(found: tuple[Figure, str, Point]) -> str:
         figure, name, point = found
         return f"up to {100 * figure.mean:.1f} ± {100 * figure.mean_se:.1f} % ({name}, {at(summary, point)})"
 
@@ -139,6 +139,6 @@ def alarms(summary: Summary, points: Sequence[Point]) -> str:
         (missed, f"swings of {over:g}° are missed"),
         (false, f"swings of {under:g}° set off the alarm"),
     ):
-        texts.append(f"{told(found)} of the {what}" if found[0].mean > 0 else f"none of the {what}")
+        texts.append(f"{largest(found)} of the {what}" if found[0].mean > 0 else f"none of the {what}")
     text = "; ".join(texts) + "."
     return text[0].upper() + text[1:]
