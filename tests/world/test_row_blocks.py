@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.world.camera.bands import ROWS, each_band, enlarged, share
+from simgrab.world.camera.row_blocks import ROWS, each_block, enlarged, threaded_map
 
 
 @pytest.fixture(params=[1, 2, 5])
@@ -21,20 +21,20 @@ def test_every_row_is_worked_on_once(height):
     def work(rows):
         times[rows] += 1
 
-    each_band(height, work)
+    each_block(height, work)
     assert (times == 1).all()
 
 
 @pytest.mark.usefixtures("threads")
 def test_results_come_in_order_and_errors_come_through():
-    assert share(lambda x: x * x, range(100)) == [x * x for x in range(100)]
+    assert threaded_map(lambda x: x * x, range(100)) == [x * x for x in range(100)]
     with pytest.raises(ZeroDivisionError):
-        each_band(100, lambda rows: 1 // (rows.start - 64), rows=32)
+        each_block(100, lambda rows: 1 // (rows.start - 64), rows=32)
 
 
 @pytest.mark.parametrize("times", [1, 2, 8])
 @pytest.mark.parametrize("channels", [(), (3,)])
-def test_bands_are_those_of_the_whole_enlarged_picture(times, channels):
+def test_blocks_are_those_of_the_whole_enlarged_picture(times, channels):
     coarse = np.random.default_rng(0).random((30, 40, *channels), np.float32)
     whole = cv2.resize(coarse, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
     height, width = 30 * times - 1, 40 * times - 1

@@ -62,7 +62,7 @@ def test_no_weather_is_no_change():
     seen = sight()
     off = apply(Weather(), seen, seed=0, frame=0)
     assert np.array_equal(off.light, seen.light)
-    assert not off.veil.any()
+    assert not off.attenuation.any()
 
 
 @pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
@@ -80,11 +80,11 @@ def test_repeatable_input_unchanged_new_in_every_frame(name):
     after = [getattr(seen, f.name) for f in fields(seen) if isinstance(getattr(seen, f.name), np.ndarray)]
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
     assert np.array_equal(first.light, again.light)
-    assert np.array_equal(first.veil, again.veil)
+    assert np.array_equal(first.attenuation, again.attenuation)
     assert (not np.array_equal(first.light, other.light)) == (name in MOVING)
     assert not np.array_equal(first.light, seen.light)
-    assert first.veil.min() >= 0
-    assert first.veil.max() <= 1
+    assert first.attenuation.min() >= 0
+    assert first.attenuation.max() <= 1
 
 
 def test_bytes_do_not_depend_on_threads():
@@ -166,9 +166,9 @@ def test_near_particles_and_haze_together_block_what_the_population_does(name):
     seen = sight(depth=np.full((180, 320), 6.0, np.float32))
     of = precipitation.rain(20.0) if name == "rain" else precipitation.snow(1.0)
     settings = {"rain_mm_h": 20.0} if name == "rain" else {"snow_mm_h": 1.0}
-    veil = np.mean([weathered(seen, frame, **settings).veil.mean() for frame in range(60)])
+    attenuation = np.mean([weathered(seen, frame, **settings).attenuation.mean() for frame in range(60)])
     expected = 1 - np.exp(-of.extinction.sum() * distance(seen))
-    assert veil == pytest.approx(expected.mean(), rel=0.1)
+    assert attenuation == pytest.approx(expected.mean(), rel=0.1)
 
 
 def one_particle(velocity, depth, diameter=0.015):
@@ -177,9 +177,9 @@ def one_particle(velocity, depth, diameter=0.015):
     return 1 - streaks.draw(path, sight()).keep
 
 
-def variance(veil, axis):
-    at = np.arange(veil.shape[axis]) + 0.5
-    weight = veil.sum(axis=1 - axis) / veil.sum()
+def variance(attenuation, axis):
+    at = np.arange(attenuation.shape[axis]) + 0.5
+    weight = attenuation.sum(axis=1 - axis) / attenuation.sum()
     return (weight * at**2).sum() - (weight * at).sum() ** 2
 
 
@@ -189,8 +189,8 @@ def test_a_streak_is_as_long_as_velocity_times_shutter(speed, depth):
     length = np.sqrt(12 * (variance(moved, 1) - variance(still, 1)))  # of an even spread
     assert length == pytest.approx(K.f_px * speed * 0.02 / depth, rel=0.05)
     assert variance(moved, 0) == pytest.approx(variance(still, 0), rel=0.1)
-    for veil in (still, moved):  # the light it blocks is its cross section, however fast it goes
-        assert veil.sum() == pytest.approx(np.pi / 4 * (K.f_px * 0.015 / depth) ** 2, rel=0.03)
+    for attenuation in (still, moved):  # the light it blocks is its cross section, however fast it goes
+        assert attenuation.sum() == pytest.approx(np.pi / 4 * (K.f_px * 0.015 / depth) ** 2, rel=0.03)
 
 
 def test_nothing_falls_before_what_is_nearer():
@@ -239,7 +239,7 @@ def test_streaks_of_rain_point_to_where_it_falls():
 def test_more_weather_hides_more(key, amounts):
     mask = np.zeros((180, 320), bool)
     mask[40:140, 80:240] = True
-    hidden = [hidden_fraction(weathered(sight(), **{key: amount}).veil, mask) for amount in amounts]
+    hidden = [hidden_fraction(weathered(sight(), **{key: amount}).attenuation, mask) for amount in amounts]
     assert 0 <= hidden[0] < hidden[1] < hidden[2] <= 1
     assert hidden_fraction(np.ones((180, 320), np.float32), ~mask & mask) == 0
 
@@ -247,10 +247,10 @@ def test_more_weather_hides_more(key, amounts):
 def test_a_veil_is_the_share_of_scene_light_that_is_lost():
     for settings in SETTINGS.values():
         dark, bright = (weathered(sight(light=v), **settings) for v in (0.2, 0.3))
-        if "lens_drops" in settings or not dark.veil.any():  # a drop shows light from elsewhere
+        if "lens_drops" in settings or not dark.attenuation.any():  # a drop shows light from elsewhere
             continue
         through = (bright.light - dark.light)[..., 1] / 0.1
-        np.testing.assert_allclose(through, 1 - dark.veil, atol=1e-4)
+        np.testing.assert_allclose(through, 1 - dark.attenuation, atol=1e-4)
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 20.0, 40.0])
@@ -330,20 +330,20 @@ def test_a_lamp_lights_the_flakes_near_it():
         for n in (1, 0)
     )
     assert lit.light.max() > 4 * unlit.light.max()
-    np.testing.assert_allclose(lit.veil, unlit.veil, atol=1e-6)
+    np.testing.assert_allclose(lit.attenuation, unlit.attenuation, atol=1e-6)
 
 
 @pytest.mark.parametrize(("key", "opacity"), [("lens_dirt", 0.75), ("lens_snow", 0.95)])
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_the_glass_is_covered_by_its_share(key, opacity, share):
-    assert weathered(sight(), **{key: share}).veil.mean() == pytest.approx(share * opacity, abs=0.03)
+    assert weathered(sight(), **{key: share}).attenuation.mean() == pytest.approx(share * opacity, abs=0.03)
 
 
 @pytest.mark.parametrize("key", ["lens_drops", "lens_dirt", "lens_snow"])
 def test_the_glass_stays_as_it_is_for_a_clip(key):
     weather = Weather(**{key: 20 if key == "lens_drops" else 0.2})
     first, later, other = (
-        apply(weather, sight(), seed=4, frame=frame, clip=clip).veil for frame, clip in ((0, 0), (9, 0), (9, 1))
+        apply(weather, sight(), seed=4, frame=frame, clip=clip).attenuation for frame, clip in ((0, 0), (9, 0), (9, 1))
     )
     assert np.array_equal(first, later)
     assert not np.array_equal(later, other)

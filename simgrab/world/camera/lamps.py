@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Light
-from simgrab.world.camera.bands import each_band
+from simgrab.world.camera.row_blocks import each_block
 from simgrab.world.camera.weather.sight import ray_maps
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.scenery.model import DRAWN_SKY
@@ -61,7 +61,7 @@ def illumination(
             cosine = below * below / square  # its square
             result[rows] += each * cosine * cosine * cosine / square
 
-    each_band(len(coarse), shine)
+    each_block(len(coarse), shine)
     return np.asarray(cv2.resize(result, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
@@ -72,7 +72,7 @@ def lit(drawn: Picture, by: Picture) -> Picture:
     def multiply(rows: slice) -> None:
         np.multiply(drawn[rows], cv2.cvtColor(by[rows], cv2.COLOR_GRAY2RGB), out=result[rows])
 
-    each_band(len(drawn), multiply)
+    each_block(len(drawn), multiply)
     return result
 
 

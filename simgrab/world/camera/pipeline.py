@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.scenario import AutoExposure, Dynamic, Scenario, Water
 from simgrab.world.camera import lamps, shutter, weather
-from simgrab.world.camera.bands import each_band
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.overlay import Overlay
 from simgrab.world.camera.renderer import Renderer
+from simgrab.world.camera.row_blocks import each_block
 from simgrab.world.camera.weather import Lamp, Sight, Weathered
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.trajectory.moment import Moment
@@ -91,7 +91,7 @@ class Camera:
             scenario.optics, weathered.light, intrinsics=scenario.camera.intrinsics,
             seed=scenario.seed, frame=buffers.projection.nominal.frame, exposure=exposure,
         )  # fmt: skip
-        return Developed(self._finished(buffers, rgb), weathered.veil, exposure)
+        return Developed(self._finished(buffers, rgb), weathered.attenuation, exposure)
 
     def meter(self, buffers: Buffers, before: Exposure | None) -> Exposure:
         """Exposure of a frame whose picture is not wanted."""
@@ -175,7 +175,7 @@ def exposed_rgb(scenario: Scenario, renderer: Renderer, moment: Moment) -> NDArr
         if len(at) == 1:
             return rgb
         result = result if result.size else np.zeros(rgb.shape, np.float32)
-        each_band(len(rgb), partial(_accumulate, result, rgb, share))
+        each_block(len(rgb), partial(_accumulate, result, rgb, share))
     return result
 
 

@@ -1,4 +1,4 @@
-"""Pictures are worked on in bands of rows: what lies between two steps stays in the cache, and threads share the bands.
+"""Process pictures in blocks of rows: intermediate results stay in the cache, and threads share the blocks.
 
 NumPy and OpenCV let other threads run while they compute. No result depends on how many there are.
 """
@@ -14,37 +14,37 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-ROWS = 96  # 2.2 MB of float32 colours at 1080p: smaller bands cost more to hand out than the cache gives
+ROWS = 96  # 2.2 MB of float32 colours at 1080p: smaller blocks cost more to schedule than the cache saves
 
 Picture = NDArray[np.float32]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-def each_band(height: int, work: Callable[[slice], None], rows: int = ROWS) -> None:
-    """Do work on every band of a picture's rows.
+def each_block(height: int, work: Callable[[slice], None], rows: int = ROWS) -> None:
+    """Run work on every block of a picture's rows.
 
     Parameters
     ----------
     height : int
         Of the picture, px.
     work : callable
-        Takes a band, and writes to no other rows.
+        Takes a block, and writes to no other rows.
     rows : int
-        Height of a band, px.
+        Height of a block, px.
     """
-    share(work, (slice(y, min(y + rows, height)) for y in range(0, height, rows)))
+    threaded_map(work, (slice(y, min(y + rows, height)) for y in range(0, height, rows)))
 
 
-def share(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-    """Do work, which shares no further, on every item in as many threads as OpenCV may use; results come in order."""
+def threaded_map(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """Map work, which must not nest, over items in as many threads as OpenCV may use; results are in order."""
     threads = cv2.getNumThreads()
     return list(_pool(threads).map(work, items)) if threads > 1 else [work(item) for item in items]
 
 
 @lru_cache(maxsize=1)
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="bands")
+    return ThreadPoolExecutor(threads, thread_name_prefix="blocks")
 
 
 def enlarged(coarse: Picture, times: int, rows: slice, width: int) -> Picture:

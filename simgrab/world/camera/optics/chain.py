@@ -10,12 +10,12 @@ import numpy as np
 from simgrab.geometry import Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Optics
-from simgrab.world.camera.bands import each_band
 from simgrab.world.camera.optics.exposure import Exposure
 from simgrab.world.camera.optics.focus import defocus
 from simgrab.world.camera.optics.lens import chromatic, vignetting
 from simgrab.world.camera.optics.light import Light, Picture, luminance, to_display
 from simgrab.world.camera.optics.sensor import noisy, pattern
+from simgrab.world.camera.row_blocks import each_block
 
 
 def expose(
@@ -53,7 +53,7 @@ def expose(
         taken = to_display(noisy(level, optics.sensor, exposure.gain, rng))
         picture[rows] = cv2.cvtColor(taken, cv2.COLOR_GRAY2RGB) if exposure.grey else taken
 
-    each_band(len(light), take)
+    each_block(len(light), take)
     return picture
 
 

@@ -34,7 +34,7 @@ def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Preci
     bright = fog + sum(p.extinction.sum() * p.brightness for p in precipitation)
     length, table = ray_maps(sight.intrinsics).length, _beyond_reach(precipitation)
 
-    def band(rows: slice) -> Layer:
+    def block(rows: slice) -> Layer:
         depth = sight.depth[rows]
         thickness = cv2.multiply(depth, fog)
         if precipitation:
@@ -43,7 +43,7 @@ def haze(sight: Sight, visibility_m: float | None, precipitation: Sequence[Preci
         cv2.multiply(thickness, length[rows], dst=thickness, scale=-1.0)
         return matte(cv2.exp(thickness, dst=thickness), float(bright / total))
 
-    return band
+    return block
 
 
 def _beyond_reach(precipitation: Sequence[Precipitation]) -> Picture:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import Cargo, Weather
-from simgrab.world.camera.bands import each_band
+from simgrab.world.camera.row_blocks import each_block
 from simgrab.world.camera.weather import precipitation
 from simgrab.world.camera.weather.air import haze
 from simgrab.world.camera.weather.drift import TINT as DRIFT_TINT
@@ -44,12 +44,12 @@ class Weathered:
     ----------
     light : ndarray of float32, shape (height, width, 3)
         Linear radiance.
-    veil : ndarray of float32, shape (height, width)
+    attenuation : ndarray of float32, shape (height, width)
         Share of the scene's light that air, particles and glass keep from the camera.
     """
 
     light: Picture
-    veil: Picture
+    attenuation: Picture
 
 
 def apply(
@@ -101,10 +101,10 @@ def apply(
     wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
     sheets: list[_Sheet] = []
     if weather.wetness or weather.snow_cover:
-        sheets.append(_Sheet(ground(weather, sight, lamps, _mean(white), seed=seed), white, veils=False))
+        sheets.append(_Sheet(ground(weather, sight, lamps, _mean(white), seed=seed), white, attenuates=False))
     if weather.drift_thickness:
         streamers = drift(sight, surface(sight), weather.drift_thickness, wind, time_s, seed=seed)
-        sheets.append(_Sheet(streamers.band, _times(white, DRIFT_TINT)))
+        sheets.append(_Sheet(streamers.block, _times(white, DRIFT_TINT)))
     if weather.dust_thickness:
         for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
             of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)
@@ -126,9 +126,9 @@ def apply(
     return Weathered(light, np.subtract(1, keep, out=keep))
 
 
-def hidden_fraction(veil: Picture, mask: NDArray[np.bool_]) -> float:
-    """Mean veil over the pixels of a mask, both (height, width); 0 where the mask is empty."""
-    return float(veil[mask].mean(dtype=np.float64)) if mask.any() else 0.0
+def hidden_fraction(attenuation: Picture, mask: NDArray[np.bool_]) -> float:
+    """Mean attenuation over the pixels of a mask, both (height, width); 0 where the mask is empty."""
+    return float(attenuation[mask].mean(dtype=np.float64)) if mask.any() else 0.0
 
 
 def _airlight(sight: Sight) -> Vector:
@@ -147,7 +147,7 @@ class _Sheet(NamedTuple):
 
     layer: Maker
     colour: Vector
-    veils: bool = True
+    attenuates: bool = True
 
 
 def _laid(light: Picture, keep: Picture, sheets: Sequence[_Sheet]) -> tuple[Picture, Picture]:
@@ -157,17 +157,17 @@ def _laid(light: Picture, keep: Picture, sheets: Sequence[_Sheet]) -> tuple[Pict
     seen, kept = np.empty_like(light), np.empty_like(keep)
 
     def lay(rows: slice) -> None:
-        band, through = light[rows], keep[rows]
+        block, through = light[rows], keep[rows]
         for colour, some in groupby(sheets, attrgetter("colour")):
             layers = []
             for sheet in some:
                 if layer := sheet.layer(rows):
                     layers.append(layer)
-                    through = cv2.multiply(through, layer.keep) if sheet.veils else through
-            band = reduce(Layer.behind, layers).over(band, colour) if layers else band
-        seen[rows], kept[rows] = band, through
+                    through = cv2.multiply(through, layer.keep) if sheet.attenuates else through
+            block = reduce(Layer.behind, layers).over(block, colour) if layers else block
+        seen[rows], kept[rows] = block, through
 
-    each_band(len(light), lay)
+    each_block(len(light), lay)
     return seen, kept
 
 
@@ -189,7 +189,7 @@ def _air(
         rng = stream(seed, frame, f"weather.{name}")
         near = scatter(of, sight.intrinsics, sight.jib_from_camera, wind, rng)
         brightness = _brightness(of, near, sight, lamps, _mean(white))
-        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight).band)
+        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight).block)
     return layers
 
 

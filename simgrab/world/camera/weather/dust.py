@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import Cargo
-from simgrab.world.camera.bands import enlarged
+from simgrab.world.camera.row_blocks import enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker, clear
 from simgrab.world.camera.weather.sight import Picture, Sight, Vector, ray_maps
@@ -86,7 +86,7 @@ def dust(of: Cloud, sight: Sight, *, seed: int) -> Maker:
     rays, (inside, columns) = ray_maps(sight.intrinsics), window
     lobes, width = _billows(of, sight, window, seed), columns.stop - columns.start
 
-    def band(rows: slice) -> Layer | None:
+    def block(rows: slice) -> Layer | None:
         some = slice(max(rows.start, inside.start), min(rows.stop, inside.stop))
         if some.start >= some.stop:
             return None
@@ -99,7 +99,7 @@ def dust(of: Cloud, sight: Sight, *, seed: int) -> Maker:
         layer.glow[here] = 1 - layer.keep[here]
         return layer
 
-    return band
+    return block
 
 
 def column(of: Cloud, x: Picture, y: Picture, length: Picture, distance: Picture) -> Picture:

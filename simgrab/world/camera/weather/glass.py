@@ -11,7 +11,7 @@ import numpy as np
 from simgrab.geometry import Array, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Weather
-from simgrab.world.camera.bands import each_band, enlarged
+from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker, matte
 from simgrab.world.camera.weather.sight import Picture, Vector
@@ -59,11 +59,11 @@ class Glass:
 
         def refract(rows: slice) -> None:
             through = 1 - enlarged(self.drops, COARSE, rows, width)
-            band = cv2.multiply(light[rows], cv2.cvtColor(through, cv2.COLOR_GRAY2RGB))
-            np.add(band, enlarged(shown, COARSE, rows, width), out=seen[rows])
+            block = cv2.multiply(light[rows], cv2.cvtColor(through, cv2.COLOR_GRAY2RGB))
+            np.add(block, enlarged(shown, COARSE, rows, width), out=seen[rows])
             np.multiply(keep[rows], through, out=kept[rows])
 
-        each_band(height, refract)
+        each_block(height, refract)
         return seen, kept
 
     def _refracted(self, light: Picture, white: Vector) -> Picture:
@@ -78,10 +78,10 @@ class Glass:
 def lying(part: Picture, brightness: float) -> Maker:
     """Return dirt or snow that keeps out a share of the light, shape (height, width)."""
 
-    def band(rows: slice) -> Layer | None:
+    def block(rows: slice) -> Layer | None:
         return matte(1 - part[rows], brightness) if part[rows].any() else None
 
-    return band
+    return block
 
 
 @lru_cache(maxsize=2)

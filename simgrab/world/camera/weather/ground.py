@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from simgrab.scenario import Weather
-from simgrab.world.camera.bands import each_band, enlarged
+from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.sight import Picture, Sight, Vector
@@ -72,7 +72,7 @@ def ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: float, 
         joined = reduce(Layer.behind, layers)
         keep[rows], glow[rows] = joined.keep, joined.glow
 
-    each_band(shape[0], lie)
+    each_block(shape[0], lie)
     return _enlarged(Layer(keep, glow), sight)
 
 
@@ -139,7 +139,7 @@ class _SnowLight:
     def __init__(self, sight: Sight, white: float) -> None:
         height, width = coarse_rays(sight.intrinsics).x.shape
         self._grey = np.empty((height, width), np.float32)
-        each_band(height, partial(self._look, sight))
+        each_block(height, partial(self._look, sight))
         size = max(1, width // 32), max(1, height // 32)
         large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
         mean = np.float32(max(float(large.mean()), 1e-6))
@@ -163,10 +163,10 @@ def _enlarged(layer: Layer, sight: Sight) -> Maker:
     """Enlarge to the picture, with edges that are soft instead of stepped, and leave the ropes alone."""
     soft = [cv2.GaussianBlur(m, (3, 3), 0) for m in (layer.keep, layer.glow)]
 
-    def band(rows: slice) -> Layer:
+    def block(rows: slice) -> Layer:
         keep, glow = (enlarged(m, STEP, rows, sight.intrinsics.width_px) for m in soft)
         ropes = sight.ids[rows] == ROPE
         keep[ropes], glow[ropes] = 1, 0
         return Layer(keep, glow)
 
-    return band
+    return block

@@ -18,13 +18,13 @@ class Layer:
     Attributes
     ----------
     keep, glow : ndarray of float32, shape (height, width)
-        Of the picture, or of a band of its rows.
+        Of the picture, or of a block of its rows.
     """
 
     keep: Picture
     glow: Picture
 
-    def band(self, rows: slice) -> Layer:
+    def block(self, rows: slice) -> Layer:
         """Return some rows."""
         return Layer(self.keep[rows], self.glow[rows])
 
@@ -43,7 +43,7 @@ class Layer:
         return np.asarray(cv2.add(result, added, dst=result))
 
 
-Maker = Callable[[slice], Layer | None]  # makes a band of a layer; None where that changes nothing
+Maker = Callable[[slice], Layer | None]  # makes a block of a layer; None where that changes nothing
 
 
 def matte(keep: Picture, brightness: float = 1.0) -> Layer:

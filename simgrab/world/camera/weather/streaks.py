@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
-from simgrab.world.camera.bands import each_band, enlarged, share
+from simgrab.world.camera.row_blocks import each_block, enlarged, threaded_map
 from simgrab.world.camera.weather.layer import Layer, clear, matte
 from simgrab.world.camera.weather.particles import Particles
 from simgrab.world.camera.weather.sight import Picture, Sight
@@ -83,7 +83,7 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
         chosen = np.flatnonzero(level == one)
         if chosen.size:
             parts = np.array_split(chosen, -(-chosen.size // PART))
-            samples = share(partial(_samples, streaks, 2**one, sight.depth), parts)
+            samples = threaded_map(partial(_samples, streaks, 2**one, sight.depth), parts)
             finer = _gather(samples, (rows >> one, columns >> one), even)
             sums = _before(sums, finer) if sums else finer
     times = rows // len(sums[0])
@@ -95,7 +95,7 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
         layer = Layer(1 - blocked, light[0]) if light else matte(1 - blocked, float(streaks.brightness[0]))
         result.keep[some], result.glow[some] = layer.keep, layer.glow
 
-    each_band(height, finish)
+    each_block(height, finish)
     return result
 
 
@@ -110,7 +110,7 @@ def _before(near: list[Picture], far: list[Picture]) -> list[Picture]:
         for result, n, f in zip(results, here, far, strict=True):
             np.add(n, cv2.multiply(f[rows], keep), out=result[rows])
 
-    each_band(height, lay)
+    each_block(height, lay)
     return results
 
 

@@ -20,7 +20,7 @@ WAVES_M = 0.4  # above open water's level that is still water
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Every second pixel's surface point, shapes (h, w) or those of a band, float32.
+    """Every second pixel's surface point, shapes (h, w) or those of a block, float32.
 
     Attributes
     ----------
