@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_weather import sight
+from test_weather import render_pass
 
 from simgrab.world.camera.weather.drift import SCALE_HEIGHT_M, drift
-from simgrab.world.camera.weather.sight import ray_maps
+from simgrab.world.camera.weather.render_pass import ray_maps
 from simgrab.world.camera.weather.surface import surface
 
 WIND = 15.0 * np.array([np.cos(0.6), np.sin(0.6), 0.0])
-SEEN = sight(0.05)
+SEEN = render_pass(0.05)
 GROUND = surface(SEEN)
 
 

@@ -10,9 +10,19 @@ from simgrab import geometry
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.rng import stream
 from simgrab.scenario import Weather
-from simgrab.world.camera.weather import Lamp, Puff, Sight, air, apply, dust, hidden_fraction, precipitation, streaks
+from simgrab.world.camera.weather import (
+    Lamp,
+    Puff,
+    RenderPass,
+    air,
+    apply,
+    dust,
+    hidden_fraction,
+    precipitation,
+    streaks,
+)
 from simgrab.world.camera.weather.particles import Particles, scatter
-from simgrab.world.camera.weather.sight import distance, ray_maps
+from simgrab.world.camera.weather.render_pass import distance, ray_maps
 from simgrab.world.camera.weather.surface import surface
 
 K = Intrinsics(320, 180, 274.0, 160.0, 90.0)
@@ -33,14 +43,14 @@ SETTINGS = {
 MOVING = {"rain", "snow", "dust"}
 
 
-def sight(beta=0.0, slope=0.0, light=0.2, intrinsics=K, **changes):
+def render_pass(beta=0.0, slope=0.0, light=0.2, intrinsics=K, **changes):
     """A plane below a tilted camera, level, or falling by a slope along x through the point straight below."""
     rotation = geometry.camera_rotation(beta, 0.7, 0.3)
     rays = ray_maps(intrinsics)
     unit = np.stack([rays.x, rays.y, np.ones_like(rays.x)], axis=-1) @ rotation.T
     depth = HEIGHT_M / (-unit[..., 2] - np.tan(slope) * unit[..., 0])
     depth = np.where(depth > 0, np.minimum(depth, 190), 190).astype(np.float32)
-    made = Sight(
+    made = RenderPass(
         np.full((*depth.shape, 3), light, np.float32),
         depth,
         np.zeros(depth.shape, np.uint8),
@@ -59,7 +69,7 @@ def weathered(seen, frame=0, **settings):
 
 
 def test_no_weather_is_no_change():
-    seen = sight()
+    seen = render_pass()
     off = apply(Weather(), seen, seed=0, frame=0)
     assert np.array_equal(off.light, seen.light)
     assert not off.attenuation.any()
@@ -74,7 +84,7 @@ def test_every_amount_is_off_at_zero_and_only_there(settings):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_repeatable_input_unchanged_new_in_every_frame(name):
-    seen = sight(0.05)
+    seen = render_pass(0.05)
     before = [getattr(seen, f.name).copy() for f in fields(seen) if isinstance(getattr(seen, f.name), np.ndarray)]
     first, again, other = (weathered(seen, frame, **SETTINGS[name]) for frame in (3, 3, 4))
     after = [getattr(seen, f.name) for f in fields(seen) if isinstance(getattr(seen, f.name), np.ndarray)]
@@ -88,7 +98,7 @@ def test_repeatable_input_unchanged_new_in_every_frame(name):
 
 
 def test_bytes_do_not_depend_on_threads():
-    seen = sight(0.05, intrinsics=Intrinsics(960, 540, 822.0, 480.0, 270.0))
+    seen = render_pass(0.05, intrinsics=Intrinsics(960, 540, 822.0, 480.0, 270.0))
     everything = {key: value for settings in SETTINGS.values() for key, value in settings.items() if key != "rain_mm_h"}
     threads, pictures = cv2.getNumThreads(), []
     try:
@@ -103,8 +113,8 @@ def test_bytes_do_not_depend_on_threads():
 @pytest.mark.parametrize("lens", [Distortion(), Distortion(-0.25, 0.06)])
 def test_contrast_in_fog_falls_with_the_true_distance(lens):
     k = replace(K, distortion=lens)
-    black, white = (weathered(sight(0.3, light=v, intrinsics=k), visibility_m=60.0).light for v in (0.0, 1.0))
-    d = distance(sight(0.3, intrinsics=k))
+    black, white = (weathered(render_pass(0.3, light=v, intrinsics=k), visibility_m=60.0).light for v in (0.0, 1.0))
+    d = distance(render_pass(0.3, intrinsics=k))
     expected = np.exp(np.log(0.02) / 60 * d)[..., None]
     np.testing.assert_allclose(white - black, np.broadcast_to(expected, white.shape), rtol=2e-4)
     assert d.max() > 1.5 * d.min()
@@ -124,7 +134,7 @@ def test_the_column_of_dust_is_the_integral_of_its_density():
 
 
 def test_a_cloud_drifts_spreads_and_thins():
-    seen = sight()
+    seen = render_pass()
     young, old = (dust.cloud(Puff((0.0, 0.0, -20.0), age), seen, 2.0, 1.0, np.array([3.0, 0, 0])) for age in (0.0, 4.0))
     np.testing.assert_allclose((old.centre_m - young.centre_m) @ seen.jib_from_camera.T, [12, 0, 0], atol=1e-9)
     assert old.thickness * old.radius_m**2 == pytest.approx(young.thickness * young.radius_m**2)
@@ -163,7 +173,7 @@ def test_as_many_particles_as_the_density_says(of):
 def test_near_particles_and_haze_together_block_what_the_population_does(name):
     # Little enough to have hardly any overlap; the mean over frames of what is blocked is the optical depth.
     # A near scene: about half of what falls before it is drawn one by one.
-    seen = sight(depth=np.full((180, 320), 6.0, np.float32))
+    seen = render_pass(depth=np.full((180, 320), 6.0, np.float32))
     of = precipitation.rain(20.0) if name == "rain" else precipitation.snow(1.0)
     settings = {"rain_mm_h": 20.0} if name == "rain" else {"snow_mm_h": 1.0}
     attenuation = np.mean([weathered(seen, frame, **settings).attenuation.mean() for frame in range(60)])
@@ -174,7 +184,7 @@ def test_near_particles_and_haze_together_block_what_the_population_does(name):
 def one_particle(velocity, depth, diameter=0.015):
     one = Particles(np.array([[0.0, 0.0, depth]]), np.array([velocity]), np.array([diameter]))
     path = streaks.expose(one, np.ones(1), K, 0.02)
-    return 1 - streaks.draw(path, sight()).keep
+    return 1 - streaks.draw(path, render_pass()).keep
 
 
 def variance(attenuation, axis):
@@ -196,12 +206,12 @@ def test_a_streak_is_as_long_as_velocity_times_shutter(speed, depth):
 def test_nothing_falls_before_what_is_nearer():
     one = Particles(np.array([[0.0, 0.0, 6.0]]), np.zeros((1, 3)), np.array([0.03]))
     path = streaks.expose(one, np.ones(1), K, 0.02)
-    near = sight(depth=np.full((180, 320), 5.0, np.float32))
+    near = render_pass(depth=np.full((180, 320), 5.0, np.float32))
     assert not (1 - streaks.draw(path, near).keep).any()
 
 
 def test_streaks_of_rain_point_to_where_it_falls():
-    seen = sight(0.15, light=0.0, intrinsics=Intrinsics(640, 360, 548.0, 320.0, 180.0), shutter_s=0.04)
+    seen = render_pass(0.15, light=0.0, intrinsics=Intrinsics(640, 360, 548.0, 320.0, 180.0), shutter_s=0.04)
     rain = sum(
         apply(Weather(rain_mm_h=60.0), seen, seed=4, frame=frame, airlight=WHITE, wind_m_s=(1.0, 0.5, 0.0)).light[
             ..., 0
@@ -239,14 +249,14 @@ def test_streaks_of_rain_point_to_where_it_falls():
 def test_more_weather_hides_more(key, amounts):
     mask = np.zeros((180, 320), bool)
     mask[40:140, 80:240] = True
-    hidden = [hidden_fraction(weathered(sight(), **{key: amount}).attenuation, mask) for amount in amounts]
+    hidden = [hidden_fraction(weathered(render_pass(), **{key: amount}).attenuation, mask) for amount in amounts]
     assert 0 <= hidden[0] < hidden[1] < hidden[2] <= 1
     assert hidden_fraction(np.ones((180, 320), np.float32), ~mask & mask) == 0
 
 
 def test_a_veil_is_the_share_of_scene_light_that_is_lost():
     for settings in SETTINGS.values():
-        dark, bright = (weathered(sight(light=v), **settings) for v in (0.2, 0.3))
+        dark, bright = (weathered(render_pass(light=v), **settings) for v in (0.2, 0.3))
         if "lens_drops" in settings or not dark.attenuation.any():  # a drop shows light from elsewhere
             continue
         through = (bright.light - dark.light)[..., 1] / 0.1
@@ -255,10 +265,10 @@ def test_a_veil_is_the_share_of_scene_light_that_is_lost():
 
 @pytest.mark.parametrize("slope_deg", [0.0, 20.0, 40.0])
 def test_normals_come_from_depth_whatever_the_tilt(slope_deg):
-    on = surface(sight(0.2, np.radians(slope_deg)))
+    on = surface(render_pass(0.2, np.radians(slope_deg)))
     inside = np.s_[5:-5, 5:-5]
     np.testing.assert_allclose(on.up[inside], np.cos(np.radians(slope_deg)), atol=2e-3)
-    np.testing.assert_allclose(surface(sight(0.2)).height, 0, atol=1e-4)
+    np.testing.assert_allclose(surface(render_pass(0.2)).height, 0, atol=1e-4)
 
 
 def at_places(picture, seen, points):
@@ -271,10 +281,10 @@ def at_places(picture, seen, points):
 @pytest.mark.parametrize("effect", [{"wetness": 1.0}, {"snow_cover": 0.5}])
 def test_puddles_and_snow_stay_in_place_when_the_camera_tilts_and_the_crane_slews(effect):
     points = np.random.default_rng(0).uniform(-5, 5, (3000, 2))
-    straight, tilted = sight(), sight(0.12)
+    straight, tilted = render_pass(), render_pass(0.12)
     turn = np.eye(4)
     turn[:3, :3], turn[:2, 3] = geometry.rotation_z(0.4), (1.0, -2.0)
-    slewed = sight(0.12, jib_from_place=turn)
+    slewed = render_pass(0.12, jib_from_place=turn)
     moved = points @ turn[:2, :2].T + turn[:2, 3]
     first, second, third = (
         at_places(weathered(s, **effect).light[..., 1], s, p)
@@ -289,9 +299,9 @@ def test_puddles_and_snow_stay_in_place_when_the_camera_tilts_and_the_crane_slew
 def test_snow_covers_its_share_of_level_ground_and_no_walls_or_water():
     wide = Intrinsics(320, 180, 100.0, 160.0, 90.0)
     for cover in (0.2, 0.7, 1.0):
-        level = weathered(sight(intrinsics=wide), snow_cover=cover).light[..., 1] > 0.5
+        level = weathered(render_pass(intrinsics=wide), snow_cover=cover).light[..., 1] > 0.5
         assert level.mean() == pytest.approx(cover, abs=0.07)
-    for bare in (sight(slope=np.radians(65)), sight(water_m=0.0)):
+    for bare in (render_pass(slope=np.radians(65)), render_pass(water_m=0.0)):
         ground = cv2.erode(np.float32(bare.depth < 189), np.ones((15, 15))) > 0  # the slope, not what is beyond it
         np.testing.assert_allclose(weathered(bare, snow_cover=1.0).light[ground], 0.2, atol=1e-6)
 
@@ -299,14 +309,14 @@ def test_snow_covers_its_share_of_level_ground_and_no_walls_or_water():
 def test_wet_ground_is_darker_and_only_the_ground():
     ids = np.zeros((180, 320), np.uint8)
     ids[60:120, 100:200] = 3
-    wet = weathered(sight(ids=ids), wetness=0.5).light[..., 1]
+    wet = weathered(render_pass(ids=ids), wetness=0.5).light[..., 1]
     # 0.6 of the dry albedo, and half a film's mirror image of the sky.
     np.testing.assert_allclose(wet[:50], 0.6 * 0.2 + 0.01, atol=2e-3)
     np.testing.assert_allclose(wet[65:115, 105:195], 0.2, atol=1e-6)
 
 
 def test_a_lamp_glints_where_the_ground_mirrors_it():
-    seen = sight(0.1)
+    seen = render_pass(0.1)
     lamp = Lamp((6.0, 3.6, -0.3 - HEIGHT_M / 2), 0.5)  # half as high as the camera
     lit, unlit = (
         apply(Weather(wetness=0.5), seen, seed=4, frame=0, airlight=WHITE, lamps=lamps).light for lamps in ((lamp,), ())
@@ -317,7 +327,7 @@ def test_a_lamp_glints_where_the_ground_mirrors_it():
 
 
 def test_a_lamp_lights_the_flakes_near_it():
-    seen = sight(light=0.001)
+    seen = render_pass(light=0.001)
     lit, unlit = (
         apply(
             Weather(snow_mm_h=1.0),
@@ -336,14 +346,15 @@ def test_a_lamp_lights_the_flakes_near_it():
 @pytest.mark.parametrize(("key", "opacity"), [("lens_dirt", 0.75), ("lens_snow", 0.95)])
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_the_glass_is_covered_by_its_share(key, opacity, share):
-    assert weathered(sight(), **{key: share}).attenuation.mean() == pytest.approx(share * opacity, abs=0.03)
+    assert weathered(render_pass(), **{key: share}).attenuation.mean() == pytest.approx(share * opacity, abs=0.03)
 
 
 @pytest.mark.parametrize("key", ["lens_drops", "lens_dirt", "lens_snow"])
 def test_the_glass_stays_as_it_is_for_a_clip(key):
     weather = Weather(**{key: 20 if key == "lens_drops" else 0.2})
     first, later, other = (
-        apply(weather, sight(), seed=4, frame=frame, clip=clip).attenuation for frame, clip in ((0, 0), (9, 0), (9, 1))
+        apply(weather, render_pass(), seed=4, frame=frame, clip=clip).attenuation
+        for frame, clip in ((0, 0), (9, 0), (9, 1))
     )
     assert np.array_equal(first, later)
     assert not np.array_equal(later, other)
@@ -373,4 +384,4 @@ def test_impossible_weather_is_refused_with_the_reason(settings, reason):
 
 def test_pictures_of_another_size_are_refused():
     with pytest.raises(ValueError, match="light, depth and ids"):
-        sight(depth=np.ones((10, 10), np.float32))
+        render_pass(depth=np.ones((10, 10), np.float32))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Light
 from simgrab.world.camera.row_blocks import each_block
-from simgrab.world.camera.weather.sight import ray_maps
+from simgrab.world.camera.weather.render_pass import ray_maps
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.scenery.model import DRAWN_SKY
 

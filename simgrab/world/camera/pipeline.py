@@ -18,7 +18,7 @@ from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metere
 from simgrab.world.camera.overlay import Overlay
 from simgrab.world.camera.renderer import Renderer
 from simgrab.world.camera.row_blocks import each_block
-from simgrab.world.camera.weather import Lamp, Sight, Weathered
+from simgrab.world.camera.weather import Lamp, RenderPass, Weathered
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.trajectory.moment import Moment
 
@@ -121,7 +121,7 @@ class Camera:
             by = lamps.illumination(scenario.light, view.depth, intrinsics=k, jib_from_camera=rotation, offset=offset)
             light = lamps.lit(light, by)
         place = scenario.place
-        sight = Sight(
+        rendered = RenderPass(
             light, view.depth, view.ids, k, rotation,
             centre_m=(float(offset[0]), float(offset[1]), float(offset[2])),
             height_m=scenario.jib.head_height_m + float(offset[2]),
@@ -131,7 +131,7 @@ class Camera:
             water_m=-place.quay_height_m if isinstance(place, Water) else None,
         )  # fmt: skip
         return weather.apply(
-            scenario.weather, sight, seed=scenario.seed, frame=frame, clip=scenario.clip.of(frame),
+            scenario.weather, rendered, seed=scenario.seed, frame=frame, clip=scenario.clip.of(frame),
             time_s=frame / scenario.clip.frame_rate_hz if moment.time is None else moment.time,
             wind_m_s=self._wind(moment), lamps=self._lamps(moment), cargo=scenario.grab.cargo,
         )  # fmt: skip

@@ -3,6 +3,6 @@
 from simgrab.world.camera.weather.chain import Weathered, apply, hidden_fraction
 from simgrab.world.camera.weather.dust import Puff
 from simgrab.world.camera.weather.ground import Lamp
-from simgrab.world.camera.weather.sight import Sight
+from simgrab.world.camera.weather.render_pass import RenderPass
 
-__all__ = ["Lamp", "Puff", "Sight", "Weathered", "apply", "hidden_fraction"]
+__all__ = ["Lamp", "Puff", "RenderPass", "Weathered", "apply", "hidden_fraction"]

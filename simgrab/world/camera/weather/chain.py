@@ -27,7 +27,7 @@ from simgrab.world.camera.weather.ground import Lamp, ground
 from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.particles import Particles, scatter
 from simgrab.world.camera.weather.precipitation import Precipitation
-from simgrab.world.camera.weather.sight import Picture, Sight, Vector
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
 from simgrab.world.camera.weather.streaks import draw, expose
 from simgrab.world.camera.weather.surface import surface
 
@@ -54,7 +54,7 @@ class Weathered:
 
 def apply(
     weather: Weather,
-    sight: Sight,
+    rendered: RenderPass,
     *,
     seed: int,
     frame: int,
@@ -71,7 +71,7 @@ def apply(
     Parameters
     ----------
     weather : Weather
-    sight : Sight
+    rendered : RenderPass
         The scene as it was drawn. Nothing is written into it.
     seed, frame : int
         Key the random streams of what changes from frame to frame.
@@ -96,24 +96,24 @@ def apply(
     Weathered
     """
     if weather.off:
-        return Weathered(sight.light, np.zeros(sight.depth.shape, np.float32))
-    white = airlight or _airlight(sight)
+        return Weathered(rendered.light, np.zeros(rendered.depth.shape, np.float32))
+    white = airlight or _airlight(rendered)
     wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
     sheets: list[_Sheet] = []
     if weather.wetness or weather.snow_cover:
-        sheets.append(_Sheet(ground(weather, sight, lamps, _mean(white), seed=seed), white, attenuates=False))
+        sheets.append(_Sheet(ground(weather, rendered, lamps, _mean(white), seed=seed), white, attenuates=False))
     if weather.drift_thickness:
-        streamers = drift(sight, surface(sight), weather.drift_thickness, wind, time_s, seed=seed)
+        streamers = drift(rendered, surface(rendered), weather.drift_thickness, wind, time_s, seed=seed)
         sheets.append(_Sheet(streamers.block, _times(white, DRIFT_TINT)))
     if weather.dust_thickness:
-        for puff in [puff_of_frame(sight, seed=seed, frame=frame)] if puffs is None else puffs:
-            of = cloud(puff, sight, weather.dust_thickness, weather.dust_radius_m, wind)
-            sheets.append(_Sheet(dust(of, sight, seed=seed), _times(white, TINT[cargo])))
+        for puff in [puff_of_frame(rendered, seed=seed, frame=frame)] if puffs is None else puffs:
+            of = cloud(puff, rendered, weather.dust_thickness, weather.dust_radius_m, wind)
+            sheets.append(_Sheet(dust(of, rendered, seed=seed), _times(white, TINT[cargo])))
     if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
-        sheets += (_Sheet(part, white) for part in _air(weather, sight, lamps, white, wind, seed, frame))
-    light, keep = sight.light, np.ones(sight.depth.shape, np.float32)
+        sheets += (_Sheet(part, white) for part in _air(weather, rendered, lamps, white, wind, seed, frame))
+    light, keep = rendered.light, np.ones(rendered.depth.shape, np.float32)
     if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
-        pane = glass(weather, sight.intrinsics, seed=seed, clip=clip)
+        pane = glass(weather, rendered.intrinsics, seed=seed, clip=clip)
         if weather.lens_drops:  # they show what lies behind from elsewhere, so that must be there
             light, keep = _laid(light, keep, sheets)
             light, keep = pane.through_drops(light, keep, white)
@@ -131,9 +131,9 @@ def hidden_fraction(attenuation: Picture, mask: NDArray[np.bool_]) -> float:
     return float(attenuation[mask].mean(dtype=np.float64)) if mask.any() else 0.0
 
 
-def _airlight(sight: Sight) -> Vector:
+def _airlight(rendered: RenderPass) -> Vector:
     """Estimate a white surface's light from a sixteenth of the picture's pixels."""
-    white = min(1.0, float(sight.light[::4, ::4].mean(dtype=np.float64)) / MEAN_ALBEDO)
+    white = min(1.0, float(rendered.light[::4, ::4].mean(dtype=np.float64)) / MEAN_ALBEDO)
     return SKY[0] * white, SKY[1] * white, SKY[2] * white
 
 
@@ -176,7 +176,7 @@ def _times(colour: Vector, tint: Vector) -> Vector:
 
 
 def _air(
-    weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
+    weather: Weather, rendered: RenderPass, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
 ) -> list[Maker]:
     """Fog, rain and snow: haze, and before it what falls near the camera."""
     falling = {}
@@ -184,12 +184,12 @@ def _air(
         falling["rain"] = precipitation.rain(weather.rain_mm_h)
     if weather.snow_mm_h:
         falling["snow"] = precipitation.snow(weather.snow_mm_h)
-    layers = [haze(sight, weather.visibility_m, list(falling.values()))]
+    layers = [haze(rendered, weather.visibility_m, list(falling.values()))]
     for name, of in falling.items():
         rng = stream(seed, frame, f"weather.{name}")
-        near = scatter(of, sight.intrinsics, sight.jib_from_camera, wind, rng)
-        brightness = _brightness(of, near, sight, lamps, _mean(white))
-        layers.append(draw(expose(near, brightness, sight.intrinsics, sight.shutter_s), sight).block)
+        near = scatter(of, rendered.intrinsics, rendered.jib_from_camera, wind, rng)
+        brightness = _brightness(of, near, rendered, lamps, _mean(white))
+        layers.append(draw(expose(near, brightness, rendered.intrinsics, rendered.shutter_s), rendered).block)
     return layers
 
 
@@ -197,11 +197,11 @@ def _mean(white: Vector) -> float:
     return max(sum(white) / 3, 1e-6)
 
 
-def _brightness(of: Precipitation, near: Particles, sight: Sight, lamps: Sequence[Lamp], white: float) -> Array:
+def _brightness(of: Precipitation, near: Particles, rendered: RenderPass, lamps: Sequence[Lamp], white: float) -> Array:
     """Brightness of particles in units of white, which holds the lamps' light as it is at the ground."""
     result = np.ones(len(near.diameter_m))
-    at = near.position_m @ sight.jib_from_camera.T + sight.centre_m
-    ground_z = sight.centre_m[2] - sight.height_m
+    at = near.position_m @ rendered.jib_from_camera.T + rendered.centre_m
+    ground_z = rendered.centre_m[2] - rendered.height_m
     for lamp in lamps:
         fall = lamp.position_m[2] - ground_z
         squared = ((at - lamp.position_m) ** 2).sum(axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.geometry import Array
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer
-from simgrab.world.camera.weather.sight import Picture, Sight, Vector
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
 from simgrab.world.camera.weather.surface import Surface, coarse_rays
 
 TINT: Vector = (0.66, 0.58, 0.47)  # of a dense cloud of soil and cement, as a share of a white one's
@@ -21,14 +21,14 @@ STRETCH = 10.0  # and so many times as much along it
 SHARPNESS = 4.0  # exponent of the ranks: most of the dust moves in few streamers (Baas & Sherman 2005)
 
 
-def drift(sight: Sight, on: Surface, thickness: float, wind_m_s: Array, time_s: float, *, seed: int) -> Layer:
+def drift(rendered: RenderPass, on: Surface, thickness: float, wind_m_s: Array, time_s: float, *, seed: int) -> Layer:
     """Return the dust between the camera and the ground.
 
     The pattern travels with the wind unchanged (Taylor's hypothesis).
 
     Parameters
     ----------
-    sight : Sight
+    rendered : RenderPass
     on : Surface
     thickness : float
         Mean optical thickness of the whole layer, seen from straight above.
@@ -43,7 +43,7 @@ def drift(sight: Sight, on: Surface, thickness: float, wind_m_s: Array, time_s: 
     Layer
         Its glow is in units of `TINT`.
     """
-    wind = wind_m_s if sight.jib_from_place is None else sight.jib_from_place[:3, :3].T @ wind_m_s  # place frame
+    wind = wind_m_s if rendered.jib_from_place is None else rendered.jib_from_place[:3, :3].T @ wind_m_s  # place frame
     speed = math.hypot(wind[0], wind[1])
     east, north = (np.float32(w / speed) for w in wind[:2]) if speed else (np.float32(1), np.float32(0))
     along = on.x * east + on.y * north - np.float32(speed * time_s % (STRETCH * ACROSS_M))
@@ -52,9 +52,9 @@ def drift(sight: Sight, on: Surface, thickness: float, wind_m_s: Array, time_s: 
     streamers = np.float32(SHARPNESS + 1) * cv2.pow(pattern, SHARPNESS)  # of mean 1
     # Above a point at height h lies the share exp(−h / scale) of the layer.
     above = cv2.exp(-np.maximum(on.height, 0) / np.float32(SCALE_HEIGHT_M)) * _swept(on)
-    slant = coarse_rays(sight.intrinsics).length  # the camera looks down
+    slant = coarse_rays(rendered.intrinsics).length  # the camera looks down
     keep = cv2.exp(np.float32(-thickness) * streamers * above * slant)
-    size = sight.depth.shape[::-1]
+    size = rendered.depth.shape[::-1]
     keep = cv2.resize(keep, size, interpolation=cv2.INTER_LINEAR)
     return Layer(keep, 1 - keep)
 

@@ -13,7 +13,7 @@ from simgrab.scenario import Cargo
 from simgrab.world.camera.row_blocks import enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker, clear
-from simgrab.world.camera.weather.sight import Picture, Sight, Vector, ray_maps
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector, ray_maps
 
 SPREAD_M_S = 0.25  # growth of a cloud's standard deviation, about the turbulence near the ground
 LONGEST_S = 6.0
@@ -65,36 +65,39 @@ class Cloud:
     thickness: float
 
 
-def puff_of_frame(sight: Sight, *, seed: int, frame: int) -> Puff:
+def puff_of_frame(rendered: RenderPass, *, seed: int, frame: int) -> Puff:
     """Return a puff from the grab's jaws, of random age."""
-    x, y, z = sight.grab_m
+    x, y, z = rendered.grab_m
     return Puff((x, y, z - BELOW_GRAB_M), stream(seed, frame, "weather.dust.age").uniform(0, LONGEST_S))
 
 
-def cloud(puff: Puff, sight: Sight, thickness: float, radius_m: float, wind_m_s: Array) -> Cloud:
+def cloud(puff: Puff, rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array) -> Cloud:
     """Return what has become of a puff. Its dust stays the same, so the thickness falls as the square of the radius."""
     radius = radius_m + SPREAD_M_S * puff.age_s
-    centre = (puff.origin_m + wind_m_s * puff.age_s - sight.centre_m) @ sight.jib_from_camera
+    centre = (puff.origin_m + wind_m_s * puff.age_s - rendered.centre_m) @ rendered.jib_from_camera
     return Cloud(centre, radius, thickness * (radius_m / radius) ** 2)
 
 
-def dust(of: Cloud, sight: Sight, *, seed: int) -> Maker:
+def dust(of: Cloud, rendered: RenderPass, *, seed: int) -> Maker:
     """Return the cloud before the scene; its billows travel with it."""
-    window = _window(of, sight)
+    window = _window(of, rendered)
     if window is None:
         return lambda _: None
-    rays, (inside, columns) = ray_maps(sight.intrinsics), window
-    lobes, width = _billows(of, sight, window, seed), columns.stop - columns.start
+    rays, (inside, columns) = ray_maps(rendered.intrinsics), window
+    lobes, width = _billows(of, rendered, window, seed), columns.stop - columns.start
 
     def block(rows: slice) -> Layer | None:
         some = slice(max(rows.start, inside.start), min(rows.stop, inside.stop))
         if some.start >= some.stop:
             return None
         at, length = (some, columns), rays.length[some, columns]
-        thickness = column(of, rays.x[at], rays.y[at], length, sight.depth[at] * length)
+        thickness = column(of, rays.x[at], rays.y[at], length, rendered.depth[at] * length)
         within = slice(some.start - inside.start, some.stop - inside.start)
         thickness *= enlarged(lobes, BILLOW_STEP, within, width)
-        layer, here = clear(sight.depth[rows].shape), (slice(some.start - rows.start, some.stop - rows.start), columns)
+        layer, here = (
+            clear(rendered.depth[rows].shape),
+            (slice(some.start - rows.start, some.stop - rows.start), columns),
+        )
         layer.keep[here] = cv2.exp(-thickness)
         layer.glow[here] = 1 - layer.keep[here]
         return layer
@@ -129,10 +132,10 @@ def _erf(x: Picture) -> Picture:
     return np.tanh(x * (np.float32(1.128379) + np.float32(0.1009109) * x * x))
 
 
-def _window(of: Cloud, sight: Sight) -> tuple[slice, slice] | None:
+def _window(of: Cloud, rendered: RenderPass) -> tuple[slice, slice] | None:
     """Rows and columns that show the cloud; None where it is out of the picture."""
-    k, reach = sight.intrinsics, SEEN * of.radius_m
-    height, width = sight.depth.shape
+    k, reach = rendered.intrinsics, SEEN * of.radius_m
+    height, width = rendered.depth.shape
     if of.centre_m[2] < 1.5 * reach:  # it wraps the camera
         return np.s_[0:height, 0:width]
     u, v = k.project(of.centre_m)
@@ -143,9 +146,9 @@ def _window(of: Cloud, sight: Sight) -> tuple[slice, slice] | None:
     return np.s_[max(0, int(v - r)) : min(height, int(v + r)), max(0, int(u - r)) : min(width, int(u + r))]
 
 
-def _billows(of: Cloud, sight: Sight, window: tuple[slice, slice], seed: int) -> Picture:
+def _billows(of: Cloud, rendered: RenderPass, window: tuple[slice, slice], seed: int) -> Picture:
     """Lobes of mean 1, at every fourth pixel of the window."""
-    rays, coarse = ray_maps(sight.intrinsics), tuple(slice(s.start, s.stop, BILLOW_STEP) for s in window)
+    rays, coarse = ray_maps(rendered.intrinsics), tuple(slice(s.start, s.stop, BILLOW_STEP) for s in window)
     scale = np.float32(of.centre_m[2] / of.radius_m)
     cx, cy = (np.float32(c / of.radius_m) for c in of.centre_m[:2])
     pattern = noise.tile(seed, 0, "weather.dust.billows", 1.8)

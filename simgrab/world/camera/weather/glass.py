@@ -14,7 +14,7 @@ from simgrab.scenario import Weather
 from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker, matte
-from simgrab.world.camera.weather.sight import Picture, Vector
+from simgrab.world.camera.weather.render_pass import Picture, Vector
 from simgrab.world.camera.weather.streaks import APERTURE_M
 
 GLASS_M = 0.05  # from the lens to the glass

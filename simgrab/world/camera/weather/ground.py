@@ -13,7 +13,7 @@ from simgrab.scenario import Weather
 from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
-from simgrab.world.camera.weather.sight import Picture, Sight, Vector
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
 from simgrab.world.camera.weather.surface import STEP, Surface, coarse_rays, surface
 from simgrab.world.scenery.model import PLACE, ROPE
 
@@ -45,46 +45,48 @@ class Lamp:
     light: float
 
 
-def ground(weather: Weather, sight: Sight, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
+def ground(weather: Weather, rendered: RenderPass, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
     """Wet the ground and lay snow on it.
 
     Parameters
     ----------
     weather : Weather
         Some wetness, from 0.5 on with puddles, or snow cover, or both.
-    sight : Sight
+    rendered : RenderPass
     lamps : sequence of Lamp
     white : float
         Linear brightness of the sky, which is the unit of the layer's glow.
     seed : int
     """
-    shape = coarse_rays(sight.intrinsics).x.shape
+    shape = coarse_rays(rendered.intrinsics).x.shape
     keep, glow = np.empty(shape, np.float32), np.empty(shape, np.float32)
     puddles = noise.tile(seed, 0, "weather.puddles", 1.45) if weather.wetness else None
-    snow = (noise.tile(seed, 0, "weather.snow.cover", 1.5), _SnowLight(sight, white)) if weather.snow_cover else None
+    snow = (noise.tile(seed, 0, "weather.snow.cover", 1.5), _SnowLight(rendered, white)) if weather.snow_cover else None
 
     def lie(rows: slice) -> None:
-        on, layers = surface(sight, rows), []
+        on, layers = surface(rendered, rows), []
         if puddles is not None:
-            layers.append(_wet(sight, on, puddles, weather.wetness, lamps, white))
+            layers.append(_wet(rendered, on, puddles, weather.wetness, lamps, white))
         if snow:
-            layers.append(_snow(sight, on, rows, weather.snow_cover, *snow))
+            layers.append(_snow(rendered, on, rows, weather.snow_cover, *snow))
         joined = reduce(Layer.behind, layers)
         keep[rows], glow[rows] = joined.keep, joined.glow
 
     each_block(shape[0], lie)
-    return _enlarged(Layer(keep, glow), sight)
+    return _enlarged(Layer(keep, glow), rendered)
 
 
-def _wet(sight: Sight, on: Surface, puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float) -> Layer:
+def _wet(
+    rendered: RenderPass, on: Surface, puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float
+) -> Layer:
     """Darken porous ground, and let it mirror the sky and the lamps."""
     share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
     pattern = noise.look_up(puddles, on.x, on.y, SPAN_M)
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
     damp = np.float32(1 - (1 - WET_ALBEDO) * min(1.0, 2 * wetness))
     keep = np.where(on.solid, damp + (PUDDLE_ALBEDO - damp) * puddle, np.float32(1))
-    camera_z, ground_z = sight.centre_m[2], sight.centre_m[2] - sight.height_m
-    camera = _towards((*sight.centre_m[:2], camera_z), on, ground_z)
+    camera_z, ground_z = rendered.centre_m[2], rendered.centre_m[2] - rendered.height_m
+    camera = _towards((*rendered.centre_m[:2], camera_z), on, ground_z)
     steep = camera[2]  # cosine of the angle of incidence
     mirror = (FRESNEL + (1 - FRESNEL) * cv2.pow(1 - steep, 5)) * on.solid * np.float32(min(1.0, 2 * wetness))
     glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
@@ -112,12 +114,12 @@ def _slopes(squared: Picture, rms: float) -> Picture:
     return np.asarray(cv2.exp(squared * np.float32(-0.5 / rms**2)) * np.float32(1 / (2 * np.pi * rms**2)))
 
 
-def _snow(sight: Sight, on: Surface, rows: slice, cover: float, patches: Picture, light: _SnowLight) -> Layer:
+def _snow(rendered: RenderPass, on: Surface, rows: slice, cover: float, patches: Picture, light: _SnowLight) -> Layer:
     """Lay snow on what faces upwards: fully on the place, thinly on grab and jib."""
     pattern = noise.look_up(patches, on.x, on.y, SPAN_M)
     low, high = STEEPEST_SNOW
     hold = np.clip((on.up - np.float32(low)) / np.float32(high - low), 0, 1)
-    ids = sight.ids[::STEP, ::STEP][rows]
+    ids = rendered.ids[::STEP, ::STEP][rows]
     steel = (ids != PLACE) & (ids <= 3)
     lying = noise.covered(pattern, cover, 0.12) * on.solid + noise.covered(pattern, DUSTING * cover, 0.5) * steel
     snow = (hold * lying).astype(np.float32)
@@ -132,14 +134,14 @@ class _SnowLight:
 
     Parameters
     ----------
-    sight : Sight
+    rendered : RenderPass
     white : float
     """
 
-    def __init__(self, sight: Sight, white: float) -> None:
-        height, width = coarse_rays(sight.intrinsics).x.shape
+    def __init__(self, rendered: RenderPass, white: float) -> None:
+        height, width = coarse_rays(rendered.intrinsics).x.shape
         self._grey = np.empty((height, width), np.float32)
-        each_block(height, partial(self._look, sight))
+        each_block(height, partial(self._look, rendered))
         size = max(1, width // 32), max(1, height // 32)
         large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
         mean = np.float32(max(float(large.mean()), 1e-6))
@@ -147,8 +149,8 @@ class _SnowLight:
         self._large, self._wide = (cv2.resize(m, (width, height)) for m in (large, wide))
         self._floor = np.float32(0.02 * white)
 
-    def _look(self, sight: Sight, rows: slice) -> None:
-        light = sight.light[rows.start * STEP : rows.stop * STEP : STEP]
+    def _look(self, rendered: RenderPass, rows: slice) -> None:
+        light = rendered.light[rows.start * STEP : rows.stop * STEP : STEP]
         self._grey[rows] = cv2.cvtColor(light, cv2.COLOR_RGB2GRAY)[:, ::STEP]
 
     def of(self, rows: slice, pattern: Picture) -> Picture:
@@ -159,13 +161,13 @@ class _SnowLight:
         return np.minimum(np.float32(SNOW_ALBEDO) * self._wide[rows] * fine * grain, np.float32(1.05))
 
 
-def _enlarged(layer: Layer, sight: Sight) -> Maker:
+def _enlarged(layer: Layer, rendered: RenderPass) -> Maker:
     """Enlarge to the picture, with edges that are soft instead of stepped, and leave the ropes alone."""
     soft = [cv2.GaussianBlur(m, (3, 3), 0) for m in (layer.keep, layer.glow)]
 
     def block(rows: slice) -> Layer:
-        keep, glow = (enlarged(m, STEP, rows, sight.intrinsics.width_px) for m in soft)
-        ropes = sight.ids[rows] == ROPE
+        keep, glow = (enlarged(m, STEP, rows, rendered.intrinsics.width_px) for m in soft)
+        ropes = rendered.ids[rows] == ROPE
         keep[ropes], glow[ropes] = 1, 0
         return Layer(keep, glow)
 

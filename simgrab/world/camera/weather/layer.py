@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simgrab.world.camera.weather.sight import Picture, Vector
+from simgrab.world.camera.weather.render_pass import Picture, Vector
 
 
 @dataclass(frozen=True, eq=False)

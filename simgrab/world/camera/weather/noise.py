@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from simgrab.rng import stream
-from simgrab.world.camera.weather.sight import Picture
+from simgrab.world.camera.weather.render_pass import Picture
 
 SIDE = 1024
 

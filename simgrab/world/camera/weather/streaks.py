@@ -18,7 +18,7 @@ from simgrab.geometry import Array, Intrinsics
 from simgrab.world.camera.row_blocks import each_block, enlarged, threaded_map
 from simgrab.world.camera.weather.layer import Layer, clear, matte
 from simgrab.world.camera.weather.particles import Particles
-from simgrab.world.camera.weather.sight import Picture, Sight
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 
 APERTURE_M = 0.003  # 4.8 mm at F/1.6
 LEVELS = 6
@@ -67,9 +67,9 @@ def expose(particles: Particles, brightness: Array, intrinsics: Intrinsics, shut
     return Streaks(*(v[seen] for v in (*ends, depth, area, width, brightness)))
 
 
-def draw(streaks: Streaks, sight: Sight) -> Layer:
+def draw(streaks: Streaks, rendered: RenderPass) -> Layer:
     """Draw streaks before what a picture shows, and none behind it."""
-    height, width = sight.depth.shape
+    height, width = rendered.depth.shape
     rows, columns = (-(-(n + 2 * BORDER_PX) // COARSEST) * COARSEST for n in (height, width))
     if not streaks.depth_m.size:
         return clear((height, width))
@@ -83,7 +83,7 @@ def draw(streaks: Streaks, sight: Sight) -> Layer:
         chosen = np.flatnonzero(level == one)
         if chosen.size:
             parts = np.array_split(chosen, -(-chosen.size // PART))
-            samples = threaded_map(partial(_samples, streaks, 2**one, sight.depth), parts)
+            samples = threaded_map(partial(_samples, streaks, 2**one, rendered.depth), parts)
             finer = _gather(samples, (rows >> one, columns >> one), even)
             sums = _before(sums, finer) if sums else finer
     times = rows // len(sums[0])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Intrinsics
-from simgrab.world.camera.weather.sight import Picture, RayMaps, Sight, ray_maps
+from simgrab.world.camera.weather.render_pass import Picture, RayMaps, RenderPass, ray_maps
 from simgrab.world.scenery.model import GRAB, PLACE
 
 WHOLE = slice(None)
@@ -52,35 +52,35 @@ def coarse_rays(intrinsics: Intrinsics) -> RayMaps:
     return RayMaps(*(np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, rays.length)))
 
 
-def surface(sight: Sight, rows: slice = WHOLE) -> Surface:
+def surface(rendered: RenderPass, rows: slice = WHOLE) -> Surface:
     """Find the surfaces from depth, all or in some rows of every second."""
-    rays = coarse_rays(sight.intrinsics)
+    rays = coarse_rays(rendered.intrinsics)
     top, bottom, _ = rows.indices(len(rays.x))
     near = slice(max(top - 1, 0), min(bottom + 1, len(rays.x)))  # normals look at the rows beside
     inside = slice(top - near.start, bottom - near.start)
-    around = np.ascontiguousarray(sight.depth[near.start * STEP : near.stop * STEP : STEP, ::STEP])
-    rotation = sight.jib_from_camera.astype(np.float32)
+    around = np.ascontiguousarray(rendered.depth[near.start * STEP : near.stop * STEP : STEP, ::STEP])
+    rotation = rendered.jib_from_camera.astype(np.float32)
     up = _up(rays.x[near], rays.y[near], around, rotation[2])[inside]
     x, y, depth = rays.x[rows], rays.y[rows], around[inside]
-    ids = sight.ids[::STEP, ::STEP][rows]
+    ids = rendered.ids[::STEP, ::STEP][rows]
     jib_x, jib_y, below = (depth * (r[0] * x + r[1] * y + r[2]) for r in rotation)
-    jib_x, jib_y = jib_x + np.float32(sight.centre_m[0]), jib_y + np.float32(sight.centre_m[1])
-    height = below + np.float32(sight.height_m)
+    jib_x, jib_y = jib_x + np.float32(rendered.centre_m[0]), jib_y + np.float32(rendered.centre_m[1])
+    height = below + np.float32(rendered.height_m)
     solid = ids == PLACE
-    if sight.water_m is not None:
-        solid &= height > sight.water_m + WAVES_M
-    return Surface(*_anchored(sight, jib_x, jib_y, ids), jib_x, jib_y, height, up, solid)
+    if rendered.water_m is not None:
+        solid &= height > rendered.water_m + WAVES_M
+    return Surface(*_anchored(rendered, jib_x, jib_y, ids), jib_x, jib_y, height, up, solid)
 
 
-def _anchored(sight: Sight, x: Picture, y: Picture, ids: NDArray[np.uint8]) -> tuple[Picture, Picture]:
-    if sight.jib_from_place is None:
+def _anchored(rendered: RenderPass, x: Picture, y: Picture, ids: NDArray[np.uint8]) -> tuple[Picture, Picture]:
+    if rendered.jib_from_place is None:
         place_x, place_y = x, y
     else:
-        m = np.linalg.inv(sight.jib_from_place).astype(np.float32)
+        m = np.linalg.inv(rendered.jib_from_place).astype(np.float32)
         # The place turns about the vertical only.
         place_x, place_y = m[0, 0] * x + m[0, 1] * y + m[0, 3], m[1, 0] * x + m[1, 1] * y + m[1, 3]
     grab, place = ids == GRAB, ids == PLACE
-    gx, gy = (np.float32(v) for v in sight.grab_m[:2])
+    gx, gy = (np.float32(v) for v in rendered.grab_m[:2])
     return (
         np.where(place, place_x, np.where(grab, x - gx, x)),
         np.where(place, place_y, np.where(grab, y - gy, y)),

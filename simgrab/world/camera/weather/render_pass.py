@@ -1,4 +1,4 @@
-"""What the camera would see in clear, dry weather, and where each pixel's light comes from."""
+"""Render pass in clear, dry weather: linear light, depth and ids, with the camera's pose."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """A drawn frame in linear light.
+class RenderPass:
+    """A rendered frame in linear light.
 
     Attributes
     ----------
@@ -90,6 +90,6 @@ def ray_maps(intrinsics: Intrinsics) -> RayMaps:
     return RayMaps(*(np.ascontiguousarray(m, np.float32) for m in maps))
 
 
-def distance(sight: Sight) -> Picture:
+def distance(rendered: RenderPass) -> Picture:
     """Return the true distance of what each pixel shows, m, shape (height, width)."""
-    return cv2.multiply(sight.depth, ray_maps(sight.intrinsics).length)
+    return cv2.multiply(rendered.depth, ray_maps(rendered.intrinsics).length)
