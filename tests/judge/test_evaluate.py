@@ -31,7 +31,7 @@ from simgrab.labels import datasets
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import needs_chromium, shown
 from conftest import small_scene
-from told import Told
+from oracle import Oracle
 
 SIZE = {"camera__width_px": 640, "camera__height_px": 360,
         "camera__focal": {"model": "pixels", "focal_length_px": 548.3}}  # fmt: skip
@@ -59,7 +59,7 @@ def measured(folder, out, *, of="data", **errors):
 
         table = pq.read_table(folder / "swing.parquet").to_pylist()
         rows = tuple(rows[row["frame"]] for row in table)
-    return run(folder / of, camera, out, Pipeline(Told(list(rows), **errors), Reader()), Options(video=False))
+    return run(folder / of, camera, out, Pipeline(Oracle(list(rows), **errors), Reader()), Options(video=False))
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
         truths.of(dataclasses.replace(clean, names=("elsewhere.jpg",) * 60), swinging / "data")
     with pytest.raises(DatasetError, match="not the truth table"):
         truths.of(clean, tmp_path / "none.mp4")
-    with pytest.raises(RunError, match=r"it has no images/train/000005.jpg"):
+    with pytest.raises(RunError, match=r"images/train/000005.jpg is missing"):
         truths.of(clean, dataset)
     with pytest.raises(RunError, match="its labels differ"):
         truths.of(dataclasses.replace(clean, about=clean.about | {"labels_sha256": "of another"}), swinging / "data")
@@ -322,7 +322,7 @@ def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory
     data = tmp_path_factory.mktemp("iid") / "data"
     render(small_scene(frames=12, display__layout="two-by-four", **SIZE), data)
     rows = list(datasets.read(data).rows)
-    made = run(data, data / "camera.toml", tmp_path / "out", Pipeline(Told(rows), Reader()), Options(video=False))
+    made = run(data, data / "camera.toml", tmp_path / "out", Pipeline(Oracle(rows), Reader()), Options(video=False))
     found = evaluate(made, data)
     assert made.time is None
     assert found["alarm"] is None

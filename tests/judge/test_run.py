@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging
 from browser import needs_chromium, shown
 from films import film, picture
-from told import Told
+from oracle import Oracle
 
 SIZE = (640, 360)
 
@@ -68,7 +68,7 @@ def truth_of(path):
 @pytest.fixture(scope="module")
 def found(clip, tmp_path_factory):
     out = tmp_path_factory.mktemp("run") / "run"
-    instrument = Pipeline(Told(truth_of(clip), noise_px=0.5, miss=15), Reader())
+    instrument = Pipeline(Oracle(truth_of(clip), noise_px=0.5, miss=15), Reader())
     return run(clip, clip.with_suffix(".camera.toml"), out, instrument), out
 
 
@@ -130,14 +130,14 @@ def test_published_stands_beside_measured(found):
 
 
 def test_a_live_run_writes_the_same_files(clip, tmp_path):
-    instrument = Pipeline(Told(truth_of(clip)), Reader(), tilt=None)
+    instrument = Pipeline(Oracle(truth_of(clip)), Reader(), tilt=None)
     live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "live", instrument, Options(live=True))
     assert all(m.status in ("refused", "lost") for m in live.measurements)  # five seconds are no warm-up
     assert live.about["tilt"] is None
     assert 0 < live.about["speed"]["latency_median_s"] <= live.about["speed"]["latency_p99_s"]
-    whole = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "whole", Pipeline(Told(truth_of(clip)), Reader()))
+    whole = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "whole", Pipeline(Oracle(truth_of(clip)), Reader()))
     tilt = load_tilt(tmp_path / "whole" / "tilt.toml")
-    given = Pipeline(Told(truth_of(clip)), Reader(), tilt=tilt)
+    given = Pipeline(Oracle(truth_of(clip)), Reader(), tilt=tilt)
     live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "given", given, Options(live=True))
     np.testing.assert_allclose(live.alpha, whole.alpha, atol=1e-6)
     assert (tmp_path / "given" / "annotated.mp4").exists()
@@ -167,7 +167,7 @@ def test_clips_that_show_nothing_give_a_run_with_reasons(tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
     assert not (tmp_path / "out" / "tilt.toml").exists()
     grey = film(tmp_path / "grey.mp4", np.arange(5) / 9, (1920, 1080))
-    result = run(grey, camera, tmp_path / "grey", Pipeline(Told(list(_rows_in_the_middle())), Reader()))
+    result = run(grey, camera, tmp_path / "grey", Pipeline(Oracle(list(_rows_in_the_middle())), Reader()))
     assert {m.status for m in result.measurements} == {"unread"}
     assert "no digits where the layout has the display" in {m.reason for m in result.measurements}
 
@@ -462,7 +462,7 @@ def test_the_page_keeps_to_itself(alarmed):
 def test_the_command_line(clip, tmp_path, monkeypatch):
     from simgrab.instrument import pipeline
 
-    monkeypatch.setattr(pipeline, "opened", lambda _: Told(truth_of(clip)))
+    monkeypatch.setattr(pipeline, "opened", lambda _: Oracle(truth_of(clip)))
     out = tmp_path / "out"
     said = CliRunner().invoke(cli, ["run", str(clip), "--out", str(out), "--no-video", "--calibrate", "3s"])
     assert said.exit_code == 0, said.output

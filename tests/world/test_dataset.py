@@ -185,7 +185,7 @@ class Stopping:
 def test_foreign_folders_are_refused(scene, tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter1.tex").write_text("…")
-    with pytest.raises(DatasetError, match="something else"):
+    with pytest.raises(DatasetError, match="something other than"):
         render(scene, tmp_path / "thesis")
     with pytest.raises(DatasetError, match="not a folder"):
         render(scene, tmp_path / "thesis" / "chapter1.tex")

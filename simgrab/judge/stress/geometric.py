@@ -75,16 +75,16 @@ def _seen(situation: Situation, draws: Draws, motion: Motion, prefix: str = "") 
     rotation = _rotation(situation, draws, motion, prefix)
     offset = rotation_z(situation.attitude.azimuth) @ np.array(situation.offset) + situation.told.offset_m
     centre = grab_centre(motion.alpha, motion.azimuth, motion.rope)
-    sight = situation.sight
+    observation = situation.observation
     pixels = situation.lens.project(to_camera(centre, rotation, offset))
-    if sight.box_centre:
+    if observation.box_centre:
         yaw = _MOST_YAW * (2 * draws.uniform(f"{prefix}yaw") - 1)
         pose = grab_rotation(motion.alpha, motion.azimuth, yaw)
         low, high = np.full_like(pixels, np.inf), np.full_like(pixels, -np.inf)
         for way in _WAYS * _GRAB_M:
             corner = situation.lens.project(to_camera(centre + pose @ way, rotation, offset))
             low, high = np.minimum(low, corner), np.maximum(high, corner)
-        pixels = pixels + sight.box_centre * ((low + high) / 2 - pixels)
+        pixels = pixels + observation.box_centre * ((low + high) / 2 - pixels)
     return _noisy(situation, draws, pixels, prefix)
 
 
@@ -106,31 +106,31 @@ def _rotation(situation: Situation, draws: Draws, motion: Motion, prefix: str) -
 
 
 def _noisy(situation: Situation, draws: Draws, pixels: Array, prefix: str) -> Array:
-    sight = situation.sight
-    if sight.noise_px:
-        pixels = pixels + sight.noise_px * draws.normal(f"{prefix}noise", 2).swapaxes(1, 2)
-    if sight.heavy_px:
+    observation = situation.observation
+    if observation.noise_px:
+        pixels = pixels + observation.noise_px * draws.normal(f"{prefix}noise", 2).swapaxes(1, 2)
+    if observation.heavy_px:
         heavy = draws.of(f"{prefix}noise.heavy", lambda rng: rng.standard_t(3, (draws.frames, 2)))
-        pixels = pixels + sight.heavy_px * heavy
-    if sight.slow_px:
+        pixels = pixels + observation.heavy_px * heavy
+    if observation.slow_px:
         keep = 0.0 if prefix else math.exp(-1 / (_SLOW_S * situation.rate_hz))
-        pixels = pixels + sight.slow_px * draws.wandering(f"{prefix}noise.slow", keep).swapaxes(1, 2)
-    if sight.outliers and not prefix:  # what an alarm makes of the wrong thing is another question
+        pixels = pixels + observation.slow_px * draws.wandering(f"{prefix}noise.slow", keep).swapaxes(1, 2)
+    if observation.outliers and not prefix:  # what an alarm makes of the wrong thing is another question
         k = situation.lens
         anywhere = np.stack([k.width_px * draws.uniform("outlier.u"), k.height_px * draws.uniform("outlier.v")], -1)
-        pixels = np.where((draws.uniform("outlier") < sight.outliers)[..., None], anywhere, pixels)
+        pixels = np.where((draws.uniform("outlier") < observation.outliers)[..., None], anywhere, pixels)
     return pixels
 
 
 def _missed(situation: Situation, draws: Draws, motion: Motion, pixels: Array) -> Array:
-    sight = situation.sight
+    observation = situation.observation
     gone = np.zeros(motion.alpha.shape, bool)
-    if sight.missing:
-        gone |= draws.uniform("missing") < sight.missing
-    if sight.missing_far:
-        hazard = -math.log(1 - sight.missing_far) * motion.alpha / PROBE_ALPHA
+    if observation.missing:
+        gone |= draws.uniform("missing") < observation.missing
+    if observation.missing_far:
+        hazard = -math.log(1 - observation.missing_far) * motion.alpha / PROBE_ALPHA
         gone |= draws.uniform("missing.far") < -np.expm1(-hazard)
-    if sight.bounded:
+    if observation.bounded:
         k = situation.lens
         inside = (pixels >= 0) & (pixels < (k.width_px, k.height_px))
         gone |= ~inside.all(axis=-1)

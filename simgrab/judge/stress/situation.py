@@ -114,8 +114,8 @@ class Rope:
 
 
 @dataclass(frozen=True)
-class Sight:
-    """How pixels are found.
+class Observation:
+    """Errors of the observed pixels.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class Situation:
     offset : tuple of 3 floats
         Camera centre minus rope exit along and across the tilt and up, m, beyond what is told.
     rope : Rope
-    sight : Sight
+    observation : Observation
     told : Calibration
         What the estimators get.
     """
@@ -172,7 +172,7 @@ class Situation:
     lens: Intrinsics
     offset: tuple[float, float, float]
     rope: Rope
-    sight: Sight
+    observation: Observation
     told: Calibration
 
     @staticmethod
@@ -195,7 +195,7 @@ class Situation:
             lens=camera.intrinsics,
             offset=(0.0, 0.0, 0.0),
             rope=Rope(low, high),
-            sight=Sight(),
+            observation=Observation(),
             told=_told(camera),
         )
 

@@ -147,7 +147,7 @@ def test_a_folder_of_another_study_is_left_alone(tmp_path):
     assert (tmp_path / "focal" / TRIALS).read_bytes() == before
     (tmp_path / "lean-along").mkdir()
     (tmp_path / "lean-along" / "letter.txt").write_text("mine")
-    with pytest.raises(StressError, match="something else"):
+    with pytest.raises(StressError, match="something other than"):
         laboratory.run([small("lean-along", (0.0,), replications=2, n=20)], tmp_path)
 
 
