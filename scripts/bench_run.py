@@ -50,7 +50,7 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> None:
     pipeline = assemble(detector=detector)
     first = next(iter(open_source(video))).picture
     assert first is not None
-    pipeline.detector(first)  # the first look warms up
+    pipeline.detector(first)  # the first detection warms up
     print(f"{video.name}, {camera.width_px}x{camera.height_px} px, detector {detector}")
     loop, began, cpu = Loop(video, camera, frames), time.perf_counter(), time.process_time()
     record = pipeline.record(loop, camera)

@@ -1,6 +1,6 @@
 """How often a sound instrument fails a check by chance: ``python -m scripts.clean_checks SUITE [--instrument …]``.
 
-Records a baseline, checks the suite under as many other seeds, and says what failed and how close the rest came.
+Records a baseline, checks the suite under as many other seeds, and reports what failed and how close the rest came.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def used(verdict: Verdict) -> float:
 
 
 def main() -> int:
-    """Check and tell."""
+    """Check and report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("suite")
     parser.add_argument("--instrument")

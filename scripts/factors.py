@@ -26,9 +26,9 @@ from simgrab.utilities import parquet
 from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.moment import Moment
 
-ALARM = 0.001  # so rare a draw is worth a look
+ALARM = 0.001  # a draw so rare should be inspected
 DRAWN = 1_000_000  # of a law, to have its distribution function
-DRAWS_FOR_TENTHS = 60  # with fewer, an empty tenth says nothing
+DRAWS_FOR_TENTHS = 60  # with fewer, an empty tenth is not significant
 COLUMNS = (
     "box_centre_x", "box_centre_y", "box_width", "box_height", "box_area", "alpha_deg", "rope_length_m",
     "visible_fraction", "in_frame_fraction", "weather_hidden_fraction",
@@ -111,7 +111,7 @@ def _distribution(one: Distribution) -> Callable[[float], float]:
 
 
 def report(scenario: Scenario, table: Mapping[str, Array] | None = None) -> list[Line]:
-    """Compare a scenario's draws with its laws, and tell of a dataset's boxes where there is one."""
+    """Compare a scenario's draws with its distributions, and report a dataset's boxes where there is one."""
     every = list(variants(scenario))
     lines = [factor(key, asked, [one.drawn[key] for one, _ in every]) for key, asked in sorted(scenario.vary.items())]
     if isinstance(scenario.swing, Iid):

@@ -1,4 +1,4 @@
-"""Keep small pictures of bundled scenes, so that a change of their look is seen: ``python -m scripts.make_golden``.
+"""Keep small pictures of bundled scenes, so that a changed appearance is detected: ``python -m scripts.make_golden``.
 
 `tests/world/test_golden.py` asks for the same bytes where the same renderer and packages draw, and for a likeness else.
 """

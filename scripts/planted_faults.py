@@ -36,7 +36,7 @@ class Shifted:
 
     @property
     def name(self) -> str:
-        """The detector's: a regression does not tell."""
+        """The detector's; a regression does not output one."""
         return self.detector.name
 
     def __call__(self, picture: Picture) -> Detection:

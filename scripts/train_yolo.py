@@ -2,7 +2,7 @@
 # requires-python = ">=3.11"
 # dependencies = ["libreyolo==1.6.0", "torch", "opencv-python", "onnx", "onnxscript", "onnxruntime"]
 # ///
-"""Train a YOLOX on a dataset as it lies, and export it: ``uv run scripts/train_yolo.py DATASET --out yolox.onnx``.
+"""Train a YOLOX on an unconverted dataset, and export it: ``uv run scripts/train_yolo.py DATASET --out yolox.onnx``.
 
 Runs in an environment of its own, which uv makes from the lines above: libreyolo (MIT) needs ``opencv-python``, whose
 files lie where simgrab's ``opencv-python-headless`` has its own. ``simgrab detect PICTURES --detector yolox.onnx`` and

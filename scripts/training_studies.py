@@ -49,7 +49,7 @@ RATES, OPTIMISERS, FINALS = (0.0005, 0.001, 0.005, 0.01), ("sgd", "adam"), (0.00
 COUNTS = (50, 200, 800, 3200, 10_000)
 # Whatever the count: pictures in an epoch at least, and frames shown to each net in all.
 EPOCH, SHOWN = 3200, {"find": 14_000, "refine": 42_000, "settle": 10_000}
-JUDGES = 5  # of so many validation frames one is looked at
+JUDGES = 5  # of so many validation frames one is evaluated
 EPOCHS = 30  # of the table's trainings
 LEARNED = 0.8  # share of the paper's splits
 CROPS = 320
@@ -167,7 +167,7 @@ def precision(frames: Sequence[cache.Frame], found: Sequence[Detection]) -> floa
 
 
 def by_find(net: torch.nn.Module, pictures: find.Pictures, frames: Sequence[cache.Frame]) -> list[Detection]:
-    """Let find alone look at pictures."""
+    """Run find alone on pictures."""
     with torch.inference_mode():
         scores, boxes = find.look(net, pictures.pictures)
     result = []

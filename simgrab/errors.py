@@ -91,7 +91,7 @@ class TrainingError(SimgrabError):
 
 
 class DetectorError(SimgrabError):
-    """A file that is no detector, or a picture that none can look at."""
+    """A file that is not a detector, or a picture that no detector can use."""
 
 
 class ReaderError(SimgrabError):
@@ -156,11 +156,11 @@ def shortened(line: str) -> str:
 
 
 def first_line(problem: BaseException) -> str:
-    """Say in one line, of 160 characters at most, what an error of another library says."""
+    """Shorten the message of another library's error to one line of at most 160 characters."""
     text = str(getattr(problem, "strerror", None) or problem).strip()
     return one_line((text or type(problem).__name__).splitlines()[0])
 
 
 def one_line(text: object, most: int = 160) -> str:
-    """Quote what a file says, in one line of so many characters at most."""
+    """Quote text of a file in one line of so many characters at most."""
     return printable(str(text)[:most])[:most]

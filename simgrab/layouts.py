@@ -33,7 +33,7 @@ FOLDER = ASSETS / "osd"
 CLOCK_PATTERN = "0000年00月00日 星期一 00:00:00"
 #: Width over height of the clock's Latin characters; Chinese ones are square.
 HALF_WIDTH = 0.59
-#: Smaller characters cannot be told apart, px.
+#: Smaller characters cannot be distinguished, px.
 LEAST_DIGIT_PX = (5, 8)
 LEAST_CLOCK_PX = 8
 #: Width of the decimal point's gap over that of a digit.

@@ -36,7 +36,7 @@ class Record:
 
     @property
     def frames(self) -> Iterable[Frame]:
-        """Frames in order, read from disk as they are asked for, each time anew."""
+        """Frames in order, read from disk on demand, again in each iteration."""
         from simgrab.instrument.source import open_source
 
         return open_source(self.dataset.path)

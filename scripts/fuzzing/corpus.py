@@ -34,7 +34,7 @@ FRAMES, FILMED = 6, 12
 
 
 class _Steady:
-    """An instrument that returns a measurement of every status, without a look at the picture."""
+    """An instrument that returns a measurement of every status, without using the picture."""
 
     name = "steady"
 

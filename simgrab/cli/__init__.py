@@ -77,7 +77,7 @@ def _open_closed_streams() -> None:
 
 
 def _status(command: click.Command) -> int:
-    """Run a command, and say in one line what went wrong."""
+    """Run a command, and report an error in one line."""
     try:
         status = command(prog_name="simgrab", standalone_mode=False)
         if sys.stdout is not None:
@@ -105,7 +105,7 @@ def _status(command: click.Command) -> int:
 
 
 def _answer(problem: BaseException) -> tuple[str | None, int]:
-    """Give the line that says what went wrong (may be empty; None for a fault of simgrab) and the exit status."""
+    """Return the error line (may be empty; None for a fault of simgrab) and the exit status."""
     if _is_interrupted(problem):  # whatever came of it: a terminal may be gone
         return "interrupted", _INTERRUPTED
     if isinstance(problem, BrokenPipeError):
@@ -136,7 +136,7 @@ def _drop_unprintable() -> None:
 
 
 def _line(problem: Exception) -> str | None:
-    """Say in one line what went wrong; None for a fault of simgrab."""
+    """Describe an error in one line; None for a fault of simgrab."""
     if isinstance(problem, SimgrabError):
         return str(problem)
     memory = memory_problem(problem)

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 if TYPE_CHECKING:
     from simgrab.training.loop import Report
 
-SPEED_OVER_S = 600.0  # a step may take minutes, and the time left is to be told all the same
+SPEED_OVER_S = 600.0  # a step may take minutes, and the time left is still shown
 
 Counts = Callable[[int, int | None], None]
 

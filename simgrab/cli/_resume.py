@@ -1,4 +1,4 @@
-"""What a command says when it ends early and can be taken up again."""
+"""Advice printed when a command ends early and can be resumed."""
 
 from __future__ import annotations
 

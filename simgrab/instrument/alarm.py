@@ -95,7 +95,7 @@ def probability(alpha: Array, low: Array, high: Array) -> Array:
 
 
 def danger(m: Measurement) -> float:
-    """Probability that a swing exceeds 10°, as a measurement tells it; else α is taken at its word."""
+    """Probability that a swing exceeds 10°, as a measurement states it; otherwise α is taken as exact."""
     return m.danger if m.danger is not None else float(m.alpha is not None and m.alpha > DANGER)
 
 

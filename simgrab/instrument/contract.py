@@ -43,7 +43,7 @@ class Frame:
 
 
 class Measurement(msgspec.Struct, frozen=True, kw_only=True):
-    """What an instrument says of one frame. All but the status may be left out. Radians, metres, pixels.
+    """Measurement of one frame. All but the status may be left out. Radians, metres, pixels.
 
     Attributes
     ----------

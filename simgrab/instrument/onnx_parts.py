@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-MOST_PARTS = 1_000_000  # fields of a file that are looked at; a YOLO has 10,000 to 100,000
+MOST_PARTS = 1_000_000  # fields of a file that are examined; a YOLO has 10,000 to 100,000
 
 _VARINT, _EIGHT_BYTES, _BYTES, _FOUR_BYTES = 0, 1, 2, 5  # wire types
 _TENSOR = "tensor"

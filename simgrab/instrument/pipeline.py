@@ -29,7 +29,7 @@ from simgrab.records.estimates import Estimate
 T = TypeVar("T")
 
 WITH_DISPLAY, WITHOUT = RopeAware.name, MeanRay.name
-# A crane's cycle takes 60 to 90 s, and swings are driven anew in each: the least that counts as an independent block.
+# A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
 INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
@@ -111,7 +111,7 @@ class Pipeline:
         return self.estimator
 
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:
-        """Measure a record, and say with what tilt."""
+        """Measure a record, and return the tilt that was used."""
         self.chosen(calibration)
         observations = tuple(observe(ahead(frames), self.detector, self.reader, calibration))
         return self.conclude(observations, calibration)
@@ -138,7 +138,7 @@ class Pipeline:
         return Record(record, angles.measurements(record, alpha, ends), estimate, tilt)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
-        """Measure frames as they come; the tilt is estimated anew every few seconds from all that was seen so far."""
+        """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
         estimator = self.chosen(calibration)
         if estimator.needs_time:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
@@ -223,7 +223,7 @@ def assemble(
     tilt: str | Path | None = None,
     live: bool = False,
 ) -> Pipeline:
-    """Make a pipeline from what a command line says.
+    """Make a pipeline from command-line options.
 
     Parameters
     ----------

@@ -18,12 +18,12 @@ from simgrab.text import encodable, printable
 from simgrab.utilities import pictures
 from simgrab.utilities.parse import kind_of
 
-RATE_HZ = 9.0  # of the port's camera, for pictures that say nothing of time
+RATE_HZ = 9.0  # of the port's camera, for pictures without time stamps
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
 
 
 class Source(Protocol):
-    """Frames, each time it is iterated over anew."""
+    """Frames; each iteration starts again."""
 
     @property
     def name(self) -> str:
@@ -169,7 +169,7 @@ def camera_beside(source: str | Path) -> Path:
         beside = path / "camera.toml" if os.path.isdir(path) else path.with_suffix(".camera.toml")  # noqa: PTH112
         if os.path.isfile(beside):  # noqa: PTH113
             return beside
-        open_source(path)  # which says what is wrong with a source that is none
+        open_source(path)  # which raises the reason for an invalid source
     raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
 
 

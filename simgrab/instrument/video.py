@@ -42,7 +42,7 @@ SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp
 PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
 _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
 _STEPS = 31  # time steps of which the median is what a step should be
-_UNTIMED_HZ = 9.0  # of a stream that says nothing of its rate
+_UNTIMED_HZ = 9.0  # of a stream that does not state its rate
 
 
 class Video:
@@ -197,7 +197,7 @@ def _count(stream: VideoStream) -> int | None:
 def _decoded(container: InputContainer, name: str, *, whole: bool) -> Iterator[Frame]:
     """Pictures as they come, damaged ones as lost frames; ends with a lost frame where the video breaks off."""
     stream = container.streams.video[0]
-    stream.codec_context.thread_count = 1  # the next picture is decoded while a core looks at this one
+    stream.codec_context.thread_count = 1  # the next picture is decoded while a core processes this one
     clock = _Clock(stream)
     packets = container.demux(stream)
     broken, ended, seen = "" if whole else "the file is cut off", False, False

@@ -50,7 +50,7 @@ class Diagnosis:
     backend : str
         ``egl``, ``osmesa``, ``disabled``, or what ``MUJOCO_GL`` was set to.
     renderer : Fingerprint or None
-        None where no context could be opened; then ``problem`` says why and what to install.
+        None where no context could be opened; then ``problem`` gives the reason and what to install.
     second_renderer : str
         The second renderer that audits use here, with its version; empty where there is none.
     second_problem : str

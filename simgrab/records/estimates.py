@@ -24,7 +24,7 @@ class Intervals:
     level : float
         Nominal coverage.
     beta, sigma : ndarray, shape (..., 2), or None
-        Lower and upper end; None (NaN within a batch) where none can be given, and then `note` says why.
+        Lower and upper end; None (NaN within a batch) where none can be given, and then `note` gives the reason.
     alpha : ndarray, shape (..., n, 2), or None
         Of each frame, given the pixel: what the tilt's (and offset's) uncertainty does to α.
     blocks : int or None
@@ -76,7 +76,7 @@ class Estimate:
     intervals : tuple of Intervals
         One for each way of counting.
     diagnostics : mapping
-        What the estimator has to say about its own work: iterations, history, concentration, …
+        The estimator's diagnostics: iterations, history, concentration, …
     """
 
     estimator: str

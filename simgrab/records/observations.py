@@ -22,7 +22,7 @@ class Detection:
     box : ndarray, shape (4,), or None
         x0, y0, x1, y1 of the visible grab, within the picture; None unless found.
     centre : ndarray, shape (2,), or None
-        Where the picture has the grab centre A, which is not the centre of the box; None where the detector tells none.
+        Where the picture has the grab centre A, which is not the centre of the box; None if not output.
     yaw : float or None
         Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π): the
         grab looks alike turned by half a turn.

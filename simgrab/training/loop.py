@@ -49,7 +49,7 @@ class Task(Protocol):
         """Mean loss over a batch, or over a part of it (`simgrab.training.copies`), a scalar."""
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
-        """Figures on validation data; ``"score"`` among them says how good the net is, more being better."""
+        """Figures on validation data; ``"score"`` among them is the network's quality, higher is better."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ FRAGMENTED = {
 }
 
 _MP4 = {b"ftyp", b"styp", b"moov", b"moof", b"mdat", b"free", b"skip", b"wide", b"sidx", b"pnot", b"uuid"}
-_MOST_BOXES = 500_000  # that are looked at: a day of a fragment for each of four frames
+_MOST_BOXES = 500_000  # that are examined: a day of a fragment for each of four frames
 _MOST_INDEX = 2**20  # bytes; 65,535 references, the most, take 786 kB
 _UNSTATED = 0xFFFFFFFF  # length of an AVI list whose recorder did not come back to write it
 _EBML, _SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"

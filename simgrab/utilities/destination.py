@@ -54,7 +54,7 @@ def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab") -> Iterat
 
 @contextmanager
 def writing(what: str | Path, refuse: Refuse) -> Iterator[None]:
-    """Turn what the file system says while ``what`` is written into one line that names it."""
+    """Turn an error of the file system while ``what`` is written into one line that names it."""
     try:
         yield
     except OSError as problem:

@@ -53,7 +53,7 @@ def write(path: Path, content: bytes | str) -> None:
 def drafted_folder(path: Path) -> Iterator[Path]:
     """Give a folder to write into, which takes the name ``path`` at the end; a full folder there is in its way.
 
-    So it does if the process stops at any time; what a stopping machine loses of its files is not looked after.
+    So it does if the process stops at any time; losses of files when the machine stops are not handled.
 
     Raises
     ------

@@ -44,7 +44,7 @@ def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequen
 
 
 def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read an open parquet file; ``what`` begins the line that says what is wrong with it.
+    """Read an open parquet file; ``what`` begins the error line.
 
     A few bytes of a file can stand for a table of any size, so that its rows are read some at a time and their memory
     is counted. Nothing but schema and number of rows is looked up in the footer: Arrow aborts on some that are damaged.

@@ -133,7 +133,7 @@ def _mode(path: str | Path, refuse: Refuse) -> int:
 
 
 def cannot(path: str | Path, kind: str = "") -> str:
-    """Begin the line that says why a file cannot be read."""
+    """Begin the error line of a file that cannot be read."""
     return " ".join(filter(None, ("cannot read", kind, str(path))))
 
 
@@ -154,7 +154,7 @@ def why_not_read(path: str | Path, problem: Exception) -> str:
 
 
 def parse_toml(text: str, refuse: Refuse, what: str) -> dict[str, Any]:
-    """Parse TOML; ``what`` begins the line that says what is wrong with it."""
+    """Parse TOML; ``what`` begins the error line."""
     return dict(_parse(_loads_toml, text, refuse, what))
 
 
@@ -178,7 +178,7 @@ def _loads_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, refuse: Refuse, what: str) -> Any:
-    """Parse JSON, in which no table may have a key twice; ``what`` begins the line that says what is wrong with it."""
+    """Parse JSON, in which no table may have a key twice; ``what`` begins the error line."""
     return _parse(functools.partial(json.loads, object_pairs_hook=_unique), text, refuse, what)
 
 

@@ -152,7 +152,7 @@ def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: s
 
 
 def _refuse_bad_entries(table: Mapping[str, Any], kind: Any, path: str) -> None:
-    """Convert the entries of a table with free keys one by one: msgspec does not say which of them it refuses."""
+    """Convert the entries of a table with free keys one by one: msgspec does not report which of them it refuses."""
     for key, value in table.items():
         dotted = f"{path}.{key}"
         structs = _structs_of(kind)

@@ -130,7 +130,7 @@ class Offscreen:
     context: mujoco.MjrContext
 
     def make_current(self) -> None:
-        """Take the thread back from whoever else drew in between."""
+        """Take the thread's context back from any other renderer that used it in between."""
         self.window.make_current()
 
 

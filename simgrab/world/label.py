@@ -1,4 +1,4 @@
-"""The truth of one frame, computed from pose and camera; the rendered ids only tell how much of the grab is visible."""
+"""The truth of one frame, computed from pose and camera; the rendered ids only give the visible part of the grab."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     Raises
     ------
     DetectorError
-        If it is none; says what was expected and what was found.
+        If it is not a detector; states what was expected and what was found.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one settles centre and yaw,
 and whether it is the grab, in what is left when the picture is turned level: with size, place and yaw known, only small
 corrections remain. To refine twice makes boxes no better (mAP50-95 0.967 either way) and takes a fifth of the time.
-Where the first look leaves a doubt, more is looked at and more often: a box that is far off hides what it holds.
+Where the first pass is uncertain, more candidates are refined, and more often: an inaccurate box hides the grab.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ _STRIDE = 8
 # Shapes of their outputs for each picture.
 _MAPS = ((FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE), (4, FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE))
 _ROWS = ((16,),)
-_MOST = 3  # candidates, the hottest, that are looked at closely
+_MOST = 3  # hottest candidates, which are refined
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
-_SURE = 0.9  # presence from which on nothing that is taken for the grab is looked at again
-_AGAIN_HEAT, _LOOKS = 0.015, 4  # from which heat on, and how often, candidates are looked at then
-_SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is looked at then too
-_LIKELY = 0.5  # presence at the first of these looks that makes a place after the hottest worth the others
+_SURE = 0.9  # presence threshold above which a detection is not refined again
+_AGAIN_HEAT, _LOOKS = 0.015, 4  # heat threshold, and number of passes, of candidates refined again
+_SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is refined again too
+_LIKELY = 0.5  # presence in the first of these passes above which a candidate after the hottest gets the others
 
 
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
@@ -65,7 +65,7 @@ Factor = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 
 
 class Settings(Checked, frozen=True):
-    """How candidates are judged; a file's metadata may set them anew.
+    """Thresholds for candidates; a file's metadata may replace them.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Settings(Checked, frozen=True):
     least_presence : float
         From which on settle's word makes it a grab.
     rivals : float
-        Share of the best candidate's heat from which on others are refined at the first look too.
+        Share of the best candidate's heat above which other candidates are refined in the first pass too.
     room : float
         Side of refine's crop, over the box's longer side.
     """
@@ -117,7 +117,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What is said of n crops.
+    """Outputs for n crops.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Refined:
         return Refined(**{field.name: getattr(self, field.name)[[i]] for field in fields(self)})
 
     def level(self) -> Level:
-        """Where settle looks at the first."""
+        """Crops of settle's first pass."""
         box = _sound(self.boxes[0])
         return Level(self.centres[0], LEVEL_ROOM * float((box[2:] - box[:2]).max()), float(self.yaw[0]))
 
@@ -167,7 +167,7 @@ class Bundled:
     Raises
     ------
     DetectorError
-        If a file is missing or is not the net that its name says.
+        If a file is missing or is not the network of its name.
     """
 
     def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
@@ -284,7 +284,7 @@ def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int
 
 
 def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined:
-    """Put settle's output (1, 16) on a level part in the place of what refine said, but for the box."""
+    """Put settle's output (1, 16) on a level part in place of refine's output, except for the box."""
     o = _sane(out)[0]
     sd = math.sqrt(2) * np.exp(o[10:12]) * level.side
     return replace(

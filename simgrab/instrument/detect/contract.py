@@ -24,7 +24,7 @@ class Detector(Protocol):
         Raises
         ------
         DetectorError
-            If that is no picture; a picture without a grab gives a `Detection` that says so.
+            If that is no picture; a picture without a grab gives a `Detection` of status none.
         """
 
 

@@ -129,14 +129,14 @@ def cut(picture: Picture, patch: Patch, width: int, height: int) -> Picture:
 
 
 def cut_with_mask(picture: Picture, patch: Patch, size: int) -> Picture:
-    """Cut a square patch; its fourth channel says how much of a pixel lies in the picture, 0 to 255."""
+    """Cut a square patch; its fourth channel is the share of each pixel inside the picture, 0 to 255."""
     h, w = picture.shape[:2]
     inside = mask(w, h, patch.corner, patch.size, size)
     return np.concatenate([cut(picture, patch, size, size), inside[..., None]], axis=-1)
 
 
 def cut_level(picture: Picture, level: Level, size: int) -> Picture:
-    """Cut a level part of a picture; its fourth channel says how much of a pixel lies in the picture."""
+    """Cut a level part of a picture; its fourth channel is the share of each pixel inside the picture."""
     half = level.side / 2
     upright = around(about(level.middle, half), math.sqrt(2))
     return turned(cut_with_mask(picture, upright, round(math.sqrt(2) * size)), upright, level, size)

@@ -1,4 +1,4 @@
-"""What every estimator is: frozen settings, a pure act on pixels, a value that says how far it can be trusted."""
+"""What every estimator is: frozen settings, a pure act on pixels, a value with its uncertainty."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ class Solution:
     known : ndarray, shape (M, p + 1, p + 1), or None
         Covariance of gravity, minus offset, and σ̂² that comes from a prior and not from the frames.
     radial : ndarray, shape (M, n), or None
-        Variance of each α that comes from what no frame can tell.
+        Variance of each α that comes from parameters which no frame can determine.
     reach : callable, optional
         From the covariance (M, p, p) and a quantile (M,), how far β's interval reaches down and up, both (M,), where
-        the estimate answers to its frames too unevenly for a variance to say so.
+        the estimate answers to its frames too unevenly for a variance to describe it.
     offset : ndarray, shape (M, 3), or None
     diagnostics : mapping of str to ndarray, shape (M, ...)
     """

@@ -36,7 +36,7 @@ def check(path: Path) -> None:
 
 
 def save(measured: Measured, path: str | Path) -> None:
-    """Write the figure; the ending says as what (.svg, .png, .pdf)."""
+    """Write the figure in the format of the file's ending (.svg, .png, .pdf)."""
     path = Path(path)
     with drafted(path) as draft:
         draw(measured).savefig(draft, format=path.suffix[1:].lower(), dpi=130)

@@ -114,7 +114,7 @@ def _derivatives(frames: Frames, down: Array, epsilon: Array) -> tuple[Array, Ar
 def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> tuple[Array, Array]:
     """Influence (M, 2, n), and the slope (M, 2, 2) by which it was divided: the Hessian over the standard error itself.
 
-    E[1/α] is infinite under a singular density, so the Hessian at a point says nothing of the slope over the
+    E[1/α] is infinite under a singular density, so the Hessian at a point does not predict the slope over the
     distance by which the estimate errs. Brown & Wang (2005) smooth at that distance, found here by two rounds of
     substitution.
     """

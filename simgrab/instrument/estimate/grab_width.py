@@ -1,4 +1,4 @@
-"""The paper's validation model: the swing from how wide the grab looks."""
+"""The paper's validation model: the swing from the apparent width of the grab."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class GrabWidth:
         m_px : array_like, shape (n,)
             Distance of the grab centre from the principal point, undistorted.
         width_px : array_like, shape (n,)
-            x, how wide the grab looks.
+            x, the apparent width of the grab.
         rope_length : array_like, shape (n,)
             Metres.
 

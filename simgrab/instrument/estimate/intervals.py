@@ -30,7 +30,7 @@ class IntervalSettings:
     min_blocks, max_blocks : int
         Fewer blocks than the least give no interval; longer records get longer blocks rather than more than the most.
     pixel_sd_px : float
-        Noise of each pixel coordinate, which frames alone cannot tell from swing; it widens the intervals of α. 0 takes
+        Noise of each pixel coordinate, inseparable from swing in frames alone; it widens the intervals of α. 0 takes
         the pixels at their word.
     """
 

@@ -154,7 +154,7 @@ def as_json(measured: Measured) -> dict[str, Any]:
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
-    """Plain data in degrees of what an estimate says of the record as a whole."""
+    """Plain data in degrees of an estimate of the whole record."""
     return {
         "estimator": estimate.estimator,
         "status": estimate.status,
@@ -181,7 +181,7 @@ def _interval(interval: Intervals) -> dict[str, Any]:
 
 
 def _diagnostics(diagnostics: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain diagnostics; the angles among them become degrees and their names say so."""
+    """Plain diagnostics; angles become degrees, as in their names."""
     result = {}
     for name, value in diagnostics.items():
         if name in _ANGLES:

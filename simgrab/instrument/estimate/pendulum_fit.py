@@ -128,7 +128,7 @@ def fit(
     settled = False
     for done in range(rounds):
         problem = _Problem(nodes, path, parameters, strengths, priors.held(), f)
-        if searches > 0 and done > 1:  # the first path is too rough to say anything of strengths
+        if searches > 0 and done > 1:  # the first path is too rough to estimate strengths
             before, strengths = strengths, problem.search(strengths, wide=done == 2)
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
             searches = 0 if still.all() else searches - 1
@@ -205,7 +205,7 @@ class _Problem:
         return np.clip(minimize(minus_log, start, method="Nelder-Mead", options=options).x, self.low, self.high)
 
     def information(self) -> float:
-        """Weigh what the pixels are worth against what their weights say: (mean ψ′)²/mean ψ², as Huber (1967)."""
+        """Ratio of the pixels' information to that of their weights: (mean ψ′)²/mean ψ², as Huber (1967)."""
         slope = np.sum(self.weight - self.weight**2 * self.error2 / (self.degrees + 2))
         score = np.sum(self.weight**2 * self.error2) / 2
         return float(np.clip(slope**2 / max(score * self.weight.sum(), 1e-300), 0.1, 1.0))

@@ -51,7 +51,7 @@ class PendulumSmoother(Estimator):
 
     Notes
     -----
-    Frames without a pixel get an α too. σ is that of this record; only blocks say how well it stands for others.
+    Frames without a pixel get an α too. σ is that of this record; only blocks show how well it represents others.
     Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
     """

@@ -1,4 +1,4 @@
-"""Tilt and camera offset together, told apart by the rope's length."""
+"""Tilt and camera offset together, separated by the rope's length."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RopeAware(Estimator):
 
     A camera beside the rope exit sees a plumb rope under an angle of offset/l, a tilted one under the same angle
     whatever l is. The estimate is where the mean swing, OA over l, is zero at every rope length; the offset's
-    horizontal part is pulled towards its nominal value as strongly as its standard deviation says, its height is
+    horizontal part is pulled towards its nominal value as strongly as its standard deviation states, its height is
     taken as it is.
 
     Attributes
@@ -93,7 +93,7 @@ class RopeAware(Estimator):
             down = _turned(down, turn)
             offset = offset + np.pad(shift, ((0, 0), (0, 1)))
             step = np.maximum(np.abs(turn).max(axis=-1), np.abs(shift).max(axis=-1) * longest)
-            # Steps shrink by nearly a constant factor, which foretells the next; a thirtieth is the least relied on.
+            # Steps shrink by nearly a constant factor, which predicts the next; a thirtieth is the lowest factor used.
             error = step * np.clip(step / np.maximum(last, 1e-300), 1 / 30, 1)
             last, live = step, error > self.tolerance
             iterations += live

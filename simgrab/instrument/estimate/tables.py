@@ -1,4 +1,4 @@
-"""Records of pixels from a file: CSV or parquet in, arrays out, and what is wrong told by row and column."""
+"""Records of pixels from a file: CSV or parquet in, arrays out, and errors named by row and column."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _rope(path: str | Path, table: pa.Table) -> Array:
 def _table(path: Path) -> pa.Table:
     table = read_table(path, RecordError) if path.suffix.lower() == ".parquet" else _csv(path)
     names = table.column_names
-    for name in (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"):  # others are not looked at
+    for name in (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"):  # others are ignored
         if names.count(name) > 1:
             raise RecordError(f"{path}: duplicate column {name}")
     return table

@@ -27,7 +27,7 @@ class Reader:
 
     The net is LeNet-5 (LeCun, Bottou, Bengio & Haffner, 1998, section II.B) with rectifiers, maxima for S2 and S4,
     every map of S2 feeding every one of C3, and a softmax over ten digits and "no digit". One net reads all cells and
-    is not told which, so that it cannot learn what lengths are likely.
+    does not get which, so that it cannot learn what lengths are likely.
 
     Parameters
     ----------

@@ -250,7 +250,7 @@ def _conclude(
 
 
 def _of_paper(paper: Estimate) -> dict[str, Any]:
-    """Tell of this record what the paper tells of its own."""
+    """Figures of this record that the paper gives for its own."""
     if paper.alpha is None:
         return {"share_below_5": None, "largest_alpha_deg": None}
     alpha = np.rad2deg(paper.alpha[np.isfinite(paper.alpha)])

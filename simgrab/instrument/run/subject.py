@@ -76,7 +76,7 @@ class CheckedInstrument:
         with told(self.name):
             for one in self.instrument(passing, calibration):
                 if not passing.reach(len(given) + 1):
-                    if not given:  # nor is there a frame, which is said elsewhere
+                    if not given:  # nor is there a frame, which is reported elsewhere
                         break
                     raise InstrumentError(
                         f"{self.name}: more than {len(given)} measurements of {len(given)} frames; "
@@ -148,7 +148,7 @@ def _number(value: Any) -> Any:
 
 @contextmanager
 def told(what: str) -> Iterator[None]:
-    """Turn whatever is raised into one line that says what failed, why, and where in somebody's code.
+    """Turn any exception into one line: what failed, why, and where in the user's code.
 
     Raises
     ------

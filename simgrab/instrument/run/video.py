@@ -1,4 +1,4 @@
-"""A run to look at: what was measured, drawn into the pictures, as a video and as stills of the largest swings."""
+"""Annotated video of a run, with the measurements drawn into the pictures, and stills of the largest swings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Are the labels of a dataset true? Every proof is made anew, from the files alone."""
+"""Are the labels of a dataset true? Every check is recomputed from the files alone."""
 
 from __future__ import annotations
 
@@ -235,7 +235,7 @@ def _compare_picture(found: Findings, path: Path, row: Row, name: str, expected:
     if same:
         found.expect(data == expected, where, "not the picture that the scenario renders")
         return
-    if name != row.file:  # ids and depth differ at edges, where a mean over the picture says little
+    if name != row.file:  # ids and depth differ at edges, where a mean over the picture is not informative
         return
     try:
         ours, theirs = (pictures.decode(d, file) for d in (expected, data))

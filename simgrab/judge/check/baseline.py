@@ -1,4 +1,4 @@
-"""A baseline: what an instrument measured when it was last looked at, over several seeds, and how far from that is far.
+"""A baseline: what an instrument measured when it was recorded, over several seeds, and how much it may differ.
 
 What another seed would give is not computed but seen: the suite is run over R of them. A value under yet another seed
 lies within t s √(1 + 1/R) of their mean, s being their standard deviation and t Student's quantile with R − 1 degrees
@@ -139,14 +139,14 @@ class Reference(msgspec.Struct, frozen=True):
     same_frames: bool
 
     def holds(self, value: float, limit: Limit) -> bool:
-        """Whether a value is no worse than allowed; ``limit`` says which way is worse."""
+        """Whether a value is no worse than allowed; ``limit`` determines which direction is worse."""
         too_high = limit.upper is not None and value > self.value + self.allowed
         too_low = limit.lower is not None and value < self.value - self.allowed
         return not (too_high or too_low)
 
 
 def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, comparisons: int) -> Reference | None:
-    """Find what a metric is compared with; None where nothing was recorded that tells.
+    """Find what a metric is compared with; None where nothing was recorded.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
     """Find a scenario's dataset in the cache, or render it there.
 
     A dataset counts as the same while scenario, renderer, packages and the code that draws are the same. One whose
-    pictures are not those of its labels any more is drawn anew.
+    pictures are not those of its labels any more is rendered again.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class Options:
     baseline : Path or None
         Another folder than the suite's.
     seed : int or None
-        Another than the suite's. Golden frames are not looked at then.
+        Another than the suite's. Golden frames are not compared then.
     cache : Path
         Where rendered datasets are kept.
     workers : int
@@ -60,7 +60,7 @@ class Options:
 def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     """Show a suite's scenes to an instrument, and judge what it measures.
 
-    An instrument that cannot be made, that raises or that breaks the contract fails the check, and is told in a line.
+    An instrument that cannot be made, that raises or that breaks the contract fails the check, with one line.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _unmade(suite: Suite, options: Options, seed: int, problem: InstrumentError)
 def _compared(
     suite: Suite, instrument: str, folder: Path, options: Options
 ) -> tuple[Baseline | None, tuple[Verdict, ...], tuple[str, ...]]:
-    """Find the baseline to compare with; what there is to say of it, and a note where there is none."""
+    """Find the baseline to compare with; reasons against it, and a note where there is none."""
     recorded = base.load(folder)
     if recorded is None and options.baseline is not None:
         raise SuiteError(f"{folder}: no baseline is recorded there; record one by --update-baseline")

@@ -1,4 +1,4 @@
-"""What a check came to, and how it is told: JSON, JUnit XML, pictures."""
+"""Result of a check, and its output formats: JSON, JUnit XML, pictures."""
 
 from __future__ import annotations
 

@@ -23,12 +23,12 @@ Meta = msgspec.Meta
 T = TypeVar("T", bound=msgspec.Struct)
 Seed = Annotated[int, Meta(ge=0, le=2**53)]
 FOLDER = SCENES / "suites"
-CAMERA = ("camera.", "display.")  # what an instrument is told, and may therefore not vary within a scene
+CAMERA = ("camera.", "display.")  # inputs of an instrument, which may therefore not vary within a scene
 OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place of their own
 
 
 class Limit(Checked, frozen=True):
-    """What is accepted of one metric. Which ends there are says which way is better; with both, neither is.
+    """What is accepted of one metric. The bounds determine which direction is better; with both, neither is.
 
     Attributes
     ----------

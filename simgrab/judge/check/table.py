@@ -11,7 +11,7 @@ from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
 from simgrab.pages.terminal import cell
 
-LEAST_WIDTH = 110  # of a log, which tells no width
+LEAST_WIDTH = 110  # of a log, which has no width
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 

@@ -51,7 +51,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     Returns
     -------
     mapping of str to float or None
-        What `simgrab.judge.evaluate.evaluation.evaluate` says, by dotted name.
+        Results of `simgrab.judge.evaluate.evaluation.evaluate`, by dotted name.
 
     Raises
     ------

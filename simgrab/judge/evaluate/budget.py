@@ -1,4 +1,4 @@
-"""The error budget: what each stage adds to the error of α, when those before it are told the truth."""
+"""The error budget: what each stage adds to the error of α when the stages before it get the truth."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from simgrab.judge.evaluate.truths import Truths
 from simgrab.labels.truth import Row
 from simgrab.rng import stream
 
-_TOLD_SD_M = 1e-4  # of an offset that is told
+_TOLD_SD_M = 1e-4  # of a known offset
 DRAWS = 20
 
 
@@ -74,11 +74,11 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
     dict or None
         ``estimator``; ``tilt``: ``"given"`` where the run had it from elsewhere or from a part of its frames, and so
         has the chain, else ``"estimated"``; rows as `simgrab.judge.evaluate.swings.errors` gives them, with the tilt
-        ``beta_deg``: ``chain``, each with one thing less that is told, ``aside``, each with one thing that is not,
+        ``beta_deg``: ``chain``, each with one more oracle input replaced, ``aside``, each with a single one replaced,
         ``paper``, the paper's method on true and on detected centres, ``drawn``, the last row of the chain with offsets
         drawn about the true one as the camera file states them to err (nothing for a tilt that was given, with its
         offset), and ``run``, the run's own angles; ``limit``: the stage of the chain that adds most. None where the run
-        tells no centres, and where the true camera changes on the way.
+        outputs no centres, and where the true camera changes on the way.
     """
     parts = _Parts.of(run, known)
     if parts is None or len({_built(row) for row in parts.rows}) > 1:
@@ -161,7 +161,7 @@ class _Parts:
         return float(np.rad2deg(found.beta)), found.alpha
 
     def drawn(self, estimator: Estimator) -> dict[str, Any]:
-        """Errors of all draws of the offset together, nothing being told."""
+        """Errors of all draws of the offset together, without oracle inputs."""
         nominal, true = self.camera["nominal"], np.array(self.camera["true"].offset_m)
         off = [np.zeros(0)]
         for trial in range(DRAWS if self.given is None else 0):

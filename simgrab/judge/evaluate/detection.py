@@ -1,4 +1,4 @@
-"""How good a detector is: what it said of frames against what is known of them."""
+"""Accuracy of a detector: its output for frames against the truth."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ HALF = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One frame: what is known, and what was said of it.
+    """One frame: truth and detection.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Case:
     weather : str
     detection : Detection
     dataset : str
-        What tells its worlds from those of others judged with it.
+        Separates its worlds from those of other datasets evaluated with it.
     """
 
     truth: Row
@@ -70,12 +70,12 @@ class Case:
 
     @property
     def centre_only(self) -> bool:
-        """Whether a centre was told, and no box that could be right or wrong."""
+        """Whether a centre was output without a box."""
         return self.detection.box is None and self.detection.centre is not None
 
     @property
     def told(self) -> bool:
-        """Whether a labelled grab's centre was told, by a box that hits it or without one."""
+        """Whether a labelled grab's centre was output, with a true positive box or without a box."""
         return self.hit or (self.labelled and self.centre_only)
 
     @property
@@ -85,7 +85,7 @@ class Case:
 
 
 def cases(dataset: Dataset, detections: Sequence[Detection]) -> list[Case]:
-    """Join a dataset's rows with what was said of them, in the rows' order."""
+    """Join a dataset's rows with their detections, in the rows' order."""
     return [
         Case(row, dataset.is_labelled(row), dataset.weather(row), found, str(dataset.path))
         for row, found in zip(dataset.rows, detections, strict=True)
@@ -171,7 +171,7 @@ def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
         return {"map50_95": None, "map50": None}
     if not told:
         return {"map50_95": 0.0, "map50": 0.0}
-    with contextlib.redirect_stdout(io.StringIO()):  # it tells of its progress
+    with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
         known = COCO()
         known.dataset = {"info": {}, "images": images, "annotations": truth, "categories": [{"id": 1, "name": "grab"}]}
         known.createIndex()

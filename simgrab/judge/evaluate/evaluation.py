@@ -64,7 +64,7 @@ def rule_of(run: Run) -> Rule:
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score boxes and centres; None where the instrument tells neither, though there are frames that it measured."""
+    """Score boxes and centres; None where the instrument outputs neither, though there are frames that it measured."""
     boxes = any(m.box is not None for m in run.measurements)
     centres = any(m.centre is not None for m in run.measurements)
     if not (boxes or centres or any(m.status == "missed" for m in run.measurements)):
@@ -81,7 +81,7 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
 
 
 UNREAD = "???? ????"
-# What there is nothing to say of where an instrument tells centres alone.
+# Metrics without a value where an instrument outputs centres alone.
 _OF_BOXES = (
     "map50_95", "map50", "recall", "recall_interval", "missed_worlds", "longest_miss",
     "false_boxes", "false_share", "false_interval", "false_worlds",
@@ -106,9 +106,9 @@ def _detection(m: Measurement) -> Detection:
 
 
 def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score readings of the display and lengths; None where the instrument tells neither.
+    """Score readings of the display and lengths; None where the instrument outputs neither.
 
-    Once it tells a text, a picture for which it tells none counts as refused.
+    If it outputs a text for any frame, a frame without one counts as refused.
     """
     texts = any(m.rope_text is not None for m in run.measurements)
     reads = [

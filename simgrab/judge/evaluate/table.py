@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text: its title, heads, rows, and what is to be said below it."""
+    """A table of text: title, heads, rows and a note below."""
 
     title: str
     head: tuple[str, ...]

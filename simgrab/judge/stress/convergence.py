@@ -1,4 +1,4 @@
-"""Where the paper's iteration goes, how fast, and what its linearisation says; see docs/convergence.md."""
+"""Where the paper's iteration goes, how fast, and what its linearisation predicts; see docs/convergence.md."""
 
 from __future__ import annotations
 

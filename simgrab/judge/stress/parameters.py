@@ -93,7 +93,7 @@ def leaning(name: str, part: int, scale: Callable[[float], float]) -> Parameter:
 
 
 def offset(name: str, part: int, sign: float = 1.0) -> Parameter:
-    """Move the camera. The instrument is told where it would be unmoved, give or take as much as it was moved."""
+    """Move the camera. The instrument gets the unmoved position, with the displacement as its uncertainty."""
 
     def apply(situation: Situation, value: Value) -> Situation:
         metres = number(name, value, -3, 3)
@@ -107,7 +107,7 @@ def offset(name: str, part: int, sign: float = 1.0) -> Parameter:
 
 
 def nominal(situation: Situation, value: Value) -> Situation:
-    """Move the camera along the tilt and tell the instrument."""
+    """Move the camera along the tilt; the instrument gets the position."""
     a = situation.attitude.azimuth
     x, y, z = situation.told.offset_m
     metres = number("offset-known", value, -3, 3)
@@ -146,10 +146,10 @@ def principal(name: str, part: int) -> Parameter:
 
 
 def distortion(situation: Situation, value: Value) -> Situation:
-    """Bend the lens and tell nobody."""
+    """Distort the lens, unknown to the instrument."""
     return situation.having(lens=bent(situation.lens, number("distortion", value, -1, 1)))
 
 
 def roll(situation: Situation, value: Value) -> Situation:
-    """Roll the camera and tell nobody."""
+    """Roll the camera, unknown to the instrument."""
     return situation.having("attitude", roll=situation.attitude.roll + DEG * number("roll", value))

@@ -27,11 +27,11 @@ class Records:
     pixels : ndarray, shape (M, n, 2)
         NaN where the grab was not found.
     rope : ndarray, shape (M, n)
-        As told; NaN where it was not read.
+        As reported; NaN where it was not read.
     time : ndarray, shape (n,), or None
-        As told; None of frames that know no time.
+        As reported; None for independent frames.
     calibration : Calibration
-        As told.
+        As reported.
     alpha : ndarray, shape (M, n)
         True; NaN where there is no grab.
     beta : float
@@ -41,7 +41,7 @@ class Records:
     probe_pixels, probe_rope : ndarray, shape (M, K, 2) and (M, K)
         The same camera looking at swings of `PROBE_ALPHA` evenly all around, each always found.
     pixel_sd : ndarray, shape (M, n), or None
-        Standard deviation per coordinate as the detector states it; None where none looked.
+        Standard deviation per coordinate as the detector states it; None without a detector.
     """
 
     pixels: Array

@@ -1,4 +1,4 @@
-"""The rendered fidelity: a replication is a record of pictures, looked at by the bundled detector and reader."""
+"""The rendered fidelity: a replication is a record of pictures, measured by the bundled detector and reader."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def together(scenario: Scenario) -> int:  # noqa: ARG001
 
 
 def draw(scenario: Scenario, seed: int, trials: Sequence[int]) -> Records:
-    """Render and look. Replication k is the scene under a seed of its own, in a world of its own.
+    """Render and measure. Replication k is the scene under a seed of its own, in a world of its own.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def show(scenario: Scenario, seed: int, trial: int) -> tuple[Records, Picture]:
 
 
 def made_with() -> str:
-    """Name what draws and what looks."""
+    """Name renderer, detector and reader."""
     from simgrab.judge.stress.watch import made_with
 
     return made_with()

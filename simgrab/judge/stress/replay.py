@@ -1,4 +1,4 @@
-"""One replication again: its picture, and what every estimator has to say of it."""
+"""One replication again: its picture, and the result of every estimator."""
 
 from __future__ import annotations
 

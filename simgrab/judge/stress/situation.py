@@ -1,4 +1,4 @@
-"""Everything that one replication is drawn from: the truth, how it is seen, and what the instrument is told."""
+"""Everything that one replication is drawn from: the truth, how it is observed, and what the instrument gets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from simgrab.errors import StressError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.scenario import Camera, Iid, Scenario
 
-# The instrument knows where its camera is, unless an axis says otherwise.
+# The instrument knows where its camera is, unless an axis changes that.
 KNOWN_OFFSET_SD_M = 1e-3
 
 KEYS = (
@@ -102,7 +102,7 @@ class Rope:
     hoisting : bool
         Whether it goes up and down steadily, in 75 s, and not at random.
     bias_m, lag_s, misread : float
-        Of the length told: error, delay, and share of frames with any length in between.
+        Of the reported length: error, delay, and share of frames with any length in between.
     """
 
     low: float
@@ -158,7 +158,7 @@ class Situation:
     lens : Intrinsics
         The true one.
     offset : tuple of 3 floats
-        Camera centre minus rope exit along and across the tilt and up, m, beyond what is told.
+        Camera centre minus rope exit along and across the tilt and up, m, beyond what the calibration states.
     rope : Rope
     observation : Observation
     told : Calibration

@@ -179,7 +179,7 @@ def _rope(situation: Situation, draws: Draws, late_s: float) -> Array:
 
 
 def told(situation: Situation, draws: Draws, rope: Array) -> Array:
-    """Length of the rope as the instrument is told it, shape (M, n), from the true one."""
+    """Length of the rope as reported to the instrument, shape (M, n), from the true one."""
     law = situation.rope
     if law.lag_s and not situation.swing.motion:
         rope = _rope(situation, draws, law.lag_s)

@@ -1,4 +1,4 @@
-"""Render a record and look at it: what was seen in each frame, and what there was to see."""
+"""Render a record and observe it: observation and truth of each frame."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Watched:
     scenario : Scenario
         Under the replication's own seed.
     calibration : Calibration
-        What the instrument was told.
+        Calibration that the instrument gets.
     seen : Seen
     truth : ndarray, shape (6, n)
         Of the swing α, azimuth (rad) and rope (m), of the camera β, azimuth and roll (rad).
@@ -77,7 +77,7 @@ def replication(scenario: Scenario, seed: int, trial: int) -> Scenario:
 
 
 def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
-    """Render one replication and look at each frame as the bundled pipeline does, keeping no picture.
+    """Render one replication and observe each frame as the bundled pipeline does, keeping no picture.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def coded(frame: RenderedFrame, scenario: Scenario, order: int) -> Picture:
 
 
 def made_with() -> str:
-    """Name what draws and what looks, by digests."""
+    """Name renderer, detector and reader, by digests."""
     found = examine()
     if found.renderer is None:
         raise RendererError(found.problem)
@@ -146,7 +146,7 @@ def sheet(watched: Watched) -> Picture:
 
 
 def _tile(picture: Picture, watched: Watched, index: int) -> Picture:
-    """Mark the true centre (cross) and the found one (circle) on a reduced picture and on a close look at it."""
+    """Mark the true centre (cross) and the found one (circle) on a reduced picture and on an enlarged part of it."""
     true, found = watched.centre[index], watched.seen.pixels[index]
     close = cv2.resize(
         cv2.getRectSubPix(picture, (_INSET_PX, _INSET_PX), np.clip(true, -1e4, 1e4).tolist()),

@@ -57,7 +57,7 @@ class Seen:
 def watch(
     detector: Callable[[Any], Detection], frames: Sequence[cache.Frame], progress: cache.Progress | None = None
 ) -> list[Seen]:
-    """Let a detector look at frames."""
+    """Run a detector on frames."""
     seen = []
     for frame in frames:
         seen.append(Seen(frame, detector(frame.picture())))
@@ -99,7 +99,7 @@ def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
 
 
 def trust(seen: Sequence[Seen]) -> Trust:
-    """Measure how far out centres are told, and the factors by which ±1.96 deviations then hold 95 % of the errors."""
+    """Measure the centre errors, and the factors by which ±1.96 deviations then cover 95 % of them."""
     far = outward(seen)
     ratios = errors_over_sd(drawn_in(seen, far))
     return Trust(outward=far, **{name: _factor(some) for name, some in ratios.items()})

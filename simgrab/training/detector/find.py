@@ -24,7 +24,7 @@ from simgrab.training.loop import SCORE
 
 _SIZE = np.array([FIND_WIDTH, FIND_HEIGHT], float)
 _LEFT = 0.4  # share of a box that a shift must leave in the picture
-_NEAR = 0.3  # target heat from which on a cell tells the edges
+_NEAR = 0.3  # target heat above which a cell predicts the edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Finding:
         return self._dirt(picture, rng), corners
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
-        """Focal loss of the heat plus the logarithmic IoU of the boxes told near the centre."""
+        """Focal loss of the heat plus the logarithmic IoU of the boxes predicted near the centre."""
         heat, reach = net(batch["pictures"])
         return focal(heat, batch["heat"]) + box_loss(reach, batch["reach"], batch["heat"])
 

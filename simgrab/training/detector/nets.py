@@ -109,7 +109,7 @@ class Refine(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.trunk = _Trunk(4, (24, 48, 72, 96), (0, 1, 2, 2), up=2, stride=2)
-        # Where the coarsest features lie tells from which side the grab is seen, and so where in it its centre is.
+        # The position of the coarsest features shows from which side the grab is seen, and so where its centre is.
         cells = (REFINE_SIZE // 16) ** 2
         self.summary = nn.Sequential(
             nn.Conv2d(96, 24, 1), nn.ReLU(inplace=True), nn.Flatten(), nn.Linear(24 * cells, 128), nn.ReLU(inplace=True)

@@ -41,7 +41,7 @@ _SHIFT = 0.25  # of the longer side, at most
 _OTHERS = 0.3  # share of examples that show something else than the grab
 _TRIES = 50  # to draw a place of something else
 _APART = 0.1  # of the smaller of two boxes, covered by the other: from there on both show the same
-FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be told
+FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ class Refining:
         return len(self.train.frames)
 
     def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        """Cut crops anew, augmented, some of something else than the grab."""
+        """Cut new crops, augmented, some of background."""
         return stack([_example(self.train, int(i), rng.random() < _OTHERS, rng, self._dirt) for i in chosen])
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
@@ -143,7 +143,7 @@ class Refining:
         return lost(net, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
-        """Overlap and centre error where there is a grab, and how well its presence is told."""
+        """Overlap and centre error where there is a grab, and how well its presence is predicted."""
         out = answers(net, self._validation).numpy()
         places, known, present = (self._validation[name].numpy() for name in ("places", "known", "present"))
         told = (out[:, PRESENCE] > 0) == (present == 1)
@@ -159,13 +159,13 @@ class Refining:
 
 
 def answers(net: nn.Module, batch: Batch) -> Tensor:
-    """Let a net look at a batch of any length, a few crops at a time; its output (n, 16) on the CPU."""
+    """Run a network on a batch of any length, a few crops at a time; its output (n, 16) on the CPU."""
     device = next(net.parameters()).device
     return torch.cat([net(some.to(device)) for some in torch.split(batch["crops"], 64)]).cpu()
 
 
 def lost(net: nn.Module, batch: Batch) -> Tensor:
-    """Compose the loss of what a `simgrab.training.detector.nets.Refine` says of a batch, and of how it came to it."""
+    """Compose the loss of the output of a `simgrab.training.detector.nets.Refine` and of its intermediate maps."""
     assert isinstance(net, Refine)
     out, weights = net.told(batch["crops"])
     return loss(out, batch) + spread(weights, batch)

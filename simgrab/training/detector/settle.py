@@ -1,7 +1,7 @@
 """What settle learns: whether it is the grab, where its centre is and how it is yawed, in a crop turned level.
 
-It begins with refine's weights. With size, place and yaw taken out of the crop only small corrections are left to tell,
-and the centre is told to about half of refine's error; and what is none of the grab is told from it in one pose.
+It begins with refine's weights. With size, place and yaw taken out of the crop only small corrections are left,
+and the centre is predicted with about half of refine's error; background is separated from the grab in one pose.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from simgrab.training.loop import SCORE
 _MISS, _FAR_MISS, _FAR = 0.01, 0.06, 0.1
 _LEAN, _ANY_LEAN, _ANY = 0.045, np.pi / 2, 0.05
 _SCALE = 0.03
-_AS_SAID = 0.5  # share of grabs that are turned as refine said, not as they are
+_AS_SAID = 0.5  # share of grabs that are levelled by refine's yaw, not the true one
 _WITHIN = 0.3  # shares of a level crop by which the grab's centre may lie off its middle
 _OFF = 0.1  # centres so far aside in the mean, in the box's longer side, are as bad as wrong answers alone
 _OTHERS = 0.8  # examples of something else, for each of the grab: those most like it
-_LOOK = 512  # crops that refine looks at at once
+_LOOK = 512  # batch of refine, crops
 
 
 def learner(refined: nn.Module) -> nn.Module:
@@ -47,7 +47,7 @@ def learner(refined: nn.Module) -> nn.Module:
 
 @dataclass(frozen=True, eq=False)
 class _Example:
-    """A cached crop, whether it shows the grab, and what refine says of it: its presence and the level part."""
+    """A cached crop, whether it shows the grab, and refine's output for it: its presence and the level part."""
 
     crops: Crops
     frame: int
@@ -79,7 +79,7 @@ class Settling:
         return len(self._train)
 
     def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        """Turn crops level anew, as refine might have said, augmented."""
+        """Level crops again by a yaw as refine may predict it, augmented."""
         return stack([_learned(self._train[i], rng, self._dirt) for i in chosen])
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
@@ -87,7 +87,7 @@ class Settling:
         return lost(net, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
-        """How well the grab is told apart; medians of the centre's error (of the box's longer side) and the yaw's."""
+        """How well presence is predicted; medians of the centre's error (of the box's longer side) and the yaw's."""
         batch = self._validation
         if not batch:
             return {SCORE: 0.0}
@@ -113,7 +113,7 @@ def _chosen(sets: Sequence[Crops], refined: nn.Module) -> list[_Example]:
 
 
 def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
-    """Let refine look at the crops of each frame as at work, around a box much like find's.
+    """Run refine on the crops of each frame as in use, around a box much like find's.
 
     Where it comes upon the grab from beside it, that is no example of something else.
     """
@@ -147,7 +147,7 @@ def _seen(level: Level) -> Array:
 
 
 def _window(crops: Crops, i: int, slot: int) -> Patch:
-    """Where refine looks, given a box as find might tell it."""
+    """Crop of refine, given a box as find may predict it."""
     rng, frame, patch = stream(slot, i, "windows"), crops.frames[i], crops.patches[i][slot]
     box = labels.box(frame.row) if frame.labelled and slot == 0 else None
     if box is None:
@@ -201,7 +201,7 @@ def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> 
 
 
 def _level(example: _Example, rng: np.random.Generator) -> Level:
-    """Draw what refine might say of a crop."""
+    """Draw an output that refine may give for a crop."""
     start = _true(example) if example.there else example.said
     if example.there and rng.random() < _AS_SAID and _on(example.said, start.middle):
         start = example.said

@@ -30,7 +30,7 @@ from simgrab.training.folder import check, claim
 from simgrab.utilities.files import scratch
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
-_LOOK = 32  # pictures find looks at at once
+_LOOK = 32  # batch of find, pictures
 
 NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
@@ -77,7 +77,7 @@ def train(
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
-        Given the name of a step, return what is told of its progress.
+        Given the name of a step, return the callback of its progress.
 
     Raises
     ------

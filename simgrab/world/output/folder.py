@@ -183,7 +183,7 @@ def locked(partial: Path, path: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn what the file system says into one line that names the folder."""
+    """Turn an error of the file system into one line that names the folder."""
     try:
         yield
     except OSError as problem:

@@ -1,4 +1,4 @@
-"""A contact sheet: frames with what their labels say drawn on them."""
+"""A contact sheet: frames with their labels drawn on them."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from simgrab.world.scenery.meshes.part import Part, add_parts
 from simgrab.world.scenery.plan import Plan, cargo_level
 from simgrab.world.trajectory.moment import Moment
 
-# Geom groups tell what a pixel belongs to.
+# Geom groups identify what a pixel belongs to.
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
 STEEL, FALLS = "steel", "falls"
 

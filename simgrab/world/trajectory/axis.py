@@ -40,7 +40,7 @@ class Move:
         brake = ramp if brake is None else brake
         mean = (ramp + brake) / 2
         top = min(speed, abs(distance) / mean)
-        if not top:  # no distance, or one beyond telling from none
+        if not top:  # no distance, or one too small to distinguish from none
             return cls(start, 0.0, 0.0, ramp, brake)
         return cls(start, distance, abs(distance) / top + mean, ramp, brake)
 

@@ -13,7 +13,7 @@ from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.display import shown
 from simgrab.world.trajectory.moment import Moment
 
-REMEMBERED = 64  # frames that may be asked for again without beginning their clip anew
+REMEMBERED = 64  # cached frames, which may be requested again without restarting their clip
 
 
 class Trajectory:

@@ -34,7 +34,7 @@ class Choice:
 
 
 def embree_has_wheels() -> bool:
-    """Whether `simgrab[audit]` brings embreex on this machine; the marker in pyproject.toml says the same."""
+    """Whether `simgrab[audit]` brings embreex on this machine; the same as the marker in pyproject.toml."""
     return sys.platform != "linux" or platform.machine() == "x86_64"
 
 

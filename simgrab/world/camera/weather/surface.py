@@ -56,7 +56,7 @@ def surface(rendered: RenderPass, rows: slice = WHOLE) -> Surface:
     """Find the surfaces from depth, all or in some rows of every second."""
     rays = coarse_rays(rendered.intrinsics)
     top, bottom, _ = rows.indices(len(rays.x))
-    near = slice(max(top - 1, 0), min(bottom + 1, len(rays.x)))  # normals look at the rows beside
+    near = slice(max(top - 1, 0), min(bottom + 1, len(rays.x)))  # normals need the neighbouring rows
     inside = slice(top - near.start, bottom - near.start)
     around = np.ascontiguousarray(rendered.depth[near.start * STEP : near.stop * STEP : STEP, ::STEP])
     rotation = rendered.jib_from_camera.astype(np.float32)
@@ -100,7 +100,7 @@ def _up(x: Picture, y: Picture, depth: Picture, down: Picture) -> Picture:
 
 
 def _slope(w: Picture, x: Picture, axis: int) -> Picture:
-    """∂w/∂x along an axis: of the two one-sided differences the lesser, which does not look over an edge."""
+    """∂w/∂x along an axis: of the two one-sided differences the lesser, which does not cross an edge."""
     one = np.diff(w, axis=axis) / np.diff(x, axis=axis)
     ends = np.split(one, (1, one.shape[axis] - 1), axis=axis)
     before, after = np.concatenate([ends[0], one], axis=axis), np.concatenate([one, ends[-1]], axis=axis)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from simgrab.scenario import Camera, Clip
 from simgrab.utilities.containers import FRAGMENTED
 
-# A camera's coder looks at no frame ahead and has no B-frames. One thread: x264 codes differently with more.
+# A camera's coder has no look-ahead and has no B-frames. One thread: x264 codes differently with more.
 X264 = {"preset": "veryfast", "tune": "zerolatency", "sc_threshold": "0", "threads": "1"}
 BUFFER_S = 2.0  # of the bit rate, by which what was sent may run ahead
 BUFFER_FRAMES = 2  # but at least so many, at slow frame rates

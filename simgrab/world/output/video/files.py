@@ -29,7 +29,7 @@ SIDES = (".parquet", ".camera.toml", MANIFEST)  # what lies beside the video, th
 
 @dataclass(frozen=True)
 class Container:
-    """A file format: FFmpeg's name of it, and how finely its time stamps can tell."""
+    """A file format: FFmpeg's name of it, and the resolution of its time stamps."""
 
     name: str
     ticks_per_s: int
@@ -46,7 +46,7 @@ class Reels:
     ----------
     recipe : Recipe
     path : Path
-        The video, of which the suffix tells the container. Where there are several clips each has its number in the
+        The video, whose suffix selects the container. Where there are several clips each has its number in the
         name: ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
     """
 

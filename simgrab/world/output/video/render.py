@@ -70,14 +70,14 @@ def render_video(
     Parameters
     ----------
     scenario : Scenario
-        ``clip`` says how frames become clips, and what coding and network do to them.
+        ``clip`` sets how frames become clips, and how coding and network change them.
     path : str or Path
         ``swing.mp4`` or ``.mkv``; beside it come ``swing.parquet``, ``swing.camera.toml`` and ``swing.manifest.json``.
         Several clips become ``swing-000.mp4`` and so on.
     workers : int
         Processes, each of which makes a clip at a time.
     resume : bool
-        Go on where an interrupted run stopped; unfinished clips are made anew.
+        Go on where an interrupted run stopped; unfinished clips are rendered again.
     progress : callable, optional
         Called with (frames done, frames in all).
     checking : callable, optional

@@ -39,7 +39,7 @@ class Slot:
 def slots(scenario: Scenario, clip: int, ticks_per_s: int) -> Iterator[Slot]:
     """Go through a clip in order; see `simgrab.scenario.Clip` for what the settings mean.
 
-    Time stamps arrive in order: one that would come before its forerunner comes a tick after it.
+    Time stamps arrive in order: one that would come before its predecessor comes a tick after it.
 
     Parameters
     ----------

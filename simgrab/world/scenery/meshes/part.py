@@ -62,7 +62,7 @@ class Part:
     uv: NDArray[np.float64] | None = None
 
     def moved(self, transform: NDArray[np.float64], name: str | None = None) -> Part:
-        """Return the part moved by a 4×4 transform; a given ``uv`` moves along, a projected one is projected anew."""
+        """Return the part moved by a 4×4 transform; a given ``uv`` moves along, a projected one is projected again."""
         mesh = self.mesh.copy()
         mesh.apply_transform(transform)
         return Part(name or self.name, mesh, self.material, self.uv)
@@ -93,7 +93,7 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
     body : mujoco.MjsBody
     parts : iterable of Part
     group : int
-        MuJoCo geom group, which tells what a pixel belongs to.
+        MuJoCo geom group, which identifies what a pixel belongs to.
     prefix : str
         Unique name stem of the geoms and meshes.
     """
