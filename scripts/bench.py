@@ -36,8 +36,8 @@ from simgrab.world.trajectory.clip import ClipMotion
 def render(pairs: int, memory_frames: int) -> None:
     """Print the time of a finished labelled frame over that of a bare ``mujoco.Renderer``, and how memory grows.
 
-    The bare one draws rgb and segmentation of the same posed model, at the same size and through the same camera, and
-    writes nothing; simgrab draws, labels, encodes and writes.
+    The bare one renders rgb and segmentation of the same posed model, at the same size and through the same camera, and
+    writes nothing; simgrab renders, labels, encodes and writes.
     """
     scenario = scenes.load("quay-day", {"camera.beta_deg": 5.0, "frames": max(pairs, memory_frames)})
     with tempfile.TemporaryDirectory() as temporary, FrameGenerator(scenario) as generator:
@@ -140,7 +140,7 @@ def motion() -> None:
 
 
 def world(repeats: int = 7) -> None:
-    """Print what night, weather, optics and display cost a 1080p frame, once it is drawn."""
+    """Print what night, weather, optics and display cost a 1080p frame, once it is rendered."""
     print(f"milliseconds a frame, median of {repeats} frames after 2 that warm up")
     for name in ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare"):
         with FrameGenerator(scenes.load(name)) as generator:

@@ -34,7 +34,7 @@ def estimate() -> None:
 
 
 def _record(records: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (M, n, 2), rope (n,) and time (n,): a tenth of a degree of slow swing, or the paper's law."""
+    """Pixels (M, n, 2), rope (n,) and time (n,): a tenth of a degree of slow swing, or the paper's distribution."""
     time_s = np.arange(n) / 9.0
     rope = 20 + 4 * np.cos(2 * np.pi * time_s / 75)
     pixels, _ = draw(0, "bench", records, n, beta=np.deg2rad(5), sigma=np.deg2rad(2), h=1644.82)

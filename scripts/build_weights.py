@@ -72,7 +72,7 @@ READER = Source("digits", "digits", {}, 2400, 960, 0)
 
 def rendered(sources: Sequence[Source], work: Path, *, quick: bool, workers: int) -> list[Path]:
     """Render datasets, or what is missing of them."""
-    scenarios = [scenario(source, quick=quick) for source in sources]  # all of them, before hours of drawing
+    scenarios = [scenario(source, quick=quick) for source in sources]  # all of them, before hours of rendering
     out = [work / source.name for source in sources]
     for drawn, path in zip(scenarios, out, strict=True):
         with drawing(f"drawing {path.name}", shown=True) as (progress, checking):

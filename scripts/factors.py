@@ -1,7 +1,7 @@
 """Compare what a dataset, or a scene, drew with what its scenario asked for.
 
-``python -m scripts.factors DATASET_OR_SCENE [--frames N]`` prints, for each factor and each law that frames draw from,
-a p-value: chi-square for choices, Kolmogorov-Smirnov for continuous laws. It warns of gaps: values never drawn, and
+``python -m scripts.factors DATASET_OR_SCENE [--frames N]`` prints, for each factor and each distribution of frames,
+a p-value: chi-square for choices, Kolmogorov-Smirnov for continuous ones. It warns of gaps: values never drawn, and
 empty tenths of a range. A dataset's boxes and hidden shares, for which nothing was asked, are printed as tenths.
 """
 
@@ -27,7 +27,7 @@ from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.moment import Moment
 
 ALARM = 0.001  # a draw so rare should be inspected
-DRAWN = 1_000_000  # of a law, to have its distribution function
+DRAWN = 1_000_000  # of a distribution, to sample its distribution function
 DRAWS_FOR_TENTHS = 60  # with fewer, an empty tenth is not significant
 COLUMNS = (
     "box_centre_x", "box_centre_y", "box_width", "box_height", "box_area", "alpha_deg", "rope_length_m",
@@ -37,7 +37,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Line:
-    """One row of the report: what, how often drawn, p-value where there is a law, tenths or counts, and warnings."""
+    """One row of the report: what, how often drawn, p-value of a distribution, tenths or counts, and warnings."""
 
     name: str
     count: int
@@ -47,7 +47,7 @@ class Line:
 
 
 def factor(name: str, asked: Factor, drawn: Sequence[Any]) -> Line:
-    """Compare what a factor drew with its law."""
+    """Compare a factor's draws with its distribution."""
     if isinstance(asked, OneOf):
         called = [str(asked.called(i)) for i in range(len(asked.values))]
         return _choice(name, called, asked.probabilities, [str(value) for value in drawn])
@@ -55,7 +55,7 @@ def factor(name: str, asked: Factor, drawn: Sequence[Any]) -> Line:
 
 
 def law(name: str, asked: Sequence[Distribution], drawn: Sequence[float]) -> Line:
-    """Compare draws with laws, one for each: by its law's distribution function each draw is uniform."""
+    """Compare draws with distributions, one for each: its distribution function makes each draw uniform."""
     first = asked[0]
     if isinstance(first, Choice | Constant):
         choice = Choice((first.value,)) if isinstance(first, Constant) else first
@@ -122,7 +122,7 @@ def report(scenario: Scenario, table: Mapping[str, Array] | None = None) -> list
 
 
 def _swings(drawn: Sequence[tuple[Variant, Moment]]) -> list[Line]:
-    """Compare what frames drew with the laws of their variants' swing."""
+    """Compare frames' draws with the distributions of their variants' swing."""
     lines = []
     for name, value in (
         ("rope_length_m", lambda m: m.grab.rope_length),

@@ -1,6 +1,6 @@
 """Keep small pictures of bundled scenes, so that a changed appearance is detected: ``python -m scripts.make_golden``.
 
-`tests/world/test_golden.py` asks for the same bytes where the same renderer and packages draw, and for a likeness else.
+`tests/world/test_golden.py` asks for the same bytes with the same renderer and packages, and for similarity otherwise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SMALL = {
 
 
 def draw(name: str) -> tuple[NDArray[np.uint8], str]:
-    """Draw frame 0 of a scene, small; returns it with a digest of what drew it."""
+    """Render frame 0 of a scene, small; returns it with a digest of its renderer."""
     with FrameGenerator(simgrab.load(name, SMALL)) as generator:
         drawn_by = [
             generator.scene(0).renderer.fingerprint.digest,

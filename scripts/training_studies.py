@@ -78,7 +78,7 @@ OTHERS = {
     "the same in heavy snow": Record("qingdao-heavy-snow", 80, 2.0, 14),
     "another place, independent frames": Record("windy-day", 80, 1.0, 15),
 }
-# Small pictures and forty of each world, so that so many are drawn within the hour; the blur shrinks with them.
+# Small pictures and forty of each world, so that so many are rendered within the hour; the blur shrinks with them.
 WORLDS: dict[str, Any] = {
     "frames": 12_600, "seed": 16, "clip.clip_frames": 40, "image.samples": 2,
     "camera.width_px": 640, "camera.height_px": 360, "camera.focal.pixels_per_mm": PAPER_PIXELS_PER_MM / 3,
@@ -88,7 +88,7 @@ WORLDS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """Where a study works, and how it is drawn and trained."""
+    """Where a study works, and how it is rendered and trained."""
 
     work: Path
     workers: int

@@ -79,7 +79,7 @@ class PictureError(DatasetError):
 
 
 class RendererError(SimgrabError):
-    """No usable offscreen OpenGL, or a picture that the renderer did not draw whole."""
+    """No usable offscreen OpenGL, or a picture that was not rendered whole."""
 
 
 class RecordError(SimgrabError):

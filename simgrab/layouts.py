@@ -1,6 +1,6 @@
 """Digit layouts: where the on-screen display has its characters, and what its digits count.
 
-Shared by who draws the display and who reads it. Rectangles are ``x0, y0, x1, y1`` in whole pixels, half open.
+Shared by the renderer of the display and its reader. Rectangles are ``x0, y0, x1, y1`` in whole pixels, half open.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ class Layout(Checked, frozen=True):
         )
 
     def text(self, hoist_m: float, closing_m: float) -> str:
-        """Write two rope lengths as the display does: to the nearest step, and held at 0000 and 9999 beyond them.
+        """Write two rope lengths as the display does: to the nearest step, and clipped to 0000 … 9999.
 
         Examples
         --------

@@ -91,14 +91,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Refuse limits that nothing would be held against."""
+    """Refuse limits without a metric to compare."""
     if item.get_closest_marker(MARKER) and "simgrab_judge" not in getattr(item, "fixturenames", ()):
         pytest.fail(f"{MARKER} needs the fixture simgrab_judge", pytrace=False)
 
 
 @pytest.fixture(scope="session")
 def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
-    """Frames and truth of a scene, drawn once and kept between runs: ``simgrab_record("calm-day", frames=20)``."""
+    """Frames and truth of a scene, rendered once and kept between runs: ``simgrab_record("calm-day", frames=20)``."""
     from simgrab import scenes
     from simgrab.judge.check import cache
 

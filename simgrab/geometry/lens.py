@@ -26,7 +26,7 @@ class Distortion:
 
     @property
     def is_null(self) -> bool:
-        """Whether the lens draws straight lines straight."""
+        """Whether the lens maps straight lines to straight lines."""
         return not (self.k1 or self.k2 or self.p1 or self.p2 or self.k3)
 
     def apply(self, xy: ArrayLike) -> Array:

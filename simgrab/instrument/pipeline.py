@@ -190,7 +190,7 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
         while (item := waiting.popleft().result()) is not end:
             waiting.append(thread.submit(next, source, end))
             yield item  # type: ignore[misc]  # not the end, hence a T
-            del item  # a picture must not be held while the next is awaited
+            del item  # a picture must not be kept while the next is awaited
 
 
 def _time(observation: Observation) -> float:

@@ -91,7 +91,7 @@ class Extensions:
         Raises
         ------
         ScenarioError
-            If what was drawn is not valid.
+            If a drawn value is not valid.
         ExtensionError
             If the randomiser raises, or returns no mapping.
         """

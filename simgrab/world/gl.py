@@ -1,4 +1,4 @@
-"""Offscreen OpenGL: which backend MuJoCo uses, and what drew the pictures."""
+"""Offscreen OpenGL: which backend MuJoCo uses, and which renderer made the pictures."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _has_egl_device() -> bool:
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What drew the pictures. Equal fingerprints draw equal bytes; EGL and OSMesa of one Mesa build do too."""
+    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too."""
 
     renderer: str
     version: str

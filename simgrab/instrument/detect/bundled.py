@@ -274,7 +274,7 @@ def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int
     corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
     places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
     boxes = np.clip(places[:, :2], 0, [width, height])
-    sd = math.sqrt(2) * np.exp(o[:, 6:12]).reshape(-1, 3, 2) * extent[:, None]  # of a Laplace law
+    sd = math.sqrt(2) * np.exp(o[:, 6:12]).reshape(-1, 3, 2) * extent[:, None]  # of a Laplace distribution
     return Refined(
         boxes=boxes.reshape(-1, 4), centres=places[:, 2],
         box_sd=sd[:, :2].reshape(-1, 4), centre_sd=sd[:, 2],

@@ -76,7 +76,7 @@ def block_covariance(influence: Array, count: Array, block: NDArray[np.int64], b
 
 
 def student(level: float, degrees: Array | float) -> Array:
-    """Two-sided quantile of Student's law."""
+    """Two-sided quantile of Student's t distribution."""
     return np.asarray(special.stdtrit(np.maximum(degrees, 1), 0.5 + level / 2))
 
 

@@ -15,7 +15,7 @@ from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 
 @dataclass(frozen=True)
 class MeanRay(Estimator):
-    """Spherical mean of the rays: the most likely direction of a von Mises–Fisher law (Mardia & Jupp 2000, 10.3.1).
+    """Spherical mean of the rays: the most likely direction of von Mises–Fisher rays (Mardia & Jupp 2000, 10.3.1).
 
     Right whenever the swing has no preferred side. The paper's iteration is, to small angles, this mean projected on
     its 0-degree line. Diagnostics: ``kappa``, the concentration by Banerjee et al. (2005), eq. 4.4.

@@ -171,5 +171,5 @@ def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:
     width = np.minimum(spread * frames.count[:, None] ** -0.4, 1.0)
     near = (np.abs(angle) < width) * present - (np.abs(angle) > np.pi - width) * present
     density = frames.mean(near) / (2 * width[:, 0])
-    # Without a preferred side the line is not determined at all; a tenth of a uniform law's density marks that.
+    # Without a preferred side the line is not determined at all; a tenth of the uniform density marks that.
     return np.asarray(np.sign(angle) * present / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])

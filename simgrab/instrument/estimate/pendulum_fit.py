@@ -35,7 +35,7 @@ class Priors:
     ----------
     mean, sd : ndarray, shape (7,)
     degrees : float
-        Of Student's law of pixel errors.
+        Of Student's t distribution of pixel errors.
     memory_s : float
         Correlation time of the slow forcing.
     node_s, cut_s : float

@@ -26,13 +26,13 @@ class PendulumSmoother(Estimator):
 
     Unknown are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors that
     leave room for a rigid grab), fast and slow forcing, and the noise of the pixels. The strengths of the last three
-    maximise the likelihood of the record; the rest is at its posterior mode. Pixels err by Student's law, so that an
-    outlier is outvoted and not obeyed.
+    maximise the likelihood of the record; the rest is at its posterior mode. Pixel errors follow Student's t, so that
+    an outlier has little weight.
 
     Attributes
     ----------
     degrees : float
-        Of Student's law of pixel errors.
+        Of Student's t distribution of pixel errors.
     damping, damping_sd : float
         Prior of the damping ratio.
     stiffness_sd : float
@@ -184,7 +184,7 @@ class PendulumSmoother(Estimator):
         return {"reason": reason, **dict.fromkeys(names, np.nan), **empty, "rounds": self.rounds, "outliers": 0}
 
     def _blocks(self, frames: Frames, sigma: Array, alpha: Array) -> Intervals:
-        """σ as one of a law, by blocks; the tilt's uncertainty is the posterior's."""
+        """σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
         assert frames.time is not None
         level, settings = self.intervals.level, self.intervals
         block, blocks = iv.block_of(frames.time, settings)

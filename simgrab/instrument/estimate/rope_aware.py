@@ -295,5 +295,5 @@ def _along(azimuth: Array) -> Array:
 
 
 def _typical(frames: Frames, swing: Array) -> Array:
-    """Size of the swings per axis, from their median, which under Rayleigh's law is √(2 ln 2) of it."""
+    """Size of the swings per axis, from their median, which of a Rayleigh distribution is √(2 ln 2) of it."""
     return np.asarray(np.maximum(frames.median(np.sqrt(_squares(swing))), 1e-12) / np.sqrt(2 * np.log(2)))

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.records.observations import Reading
 
-ROUNDING = 1e-9  # of numbers as they are held
+ROUNDING = 1e-9  # of numbers as stored
 
 
 @dataclass(frozen=True)

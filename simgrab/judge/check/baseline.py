@@ -56,7 +56,7 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     suite, instrument : str
         Their names.
     simgrab : str
-        Version that drew and evaluated, without its last part: that changes no pixel of a bundled scene.
+        Version that rendered and evaluated, without its last part: that changes no pixel of a bundled scene.
     seeds : tuple of R int
     scenes : dict of str to Recorded
     """

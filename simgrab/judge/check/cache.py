@@ -38,7 +38,7 @@ def default() -> Path:
 def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Progress | None = None) -> Dataset:
     """Find a scenario's dataset in the cache, or render it there.
 
-    A dataset counts as the same while scenario, renderer, packages and the code that draws are the same. One whose
+    A dataset counts as the same while scenario, renderer, packages and the rendering code are the same. One whose
     pictures are not those of its labels any more is rendered again.
 
     Parameters
@@ -47,7 +47,7 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
     where : Path
         The cache.
     workers : int
-        Processes that draw.
+        Worker processes.
     progress : callable, optional
         Called with (frames done, frames in all).
 

@@ -44,9 +44,9 @@ class Options:
     cache : Path
         Where rendered datasets are kept.
     workers : int
-        Processes that draw.
+        Worker processes.
     progress : callable or None
-        Called with (what is drawn, frames done, frames in all).
+        Called with (what is rendered, frames done, frames in all).
     """
 
     instrument: Instrument | str | None = None

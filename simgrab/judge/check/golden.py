@@ -1,6 +1,6 @@
 """Golden frames: pictures that must stay as they were recorded.
 
-Where the same renderer and packages draw, their files must be the same to the byte. Elsewhere edges and texture
+With the same renderer and packages, their files must be the same to the byte. Elsewhere edges and texture
 filters differ a little everywhere, so their likeness is judged tile by tile: the least mean SSIM (Wang, Bovik, Sheikh
 & Simoncelli 2004) of 8 by 8 tiles. Over the whole picture a grab that is gone would hardly be missed. A frame of
 `calm-day` keeps 0.89 with a coarser shadow map and 0.94 without multisampling; with the grab 9 px aside it keeps

@@ -100,7 +100,7 @@ class Suite(Checked, frozen=True):
     baseline : str
         Folder of what was recorded, beside the suite and by default ``baselines/NAME``; `load` makes it a whole path.
     least_ssim : float
-        What golden frames must reach in every tile where another renderer drew them (`simgrab.judge.check.golden`).
+        What golden frames must reach in every tile with another renderer (`simgrab.judge.check.golden`).
     changes, limits : dict
         Of every scene, as in `Scene`.
     scenes : dict of str to Scene

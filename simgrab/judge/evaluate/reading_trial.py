@@ -1,4 +1,4 @@
-"""Displays of known digits over pictures that the camera has taken: how a reader is tried on more than can be drawn.
+"""Displays of known digits over pictures that the camera has taken: how a reader is tried on more than can be rendered.
 
 A video recorder lays its display over the picture after lens and sensor, and codes both together; so does
 `simgrab.world.camera.pipeline`. Rendering is slow and adding a display is fast. So a scene's

@@ -103,7 +103,7 @@ def population(beta: float, sigma: float, kurtosis: float) -> tuple[float, float
     beta, sigma : float
         Radians.
     kurtosis : float
-        E[α⁴]/E[α²]² of the law.
+        E[α⁴]/E[α²]² of the distribution.
     """
     q = (kurtosis - 3) * sigma**4 / 12
     if beta**2 < 2 * q:

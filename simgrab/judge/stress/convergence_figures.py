@@ -30,7 +30,7 @@ def grid(summary: Summary, law: Value, n: Value, column: str) -> Array:
 
 
 def draw(summary: Summary) -> Figure:
-    """Draw share converged from start 0 for each law, at the largest n, and three curves."""
+    """Draw share converged from start 0 for each distribution, at the largest n, and three curves."""
     laws, ns = values(summary, "alpha-law"), values(summary, "n")
     with rc_context({"font.size": 8.5, "svg.fonttype": "none", "axes.titlesize": 9.5}):
         figure = Figure(figsize=(11.5, 6.6), layout="constrained")

@@ -49,7 +49,7 @@ def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
 
 
 def together(situation: Situation) -> int:
-    """Say how many replications may be drawn together."""
+    """Return how many replications may be drawn together."""
     if situation.swing.motion:
         return MOST_SLOW_TRIALS
     return int(np.clip(FRAMES_AT_ONCE // situation.frames, 1, MOST_TRIALS))

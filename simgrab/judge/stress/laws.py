@@ -1,4 +1,4 @@
-"""Laws of α beside the scenario's own: heavier and lighter tails than the paper's half-normal."""
+"""Distributions of α besides the scenario's own: heavier and lighter tails than the paper's half-normal."""
 
 from __future__ import annotations
 

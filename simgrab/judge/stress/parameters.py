@@ -34,14 +34,14 @@ def number(name: str, value: Value, low: float = -math.inf, high: float = math.i
 
 
 def law(situation: Situation, value: Value) -> Situation:
-    """Give α another law."""
+    """Give α another distribution."""
     if value not in LAWS:
         raise StressError(f"alpha-law: unknown distribution {value!r}; one of: {', '.join(LAWS)}")
     return situation.having("swing", law=LAWS[str(value)])
 
 
 def student(situation: Situation, value: Value) -> Situation:
-    """Give α Student's law, the tail being 1/degrees of freedom."""
+    """Give α Student's t distribution, the tail being 1/degrees of freedom."""
     inverse = number("alpha-student", value, 0, 0.45)
     return situation.having("swing", law=Student(1 / inverse)) if inverse else situation
 

@@ -55,7 +55,7 @@ def settle(chosen: Study, point: tuple[Value, ...]) -> Scenario:
 
 
 def together(scenario: Scenario) -> int:  # noqa: ARG001
-    """Say how many replications may be drawn together: one, so that little is lost when a run is interrupted."""
+    """Return how many replications may be rendered together: one, so that an interrupted run loses little."""
     return 1
 
 

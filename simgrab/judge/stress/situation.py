@@ -34,7 +34,7 @@ class Swing:
     sigma : float
         √E[α²], rad.
     kappa, towards : float
-        Concentration and mean direction (rad) of von Mises' law of γ; 0 is uniform.
+        Concentration and mean direction (rad) of the von Mises distribution of γ; 0 is uniform.
     axial : bool
         Whether the opposite direction is as likely.
     flatness : float

@@ -36,7 +36,7 @@ class Part:
 
 
 def parts(study: Study) -> list[Part]:
-    """Cut a study into parts that its fidelity may draw together. What slow estimators take part in is cut finer."""
+    """Split a study into parts that its fidelity may draw together; parts with slow estimators are smaller."""
     fidelity = fidelities.find(study.depth)
     slow_until = max((study.trials_of(name) for name in study.fewer if name in study.estimators), default=0)
     result = []

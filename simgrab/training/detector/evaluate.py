@@ -18,7 +18,7 @@ from simgrab.records.observations import Detection
 from simgrab.training.detector import cache
 
 LEVEL = 0.95
-_NORMAL = 1.96  # deviations either way that hold LEVEL of a normal law
+_NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
@@ -118,7 +118,7 @@ def outward(seen: Sequence[Seen]) -> float:
 
 
 def drawn_in(seen: Sequence[Seen], far: float) -> list[Seen]:
-    """Tell what would have been seen with centres drawn in by `Trust.outward`."""
+    """Return the detections with centres moved inwards by `Trust.outward`."""
     return [
         one if one.detection.centre is None
         else replace(one, detection=replace(one.detection, centre=one.detection.centre - far * one.lean))

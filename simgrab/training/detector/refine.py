@@ -174,7 +174,7 @@ def lost(net: nn.Module, batch: Batch) -> Tensor:
 def loss(out: Tensor, batch: Batch) -> Tensor:
     """Loss of an output of `simgrab.training.detector.nets.Refine` (n, 16).
 
-    Positions are learned by their distance alone; how far off they are is then learned as the scale of a Laplace law.
+    Positions are learned by their distance alone; their error is then learned as the scale of a Laplace distribution.
     """
     known = batch["known"]
     count = known.sum().clamp(min=1.0)

@@ -1,7 +1,7 @@
 """Night: what the floodlights at the jib head add to the last light of the sky.
 
 The lamps hang beside the camera, so their shadows lie behind what casts them. What they light is therefore what is
-drawn under an even sky, times the light that arrives at its distance: no more than depth is needed.
+rendered under an even sky, times the light that arrives at its distance: no more than depth is needed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Picture = NDArray[np.float32]
 def illumination(
     light: Light, depth: Picture, *, intrinsics: Intrinsics, jib_from_camera: Array, offset: Array
 ) -> Picture:
-    """Light on what each pixel shows, over that of the sky it was drawn under.
+    """Light on what each pixel shows, over that of the sky it was rendered under.
 
     Parameters
     ----------

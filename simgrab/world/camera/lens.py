@@ -19,7 +19,7 @@ class PictureMap:
     Parameters
     ----------
     ideal : ndarray, shape (h, w, 2)
-        Undistorted pixels, of a picture that may be drawn finer.
+        Undistorted pixels, of a picture that may be rendered finer.
     """
 
     def __init__(self, ideal: Array) -> None:
@@ -45,7 +45,7 @@ class Lens:
         self._whole = PictureMap(self._ideal)
 
     def map(self, window: Window, finer: int = 1, *, enlarged: bool = False) -> PictureMap:
-        """Map a window, drawn ``finer`` or not, to the picture's pixels, or ``enlarged`` to as fine ones."""
+        """Map a window, rendered ``finer`` or not, to the picture's pixels, or ``enlarged`` to as fine ones."""
         if window == self._full and finer == 1:
             return self._whole
         ideal = self._of(window)

@@ -17,13 +17,13 @@ FONT = ASSETS / "fonts" / "wqy-microhei-osd.ttf"
 DIGITS = "0123456789"
 CHINESE = "年月日星期一二三四五六"
 OUTLINE = 1 / 20  # of the font's size
-FINE = 4  # glyphs are drawn so many times larger and averaged, which leaves nothing to hints
+FINE = 4  # glyphs are rendered so many times larger and averaged, which leaves nothing to hints
 _EM = 1000  # font size at which glyphs are measured
 
 
 @dataclass(frozen=True, eq=False)
 class _Glyph:
-    """A drawn character: it makes ``(pixel · keep + add) / 255``. Both (h, w, 1), uint16."""
+    """A rendered character: it makes ``(pixel · keep + add) / 255``. Both (h, w, 1), uint16."""
 
     keep: NDArray[np.uint16]
     add: NDArray[np.uint16]
@@ -80,7 +80,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 
 
 class Overlay:
-    """The display's characters, drawn once for one size of picture.
+    """The display's characters, rendered once for one size of picture.
 
     Parameters
     ----------

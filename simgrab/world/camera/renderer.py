@@ -20,7 +20,7 @@ from simgrab.world.trajectory.moment import Moment
 
 NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
-LENS_SAMPLES = 3  # ids are drawn so much finer before a lens bends them, which takes the nearest
+LENS_SAMPLES = 3  # ids are rendered so much finer before a lens bends them, which takes the nearest
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,12 @@ from simgrab.geometry import Array, to_camera
 from simgrab.scenario import Scenario
 from simgrab.world.trajectory.moment import Moment
 
-LONGEST_STEP_PX = 1.5  # that anything moves between the instants that are drawn
+LONGEST_STEP_PX = 1.5  # that anything moves between the instants that are rendered
 MOST_INSTANTS = 24
 
 
 def instants(shutter_s: float, readout_s: float, speed_px_s: float) -> Array:
-    """Instants to draw, s from the middle row's mid-exposure, close enough for what moves at a speed.
+    """Instants to render, s from the middle row's mid-exposure, close enough for what moves at a speed.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class Summary:
         Frames, and those with a detection label.
     splits : dict of str to int
     made : int
-        Frames drawn in this run; the others were there already.
+        Frames rendered in this run; the others were there already.
     alpha_rms_deg, alpha_max_deg : float
         √mean α², and the largest α.
     beta_deg : float
@@ -91,9 +91,9 @@ def render(
     out : str or Path
         New or empty folder; with ``resume`` also one that an interrupted run of the same scenario left.
     video : str or Path, optional
-        Makes a video of the same frames as well, each drawn once; see `simgrab.world.output.video.render.render_video`.
+        Also makes a video of the same frames, each rendered once; see `simgrab.world.output.video.render.render_video`.
     workers : int
-        Processes that draw; with a video, each draws a clip at a time.
+        Worker processes; with a video, each renders a clip at a time.
     resume : bool
         Go on with an unfinished dataset.
     progress : callable, optional
@@ -192,7 +192,7 @@ def _film(
     workers: int,
     progress: Progress | None,
 ) -> Generator[Fingerprint, None, None]:
-    """Film unfinished clips and store missing frames, each drawn once."""
+    """Film unfinished clips and store missing frames, each rendered once."""
     scenario, clip = reels.scenario, reels.scenario.clip
     clips = sorted({*unfinished, *map(clip.of, missing)})
     report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
@@ -201,7 +201,7 @@ def _film(
 
 
 def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
-    """Work through what is drawn, which one renderer must have drawn all of; returns that."""
+    """Exhaust the rendering; returns its renderer, which must be the same for all frames."""
     for fingerprint in drawn:
         first = first or fingerprint
         if fingerprint != first:

@@ -40,7 +40,7 @@ class Plan:
     heaps : sequence of Part
         Cargo that the grab may hold, one for each of `grab.CARGO_LEVELS`, in the grab's frame.
     straight : bool
-        Whether the lens draws straight lines straight.
+        Whether the lens maps straight lines to straight lines.
     reach_m : float
         How far from where O is at first the grab may come.
     """
@@ -158,7 +158,7 @@ def _reach(scenario: Scenario) -> float:
 def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
     """Points of a mesh, shape (N, 3), among which the outermost of every picture are.
 
-    A lens that draws straight lines straight shows corners of the convex hull outermost. One that bends them may show
+    A lens that keeps straight lines straight shows corners of the convex hull outermost. One that bends them may show
     a point along an edge, so the surface near the hull is covered at `COVER_SPACING_M`.
     """
     corners, triangles = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3)

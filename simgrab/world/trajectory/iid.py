@@ -1,4 +1,4 @@
-"""Independent frames: where the grab hangs in each, drawn from the scenario's laws."""
+"""Independent frames: where the grab hangs in each, drawn from the scenario's distributions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     Raises
     ------
     ScenarioError
-        If a law without bounds draws what cannot be, naming frame and key.
+        If an unbounded distribution draws an impossible value, naming frame and key.
     """
     swing = scenario.swing
     assert isinstance(swing, Iid)

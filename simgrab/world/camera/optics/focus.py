@@ -1,6 +1,6 @@
 """Defocus: every point becomes a disc, the circle of confusion.
 
-Its diameter is the same all over the picture. A lens of aperture D and focal length f, focused at s, draws a point at
+Its diameter is the same all over the picture. A lens of aperture D and focal length f, focused at s, images a point at
 distance z as a disc of D·f·|1/s − 1/z|. For the paper's 4.8 mm at f/1.6 and 342.67 px/mm that is 4.93 px·m times the
 difference: over the 6 … 45 m at which a grab can hang it varies by 0.71 px whatever the focus, and a lens focused
 anywhere beyond 5 m blurs none of them by more than a pixel. A camera that is seen to be out of focus is so everywhere.

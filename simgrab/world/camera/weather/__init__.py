@@ -1,4 +1,4 @@
-"""Weather between the drawn scene and the camera, with true depth: a known amount of each, and labels unmoved."""
+"""Weather between the rendered scene and the camera, with true depth: a known amount of each, and labels unmoved."""
 
 from simgrab.world.camera.weather.chain import Weathered, apply, hidden_fraction
 from simgrab.world.camera.weather.dust import Puff

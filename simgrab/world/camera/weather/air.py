@@ -27,7 +27,7 @@ def haze(rendered: RenderPass, visibility_m: float | None, precipitation: Sequen
     visibility_m : float or None
         Of the fog; None is clear air.
     precipitation : sequence of Precipitation
-        Each counts from the depth on to which its particles are drawn.
+        Each counts from the depth on to which its particles are rendered.
     """
     fog = KOSCHMIEDER / visibility_m if visibility_m else 0.0
     total = fog + sum(p.extinction.sum() for p in precipitation)

@@ -1,4 +1,4 @@
-"""Put weather between a drawn scene and the camera."""
+"""Apply weather between a rendered scene and the camera."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def apply(
     ----------
     weather : Weather
     rendered : RenderPass
-        The scene as it was drawn. Nothing is written into it.
+        The rendered scene. Nothing is written into it.
     seed, frame : int
         Key the random streams of what changes from frame to frame.
     clip : int

@@ -50,7 +50,7 @@ def scatter(
     Returns
     -------
     Particles
-        As many in each bin as Poisson's law has it in the volume to the bin's reach.
+        As many in each bin as a Poisson distribution gives in the volume to the bin's reach.
     """
     low, high = frustum(intrinsics)
     reach = np.maximum(precipitation.reach_m, NEAREST_M)

@@ -10,7 +10,7 @@ from simgrab.geometry import Array
 
 BINS = 24
 FARTHEST_M = 60.0
-# Angle, rad, under which the farthest particles are seen that are drawn one by one; the others are haze. Rain has
+# Angle, rad, under which the farthest particles are seen that are rendered one by one; the others are haze. Rain has
 # few drops that are near enough, and they are small.
 SNOW_RAD, RAIN_RAD = 1.7e-3, 0.7e-3
 
@@ -39,7 +39,7 @@ class Precipitation:
     brightness : float
         Of a particle, as a share of a white surface's.
     least_rad : float
-        Angle under which the farthest particles are seen that are drawn one by one; the others are haze.
+        Angle under which the farthest particles are seen that are rendered one by one; the others are haze.
     """
 
     diameter_m: Array
@@ -59,7 +59,7 @@ class Precipitation:
 
     @property
     def reach_m(self) -> Array:
-        """Depth to which each bin's particles are drawn, shape (B,)."""
+        """Depth to which each bin's particles are rendered, shape (B,)."""
         return np.asarray(np.minimum(self.diameter_m / self.least_rad, FARTHEST_M))
 
 

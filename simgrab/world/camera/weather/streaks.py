@@ -23,10 +23,10 @@ from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 APERTURE_M = 0.003  # 4.8 mm at F/1.6
 LEVELS = 6
 COARSEST = 2 ** (LEVELS - 1)
-BORDER_PX = 64  # drawn around the picture, for what spills into it; a multiple of COARSEST
+BORDER_PX = 64  # rendered around the picture, for what spills into it; a multiple of COARSEST
 SPACING = 0.8  # of samples along a streak, in pixels of their level
 PART = 512  # streaks that are sampled at a time
-FEW = 0.1  # so many of the thinnest may be drawn a little wider than they are
+FEW = 0.1  # so many of the thinnest may be rendered a little wider than they are
 KERNEL_PX = 2.1  # width at half height of what one sample leaves, in pixels of its level
 
 

@@ -91,7 +91,7 @@ class Reels:
         return self.partial / f"{clip:03d}{suffix}"
 
     def identity(self) -> dict[str, Any]:
-        """Say what must be equal for two runs to make the same videos, but for what draws them."""
+        """Return what must be equal for two runs to make the same videos, except for the renderer."""
         core = manifest.identity(self.recipe)
         packages = core["packages"] | {"av": version("av")}
         return core | {"packages": packages, "container": self.container.name}
@@ -105,7 +105,7 @@ class Reels:
         return all(path.exists() for path in self.files(clip).values())
 
     def drawn_by(self) -> str | None:
-        """Fingerprint of what drew the finished clips; None where there are none."""
+        """Fingerprint of the renderer of the finished clips; None where there are none."""
         manifests = (self.known(clip) for clip in range(self.count))
         return next((str(known["renderer"]["fingerprint"]) for known in manifests if known is not None), None)
 

@@ -51,7 +51,7 @@ def film(
 ) -> None:
     """Make a clip and put its files in place.
 
-    Only one picture is held at a time, whatever the clip's length.
+    Only one picture is kept at a time, whatever the clip's length.
 
     Parameters
     ----------

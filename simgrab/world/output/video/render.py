@@ -1,4 +1,4 @@
-"""Render a scenario into videos, each frame drawn once, beside a dataset or without one."""
+"""Render a scenario into videos, each frame rendered once, beside a dataset or without one."""
 
 from __future__ import annotations
 

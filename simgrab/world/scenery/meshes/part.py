@@ -109,7 +109,7 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
         mesh.usernormal = normals.ravel()
         mesh.usertexcoord = uvs.ravel()
         mesh.userface = np.arange(len(vertices))
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # for drawing only: sheets are welcome
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # for rendering only: sheets are allowed
         body.add_geom(
             name=f"{prefix}/{name}",
             type=mujoco.mjtGeom.mjGEOM_MESH,
