@@ -32,7 +32,7 @@ def command(as_json: bool) -> None:
             click.echo(f"GL_VERSION       {found.renderer.version}")
             click.echo(f"fingerprint      {found.renderer.digest}")
         else:
-            click.echo(f"cannot draw: {found.problem}")
+            click.echo(f"cannot render: {found.problem}")
         second = found.second_renderer or f"none, audits stay incomplete: {found.second_problem}"
         click.echo(f"second renderer  {second}")
         click.echo("The bytes of a dataset depend on the fingerprint, on what these take from the CPU and on versions:")
