@@ -258,7 +258,7 @@ def test_pictures_and_masks_are_read_only_when_asked_for(copy):
     with pytest.raises(DatasetError, match="not readable COCO labels"):
         _ = frame.mask
     (copy / "annotations" / f"instances_{frame.truth.split}.json").unlink()
-    with pytest.raises(DatasetError, match="cannot be read"):
+    with pytest.raises(DatasetError, match="cannot read"):
         _ = frame.mask
 
 

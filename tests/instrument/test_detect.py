@@ -310,7 +310,7 @@ def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
     out = rows(4 * CELLS, 5).transpose(0, 2, 1)
     looks = Yolo(constant_yolo(tmp_path / "free.onnx", out, shape=free, metadata={"imgsz": "[128, 128]"}))
     assert (looks.height, looks.width) == (128, 128)
-    with pytest.raises(DetectorError, match="no detector"):  # 640 then, of which it outputs too few cells
+    with pytest.raises(DetectorError, match="is not a detector"):  # 640 then, of which it outputs too few cells
         Yolo(constant_yolo(tmp_path / "none.onnx", out, shape=free))
     with pytest.raises(DetectorError, match=r"640 x 640 of tensor\(float16\)"):
         Yolo(half_precision(tmp_path / "half.onnx"))
@@ -401,7 +401,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
     segments = onnx.load(constant_yolo(tmp_path / "s.onnx", rows(CELLS, 6).transpose(0, 2, 1)))
     helper.set_model_props(segments, {"task": "segment"})
     onnx.save(segments, tmp_path / "s.onnx")
-    with pytest.raises(DetectorError, match="no detector"):
+    with pytest.raises(DetectorError, match="is not a detector"):
         detector(tmp_path / "s.onnx")
     with pytest.raises(DetectorError, match="multiples of 32"):
         detector(constant_yolo(tmp_path / "e.onnx", rows(CELLS, 6), shape=(1, 3, 60, 60)))

@@ -204,7 +204,7 @@ def test_metadata_that_are_made_to_harm(tmp_path):
             Yolo(constant_yolo(tmp_path / "n.onnx", rows(CELLS, 6), shape=free, metadata={"imgsz": imgsz}))
         assert len(str(refused.value)) < 500
     for imgsz in ("[" * 5000, "-" * 90_000 + "1", "{[]: 1}", "'\\d'", "9" * 10**6, "[6.5, 1]", "__import__('os')"):
-        with pytest.raises(DetectorError, match="no detector"):  # 640 then, of which it outputs too few cells
+        with pytest.raises(DetectorError, match="is not a detector"):  # 640 then, of which it outputs too few cells
             Yolo(constant_yolo(tmp_path / "n.onnx", rows(CELLS, 6), shape=free, metadata={"imgsz": imgsz}))
     names = "{0: '\\x1b[31mred\\nline', 1: '" + "x" * 9000 + "', 2: [3]}"
     with pytest.raises(DetectorError, match=r"outputs 3 classes \(\\x1b\[31mred\\nline, x{40}, \[3\]\)"):

@@ -318,7 +318,7 @@ def test_a_video_whose_pictures_are_or_become_too_large(tmp_path, monkeypatch):
     frames = list(open_source(tmp_path / "a.mjpeg"))
     assert [i for i, frame in enumerate(frames) if frame.picture is None] == [4]
     monkeypatch.setattr("simgrab.utilities.pictures.MOST_PIXELS", 1000)
-    with pytest.raises(SourceError, match=r"b\.mp4: it has 64 x 36 px; at most"):
+    with pytest.raises(SourceError, match=r"b\.mp4: it has 64 x 36 px; the limit is"):
         open_source(film(tmp_path / "b.mp4", even(3)))
 
 
@@ -376,7 +376,7 @@ def test_clips_without_time_are_independent_frames(dataset, monkeypatch):
 
 def test_pictures_of_another_size(tmp_path):
     camera = Calibration(*SIZE, 60.0, 32.0, 18.0)
-    with pytest.raises(SourceError, match="8x8 px where the camera file says 64x36"):
+    with pytest.raises(SourceError, match="8x8 px, but the camera file states 64x36"):
         list(fitting(iter(open_source(film(tmp_path / "a.mp4", even(3), (8, 8)))), camera))
     for i, size in enumerate([SIZE, (32, 18), SIZE]):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture(i, size))

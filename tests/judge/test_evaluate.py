@@ -138,7 +138,7 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
     with pytest.raises(RunError, match="the run's are 320x180"):
         truths.of(smaller, swinging / "data")
     strange = dataclasses.replace(clean, names=(*clean.names[:-1], "elsewhere.jpg"))
-    with pytest.raises(RunError, match=r"it has no elsewhere\.jpg \(1 of 60 so\)"):
+    with pytest.raises(RunError, match=r"elsewhere\.jpg is missing \(1 of 60 frames\)"):
         truths.of(strange, swinging / "data")
     with pytest.raises(RunError, match="not a run"):
         runs.load(tmp_path)

@@ -217,7 +217,7 @@ def test_the_trained_detector_runs_and_is_scored(trained, halves, tmp_path):
         cli, ["detect", str(halves), "--detector", str(trained.folder), "--out", str(tmp_path / "found.csv")]
     )
     assert result.exit_code == 0, result.output
-    assert "of 6 pictures" in result.output
+    assert "of 6 images" in result.output
     assert len((tmp_path / "found.csv").read_text().splitlines()) == 7
     scores = score_detector.measure((halves,), str(trained.folder), "val")
     score_detector.show(scores)
