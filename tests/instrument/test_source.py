@@ -384,7 +384,7 @@ def test_pictures_of_another_size(tmp_path):
     assert [f.picture is None for f in frames] == [False, True, False]
     assert "32x18" in frames[1].reason
     cv2.imwrite(str(tmp_path / "0.png"), picture(0, (8, 8)))
-    with pytest.raises(SourceError, match=r"0\.png is a picture of 8x8 px"):
+    with pytest.raises(SourceError, match=r"0\.png is an image of 8x8 px"):
         list(fitting(iter(open_source(tmp_path)), camera))
 
 
