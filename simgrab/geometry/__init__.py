@@ -8,6 +8,7 @@ of the top-left pixel and pixel centres lie at +0.5. Everything is float64 and b
 from simgrab.geometry.lens import Distortion, Intrinsics, focal_length_px, pixels_per_mm
 from simgrab.geometry.paper import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, eq1_residual, eq2_cos_alpha, image_radius
 from simgrab.geometry.rotations import (
+    STANDARD_GRAVITY,
     Array,
     camera_rotation,
     grab_centre,
@@ -24,6 +25,7 @@ from simgrab.geometry.rotations import (
 __all__ = [
     "PAPER_FOCAL_LENGTH_MM",
     "PAPER_PIXELS_PER_MM",
+    "STANDARD_GRAVITY",
     "Array",
     "Distortion",
     "Intrinsics",

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+STANDARD_GRAVITY = 9.80665
+"""m/s², by definition."""
 
 # Columns: camera x, y, z in the jib frame, looking straight down with the picture's top outboard.
 _STRAIGHT_DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

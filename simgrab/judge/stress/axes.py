@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from simgrab.geometry import STANDARD_GRAVITY
 from simgrab.judge.stress import parameters
 from simgrab.judge.stress.parameters import DEG, Parameter, Value
 from simgrab.judge.stress.situation import Situation
 
 # A grab of 10.5 t with Cd·A = 10 m² in air of 1.2 kg/m³, and a jib of 25 m.
-_LEAN_PER_WIND2 = 0.5 * 1.2 * 10.0 / (10_500 * 9.81)  # rad per (m/s)²
-_LEAN_PER_RPM2 = (2 * math.pi / 60) ** 2 * 25.0 / 9.81
+_LEAN_PER_WIND2 = 0.5 * 1.2 * 10.0 / (10_500 * STANDARD_GRAVITY)  # rad per (m/s)²
+_LEAN_PER_RPM2 = (2 * math.pi / 60) ** 2 * 25.0 / STANDARD_GRAVITY
 _PITCH_PER_M = 2 * DEG  # of a camera bolted to the fly-jib that luffs
 
 
@@ -100,7 +101,7 @@ _ALL = (
     _field("luffing", "m", "range of luffing, with which a rigid camera pitches 2° a metre", "attitude", "luffing",
            scale=_PITCH_PER_M, low=0),
     _field("levelling", "m/s²", "sideways acceleration of the jib that a levelled camera mistakes for gravity",
-           "attitude", "levelling", scale=1 / 9.81, low=0),
+           "attitude", "levelling", scale=1 / STANDARD_GRAVITY, low=0),
     _field("vibration", "deg", "vibration of the camera, each component", "attitude", "tremble", scale=DEG, low=0),
     Axis("focal", "%", "focal length stated too long", 0.0, parameters.focal),
     Axis("principal-along", "px", "principal point off, along the tilt", 0.0,

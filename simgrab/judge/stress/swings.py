@@ -12,11 +12,10 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from simgrab import scenes
-from simgrab.geometry import Array
+from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.judge.stress.situation import Situation, Swing
 from simgrab.rng import stream
 
-GRAVITY = 9.81
 ROPE_CYCLE_S = 75.0
 _FORCED_ROPE_M = 20.0
 
@@ -149,7 +148,7 @@ def _correlated(draws: Draws, swing: Swing) -> tuple[Array, Array]:
 
 def _forced(draws: Draws, memory_s: float, step_s: float) -> Array:
     """Linear pendulum of 20 m under white noise, exactly sampled; each component has variance 1; (M, 2, n)."""
-    omega = math.sqrt(GRAVITY / _FORCED_ROPE_M)
+    omega = math.sqrt(STANDARD_GRAVITY / _FORCED_ROPE_M)
     # State: place, and velocity over ω. Both have variance 1 and are independent.
     advance = expm(step_s * np.array([[0.0, omega], [-omega, -2 / memory_s]]))
     (a, b), (c, d) = advance.tolist()

@@ -10,12 +10,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from simgrab import geometry
-from simgrab.geometry import Array
+from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.scenario import Dynamic, Scenario, Start
 from simgrab.world.scenery.meshes.grab import closing_rope_m
 from simgrab.world.trajectory.display import Shown, shown
 from simgrab.world.trajectory.mass import Mass
-from simgrab.world.trajectory.moment import STANDARD_GRAVITY, GrabState, JibState, Moment
+from simgrab.world.trajectory.moment import GrabState, JibState, Moment
 from simgrab.world.trajectory.mount import Mount
 from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
 from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant

@@ -9,11 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simgrab import geometry
-from simgrab.geometry import Array
+from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.scenario import Camera
 from simgrab.world.trajectory.display import Shown
 
-STANDARD_GRAVITY = 9.80665
 STRAIGHT = 1e-12  # sine of a tilt so small that it has no azimuth
 
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.world.scenery.meshes.grab import ROPE_TERMINATIONS
 from simgrab.world.scenery.meshes.ropes import ROPE_EXITS
 from simgrab.world.trajectory.mass import Mass, mass_of
-from simgrab.world.trajectory.moment import STANDARD_GRAVITY
 
 MOST_STEP_S = 0.005
 AIR_KG_M3 = 1.225
