@@ -103,15 +103,15 @@ def digests(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): digest(path) for path in files if path.name != "data.yaml"}
 
 
-def in_python(folder: Path) -> str:
+def in_python(folder: Path) -> tuple[int, int]:
     """Compare `simgrab.frames` with the dataset: its picture files, encoded again, and its rows of labels."""
     data = simgrab.open(folder)
     image, equal = data.scenario.image, 0
-    for frame, kept in zip(simgrab.frames(data.scenario, buffers=False), data, strict=True):
+    for frame, kept in zip(simgrab.frames(data.scenario), data, strict=True):
         same = encode(frame.rgb[..., ::-1], image.format, image.quality) == kept.file.read_bytes()
         truth = msgspec.structs.asdict(frame.truth)
         equal += same and all(value == getattr(kept.truth, name) for name, value in truth.items())
-    return f"{equal} of {len(data)} frames equal in Python"
+    return equal, len(data)
 
 
 def main() -> None:
@@ -130,14 +130,14 @@ def main() -> None:
                 out.mkdir()
                 make(checkout, out, case)
             a, b = digests(ours), digests(theirs)
-            python = in_python(ours / "data")
+            equal, count = in_python(ours / "data")
         differing = [name for name in a if name in b and a[name] != b[name]]
-        alone = sorted(set(a) ^ set(b))
-        failed |= bool(differing)
+        alone, missing = sorted(set(a) - set(b)), sorted(set(b) - set(a))
+        failed |= bool(differing) or equal != count or bool(missing)
         kinds = " ".join(case[3]) or "plain"
         print(f"{case[0]:18s} {kinds:14s} {len(set(a) & set(b)):3d} files in both, differing: {differing or 'none'}")
-        print(f"{'':33s} {python}")
-        print(f"{'':33s} in one alone: {alone or 'none'}", flush=True)
+        print(f"{'':33s} {equal} of {count} frames equal in Python, missing: {missing or 'none'}")
+        print(f"{'':33s} new: {alone or 'none'}", flush=True)
     sys.exit(failed)
 
 

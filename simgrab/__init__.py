@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from simgrab.world.output.dataset import render as render
     from simgrab.world.output.video.render import render_video as render_video
     from simgrab.world.trajectory.moment import GrabState as GrabState
+    from simgrab.world.trajectory.moment import JibState as JibState
     from simgrab.world.trajectory.moment import Moment as Moment
     from simgrab.world.trajectory.moment import Tilt as Tilt
 
@@ -41,6 +42,7 @@ _HOME = {
     "frames": "simgrab.world.frames",
     "FrameDataset": "simgrab.world.frames",
     "GrabState": "simgrab.world.trajectory.moment",
+    "JibState": "simgrab.world.trajectory.moment",
     "Moment": "simgrab.world.trajectory.moment",
     "Tilt": "simgrab.world.trajectory.moment",
     "render": "simgrab.world.output.dataset",

@@ -75,17 +75,23 @@ def variant(
     try:
         made = _changed(scenario, change)
         if randomiser is not None:
-            by, further = "the randomiser", dict(randomiser(made))
+            by, further = "the randomiser", _plain(randomiser(made))
             made = _changed(made, further)
-            drawn |= _plain(further)
+            drawn = {key: value for key, value in drawn.items() if key not in further} | further
     except ScenarioError as problem:
         raise ScenarioError(problem.key, f"{problem.problem} (drawn for clip {number} by {by})") from None
     return Variant(number, made, drawn)
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn values that a scenario took into what JSON holds."""
-    return dict(msgspec.to_builtins(dict(values), enc_hook=lambda value: value.tolist()))
+    """Turn NumPy's numbers and arrays into Python's, as a file would have them."""
+
+    def python(value: Any) -> Any:
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        raise ScenarioError("", f"{type(value).__name__} cannot be stored in a file")
+
+    return dict(msgspec.to_builtins(dict(values), enc_hook=python))
 
 
 def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:

@@ -93,10 +93,6 @@ class Scenario(Strict, frozen=True):
         except OverflowError:
             raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
 
-    def variant_number(self, frame: int) -> int:
-        """Return the index of the variant that a frame is of: its clip; 0 for all frames where nothing varies."""
-        return self.clip.of(frame) if self.vary else 0
-
     @property
     def display_layout(self) -> Layout | None:
         """The display's layout fitted to the picture; None where there is no display."""

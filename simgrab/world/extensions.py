@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import math
+import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -13,11 +15,12 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import ExtensionError, SimgrabError, first_line
+from simgrab import scenes
+from simgrab.errors import ExtensionError, ScenarioError, SimgrabError, first_line
 from simgrab.rng import stream
 from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, Scenario, Variant, variant
 from simgrab.world.scenery.meshes.linkage import MAX_JAW
-from simgrab.world.trajectory.moment import Moment
+from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
 
 Picture: TypeAlias = NDArray[np.uint8]
 Randomiser: TypeAlias = Callable[[Scenario, np.random.Generator], Mapping[str, Any]]
@@ -67,7 +70,7 @@ class Extensions:
         ExtensionError
             If no installed package offers such a name, or what is given cannot be called.
         """
-        if isinstance(effects, str) or callable(effects):
+        if not isinstance(effects, list | tuple):
             raise ExtensionError("effects must be a list of functions or names")
         return cls(
             None if randomiser is None else _find("randomiser", randomiser),
@@ -106,6 +109,9 @@ class Extensions:
                 raise ExtensionError(
                     f"{_named('randomiser', randomiser)} must return a mapping from dotted keys to values"
                 )
+            fixed = next((key for key in found if f"{key}.".startswith("display.")), None)
+            if fixed is not None:
+                raise ScenarioError(fixed, "cannot vary by a randomiser: a dataset's readers take the scene's display")
             return found
 
         return variant(scenario, frame, change)
@@ -121,25 +127,11 @@ class Extensions:
         assert self.trajectory is not None
         rng = stream(scenario.seed, frame, "trajectory")
         moment = _call("trajectory", self.trajectory, scenario, frame, rng)
-        what = _named("trajectory", self.trajectory)
-        if not isinstance(moment, Moment):
-            raise ExtensionError(f"{what} must return a Moment, got {type(moment).__name__}")
-        grab = moment.grab
-        low, high = ROPE_LENGTH_RANGE_M
-        bounds = {
-            "alpha": (grab.alpha, 0.0, np.radians(MOST_ALPHA_DEG)), "rope_length": (grab.rope_length, low, high),
-            "jaw": (grab.jaw, 0.0, MAX_JAW), "load": (grab.load, 0.0, 1.0), "azimuth": (grab.azimuth, -1e3, 1e3),
-            "yaw": (grab.yaw, -1e3, 1e3), "tilt.beta": (moment.tilt.beta, 0.0, np.pi / 2),
-            "tilt.azimuth": (moment.tilt.azimuth, -1e3, 1e3), "tilt.roll": (moment.tilt.roll, -1e3, 1e3),
-        }  # fmt: skip
-        for name, (value, least, most) in bounds.items():
-            if not least <= value <= most:  # NaN is within no bounds
-                raise ExtensionError(f"{what}, frame {frame}: {name} is {value:g}, not within {least:g} … {most:g}")
-        if moment.frame != frame:
-            raise ExtensionError(f"{what} returned frame {moment.frame} for frame {frame}")
-        if (moment.time is None) != (moment.jib is None) or (moment.ahead and moment.ahead.time is None):
-            raise ExtensionError(f"{what}, frame {frame}: time and jib must be given together, and so must they ahead")
-        return moment
+        try:
+            return checked(moment, scenario, frame)
+        except (TypeError, ValueError, AttributeError) as problem:
+            what = _named("trajectory", self.trajectory)
+            raise ExtensionError(f"{what}, frame {frame}: {first_line(problem)}") from None
 
     def apply(self, rgb: Picture, moment: Moment, scenario: Scenario) -> Picture:
         """Apply the effects to a picture.
@@ -151,9 +143,9 @@ class Extensions:
         """
         for number, effect in enumerate(self.effects):
             rng = stream(scenario.seed, moment.frame, f"effect.{number}")
-            given = np.ascontiguousarray(rgb)
+            given = np.ascontiguousarray(rgb)[:]
             given.flags.writeable = False  # an effect that writes into its argument would change the frame before it
-            result = np.asarray(_call("effect", effect, given, moment, rng))
+            result = np.array(_call("effect", effect, given, moment, rng))  # which it may use again
             if result.shape != rgb.shape or result.dtype != np.uint8:
                 raise ExtensionError(
                     f"{_named('effect', effect)} returned {result.dtype} of shape {result.shape}; "
@@ -173,11 +165,29 @@ class Extensions:
         stated, own = manifest.get("extensions"), self.describe()
         if stated == own:
             return
+        if stated is None:
+            raise ExtensionError(f"{path} was made without functions of a user: give none")
         known = stated.get("functions") if isinstance(stated, dict) else None
-        names = [f"{f.get('role')} {f.get('name')}" for f in known or [] if isinstance(f, dict)]
+        functions = [f for f in known if isinstance(f, dict)] if isinstance(known, list) else []
+        names = [f"{f.get('role')} {f.get('name')}" for f in functions]
         raise ExtensionError(
-            f"{path} was made with {', '.join(names) or 'no function of a user'}; give the same, with the same source"
+            f"{path} was made with functions of a user ({', '.join(names)}); give the same, with the same source"
         )
+
+    def refuse_unknown(self) -> None:
+        """Refuse functions of which it cannot be found out whether they are the same as in an earlier run.
+
+        Raises
+        ------
+        ExtensionError
+            Names the first: a lambda, a closure, or one that was typed in.
+        """
+        for function in (self.describe() or {"functions": []})["functions"]:
+            if None in function.values():
+                raise ExtensionError(
+                    f"{function['role']} {function['name']} cannot be recognised again; to resume, define functions at "
+                    "the top of a module"
+                )
 
 
 NO_EXTENSIONS = Extensions()
@@ -195,6 +205,20 @@ class Recipe:
 
     scenario: Scenario
     extensions: Extensions = NO_EXTENSIONS
+
+    @classmethod
+    def of(
+        cls, scene: Scenario | str | Path, randomiser: Randomiser | str | None = None,
+        trajectory: Motion | str | None = None, effects: Sequence[Effect | str] = (),
+    ) -> Recipe:  # fmt: skip
+        """Collect what users give; a manifest must have been made with the same functions."""
+        extensions = Extensions.of(randomiser, trajectory, effects)
+        if isinstance(scene, Scenario):
+            return cls(scene, extensions)
+        manifest = scenes.manifest(scene)
+        if manifest is not None:
+            extensions.refuse_others(manifest, Path(scene))
+        return cls(scenes.load(scene), extensions)
 
     @property
     def varies(self) -> bool:
@@ -216,7 +240,11 @@ def _find(role: str, given: F | str) -> F:
     if not isinstance(given, str):
         raise ExtensionError(f"{role}: must be a function or the name of an entry point, got {type(given).__name__}")
     group = GROUPS[role]
-    found = {point.name: point for point in entry_points(group=group)}
+    points = list(entry_points(group=group))
+    found = {point.name: point for point in points}
+    same = [point.value for point in points if point.name == given]
+    if len(same) > 1:
+        raise ExtensionError(f"{role} {given!r} is offered twice, as {same[0]} and as {same[1]}")
     if given not in found:
         there = ", ".join(sorted(found)) or "none"
         raise ExtensionError(f"no {role} {given!r} in the entry points {group}; installed: {there}")
@@ -246,15 +274,89 @@ def _named(role: str, function: Callable[..., Any]) -> str:
 
 
 def _identity(function: Callable[..., Any]) -> dict[str, Any]:
-    """Name of a function, and SHA-256 of the file that defines it, or else of its own source; None where neither is."""
+    """Name of a function, SHA-256 of the file that defines it, and of its state where it has one: None where unknown.
+
+    A function at the top of a module has no state but its source; a partial, a method or an instance has.
+    """
     inner = function
     while hasattr(inner, "func"):  # functools.partial
         inner = inner.func
     defined = inner if hasattr(inner, "__qualname__") else type(inner)
-    name = f"{defined.__module__}:{defined.__qualname__}"
+    identity: dict[str, Any] = {"name": f"{defined.__module__}:{defined.__qualname__}"}
     try:
         file = inspect.getsourcefile(defined)
         source = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(defined).encode()
     except (OSError, TypeError):
-        return {"name": name, "source_sha256": None}
-    return {"name": name, "source_sha256": hashlib.sha256(source).hexdigest()}
+        source = None
+    identity["source_sha256"] = hashlib.sha256(source).hexdigest() if source is not None else None
+    if inspect.isfunction(function) and "<" not in defined.__qualname__:  # neither lambda nor closure
+        return identity
+    try:
+        return identity | {"state_sha256": hashlib.sha256(pickle.dumps(function)).hexdigest()}
+    except Exception:
+        return identity | {"state_sha256": None}
+
+
+def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
+    """Check a user's moment, and make its numbers Python's.
+
+    Raises
+    ------
+    TypeError, ValueError, AttributeError
+        If it is no moment that a frame can show.
+    """
+    if not isinstance(moment, Moment):
+        raise TypeError(f"must return a Moment, got {type(moment).__name__}")
+    if moment.frame != frame:
+        raise ValueError(f"must return the moment of this frame, got that of frame {moment.frame}")
+    if (moment.time is None) != (moment.jib is None):
+        raise ValueError("time and jib must be given together")
+    clip, rate = scenario.clip.of(frame), scenario.clip.frame_rate_hz
+    if moment.time is not None:
+        due = (frame - scenario.clip.span(clip, scenario.frames).start) / rate
+        _within("time", moment.time, due - 0.499 / rate, due + 0.499 / rate)
+    now = _instant(moment)
+    ahead = None
+    if moment.ahead is not None:
+        if now.time is None or moment.ahead.time is None:
+            raise ValueError("a moment ahead needs times, and so does the moment itself")
+        _within("ahead.time", moment.ahead.time, now.time + 1e-6, now.time + 1.0)
+        ahead = _instant(moment.ahead)
+    return replace(
+        now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead,
+        shown=moment.shown if scenario.display_layout else None,
+    )  # fmt: skip
+
+
+def _instant(moment: Moment) -> Moment:
+    """Moment of Python's numbers within bounds; what it is ahead of is left out."""
+    grab, tilt, jib = moment.grab, moment.tilt, moment.jib
+    turn = (-1e3, 1e3)
+    grab = GrabState(
+        alpha=_within("alpha", grab.alpha, 0.0, math.radians(MOST_ALPHA_DEG)),
+        azimuth=_within("azimuth", grab.azimuth, *turn),
+        rope_length=_within("rope_length", grab.rope_length, *ROPE_LENGTH_RANGE_M),
+        yaw=_within("yaw", grab.yaw, *turn),
+        jaw=_within("jaw", grab.jaw, 0.0, MAX_JAW),
+        load=_within("load", grab.load, 0.0, 1.0),
+    )
+    tilt = Tilt(
+        _within("tilt.beta", tilt.beta, 0.0, math.pi / 2), _within("tilt.azimuth", tilt.azimuth, *turn),
+        _within("tilt.roll", tilt.roll, *turn),
+    )  # fmt: skip
+    if jib is not None:
+        jib = JibState(
+            _within("jib.slew", jib.slew, *turn), _within("jib.radius", jib.radius, 0.1, 1e3),
+            _within("jib.luffed", jib.luffed, *turn),
+        )  # fmt: skip
+    x, y, z = (_within("apparent_gravity", value, *turn) for value in moment.apparent_gravity)
+    still = Moment.still(moment.frame, grab, tilt)  # gamma follows from the two azimuths
+    time = None if moment.time is None else float(moment.time)
+    return replace(still, time=time, jib=jib, apparent_gravity=(x, y, z))
+
+
+def _within(name: str, value: float, least: float, most: float) -> float:
+    number = float(value)
+    if not least <= number <= most:  # NaN is within no bounds
+        raise ValueError(f"{name} is {number:g}, not within {least:g} … {most:g}")
+    return number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +13,11 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import scenes
 from simgrab.labels.arrays import Labelled
 from simgrab.labels.truth import Truth
 from simgrab.scenario import Scenario
 from simgrab.world.camera.renderer import View
-from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
+from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.label import label
 from simgrab.world.projection import Projection
 from simgrab.world.scene import Scene
@@ -87,8 +87,7 @@ class FrameGenerator:
 
     Examples
     --------
-    >>> from simgrab import scenes
-    >>> with FrameGenerator(scenes.load("quay-day")) as generator:  # doctest: +SKIP
+    >>>     >>> with FrameGenerator(scenes.load("quay-day")) as generator:  # doctest: +SKIP
     ...     frame = generator.frame(812)
     """
 
@@ -144,6 +143,11 @@ class FrameGenerator:
         frame : int
         full : bool
             Whether ids and depth of the whole picture are wanted.
+
+        Raises
+        ------
+        ScenarioError, ExtensionError
+            If the frame cannot be.
         """
         scene = self.scene(frame)
         buffers = scene.draw(self.project(frame), full=full)
@@ -151,7 +155,7 @@ class FrameGenerator:
         truth = label(scene.variant, buffers, developed.attenuation)
         moment = buffers.projection.moment
         rgb = np.ascontiguousarray(self.recipe.extensions.apply(developed.rgb, moment, scene.scenario))
-        return Frame(rgb, truth, moment, buffers.visibility.visible, buffers.full)
+        return Frame(rgb, truth, moment, buffers.visibility.visible, buffers.full if full else None)
 
 
 def frames(
@@ -172,14 +176,15 @@ def frames(
     scene : Scenario, str or path
         A scenario, a bundled scene's name, or a scene file.
     indices : iterable of int, optional
-        Numbers of the frames; all of them in order unless given. Frames of one clip belong together: with physics it
-        runs from its beginning, and where worlds vary each clip has one of its own.
+        Numbers of the frames, negative ones from the end; all of them in order unless given. Frames of one clip belong
+        together: with physics it runs from its beginning, and where worlds vary each clip has one of its own.
     buffers : bool
-        Whether frames come with ``ids`` and ``depth``, which take about a fifth of the time.
+        Whether frames come with ``ids`` and ``depth``. It changes neither pixels nor truth.
     randomiser : callable or str, optional
         Called as ``randomiser(scenario, rng)`` once for each clip; returns dotted keys of the scenario with new values.
     trajectory : callable or str, optional
-        Called as ``trajectory(scenario, frame, rng)``; returns the frame's `simgrab.Moment`, in place of ``swing``.
+        Called as ``trajectory(scenario, frame, rng)``; returns the frame's `simgrab.Moment`, in place of ``swing``. A
+        moment without one ahead shows no motion blur. The frames of one clip are in one split.
     effects : sequence of callable or str
         Each is called as ``effect(rgb, moment, rng)`` and returns a picture of the same size. Like the other two it may
         be the name of an entry point (``simgrab.randomisers``, ``simgrab.trajectories``, ``simgrab.effects``).
@@ -194,6 +199,8 @@ def frames(
         If the scene or a frame of it cannot be, naming the key.
     ExtensionError
         If a function of yours cannot be found, raises, or returns what no frame can be.
+    IndexError
+        If there is no frame of a number.
     RendererError
         If there is no offscreen OpenGL.
 
@@ -206,7 +213,7 @@ def frames(
     (270, 480, 3) True 2.0 (270, 480)
     (270, 480, 3) True 1.43 (270, 480)
     """
-    recipe = _recipe(scene, randomiser, trajectory, effects)
+    recipe = Recipe.of(scene, randomiser, trajectory, effects)
     numbers = range(recipe.scenario.frames) if indices is None else indices
     return _made(recipe, numbers, full=buffers)
 
@@ -217,18 +224,11 @@ def _made(recipe: Recipe, indices: Iterable[int], *, full: bool) -> Iterator[Fra
             yield generator.frame(_checked(index, recipe.scenario.frames), full=full)
 
 
-def _recipe(
-    scene: Scenario | str | Path, randomiser: Randomiser | str | None, trajectory: Motion | str | None,
-    effects: Sequence[Effect | str],
-) -> Recipe:  # fmt: skip
-    scenario = scene if isinstance(scene, Scenario) else scenes.load(scene)
-    return Recipe(scenario, Extensions.of(randomiser, trajectory, effects))
-
-
 def _checked(index: int, count: int) -> int:
-    if not -count <= index < count:
-        raise IndexError(f"frame {index} is out of range: the scenario has {count} frames")
-    return int(index) % count
+    number = operator.index(index)
+    if not -count <= number < count:
+        raise IndexError(f"frame {number} is out of range: the scenario has {count} frames")
+    return number % count
 
 
 class FrameDataset(Generic[T]):
@@ -270,9 +270,10 @@ class FrameDataset(Generic[T]):
         trajectory: Motion | str | None = None,
         effects: Sequence[Effect | str] = (),
     ) -> None:
-        self._recipe = _recipe(scene, randomiser, trajectory, effects)
+        self._recipe = Recipe.of(scene, randomiser, trajectory, effects)
         self._transform, self._full = transform, buffers
         self._generator: FrameGenerator | None = None
+        self._parents: FrameGenerator | None = None
         self._process = 0
 
     @property
@@ -298,12 +299,13 @@ class FrameDataset(Generic[T]):
     def __getitem__(self, index: int) -> T | Frame:
         number = _checked(index, len(self))
         if self._generator is None or self._process != os.getpid():  # a fork's context is its parent's
+            self._parents = self._generator  # kept, since freeing it would call OpenGL in the fork
             self._generator, self._process = FrameGenerator(self._recipe), os.getpid()
         frame = self._generator.frame(number, full=self._full)
         return self._transform(frame) if self._transform else frame
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_generator": None, "_process": 0}
+        return self.__dict__ | {"_generator": None, "_parents": None, "_process": 0}
 
     def close(self) -> None:
         """Free this process's OpenGL context; the next frame opens another one."""

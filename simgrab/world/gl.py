@@ -189,8 +189,12 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         window = platform.GLContext(width_px, height_px)
         window.make_current()
         model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
-        with _out_of_memory_raises():
-            context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        try:
+            with _out_of_memory_raises():
+                context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        except BaseException:
+            window.free()
+            raise
     except (ImportError, AttributeError, RuntimeError, mujoco.FatalError) as problem:
         raise RendererError(f"no offscreen OpenGL ({problem}); {INSTALL_HINT}") from problem
     try:
@@ -198,5 +202,6 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # as drawn: the other way loses far digits
         yield Offscreen(window, context)
     finally:
+        window.make_current()  # else what is freed would be another context's, whose names are the same numbers
         context.free()
         window.free()

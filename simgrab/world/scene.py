@@ -63,10 +63,13 @@ class Scene:
         labelled : bool
             Whether the frame gets labels, for which the grab's visibility is rendered.
         """
-        renderer, moment = self.renderer, projection.moment
-        whole = renderer.view(moment) if full else None
-        view = whole or (renderer.coarse_view(moment) if self.camera.wants_view else None)
-        visibility = observe(renderer, projection, whole if renderer.has_lens else view) if labelled else NONE_VISIBLE
+        renderer, moment, image = self.renderer, projection.moment, self.scenario.image
+        stored = image.ids or image.depth  # the scenario alone decides what labels and effects are made of
+        whole = renderer.view(moment) if full or stored else None
+        view = whole if stored else renderer.coarse_view(moment) if self.camera.wants_view else None
+        visibility = NONE_VISIBLE
+        if labelled:
+            visibility = observe(renderer, projection, None if renderer.has_lens and not stored else view)
         rgb = exposed_rgb(self.scenario, renderer, projection.nominal)
         return Buffers(projection, rgb, visibility, whole, view)
 

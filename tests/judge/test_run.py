@@ -411,8 +411,8 @@ def test_stills_are_of_the_largest_swing_and_of_every_alarm():
 def alarmed():
     """A run with alarms, without pictures."""
     crane = swinging.record("slew-alarm", frames=400, seed=3)
-    sightings = crane.sightings(1.0)
-    measured = Pipeline(nothing, Reader()).conclude(sightings, crane.calibration)
+    seen = crane.observations(1.0)
+    measured = Pipeline(nothing, Reader()).conclude(seen, crane.calibration)
     high = [
         msgspec.structs.replace(m, alpha=a, danger=float(a > 0.1745), alpha_low=a, alpha_high=a)
         for m, a in zip(measured.measurements, crane.alpha, strict=True)
@@ -425,7 +425,7 @@ def alarmed():
             list(frames)
             return high
 
-    frames = [Frame(None, s.time_s, "-") for s in sightings]
+    frames = [Frame(None, s.time_s, "-") for s in seen]
     return measure(frames, crane.calibration, Said(), source="a <video>")
 
 

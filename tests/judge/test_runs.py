@@ -87,7 +87,7 @@ def test_alarms_of_another_kind_are_refused(folder, key, value):
 @pytest.mark.parametrize(
     ("column", "values", "named"),
     [
-        ("rope_text", ["15"] * 12, "rope_text: four digits"),
+        ("rope_text", ["15"] * 12, "rope_text: must be four digits"),
         ("u_px", [float("nan")] * 12, "centre: .* is not finite"),
         ("alpha_deg", [91.0] * 12, "beyond the horizontal"),
         ("time_s", [None] * 12, "float"),

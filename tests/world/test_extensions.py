@@ -4,9 +4,11 @@ import hashlib
 import importlib.metadata
 import json
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -89,7 +91,9 @@ def test_a_dataset_is_resumed_and_audited_with_the_same_functions_alone(made):
     with pytest.raises(DatasetError, match="another dataset"):
         simgrab.render(SCENE, made, resume=True)
     assert simgrab.render(SCENE, made, resume=True, **FUNCTIONS).made == 0
-    with pytest.raises(ExtensionError, match=re.escape("was made with randomiser world.user_functions:sunny_or_grey")):
+    with pytest.raises(
+        ExtensionError, match=re.escape("functions of a user (randomiser world.user_functions:sunny_or_grey")
+    ):
         simgrab.audit(made)
     assert [proof.findings for proof in simgrab.audit(made, **FUNCTIONS).proofs if proof.status == "failed"] == []
 
@@ -108,6 +112,7 @@ def far(scenario, frame, rng):
     return simgrab.Moment.still(frame, simgrab.GrabState(np.nan, 0.0, 15.0, 0.0, 0.0, 0.0), moment.tilt)
 
 
+JIB = simgrab.JibState(0.0, 30.0, 0.0)
 BAD = [
     ({"effects": [not_a_picture]}, "effect .*:not_a_picture returned uint8 of shape \\(10, 480, 3\\); a picture is"),
     ({"effects": [writes]}, "effect .*:writes raised ValueError: .*read-only"),
@@ -118,7 +123,11 @@ BAD = [
     ({"effects": ["mist"]}, "no effect 'mist' in the entry points simgrab.effects; installed: none"),
     ({"trajectory": far}, "trajectory .*:far, frame 0: alpha is nan, not within"),
     ({"trajectory": lambda *_: 3}, "must return a Moment, got int"),
-    ({"trajectory": lambda s, f, r: circle(s, f + 1, r)}, "returned frame 1 for frame 0"),
+    ({"trajectory": lambda s, f, r: circle(s, f + 1, r)}, "got that of frame 1"),
+    ({"trajectory": lambda s, f, r: replace(circle(s, f, r), time=0.0)}, "time and jib must be given together"),
+    ({"trajectory": lambda s, f, r: replace(circle(s, f, r), time=3.0, jib=JIB)}, "time is 3, not within"),
+    ({"trajectory": lambda s, f, r: replace(circle(s, f, r), ahead=circle(s, f, r))}, "a moment ahead needs times"),
+    ({"trajectory": lambda s, f, r: replace(circle(s, f, r), grab=None)}, "no attribute"),
     ({"randomiser": lambda *_: 3}, "must return a mapping"),
     ({"randomiser": lambda *_: 1 / 0}, "randomiser .* raised ZeroDivisionError: division by zero"),
 ]
@@ -140,7 +149,14 @@ def test_functions_that_do_not_work_are_named_in_one_line(functions, message):
 
 
 @pytest.mark.parametrize(
-    ("change", "key"), [({"camera.beta_deg": 500}, "camera.beta_deg"), ({"seed": 3}, "seed"), ({"x.y": 1}, "x")]
+    ("change", "key"),
+    [
+        ({"camera.beta_deg": 500}, "camera.beta_deg"),
+        ({"seed": 3}, "seed"),
+        ({"x.y": 1}, "x"),
+        ({"display.layout": "none"}, "display.layout"),
+        ({"light.sun": object()}, ""),
+    ],
 )
 def test_a_randomiser_is_checked_as_strictly_as_a_scene_file(change, key):
     with pytest.raises(ScenarioError) as problem:
@@ -167,6 +183,55 @@ def test_installed_packages_offer_functions_by_name(monkeypatch, tmp_path):
     assert done.exit_code == 0, done.output
     again = ["render", str(tmp_path / "a" / "manifest.json"), "--quiet", "--out"]
     refused = CliRunner().invoke(cli, [*again, str(tmp_path / "b")])
-    assert "was made with effect world.user_functions:speckle" in str(refused.exception or refused.output)
+    assert "functions of a user (effect world.user_functions:speckle)" in str(refused.exception or refused.output)
     done = CliRunner().invoke(cli, [*again, str(tmp_path / "c"), "--effect", "speckle"])
     assert digests(tmp_path / "a") == digests(tmp_path / "c"), done.output
+
+
+def numpy_circle(scenario, frame, rng):
+    """As users write it: NumPy's numbers, and a gamma of their own that contradicts the poses."""
+    moment = circle(scenario, frame, rng)
+    grab = replace(moment.grab, rope_length=np.float64(15.0), load=np.float32(0.0))
+    due = np.float64(frame % 2) / scenario.clip.frame_rate_hz
+    return replace(moment, grab=grab, gamma=3.0, time=due, jib=JIB, present=np.bool_(True), clip=7)
+
+
+def test_moments_of_numpy_numbers_are_stored_and_gamma_follows_from_the_poses(tmp_path):
+    scene = msgspec.structs.replace(SCENE, frames=2)
+    simgrab.render(scene, tmp_path / "out", trajectory=numpy_circle)
+    for index, frame in enumerate(simgrab.open(tmp_path / "out")):
+        truth = frame.truth
+        assert (truth.clip, truth.time_s) == (0, pytest.approx(index / 9))
+        assert truth.gamma_deg == pytest.approx((180.0 * index - truth.tilt_azimuth_deg) % 360.0)
+
+
+def lent(buffer, rgb, _moment, _rng):
+    """An effect that uses its buffer again."""
+    np.copyto(buffer, rgb)
+    return buffer
+
+
+def test_frames_share_no_pixels_with_an_effect():
+    buffer = np.zeros((270, 480, 3), np.uint8)
+    plain, lending = frames(), frames(effects=[partial(lent, buffer), lambda rgb, *_: rgb])
+    for one, other in zip(plain, lending, strict=True):
+        np.testing.assert_array_equal(one.rgb, other.rgb)
+        assert other.rgb.flags.writeable
+    assert buffer.flags.writeable
+
+
+def test_partials_are_told_apart_and_lambdas_are_not_resumed(tmp_path):
+    one, other, same = (Extensions.of(None, None, [partial(lent, k)]).describe() for k in (1, 2, 1))
+    assert one == same != other
+    with pytest.raises(ExtensionError, match="cannot be recognised again"):
+        simgrab.render(SCENE, tmp_path / "out", resume=True, effects=[lambda rgb, *_: rgb])
+    with pytest.raises(ExtensionError, match="cannot be given to worker processes"):
+        simgrab.render(SCENE, tmp_path / "out", workers=2, effects=[lambda rgb, *_: rgb])
+
+
+def test_a_manifest_is_not_rendered_without_its_functions(made):
+    with pytest.raises(ExtensionError, match="functions of a user"):
+        simgrab.frames(made / "manifest.json")
+    with pytest.raises(ExtensionError, match="functions of a user"):
+        Extensions().refuse_others({"extensions": {"functions": 5}}, made)
+    assert len(simgrab.FrameDataset(made / "manifest.json", **FUNCTIONS)) == 4

@@ -5,7 +5,6 @@ import os
 import pickle
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -187,11 +186,47 @@ def test_memory_stays_flat_over_two_thousand_frames():
     assert late - early < 25e6
 
 
+def test_closing_one_iterator_leaves_another_as_it_is():
+    """OpenGL's names are the same numbers in every context: what is freed must be the closed one's."""
+    scene = SCENES["still"]
+    whole = [frame.rgb for frame in simgrab.frames(scene)]
+    lasting, closed = simgrab.frames(scene), simgrab.frames(SCENES["varied"])
+    next(closed)
+    first = next(lasting).rgb
+    closed.close()
+    for rgb, frame in zip(whole[1:], lasting, strict=True):
+        np.testing.assert_array_equal(frame.rgb, rgb)
+    np.testing.assert_array_equal(first, whole[0])
+
+
+FOGGY = {
+    "camera__distortion": {"k1": -0.28, "k2": 0.09},
+    "weather__visibility_m": 60.0,
+    "image__format": "png",
+}
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_asking_for_buffers_changes_neither_pixels_nor_truth(kept):
+    """Behind a lens ids are rendered more finely for labels than for weather, unless the scenario stores them."""
+    scene = small_scene(frames=2, image__depth=kept, **FOGGY)
+    for plain, full in zip(simgrab.frames(scene, buffers=False), simgrab.frames(scene), strict=True):
+        np.testing.assert_array_equal(plain.rgb, full.rgb)
+        assert plain.truth == full.truth
+        assert full.ids.shape == (270, 480)
+
+
 def test_nothing_depends_on_what_was_rendered_before():
-    """Each frame of an iterator that jumps about equals that of a new one."""
-    scene = SCENES["clip"]
-    jumping = {i: f.rgb for i, f in zip((2, 0, 3), simgrab.frames(scene, (2, 0, 3), buffers=False), strict=True)}
-    fresh = partial(simgrab.frames, scene, buffers=False)
-    for index, rgb in jumping.items():
-        (alone,) = fresh([index])
-        np.testing.assert_array_equal(alone.rgb, rgb)
+    """Exposure that lags, weather, a lens and stored depth: frames alone are those of a whole clip."""
+    scene = small_scene(frames=4, image__depth=True, **FOGGY, **MOVING)
+    whole = [frame.rgb for frame in simgrab.frames(scene)]
+    for index in (3, 1):
+        (alone,) = simgrab.frames(scene, [index])
+        np.testing.assert_array_equal(alone.rgb, whole[index])
+
+
+def test_numbers_of_frames_are_whole():
+    dataset = simgrab.FrameDataset(SCENES["still"])
+    for index in (1.5, "1", slice(2)):
+        with pytest.raises(TypeError):
+            dataset[index]

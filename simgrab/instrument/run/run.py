@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -94,11 +94,10 @@ def run(
     measure_source = _live if options.live or opened.live else _whole
     instrument = instrument or assemble(live=options.live or opened.live)
     if out is None:
-        return measure_source(opened, camera, instrument, options, None, progress)[0]
+        return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened)
     with runs.making(Path(out)) as folder:
         found, film = measure_source(opened, camera, instrument, options, folder, progress)
-        if isinstance(opened, Files) and opened.labels_sha256:
-            found.about["labels_sha256"] = opened.labels_sha256
+        found = _named(found, opened)
         runs.save(found, folder)
         if found.about["tilt"] is not None:
             tilt = msgspec.convert(found.about["tilt"], Known)
@@ -218,6 +217,13 @@ class _Notes:
     @property
     def time(self) -> Array | None:
         return None if None in self.times else np.array(self.times, float)
+
+
+def _named(found: Run, source: Source) -> Run:
+    """Add to a dataset's run what it is known by."""
+    if not (isinstance(source, Files) and source.labels_sha256):
+        return found
+    return replace(found, about=found.about | {"labels_sha256": source.labels_sha256})
 
 
 def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:

@@ -51,13 +51,21 @@ class _Estimated(msgspec.Struct, frozen=True):
     estimator: str
 
 
+class _Counts(msgspec.Struct, frozen=True):
+    ok: int
+    missed: int
+    unread: int
+    lost: int
+    refused: int
+
+
 class Facts(msgspec.Struct, frozen=True):
     """What is read again of ``run.json``."""
 
     instrument: str
     source: str
     timed: bool
-    counts: dict[str, int]
+    counts: _Counts
     rule: _Ruled
     estimate: _Estimated | None
     tilt: Known | None

@@ -195,6 +195,14 @@ class Evaluation(msgspec.Struct, frozen=True):
     def __len__(self) -> int:
         return len(self.keys())
 
+    def get(self, part: str, default: Any = None) -> Any:
+        """Plain data of a part, or the default where there is no part of this name."""
+        return self[part] if part in self.keys() else default
+
+    def values(self) -> list[Any]:
+        """Plain data of the parts."""
+        return [self[name] for name in self]
+
     def items(self) -> list[tuple[str, Any]]:
         """Names of the parts, each with its plain data."""
         return [(name, self[name]) for name in self]

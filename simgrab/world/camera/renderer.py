@@ -115,6 +115,7 @@ class Renderer:
     def pose(self, moment: Moment) -> mujoco.MjData:
         """Pose world and camera as at a moment, which every rendering does first; returns the state."""
         if moment is not self._posed:
+            self._posed = None  # posing may fail
             self._rotation = moment.tilt.jib_from_camera
             self.world.pose(self.data, moment)
             self._posed = moment

@@ -21,7 +21,7 @@ from simgrab.records import frame_files
 from simgrab.scenario import Scenario
 from simgrab.utilities import pictures
 from simgrab.utilities.parse import read_json
-from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
+from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import export, manifest, preview, stored
@@ -68,7 +68,7 @@ class Summary:
 
 
 def render(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     out: str | Path,
     *,
     video: str | Path | None = None,
@@ -86,8 +86,8 @@ def render(
 
     Parameters
     ----------
-    scenario : Scenario
-        See `simgrab.scenes.load`.
+    scenario : Scenario, str or Path
+        A scenario, a bundled scene's name, or a scene file; see `simgrab.load`.
     out : str or Path
         New or empty folder; with ``resume`` also one that an interrupted run of the same scenario left.
     video : str or Path, optional
@@ -116,11 +116,16 @@ def render(
         If the folder cannot be used.
     RendererError
         If there is no offscreen OpenGL.
+    ExtensionError
+        If a function of yours cannot be found, raises, or returns what no frame can be.
     WorkerError
         If worker processes die of a frame or clip again and again.
     """
     crew.check(workers)
-    recipe = Recipe(scenario, Extensions.of(randomiser, trajectory, effects))
+    recipe = Recipe.of(scenario, randomiser, trajectory, effects)
+    scenario = recipe.scenario
+    if resume:
+        recipe.extensions.refuse_unknown()
     folder, identity = Folder(Path(out)), manifest.identity(recipe)
     folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
     reels = Reels(recipe, Path(video)) if video is not None else None

@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
+import pickle
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from simgrab.errors import DatasetError, ScenarioError
+from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
 from simgrab.utilities.processes import Pool, tick
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -152,6 +153,13 @@ def share(
         If processes die of an item again and again. What work raises is raised as it is.
     """
     if workers > 1:
+        try:
+            pickle.dumps(recipe)
+        except Exception as problem:
+            why = first_line(problem)
+            raise ExtensionError(
+                f"a function cannot be given to worker processes: define it at the top of a module ({why})"
+            ) from None
         with Pool(workers, setup=functools.partial(_open, recipe)) as pool:
             done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
             with contextlib.closing(done):

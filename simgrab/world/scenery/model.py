@@ -49,10 +49,9 @@ class World:
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
         model, state = self.model, moment.grab
-        if moment.jib:
-            place = moment.jib.jib_from_place
-            data.mocap_pos[self._mocap("place")] = place[:3, 3]
-            data.mocap_quat[self._mocap("place")] = (np.cos(moment.jib.slew / 2), 0, 0, -np.sin(moment.jib.slew / 2))
+        place, slew = (moment.jib.jib_from_place, moment.jib.slew) if moment.jib else (np.eye(4), 0.0)
+        data.mocap_pos[self._mocap("place")] = place[:3, 3]
+        data.mocap_quat[self._mocap("place")] = (np.cos(slew / 2), 0, 0, -np.sin(slew / 2))
         half = state.alpha / 2
         data.joint("swing").qpos = (
             np.cos(half),

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from simgrab.errors import DatasetError
 from simgrab.scenario import Scenario
 from simgrab.utilities import parquet
-from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
+from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import stored
@@ -52,7 +52,7 @@ class VideoSummary:
 
 
 def render_video(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     path: str | Path,
     *,
     workers: int = 1,
@@ -97,10 +97,14 @@ def render_video(
         If something else lies there, or it cannot be written.
     RendererError
         If there is no offscreen OpenGL.
+    ExtensionError
+        If a function of yours cannot be found, raises, or returns what no frame can be.
     WorkerError
         If worker processes die of a frame or clip again and again.
     """
-    recipe = Recipe(scenario, Extensions.of(randomiser, trajectory, effects))
+    recipe = Recipe.of(scenario, randomiser, trajectory, effects)
+    if resume:
+        recipe.extensions.refuse_unknown()
     return film_recipe(recipe, path, workers=workers, resume=resume, progress=progress, checking=checking)
 
 
