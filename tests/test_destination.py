@@ -79,9 +79,9 @@ def test_a_folder_without_permission_is_refused(here):
 
 # By verb: arguments with the place to come, and what must not have been called by then.
 VERBS = {
-    "render": (["render", "--out"], "simgrab.world.output.workers.vetted"),
-    "render a video": (["render", "--out", "data", "--video"], "simgrab.world.output.workers.vetted"),
-    "render a video alone": (["render", "--video"], "simgrab.world.output.workers.vetted"),
+    "render": (["render", "--out"], "simgrab.world.output.pool.vetted"),
+    "render a video": (["render", "--out", "data", "--video"], "simgrab.world.output.pool.vetted"),
+    "render a video alone": (["render", "--video"], "simgrab.world.output.pool.vetted"),
     "run": (["run", "none.mp4", "--out"], "simgrab.instrument.pipeline.assemble"),
     "check": (["check", "smoke", "--out"], "simgrab.judge.check.gate.check"),
     "check's cache": (["check", "smoke", "--cache"], "simgrab.judge.check.gate._instrument"),

@@ -260,6 +260,20 @@ class FrameDataset(Generic[T]):
     >>> dataset.close()
     """
 
+    @overload
+    def __init__(
+        self: FrameDataset[Frame], scene: Scenario | str | Path, transform: None = None, *,
+        buffers: bool = ..., randomiser: Randomiser | str | None = ..., trajectory: Motion | str | None = ...,
+        effects: Sequence[Effect | str] = ...,
+    ) -> None: ...  # fmt: skip
+
+    @overload
+    def __init__(
+        self, scene: Scenario | str | Path, transform: Callable[[Frame], T], *,
+        buffers: bool = ..., randomiser: Randomiser | str | None = ..., trajectory: Motion | str | None = ...,
+        effects: Sequence[Effect | str] = ...,
+    ) -> None: ...  # fmt: skip
+
     def __init__(
         self,
         scene: Scenario | str | Path,
@@ -290,19 +304,13 @@ class FrameDataset(Generic[T]):
     def __len__(self) -> int:
         return self.scenario.frames
 
-    @overload
-    def __getitem__(self: FrameDataset[Frame], index: int) -> Frame: ...
-
-    @overload
-    def __getitem__(self, index: int) -> T: ...
-
-    def __getitem__(self, index: int) -> T | Frame:
+    def __getitem__(self, index: int) -> T:
         number = _checked(index, len(self))
         if self._generator is None or self._process != os.getpid():  # a fork's context is its parent's
             self._parents = self._generator  # kept, since freeing it would call OpenGL in the fork
             self._generator, self._process = FrameGenerator(self._recipe), os.getpid()
         frame = self._generator.frame(number, full=self._full)
-        return self._transform(frame) if self._transform else frame
+        return self._transform(frame) if self._transform else frame  # type: ignore[return-value]  # T is Frame then
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_generator": None, "_parents": None, "_process": 0}

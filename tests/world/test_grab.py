@@ -11,7 +11,7 @@ from conftest import slow_but
 from simgrab import scenes
 from simgrab.scenario import Cargo
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.workers import vet
+from simgrab.world.output.pool import vet
 from simgrab.world.scenery import model
 from simgrab.world.scenery.meshes import grab, linkage
 from simgrab.world.scenery.meshes.part import Part

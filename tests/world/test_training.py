@@ -18,8 +18,7 @@ from simgrab.scenario import variant
 from simgrab.world.camera.renderer import NOTHING
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import stored
-from simgrab.world.output import workers as crew
+from simgrab.world.output import pool, stored
 from simgrab.world.output.dataset import render
 from simgrab.world.output.folder import Folder
 from simgrab.world.scenery.clearance import HeightMap
@@ -166,7 +165,7 @@ def test_the_audit_passes_without_the_grab(half_empty):
 
 def test_a_scene_without_any_grab_is_refused():
     with pytest.raises(ScenarioError, match="the grab is outside the image"):
-        crew.vetted(Recipe(small_scene(swing__absent=1.0)), 1)
+        pool.vetted(Recipe(small_scene(swing__absent=1.0)), 1)
 
 
 @pytest.mark.parametrize("place", slow_but(["plain", "quay", "hold", "water"], "plain", "hold"))
@@ -234,7 +233,7 @@ def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_
 @pytest.mark.parametrize("workers", slow_but([1, 2], 1))
 def test_many_worlds_are_counted_while_they_are_checked(workers):
     told = []
-    crew.vetted(Recipe(scene(frames=6)), workers, lambda *counts: told.append(counts))
+    pool.vetted(Recipe(scene(frames=6)), workers, lambda *counts: told.append(counts))
     assert (told[0], told[-1]) == ((0, 3), (3, 3))
     assert told == sorted(told)
 
@@ -242,5 +241,5 @@ def test_many_worlds_are_counted_while_they_are_checked(workers):
 def test_frames_that_were_found_possible_are_not_looked_at_again(tmp_path, monkeypatch):
     scenario = small_scene(frames=2)
     render(scenario, tmp_path / "out")
-    monkeypatch.setattr(crew, "vetted", None)
+    monkeypatch.setattr(pool, "vetted", None)
     assert render(scenario, tmp_path / "out", resume=True).made == 0

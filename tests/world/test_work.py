@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.workers import vetted
+from simgrab.world.output.pool import vetted
 from simgrab.world.scenery.meshes.grab import closing_rope_m
 from simgrab.world.trajectory.axis import Axis, Move
 from simgrab.world.trajectory.clip import ClipMotion

@@ -18,7 +18,7 @@ from simgrab.errors import StressError
 from simgrab.judge.stress import fidelities
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Finding, Moments, Summary, Verdict, judge
-from simgrab.judge.stress.work import Part, check_workers, crew, parts, schema, store
+from simgrab.judge.stress.work import Part, check_workers, parts, schema, store, worker_pool
 from simgrab.utilities import parquet
 from simgrab.utilities.destination import check_folder, locked_folder, writing
 from simgrab.utilities.files import drafted, write
@@ -86,7 +86,7 @@ def _run(
     done = total - sum(part.last - part.first for _, _, part in missing)
     if progress:
         progress(done, total)
-    with crew(workers) as pool:
+    with worker_pool(workers) as pool:
         for count in pool.map(_store, missing, name=_named):
             done += count
             if progress:

@@ -109,7 +109,7 @@ def check_workers(workers: int) -> None:
         raise StressError(f"workers must be 1 or more, got {workers}")
 
 
-def crew(workers: int) -> Pool:
+def worker_pool(workers: int) -> Pool:
     """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
 
     Raises

@@ -24,12 +24,11 @@ from simgrab.utilities.parse import read_json
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import export, manifest, preview, stored
-from simgrab.world.output import workers as crew
+from simgrab.world.output import export, manifest, pool, preview, stored
 from simgrab.world.output.folder import MANIFEST, Folder, writing
+from simgrab.world.output.pool import Progress, Tick
 from simgrab.world.output.video.files import Reels
 from simgrab.world.output.video.render import Filming, VideoSummary, film_recipe
-from simgrab.world.output.workers import Progress, Tick
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def render(
     WorkerError
         If worker processes die of a frame or clip again and again.
     """
-    crew.check(workers)
+    pool.check(workers)
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
     scenario = recipe.scenario
     if resume:
@@ -130,7 +129,7 @@ def render(
     folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
     reels = Reels(recipe, Path(video)) if video is not None else None
     clips = reels.unfinished(resume=resume) if reels else []
-    known = None if folder.begun else crew.vetted(recipe, workers, checking)
+    known = None if folder.begun else pool.vetted(recipe, workers, checking)
     made = 0
     if folder.open(identity, resume=resume):
         with folder.lock(), reels.claim() if reels and clips else nullcontext():
@@ -153,18 +152,18 @@ def render(
 
 
 def _draw(
-    folder: Folder, recipe: Recipe, known: crew.Vetted | None, missing: Sequence[int], workers: int,
+    folder: Folder, recipe: Recipe, known: pool.Vetted | None, missing: Sequence[int], workers: int,
     progress: Progress | None,
 ) -> Generator[Fingerprint, None, None]:  # fmt: skip
     """Draw and store missing frames, clip by clip where each clip is a world of its own."""
     scenario = recipe.scenario
-    share = functools.partial(crew.share, recipe, known, workers=workers)
+    work_on = functools.partial(pool.map_items, recipe, known, workers=workers)
     if not recipe.varies:
-        report = crew.report(progress, scenario.frames - len(missing), scenario.frames)
-        return share(missing, functools.partial(_store, folder), unit="frame", progress=report)
+        report = pool.report(progress, scenario.frames - len(missing), scenario.frames)
+        return work_on(missing, functools.partial(_store, folder), unit="frame", progress=report)
     clips = sorted(set(map(scenario.clip.of, missing)))
-    report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
-    return share(clips, functools.partial(_store_clip, folder), unit="clip", progress=report)
+    report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
+    return work_on(clips, functools.partial(_store_clip, folder), unit="clip", progress=report)
 
 
 def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
@@ -192,7 +191,7 @@ def _film(
     reels: Reels,
     unfinished: Sequence[int],
     folder: Folder,
-    known: crew.Vetted | None,
+    known: pool.Vetted | None,
     missing: Sequence[int],
     workers: int,
     progress: Progress | None,
@@ -200,9 +199,9 @@ def _film(
     """Film unfinished clips and store missing frames, each rendered once."""
     scenario, clip = reels.scenario, reels.scenario.clip
     clips = sorted({*unfinished, *map(clip.of, missing)})
-    report = crew.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
+    report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
     work = Filming(reels, folder)
-    return crew.share(reels.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
+    return pool.map_items(reels.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
 
 
 def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:

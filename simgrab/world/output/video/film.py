@@ -18,12 +18,12 @@ from simgrab.world.frames import Frame
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import export, manifest
 from simgrab.world.output.folder import writing
+from simgrab.world.output.pool import Tick
 from simgrab.world.output.stored import split
 from simgrab.world.output.video.coder import Coder
 from simgrab.world.output.video.files import MANIFEST, Reels
 from simgrab.world.output.video.table import Table
 from simgrab.world.output.video.transmission import Slot, slots
-from simgrab.world.output.workers import Tick
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,12 +15,11 @@ from simgrab.utilities import parquet
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import stored
-from simgrab.world.output import workers as crew
+from simgrab.world.output import pool, stored
 from simgrab.world.output.folder import Folder
+from simgrab.world.output.pool import Progress, Tick
 from simgrab.world.output.video.files import Reels
 from simgrab.world.output.video.film import Shot, film
-from simgrab.world.output.workers import Progress, Tick
 
 
 @dataclass(frozen=True)
@@ -118,17 +117,19 @@ def film_recipe(
     checking: Progress | None = None,
 ) -> VideoSummary:
     """Render a recipe into videos; see `render_video`."""
-    crew.check(workers)
+    pool.check(workers)
     scenario, reels = recipe.scenario, Reels(recipe, Path(path))
     clips = reels.unfinished(resume=resume)
     if clips or reels.partial.exists():
-        known = crew.vetted(recipe, workers, checking)
+        known = pool.vetted(recipe, workers, checking)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
-        report = crew.report(progress, ahead, scenario.frames)
+        report = pool.report(progress, ahead, scenario.frames)
         work = Filming(reels, None)
         with (
             reels.claim(),
-            closing(crew.share(recipe, known, clips, work, workers=workers, unit="clip", progress=report)) as filmed,
+            closing(
+                pool.map_items(recipe, known, clips, work, workers=workers, unit="clip", progress=report)
+            ) as filmed,
         ):
             for _ in filmed:
                 pass

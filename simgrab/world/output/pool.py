@@ -86,7 +86,9 @@ def vetted(recipe: Recipe, workers: int, checking: Progress | None = None) -> Ve
         return found
     clips = range(scenario.clip.count(scenario.frames))
     done = report(checking, 0, len(clips))
-    with contextlib.closing(share(recipe, None, clips, _vet, workers=workers, unit="world", progress=done)) as counts:
+    with contextlib.closing(
+        map_items(recipe, None, clips, _vet, workers=workers, unit="world", progress=done)
+    ) as counts:
         refuse_unseen(scenario.frames, sum(counts))
     return None
 
@@ -118,7 +120,7 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
     return done
 
 
-def share(
+def map_items(
     recipe: Recipe,
     known: Vetted | None,
     items: Iterable[int],
