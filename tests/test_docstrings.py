@@ -1,4 +1,4 @@
-"""Every example in a docstring runs and gives what it shows."""
+"""Examples in docstrings run and give what they show, but for the few marked as skipped, which take minutes."""
 
 import doctest
 import importlib
