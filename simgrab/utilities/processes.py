@@ -33,6 +33,11 @@ _log = logging.getLogger(__name__)
 _spawn = get_context("spawn")  # OpenGL contexts do not survive a fork
 
 
+def pickled(value: object) -> bytes:
+    """Return what a worker process would be sent. What cannot be sent raises an error of any type."""
+    return bytes(ForkingPickler.dumps(value))
+
+
 @dataclass
 class _Job(Generic[Item]):
     """An item under way: how often a worker died of it, and its ticks in this attempt and in the longest one."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 import math
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
@@ -19,6 +18,7 @@ from simgrab import scenes
 from simgrab.errors import ExtensionError, ScenarioError, SimgrabError, first_line
 from simgrab.rng import stream
 from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, Scenario, Variant, variant
+from simgrab.utilities.processes import pickled
 from simgrab.world.scenery.meshes.linkage import MAX_JAW
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
 
@@ -292,7 +292,7 @@ def _identity(function: Callable[..., Any]) -> dict[str, Any]:
     if inspect.isfunction(function) and "<" not in defined.__qualname__:  # neither lambda nor closure
         return identity
     try:
-        return identity | {"state_sha256": hashlib.sha256(pickle.dumps(function)).hexdigest()}
+        return identity | {"state_sha256": hashlib.sha256(pickled(function)).hexdigest()}
     except Exception:
         return identity | {"state_sha256": None}
 

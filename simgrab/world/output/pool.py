@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
-import pickle
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
-from simgrab.utilities.processes import Pool, tick
+from simgrab.utilities.processes import Pool, pickled, tick
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.projection import Projection, project
@@ -156,7 +155,7 @@ def map_items(
     """
     if workers > 1:
         try:
-            pickle.dumps(recipe)
+            pickled(recipe)
         except Exception as problem:
             why = first_line(problem)
             raise ExtensionError(
