@@ -49,10 +49,10 @@ def command(
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
     with steps(shown=not (quiet or as_json)) as progress:
         options = gate.Options(instrument, baseline, seed, cache or default(), workers, progress)
-        told = gate.record(found, options, seeds) if update else gate.check(found, options)
-    report.save(told, place)
+        result = gate.record(found, options, seeds) if update else gate.check(found, options)
+    report.save(result, place)
     if as_json:
-        click.echo(report.as_json(told))
+        click.echo(report.as_json(result))
     else:
-        show(told, quiet=quiet)
-    sys.exit(0 if told.passed else 1)
+        show(result, quiet=quiet)
+    sys.exit(0 if result.passed else 1)

@@ -87,7 +87,8 @@ class FrameGenerator:
 
     Examples
     --------
-    >>>     >>> with FrameGenerator(scenes.load("quay-day")) as generator:  # doctest: +SKIP
+    >>> import simgrab
+    >>> with FrameGenerator(simgrab.load("quay-day")) as generator:  # doctest: +SKIP
     ...     frame = generator.frame(812)
     """
 

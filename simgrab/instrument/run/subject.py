@@ -42,9 +42,9 @@ def open_instrument(name: str) -> Instrument:
     module, colon, factory = name.partition(":")
     if name != BUNDLED and not (module and colon and factory):
         raise InstrumentError(f"instrument {name!r}: name {BUNDLED!r}, or a factory as package.module:factory")
-    with told(f"instrument {name}: cannot be imported"):
+    with one_line(f"instrument {name}: cannot be imported"):
         make = bundled if name == BUNDLED else getattr(importlib.import_module(module), factory)
-    with told(f"instrument {name}: cannot be made"):
+    with one_line(f"instrument {name}: cannot be made"):
         made = make()
     return checked(made, name)
 
@@ -53,7 +53,7 @@ def checked(instrument: Any, what: str = "instrument") -> Instrument:
     """Check an instrument against the contract, so that whatever goes wrong in it is an `InstrumentError`."""
     if isinstance(instrument, Pipeline | CheckedInstrument):
         return instrument
-    with told(f"{what}: has no name"):
+    with one_line(f"{what}: has no name"):
         name = instrument.name
     if not isinstance(name, str) or not name:
         raise InstrumentError(f"{what}: its name must be a text, got {name!r}")
@@ -73,7 +73,7 @@ class CheckedInstrument:
         """Measure a record; numbers of NumPy's are taken for plain ones."""
         passing = _Passing(self.name, frames)
         given: list[object] = []
-        with told(self.name):
+        with one_line(self.name):
             for one in self.instrument(passing, calibration):
                 if not passing.reach(len(given) + 1):
                     if not given:  # nor is there a frame, which is reported elsewhere
@@ -147,7 +147,7 @@ def _number(value: Any) -> Any:
 
 
 @contextmanager
-def told(what: str) -> Iterator[None]:
+def one_line(what: str) -> Iterator[None]:
     """Turn any exception into one line: what failed, why, and where in the user's code.
 
     Raises

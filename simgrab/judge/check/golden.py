@@ -133,14 +133,14 @@ def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: floa
     if golden.shape != picture.shape:
         return Look(frame, "failed", f"of another size than recorded: {picture.shape} for {golden.shape}")
     least = likeness(golden, picture)
-    told = Look(frame, "passed", f"lowest SSIM of a tile {least:.3f}, at least {least_ssim:g} is required", least)
+    compared = Look(frame, "passed", f"lowest SSIM of a tile {least:.3f}, at least {least_ssim:g} is required", least)
     if kept.drawn_by == drawn_by(dataset):
-        told = replace(
-            told, status="failed", message=f"changed, although rendered by the same renderer (SSIM {least:.3f})"
+        compared = replace(
+            compared, status="failed", message=f"changed, although rendered by the same renderer (SSIM {least:.3f})"
         )
     elif least < least_ssim:
-        told = replace(told, status="failed")
-    return told if told.status == "passed" else replace(told, difference=_beside(golden, picture))
+        compared = replace(compared, status="failed")
+    return compared if compared.status == "passed" else replace(compared, difference=_beside(golden, picture))
 
 
 def likeness(a: Picture, b: Picture) -> float:

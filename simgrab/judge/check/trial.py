@@ -11,7 +11,7 @@ from simgrab import calibration
 from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.run.run import measure
-from simgrab.instrument.run.subject import told
+from simgrab.instrument.run.subject import one_line
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.labels.datasets import Dataset
@@ -60,9 +60,9 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     """
     camera = calibration.load(dataset.path / "camera.toml")
     source = open_source(dataset.path)
-    with told(instrument.name):
+    with one_line(instrument.name):
         run = measure(source, camera, instrument, source=source.name)
-    with told(f"{instrument.name}: cannot be evaluated"):
+    with one_line(f"{instrument.name}: cannot be evaluated"):
         return flat(evaluate(run, dataset.path).to_dict())
 
 

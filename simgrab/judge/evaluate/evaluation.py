@@ -59,8 +59,8 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
 
 def rule_of(run: Run) -> Rule:
     """Find the rule that a run's alarms were raised by."""
-    told = run.about["rule"]
-    return Rule(told["raised_at"], told["frames"], float(np.deg2rad(told["released_at_deg"])), told["quiet_s"])
+    rule = run.about["rule"]
+    return Rule(rule["raised_at"], rule["frames"], float(np.deg2rad(rule["released_at_deg"])), rule["quiet_s"])
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:

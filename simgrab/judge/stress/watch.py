@@ -175,9 +175,9 @@ def _mark(picture: Picture, true: Array, found: Array, scale: float, corner: Arr
 def _caption(watched: Watched, index: int) -> str:
     observation: Observation = watched.seen.observations[index]
     alpha, rope_m = np.degrees(watched.truth[0, index]), watched.truth[2, index]
-    told = watched.seen.rope.length[index]
+    length = watched.seen.rope.length[index]
     centre = f"centre off by {watched.off_px[index]:.1f} px" if observation.centre else observation.missed
     if not watched.present[index]:
         centre = f"no grab there: {'found one' if observation.centre else 'none found'}"
-    read = f"read {told:.2f}" if np.isfinite(told) else observation.rope_reason or "no display"
+    read = f"read {length:.2f}" if np.isfinite(length) else observation.rope_reason or "no display"
     return f"#{index}  {centre}   alpha {alpha:.2f} deg   rope {rope_m:.2f} m, {read}"
