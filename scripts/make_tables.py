@@ -28,7 +28,9 @@ def scenes_table() -> str:
 
 def axes_table() -> str:
     """Axes of the stress studies."""
-    rows = [f"| `{a.name}` | {a.unit} | {'' if a.holds is None else a.holds} | {a.says} |" for a in AXES.values()]
+    rows = [
+        f"| `{a.name}` | {a.unit} | {'' if a.holds is None else a.holds} | {a.description} |" for a in AXES.values()
+    ]
     return "\n".join(["| axis | unit | no violation at | what it varies |", "|---|---|---|---|", *rows])
 
 

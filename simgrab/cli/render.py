@@ -10,7 +10,6 @@ from typing import Any
 import click
 from rich.console import Console
 
-from simgrab import scenes
 from simgrab.cli._options import FILE, FOLDER, WORKERS
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
@@ -45,9 +44,7 @@ def command(
     from simgrab.world.output.video.render import VideoSummary, render_video
 
     given = Extensions.of(randomiser, trajectory, effects)
-    manifest = scenes.manifest(scene)
-    if manifest is not None:
-        given.refuse_others(manifest, Path(scene))
+    given.refuse_others(scene)
     functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]

@@ -22,8 +22,8 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
     """Read a stretch of time, s: ``300s``, ``300`` or ``5min``."""
     if text is None:
         return None
-    told = re.fullmatch(r"(\d+(?:\.\d+)?)(s|min|)", text.strip())
-    seconds = 0.0 if told is None else float(told[1]) * (60 if told[2] == "min" else 1)
+    matched = re.fullmatch(r"(\d+(?:\.\d+)?)(s|min|)", text.strip())
+    seconds = 0.0 if matched is None else float(matched[1]) * (60 if matched[2] == "min" else 1)
     if not 0 < seconds <= LONGEST_S:
         raise click.BadParameter(f"{shown(text)}: invalid duration; use e.g. 300s or 5min, at most one day")
     return seconds

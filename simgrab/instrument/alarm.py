@@ -90,8 +90,8 @@ def probability(alpha: Array, low: Array, high: Array) -> Array:
     sd = (high - low) / (2 * _NORMAL)
     above = np.where(alpha > DANGER, 1.0, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        told = np.where(sd > 0, special.ndtr((alpha - DANGER) / sd), above)
-    return np.where(np.isnan(alpha), np.nan, told)
+        chance = np.where(sd > 0, special.ndtr((alpha - DANGER) / sd), above)
+    return np.where(np.isnan(alpha), np.nan, chance)
 
 
 def danger(m: Measurement) -> float:

@@ -18,4 +18,4 @@ class Strict(Checked, frozen=True):
 
 
 class Tagged(Strict, frozen=True, tag_field="model"):
-    """Base of every table that comes in kinds, told apart by ``model``."""
+    """Base of every table that comes in kinds, distinguished by ``model``."""

@@ -21,6 +21,11 @@ class Image(Strict, frozen=True):
     ids: bool = False
     depth: bool = False
 
+    @property
+    def stores_buffers(self) -> bool:
+        """Whether ids or depth of the whole picture are stored."""
+        return self.ids or self.depth
+
 
 class Shutter(Strict, frozen=True):
     """When the rows of a picture see the scene: each for ``exposure_s``, the last ``rolling_s`` after the first.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -17,10 +16,10 @@ from numpy.typing import NDArray
 from simgrab import scenes
 from simgrab.errors import ExtensionError, ScenarioError, SimgrabError, first_line
 from simgrab.rng import stream
-from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, Scenario, Variant, variant
+from simgrab.scenario import Scenario, Variant, variant
 from simgrab.utilities.processes import pickled
-from simgrab.world.scenery.meshes.linkage import MAX_JAW
-from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
+from simgrab.world.trajectory.checked import checked
+from simgrab.world.trajectory.moment import Moment
 
 Picture: TypeAlias = NDArray[np.uint8]
 Randomiser: TypeAlias = Callable[[Scenario, np.random.Generator], Mapping[str, Any]]
@@ -154,14 +153,17 @@ class Extensions:
             rgb = result
         return rgb
 
-    def refuse_others(self, manifest: Mapping[str, Any], path: Path) -> None:
-        """Refuse a manifest that names other functions than these.
+    def refuse_others(self, scene: str | Path) -> None:
+        """Refuse a scene that is the manifest of a dataset made with other functions than these.
 
         Raises
         ------
         ExtensionError
             Says which functions the manifest names.
         """
+        manifest, path = scenes.manifest(scene), Path(scene)
+        if manifest is None:
+            return
         stated, own = manifest.get("extensions"), self.describe()
         if stated == own:
             return
@@ -215,9 +217,7 @@ class Recipe:
         extensions = Extensions.of(randomiser, trajectory, effects)
         if isinstance(scene, Scenario):
             return cls(scene, extensions)
-        manifest = scenes.manifest(scene)
-        if manifest is not None:
-            extensions.refuse_others(manifest, Path(scene))
+        extensions.refuse_others(scene)
         return cls(scenes.load(scene), extensions)
 
     @property
@@ -295,68 +295,3 @@ def _identity(function: Callable[..., Any]) -> dict[str, Any]:
         return identity | {"state_sha256": hashlib.sha256(pickled(function)).hexdigest()}
     except Exception:
         return identity | {"state_sha256": None}
-
-
-def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
-    """Check a user's moment, and make its numbers Python's.
-
-    Raises
-    ------
-    TypeError, ValueError, AttributeError
-        If it is no moment that a frame can show.
-    """
-    if not isinstance(moment, Moment):
-        raise TypeError(f"must return a Moment, got {type(moment).__name__}")
-    if moment.frame != frame:
-        raise ValueError(f"must return the moment of this frame, got that of frame {moment.frame}")
-    if (moment.time is None) != (moment.jib is None):
-        raise ValueError("time and jib must be given together")
-    clip, rate = scenario.clip.of(frame), scenario.clip.frame_rate_hz
-    if moment.time is not None:
-        due = (frame - scenario.clip.span(clip, scenario.frames).start) / rate
-        _within("time", moment.time, due - 0.499 / rate, due + 0.499 / rate)
-    now = _instant(moment)
-    ahead = None
-    if moment.ahead is not None:
-        if now.time is None or moment.ahead.time is None:
-            raise ValueError("a moment ahead needs times, and so does the moment itself")
-        _within("ahead.time", moment.ahead.time, now.time + 1e-6, now.time + 1.0)
-        ahead = _instant(moment.ahead)
-    return replace(
-        now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead,
-        shown=moment.shown if scenario.display_layout else None,
-    )  # fmt: skip
-
-
-def _instant(moment: Moment) -> Moment:
-    """Moment of Python's numbers within bounds; what it is ahead of is left out."""
-    grab, tilt, jib = moment.grab, moment.tilt, moment.jib
-    turn = (-1e3, 1e3)
-    grab = GrabState(
-        alpha=_within("alpha", grab.alpha, 0.0, math.radians(MOST_ALPHA_DEG)),
-        azimuth=_within("azimuth", grab.azimuth, *turn),
-        rope_length=_within("rope_length", grab.rope_length, *ROPE_LENGTH_RANGE_M),
-        yaw=_within("yaw", grab.yaw, *turn),
-        jaw=_within("jaw", grab.jaw, 0.0, MAX_JAW),
-        load=_within("load", grab.load, 0.0, 1.0),
-    )
-    tilt = Tilt(
-        _within("tilt.beta", tilt.beta, 0.0, math.pi / 2), _within("tilt.azimuth", tilt.azimuth, *turn),
-        _within("tilt.roll", tilt.roll, *turn),
-    )  # fmt: skip
-    if jib is not None:
-        jib = JibState(
-            _within("jib.slew", jib.slew, *turn), _within("jib.radius", jib.radius, 0.1, 1e3),
-            _within("jib.luffed", jib.luffed, *turn),
-        )  # fmt: skip
-    x, y, z = (_within("apparent_gravity", value, *turn) for value in moment.apparent_gravity)
-    still = Moment.still(moment.frame, grab, tilt)  # gamma follows from the two azimuths
-    time = None if moment.time is None else float(moment.time)
-    return replace(still, time=time, jib=jib, apparent_gravity=(x, y, z))
-
-
-def _within(name: str, value: float, least: float, most: float) -> float:
-    number = float(value)
-    if not least <= number <= most:  # NaN is within no bounds
-        raise ValueError(f"{name} is {number:g}, not within {least:g} … {most:g}")
-    return number

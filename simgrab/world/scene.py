@@ -63,8 +63,8 @@ class Scene:
         labelled : bool
             Whether the frame gets labels, for which the grab's visibility is rendered.
         """
-        renderer, moment, image = self.renderer, projection.moment, self.scenario.image
-        stored = image.ids or image.depth  # the scenario alone decides what labels and effects are made of
+        renderer, moment = self.renderer, projection.moment
+        stored = self.scenario.image.stores_buffers  # the scenario alone decides what labels and effects are made of
         whole = renderer.view(moment) if full or stored else None
         view = whole if stored else renderer.coarse_view(moment) if self.camera.wants_view else None
         visibility = NONE_VISIBLE
@@ -79,9 +79,10 @@ class Scene:
         An exposure that lags depends on the frames before: they are metered first, from the clip's beginning, unless
         the frame before was the last one developed.
         """
-        if not self.camera.has_memory:
+        nominal = buffers.projection.nominal
+        if not self.camera.has_memory or nominal.time is None:
             return self.camera.develop(buffers)
-        frame = buffers.projection.nominal.frame
+        frame = nominal.frame
         developed = self.camera.develop(buffers, self._exposure_before(frame))
         assert developed.exposure is not None
         self._metered = frame, developed.exposure

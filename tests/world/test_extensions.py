@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import as_options, small_scene
 from world import user_functions
-from world.user_functions import circle, invert, speckle, sunny_or_grey
+from world.user_functions import circle, invert, passing, speckle, sunny_or_grey
 
 import simgrab
 from simgrab.cli import cli
@@ -229,9 +229,20 @@ def test_partials_are_told_apart_and_lambdas_are_not_resumed(tmp_path):
         simgrab.render(SCENE, tmp_path / "out", workers=2, effects=[lambda rgb, *_: rgb])
 
 
-def test_a_manifest_is_not_rendered_without_its_functions(made):
+def test_a_manifest_is_not_rendered_without_its_functions(made, tmp_path):
     with pytest.raises(ExtensionError, match="functions of a user"):
         simgrab.frames(made / "manifest.json")
+    (tmp_path / "manifest.json").write_text('{"extensions": {"functions": 5}}')
     with pytest.raises(ExtensionError, match="functions of a user"):
-        Extensions().refuse_others({"extensions": {"functions": 5}}, made)
+        Extensions().refuse_others(tmp_path / "manifest.json")
     assert len(simgrab.FrameDataset(made / "manifest.json", **FUNCTIONS)) == 4
+
+
+def test_an_exposure_lags_along_a_trajectory_with_time():
+    lagging = small_scene(frames=3, optics__exposure={"model": "auto", "lag_s": 30.0})
+    prompt = small_scene(frames=3, optics__exposure={"model": "auto", "lag_s": 0.0})
+    found = frames(lagging, trajectory=passing)
+    np.testing.assert_array_equal(found[2].rgb, next(simgrab.frames(lagging, [2], trajectory=passing)).rgb)
+    assert [(a.rgb != b.rgb).any() for a, b in zip(found, frames(prompt, trajectory=passing), strict=True)] == [
+        False, True, True,
+    ]  # fmt: skip

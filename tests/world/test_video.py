@@ -28,8 +28,8 @@ from simgrab.scenario import Camera, Scenario
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.output.dataset import render
-from simgrab.world.output.video.files import Reels
-from simgrab.world.output.video.film import Shot, film
+from simgrab.world.output.video.encode import Shot, encode_clip
+from simgrab.world.output.video.files import VideoFiles
 from simgrab.world.output.video.render import render_video
 
 ROUGH = {
@@ -274,18 +274,21 @@ def test_a_strangers_file_is_no_clip(rough, tmp_path):
 
 
 def test_two_writers_do_not_share_a_place(rough, tmp_path):
-    with Reels(Recipe(rough), tmp_path / "swing.mp4").claim(), pytest.raises(DatasetError, match="another simgrab"):
+    with (
+        VideoFiles(Recipe(rough), tmp_path / "swing.mp4").claim(),
+        pytest.raises(DatasetError, match="another simgrab"),
+    ):
         render_video(rough, tmp_path / "swing.mp4", resume=True)
 
 
 @pytest.mark.slow
 def test_a_full_disk_is_told_and_survived(videos, rough, tmp_path, monkeypatch):
-    real = Reels.draft
+    real = VideoFiles.draft
 
     def draft(self, clip, suffix):
         return "/dev/full" if (clip, suffix) == (1, ".mp4") else real(self, clip, suffix)
 
-    monkeypatch.setattr(Reels, "draft", draft)
+    monkeypatch.setattr(VideoFiles, "draft", draft)
     with pytest.raises(DatasetError, match=r"no space left.*--resume"):
         render_video(rough, tmp_path / "swing.mp4")
     assert not list(tmp_path.glob("swing-001.*"))
@@ -309,7 +312,7 @@ def test_others_stop_when_a_clip_fails(rough, tmp_path):
 def test_memory_does_not_grow_with_the_clip(tmp_path):
     """A fake source of tiny pictures, so that four thousand of them take no minute."""
     with FrameGenerator(small_scene(frames=1)) as generator:
-        known, drawn_by = msgspec.json.encode(generator.frame(0).truth), generator.scene(0).renderer.fingerprint
+        known, rendered_by = msgspec.json.encode(generator.frame(0).truth), generator.scene(0).renderer.fingerprint
     scenario = Scenario(frames=4000, camera=Camera(width_px=64, height_px=64))
     resident, traced = [], []
 
@@ -321,10 +324,10 @@ def test_memory_does_not_grow_with_the_clip(tmp_path):
         row = msgspec.json.decode(known, type=Truth)
         return Shot(np.full((64, 64, 3), frame % 256, np.uint8), msgspec.structs.replace(row, frame=frame), "train")
 
-    reels = Reels(Recipe(scenario), tmp_path / "long.mp4")
+    videos = VideoFiles(Recipe(scenario), tmp_path / "long.mp4")
     tracemalloc.start()
-    with reels.claim():
-        film(reels, 0, take, drawn_by, tick=lambda: None, also=lambda _: False)
+    with videos.claim():
+        encode_clip(videos, 0, take, rendered_by, tick=lambda: None, also=lambda _: False)
     tracemalloc.stop()
     assert pq.read_metadata(tmp_path / "long.parquet").num_rows == 4000
     assert resident[-1] - resident[0] < 5  # what libraries hold

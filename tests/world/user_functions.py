@@ -1,5 +1,7 @@
 """What a user might write: a randomiser, a trajectory and an image effect."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import simgrab
@@ -22,3 +24,9 @@ def speckle(rgb, _moment, rng):
 
 def invert(rgb, _moment, _rng):
     return 255 - rgb
+
+
+def passing(scenario, frame, rng):
+    """`circle` with times, as a clip has them."""
+    jib = simgrab.JibState(slew=0.0, radius=30.0, luffed=0.0)
+    return replace(circle(scenario, frame, rng), time=frame / scenario.clip.frame_rate_hz, jib=jib)

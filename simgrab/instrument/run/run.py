@@ -26,7 +26,7 @@ from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
-from simgrab.instrument.run.video import Film
+from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import Files, Source, camera_beside, fitting, open_source
 from simgrab.records.estimates import Estimate
 from simgrab.utilities.destination import check_new_folder
@@ -96,7 +96,7 @@ def run(
     if out is None:
         return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened)
     with runs.making(Path(out)) as folder:
-        found, film = measure_source(opened, camera, instrument, options, folder, progress)
+        found, overlay = measure_source(opened, camera, instrument, options, folder, progress)
         found = _named(found, opened)
         runs.save(found, folder)
         if found.about["tilt"] is not None:
@@ -104,7 +104,7 @@ def run(
             (folder / TILT).write_text(tilt.to_toml(), encoding="utf-8")
         from simgrab.instrument.run.page import page  # matplotlib takes its time
 
-        (folder / PAGE).write_text(page(found, film.stills), encoding="utf-8")
+        (folder / PAGE).write_text(page(found, overlay.stills), encoding="utf-8")
     return found
 
 
@@ -150,22 +150,22 @@ def measure(
 def _whole(
     source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
     progress: Progress | None,
-) -> tuple[Run, Film]:  # fmt: skip
+) -> tuple[Run, OverlayVideo]:  # fmt: skip
     """Measure, and go through the source again for the annotated video."""
     frames = _counted(source, progress)
     found = measure(frames, calibration, instrument, source=source.name, rule=options.rule)
-    with Film(folder / VIDEO if folder and options.video else None, options.rule) as film:
+    with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
         if folder is None:
-            return found, film
+            return found, overlay
         for frame, measured in zip(fitting(iter(source), calibration), found.measurements, strict=False):
-            film.add(frame, measured)
-    return found, film
+            overlay.add(frame, measured)
+    return found, overlay
 
 
 def _live(
     source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
     progress: Progress | None,
-) -> tuple[Run, Film]:  # fmt: skip
+) -> tuple[Run, OverlayVideo]:  # fmt: skip
     """Measure and annotate at once; an interrupt ends the record, as the end of the stream does."""
     if not isinstance(instrument, Pipeline):
         raise RunError(f"{instrument.name} cannot measure frame by frame; a live run needs simgrab's own pipeline")
@@ -174,13 +174,13 @@ def _live(
     latency: list[float] = []
     tilt: Known | None = None
     begun = time.perf_counter()
-    with Film(folder / VIDEO if folder and options.video else None, options.rule) as film:
+    with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
         try:
             for one in instrument.live(fitting(notes.of(_counted(source, progress)), calibration), calibration):
                 measured.append(one.measurement)
                 latency.append(one.seconds)
                 tilt = one.tilt
-                film.add(one.frame, one.measurement)
+                overlay.add(one.frame, one.measurement)
         except KeyboardInterrupt:
             if not measured:
                 raise
@@ -193,7 +193,7 @@ def _live(
     }  # fmt: skip
     notes = notes.first(len(measured))
     found = _conclude(notes, measured, calibration, instrument, source.name, options.rule, None, tilt, speed)
-    return found, film
+    return found, overlay
 
 
 class _Notes:

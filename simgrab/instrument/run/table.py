@@ -63,8 +63,8 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("rope lengths read", f"{read} of {asked} ({100 * read / asked:.3f} %)"))
     estimate = run.about["estimate"]
     if estimate is not None:
-        told = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
-        rows.append(("estimator", estimate["estimator"] + told))
+        refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
+        rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     rows.append(("speed", f"{speed['frames_per_s']:.1f} frames/s"))

@@ -32,7 +32,7 @@ _NOTHING: Colour = (160, 160, 160)
 _UNTIMED_HZ = 9
 
 
-class Film:
+class OverlayVideo:
     """Writes annotated pictures as they come, H.264. Use as a context manager.
 
     Attributes
@@ -50,7 +50,7 @@ class Film:
         self._start = 0.0
         self._album = _Album(rule)
 
-    def __enter__(self) -> Film:
+    def __enter__(self) -> OverlayVideo:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:

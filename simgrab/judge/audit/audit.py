@@ -82,7 +82,7 @@ def audit(
     """
     data = _read(Path(path))
     extensions = Extensions.of(randomiser, trajectory, effects)
-    extensions.refuse_others(data.manifest, data.path / MANIFEST)
+    extensions.refuse_others(data.path / MANIFEST)
     proofs = [
         _manifest_proof(data),
         identities.paper_identities(data.rows),

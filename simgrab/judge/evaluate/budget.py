@@ -129,10 +129,10 @@ class _Parts:
     @classmethod
     def of(cls, run: Run, known: Truths) -> _Parts | None:
         read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-        told = known.rope_length if np.isnan(read).all() else read  # without a display the length plays no part
+        used = known.rope_length if np.isnan(read).all() else read  # without a display the length plays no part
         centres = {"true": known.centre, "box": known.box_centre, "detected": run.pixels}
         finite = [np.isfinite(c).all(axis=-1) for c in centres.values()]
-        some = np.logical_and.reduce([*finite, np.isfinite(known.alpha), np.isfinite(told)])
+        some = np.logical_and.reduce([*finite, np.isfinite(known.alpha), np.isfinite(used)])
         if not some.any():
             return None
         rows = tuple(row for row, keep in zip(known.rows, some, strict=True) if keep and row is not None)
@@ -140,7 +140,7 @@ class _Parts:
         return cls(
             some, known.alpha[some], rows, None if run.time is None else run.time[some],
             {name: centre[some] for name, centre in centres.items()},
-            {"true": known.rope_length[some], "read": told[some]},
+            {"true": known.rope_length[some], "read": used[some]},
             np.sqrt(np.mean(sd**2, axis=-1))[some],
             {"true": true_camera(rows, run.calibration), "nominal": run.calibration}, _given(run),
         )  # fmt: skip

@@ -74,7 +74,7 @@ class Case:
         return self.detection.box is None and self.detection.centre is not None
 
     @property
-    def told(self) -> bool:
+    def hits(self) -> bool:
         """Whether a labelled grab's centre was output, with a true positive box or without a box."""
         return self.hit or (self.labelled and self.centre_only)
 
@@ -107,7 +107,7 @@ def score(some: Sequence[Case]) -> dict[str, Any]:
         "half_visible": figures([case for case in some if case.empty or case.half_visible]),
         "by_weather": {name: figures([case for case in some if case.weather == name]) for name in weathers},
         "by_rope": {
-            name: centre_errors([c for c in some if c.told and low <= c.truth.rope_length_m < high])
+            name: centre_errors([c for c in some if c.hits and low <= c.truth.rope_length_m < high])
             for name, (low, high) in ROPE_BINS_M.items()
         },
     }
@@ -144,7 +144,7 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
         "false_interval": clopper_pearson(len(false), len(empty)),
         "empty_worlds": _worlds(empty),
         "false_worlds": _worlds(false),
-        "centre": centre_errors([case for case in labelled if case.told]),
+        "centre": centre_errors([case for case in labelled if case.hits]),
         "coverage": coverage(hits),
     }
 
@@ -162,20 +162,20 @@ def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
         if case.labelled
         for box in [_xywh(_box(case))]
     ]
-    told = [
+    reported = [
         {"image_id": i, "category_id": 1, "score": case.detection.score, "bbox": _xywh(case.detection.box)}
         for i, case in enumerate(some)
         if case.detection.box is not None
     ]
     if not truth:
         return {"map50_95": None, "map50": None}
-    if not told:
+    if not reported:
         return {"map50_95": 0.0, "map50": 0.0}
     with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
         known = COCO()
         known.dataset = {"info": {}, "images": images, "annotations": truth, "categories": [{"id": 1, "name": "grab"}]}
         known.createIndex()
-        evaluation = COCOeval(known, known.loadRes(told), "bbox")
+        evaluation = COCOeval(known, known.loadRes(reported), "bbox")
         evaluation.evaluate()
         evaluation.accumulate()
         evaluation.summarize()

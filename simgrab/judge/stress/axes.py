@@ -24,8 +24,8 @@ class Axis:
 
     Attributes
     ----------
-    name, unit, says : str
-        ``unit`` is empty for names and pure numbers; ``says`` is one line for the report.
+    name, unit, description : str
+        ``unit`` is empty for names and pure numbers; ``description`` is one line for the report.
     holds : float or str or None
         Value at which the assumption holds; None where it always does.
     apply : callable
@@ -37,14 +37,14 @@ class Axis:
 
     name: str
     unit: str
-    says: str
+    description: str
     holds: Value | None
     apply: Parameter
     key: str = ""
 
 
 def _field(
-    name: str, unit: str, says: str, part: str, field: str, *,
+    name: str, unit: str, description: str, part: str, field: str, *,
     scale: float = 1.0, low: float = -math.inf, high: float = math.inf, holds: float = 0.0, **also: object,
 ) -> Axis:  # fmt: skip
     """Make an axis that sets one field of a situation, and ``also`` others of the same part."""
@@ -53,15 +53,15 @@ def _field(
         number = parameters.number(name, value, low, high)
         return situation.having(part, **{field: scale * number}, **(also if number != holds else {}))
 
-    return Axis(name, unit, says, holds, apply)
+    return Axis(name, unit, description, holds, apply)
 
 
-def _keyed(name: str, unit: str, says: str, key: str, holds: float | None) -> Axis:
-    return Axis(name, unit, says, holds, lambda situation, _: situation, key)
+def _keyed(name: str, unit: str, description: str, key: str, holds: float | None) -> Axis:
+    return Axis(name, unit, description, holds, lambda situation, _: situation, key)
 
 
-def _ar_of(name: str, says: str, towards: float, axial: bool = False) -> Axis:
-    return _field(name, "κ", says, "swing", "kappa", low=0, high=100, towards=towards, axial=axial)
+def _ar_of(name: str, description: str, towards: float, axial: bool = False) -> Axis:
+    return _field(name, "κ", description, "swing", "kappa", low=0, high=100, towards=towards, axial=axial)
 
 
 _ALL = (

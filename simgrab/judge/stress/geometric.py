@@ -37,9 +37,9 @@ def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
     pixels = _missed(situation, draws, motion, _seen(situation, draws, motion))
     return Records(
         pixels=pixels,
-        rope=swings.told(situation, draws, motion.rope),
+        rope=swings.reported_rope(situation, draws, motion.rope),
         time=np.arange(situation.frames) / situation.rate_hz,
-        calibration=situation.told,
+        calibration=situation.nominal,
         alpha=motion.alpha,
         beta=situation.attitude.beta,
         sigma=motion.sigma,
@@ -73,7 +73,7 @@ def _probed(situation: Situation, seed: int, trials: Sequence[int], motion: Moti
 def _seen(situation: Situation, draws: Draws, motion: Motion, prefix: str = "") -> Array:
     """Pixels (M, n, 2) at which the grab is found."""
     rotation = _rotation(situation, draws, motion, prefix)
-    offset = rotation_z(situation.attitude.azimuth) @ np.array(situation.offset) + situation.told.offset_m
+    offset = rotation_z(situation.attitude.azimuth) @ np.array(situation.offset) + situation.nominal.offset_m
     centre = grab_centre(motion.alpha, motion.azimuth, motion.rope)
     observation = situation.observation
     pixels = situation.lens.project(to_camera(centre, rotation, offset))

@@ -100,8 +100,8 @@ def offset(name: str, part: int, sign: float = 1.0) -> Parameter:
         offset = list(situation.offset)
         offset[part] += sign * metres
         size = max(KNOWN_OFFSET_SD_M, *map(abs, offset))
-        told = msgspec.structs.replace(situation.told, offset_sd_m=size)
-        return situation.having(offset=(offset[0], offset[1], offset[2]), told=told)
+        nominal = msgspec.structs.replace(situation.nominal, offset_sd_m=size)
+        return situation.having(offset=(offset[0], offset[1], offset[2]), nominal=nominal)
 
     return apply
 
@@ -109,10 +109,10 @@ def offset(name: str, part: int, sign: float = 1.0) -> Parameter:
 def nominal(situation: Situation, value: Value) -> Situation:
     """Move the camera along the tilt; the instrument gets the position."""
     a = situation.attitude.azimuth
-    x, y, z = situation.told.offset_m
+    x, y, z = situation.nominal.offset_m
     metres = number("offset-known", value, -3, 3)
-    told = (x + metres * math.cos(a), y + metres * math.sin(a), z)
-    return situation.having(told=msgspec.structs.replace(situation.told, offset_m=told))
+    nominal = (x + metres * math.cos(a), y + metres * math.sin(a), z)
+    return situation.having(nominal=msgspec.structs.replace(situation.nominal, offset_m=nominal))
 
 
 def rope_range(situation: Situation, value: Value) -> Situation:
@@ -128,9 +128,9 @@ def rope(situation: Situation, value: Value) -> Situation:
 
 
 def focal(situation: Situation, value: Value) -> Situation:
-    """Tell a focal length that is too long by so many percent."""
-    told = situation.told.focal_length_px * (1 + number("focal", value, -50, 50) / 100)
-    return situation.having(told=msgspec.structs.replace(situation.told, focal_length_px=told))
+    """Give estimators a focal length that is too long by so many percent."""
+    focal_px = situation.nominal.focal_length_px * (1 + number("focal", value, -50, 50) / 100)
+    return situation.having(nominal=msgspec.structs.replace(situation.nominal, focal_length_px=focal_px))
 
 
 def principal(name: str, part: int) -> Parameter:

@@ -161,7 +161,7 @@ class Situation:
         Camera centre minus rope exit along and across the tilt and up, m, beyond what the calibration states.
     rope : Rope
     observation : Observation
-    told : Calibration
+    nominal : Calibration
         What the estimators get.
     """
 
@@ -173,7 +173,7 @@ class Situation:
     offset: tuple[float, float, float]
     rope: Rope
     observation: Observation
-    told: Calibration
+    nominal: Calibration
 
     @staticmethod
     def of(scenario: Scenario) -> Situation:
@@ -196,7 +196,7 @@ class Situation:
             offset=(0.0, 0.0, 0.0),
             rope=Rope(low, high),
             observation=Observation(),
-            told=_told(camera),
+            nominal=_nominal(camera),
         )
 
     def having(self, part: str = "", **changes: Any) -> Situation:
@@ -206,7 +206,7 @@ class Situation:
         return replace(self, **{part: replace(getattr(self, part), **changes)})
 
 
-def _told(camera: Camera) -> Calibration:
+def _nominal(camera: Camera) -> Calibration:
     k, d = camera.intrinsics, camera.distortion
     return Calibration(
         width_px=k.width_px, height_px=k.height_px, focal_length_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px,

@@ -177,7 +177,7 @@ def _rope(situation: Situation, draws: Draws, late_s: float) -> Array:
     return np.asarray(rope.low + (rope.high - rope.low) * share)
 
 
-def told(situation: Situation, draws: Draws, rope: Array) -> Array:
+def reported_rope(situation: Situation, draws: Draws, rope: Array) -> Array:
     """Length of the rope as reported to the instrument, shape (M, n), from the true one."""
     law = situation.rope
     if law.lag_s and not situation.swing.motion:

@@ -76,11 +76,11 @@ def least_presence(seen: Sequence[Seen]) -> float:
     seen : sequence of Seen
         By a detector that takes every presence for enough; hits and empty frames count.
     """
-    told = [one for one in seen if one.detection.found and (one.hit or not one.frame.labelled)]
-    if not told:
+    positive = [one for one in seen if one.detection.found and (one.hit or not one.frame.labelled)]
+    if not positive:
         return 0.5
-    logits = logit(np.clip([one.detection.score for one in told], *_SURE))
-    there = np.array([one.hit for one in told])
+    logits = logit(np.clip([one.detection.score for one in positive], *_SURE))
+    there = np.array([one.hit for one in positive])
     ends = np.sort(np.concatenate([logits, logit(_SURE)]))
     places = ends[:-1] + _UP * np.diff(ends)
     errors = np.array([(there & (logits < t)).sum() + (~there & (logits >= t)).sum() for t in places])

@@ -120,9 +120,9 @@ class Refine(nn.Module):
 
     def forward(self, crops: Tensor) -> Tensor:
         """See the class."""
-        return self.told(crops)[0]
+        return self.outputs_and_weights(crops)[0]
 
-    def told(self, crops: Tensor) -> tuple[Tensor, Tensor]:
+    def outputs_and_weights(self, crops: Tensor) -> tuple[Tensor, Tensor]:
         """Return what goes out, and of which cells, by logarithmic weights (n, 6, cells), each position is the mean."""
         fine, coarse = self.trunk(_normalised(crops))
         summary = self.summary(coarse)

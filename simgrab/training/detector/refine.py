@@ -146,7 +146,7 @@ class Refining:
         """Overlap and centre error where there is a grab, and how well its presence is predicted."""
         out = answers(net, self._validation).numpy()
         places, known, present = (self._validation[name].numpy() for name in ("places", "known", "present"))
-        told = (out[:, PRESENCE] > 0) == (present == 1)
+        correct = (out[:, PRESENCE] > 0) == (present == 1)
         whole = known[:, EDGES].all(axis=1)
         overlap = iou(out[whole, EDGES], places[whole, EDGES])
         both = known.all(axis=1)
@@ -154,8 +154,8 @@ class Refining:
         miss = np.linalg.norm(out[both, CENTRE] - places[both, CENTRE], axis=-1) / sides.max(axis=-1)
         error = float(np.median(miss)) if both.any() else 1.0
         mean = float(overlap.mean()) if whole.any() else 0.0
-        score = mean + float(told.mean()) - min(error, 1.0)
-        return {"mean_iou": mean, "centre_error": error, "told_apart": float(told.mean()), SCORE: score}
+        score = mean + float(correct.mean()) - min(error, 1.0)
+        return {"mean_iou": mean, "centre_error": error, "told_apart": float(correct.mean()), SCORE: score}
 
 
 def answers(net: nn.Module, batch: Batch) -> Tensor:
@@ -167,7 +167,7 @@ def answers(net: nn.Module, batch: Batch) -> Tensor:
 def lost(net: nn.Module, batch: Batch) -> Tensor:
     """Compose the loss of the output of a `simgrab.training.detector.nets.Refine` and of its intermediate maps."""
     assert isinstance(net, Refine)
-    out, weights = net.told(batch["crops"])
+    out, weights = net.outputs_and_weights(batch["crops"])
     return loss(out, batch) + spread(weights, batch)
 
 

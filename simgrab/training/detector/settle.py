@@ -93,14 +93,14 @@ class Settling:
             return {SCORE: 0.0}
         out = answers(net, batch)
         there = batch["known"][:, 4] == 1
-        told = float(((out[:, PRESENCE] > 0) == (batch["present"] == 1)).float().mean())
+        correct = float(((out[:, PRESENCE] > 0) == (batch["present"] == 1)).float().mean())
         if not there.any():
-            return {"told_apart": told, SCORE: told}
+            return {"told_apart": correct, SCORE: correct}
         miss = torch.linalg.vector_norm(out[there, CENTRE] - batch["places"][there, CENTRE], dim=1) * LEVEL_ROOM
         cosine = (normalize(out[there, YAW], dim=1) * batch["turned"][there]).sum(1).clamp(-1, 1)
         return {
-            "told_apart": told, "centre_error": float(miss.median()), "centre_error_95": float(miss.quantile(0.95)),
-            "yaw_error": float(torch.arccos(cosine).median()) / 2, SCORE: told + 1 - float(miss.mean()) / _OFF,
+            "told_apart": correct, "centre_error": float(miss.median()), "centre_error_95": float(miss.quantile(0.95)),
+            "yaw_error": float(torch.arccos(cosine).median()) / 2, SCORE: correct + 1 - float(miss.mean()) / _OFF,
         }  # fmt: skip
 
 
@@ -124,8 +124,8 @@ def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
         looks = [turned(_whole(crops, i, slot), crops.patches[i][slot], _upright(window), REFINE_SIZE)
                  for i, slot, window in some]  # fmt: skip
         with torch.inference_mode():
-            told = answers(refined, {"crops": torch.from_numpy(np.stack(looks))}).numpy()
-        for (i, slot, window), out in zip(some, told, strict=True):
+            outputs = answers(refined, {"crops": torch.from_numpy(np.stack(looks))}).numpy()
+        for (i, slot, window), out in zip(some, outputs, strict=True):
             frame = crops.frames[i]
             there = frame.labelled and slot == 0
             if there and not np.isfinite(labels.centre(frame.row)).all():

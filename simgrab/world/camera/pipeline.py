@@ -57,10 +57,8 @@ class Camera:
         layout = scenario.display_layout
         self._overlay = Overlay(layout) if layout else None
         exposure = scenario.optics.exposure
-        self.has_memory = (
-            isinstance(exposure, AutoExposure) and exposure.lag_s > 0 and isinstance(scenario.swing, Dynamic)
-        )
-        """Whether a frame's exposure depends on the frames before it in its clip."""
+        self.has_memory = isinstance(exposure, AutoExposure) and exposure.lag_s > 0
+        """Whether the exposure of a frame that has a time depends on the frames before it in its clip."""
 
     @property
     def is_plain(self) -> bool:

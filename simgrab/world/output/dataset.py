@@ -27,8 +27,8 @@ from simgrab.world.gl import Fingerprint
 from simgrab.world.output import export, manifest, pool, preview, stored
 from simgrab.world.output.folder import MANIFEST, Folder, writing
 from simgrab.world.output.pool import Progress, Tick
-from simgrab.world.output.video.files import Reels
-from simgrab.world.output.video.render import Filming, VideoSummary, film_recipe
+from simgrab.world.output.video.files import VideoFiles
+from simgrab.world.output.video.render import ClipWork, VideoSummary, render_clips
 
 
 @dataclass(frozen=True)
@@ -127,28 +127,28 @@ def render(
         recipe.extensions.refuse_unknown()
     folder, identity = Folder(Path(out)), manifest.identity(recipe)
     folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
-    reels = Reels(recipe, Path(video)) if video is not None else None
-    clips = reels.unfinished(resume=resume) if reels else []
+    videos = VideoFiles(recipe, Path(video)) if video is not None else None
+    clips = videos.unfinished(resume=resume) if videos else []
     known = None if folder.begun else pool.vetted(recipe, workers, checking)
     made = 0
     if folder.open(identity, resume=resume):
-        with folder.lock(), reels.claim() if reels and clips else nullcontext():
+        with folder.lock(), videos.claim() if videos and clips else nullcontext():
             done = folder.done()
             missing = [frame for frame in range(scenario.frames) if frame not in done]
-            if reels and clips:
-                drawn = _film(reels, clips, folder, known, missing, workers, progress)
+            if videos and clips:
+                drawn = _film(videos, clips, folder, known, missing, workers, progress)
             else:
                 drawn = _draw(folder, recipe, known, missing, workers, progress)
             with closing(drawn):
-                drawn_by = _one(drawn, folder.record(min(done)).drawn_by if done else None, folder.path)
+                rendered_by = _one(drawn, folder.record(min(done)).rendered_by if done else None, folder.path)
             with writing(folder.path):
-                _finish(folder, recipe, drawn_by)
+                _finish(folder, recipe, rendered_by)
         made = len(missing)
-    if reels is None:
+    if videos is None:
         return _summary(folder.path, scenario, made)
     # Makes the video where only that remains; else finds it finished.
-    filmed = film_recipe(recipe, reels.path, workers=workers, resume=True, progress=progress)
-    return replace(_summary(folder.path, scenario, made), video=replace(filmed, made=len(clips)))
+    summary = render_clips(recipe, videos.path, workers=workers, resume=True, progress=progress)
+    return replace(_summary(folder.path, scenario, made), video=replace(summary, made=len(clips)))
 
 
 def _draw(
@@ -174,7 +174,7 @@ def _store(folder: Folder, generator: FrameGenerator, frame: int, tick: Tick) ->
     made = stored.make(generator, frame)
     folder.store(made)
     tick()
-    return made.record.drawn_by
+    return made.record.rendered_by
 
 
 def _store_clip(folder: Folder, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
@@ -184,11 +184,11 @@ def _store_clip(folder: Folder, generator: FrameGenerator, clip: int, tick: Tick
             tick()
         else:
             _store(folder, generator, frame, tick)
-    return folder.record(frame).drawn_by
+    return folder.record(frame).rendered_by
 
 
 def _film(
-    reels: Reels,
+    videos: VideoFiles,
     unfinished: Sequence[int],
     folder: Folder,
     known: pool.Vetted | None,
@@ -197,11 +197,11 @@ def _film(
     progress: Progress | None,
 ) -> Generator[Fingerprint, None, None]:
     """Film unfinished clips and store missing frames, each rendered once."""
-    scenario, clip = reels.scenario, reels.scenario.clip
+    scenario, clip = videos.scenario, videos.scenario.clip
     clips = sorted({*unfinished, *map(clip.of, missing)})
     report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
-    work = Filming(reels, folder)
-    return pool.map_items(reels.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
+    work = ClipWork(videos, folder)
+    return pool.map_items(videos.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
 
 
 def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
@@ -217,7 +217,7 @@ def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) ->
     return first
 
 
-def _finish(folder: Folder, recipe: Recipe, drawn_by: Fingerprint) -> None:
+def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
     """Write everything that depends on all frames; the manifest comes last."""
     scenario = recipe.scenario
     records = [folder.record(frame) for frame in range(scenario.frames)]
@@ -238,7 +238,7 @@ def _finish(folder: Folder, recipe: Recipe, drawn_by: Fingerprint) -> None:
     for name, data in tables.items():
         folder.write(name, data)
     digests = {name: hashlib.sha256(data).hexdigest() for name, data in tables.items()}
-    whole = manifest.compose(core, drawn_by, digests)
+    whole = manifest.compose(core, rendered_by, digests)
     folder.write(MANIFEST, json.dumps(whole, indent=1).encode())
     folder.close()
 

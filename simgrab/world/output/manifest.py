@@ -27,23 +27,23 @@ def identity(recipe: Recipe) -> dict[str, Any]:
     } | ({"extensions": extensions} if extensions else {})
 
 
-def compose(core: dict[str, Any], drawn_by: Fingerprint, digests: dict[str, str]) -> dict[str, Any]:
+def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, str]) -> dict[str, Any]:
     """Compose the manifest.
 
     Parameters
     ----------
     core : dict
         See `identity`.
-    drawn_by : Fingerprint
+    rendered_by : Fingerprint
     digests : dict of str to str
         SHA-256 of the files, by name; a dataset's pictures have theirs in their row of labels.
     """
     manifest = core | {
         "renderer": {
-            "renderer": drawn_by.renderer,
-            "version": drawn_by.version,
-            "mujoco": drawn_by.mujoco,
-            "fingerprint": drawn_by.digest,
+            "renderer": rendered_by.renderer,
+            "version": rendered_by.version,
+            "mujoco": rendered_by.mujoco,
+            "fingerprint": rendered_by.digest,
         },
         "files": dict(sorted(digests.items())),
     }

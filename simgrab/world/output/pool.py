@@ -156,6 +156,8 @@ def map_items(
     if workers > 1:
         try:
             pickled(recipe)
+        except MemoryError:
+            raise
         except Exception as problem:
             why = first_line(problem)
             raise ExtensionError(

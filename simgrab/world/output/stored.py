@@ -31,12 +31,12 @@ class Record(msgspec.Struct, frozen=True):
     truth : Row
     mask : dict
         The visible grab in the whole picture, as COCO's compressed run lengths.
-    drawn_by : Fingerprint
+    rendered_by : Fingerprint
     """
 
     truth: Row
     mask: dict[str, Any]
-    drawn_by: Fingerprint
+    rendered_by: Fingerprint
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +49,7 @@ class StoredFrame:
 
 def make(generator: FrameGenerator, number: int) -> StoredFrame:
     """Make one frame and encode it."""
-    return encoded(generator, generator.frame(number, full=wants_full(generator)))
-
-
-def wants_full(generator: FrameGenerator) -> bool:
-    """Whether the scenario stores ids or depth of the whole picture."""
-    return generator.scenario.image.ids or generator.scenario.image.depth
+    return encoded(generator, generator.frame(number, full=generator.scenario.image.stores_buffers))
 
 
 def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:

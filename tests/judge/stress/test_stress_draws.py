@@ -103,7 +103,7 @@ def test_ropes_are_told_late_wrong_and_misread():
     late = having(rope_range=20.0, rope_lag=1.0)
     draws = Draws(0, range(3), late.frames)
     true = swings.draw(late, draws).rope
-    np.testing.assert_allclose(swings.told(late, draws, true)[:, 9:], true[:, :-9], atol=1e-9)
+    np.testing.assert_allclose(swings.reported_rope(late, draws, true)[:, 9:], true[:, :-9], atol=1e-9)
 
 
 def test_far_swings_are_missed_more_often():
@@ -160,5 +160,5 @@ def test_probes_are_swings_of_ten_degrees_all_around():
 
 def test_axes_say_what_they_are():
     for axis in AXES.values():
-        assert axis.says
+        assert axis.description
         assert axis.name == axis.name.lower()

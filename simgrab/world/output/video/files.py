@@ -39,7 +39,7 @@ CONTAINERS = {".mp4": Container("mp4", 90_000), ".mkv": Container("matroska", 10
 
 
 @dataclass(frozen=True)
-class Reels:
+class VideoFiles:
     """The clips of a scenario on disk.
 
     Parameters
@@ -104,7 +104,7 @@ class Reels:
         """Whether every file of a clip is in place."""
         return all(path.exists() for path in self.files(clip).values())
 
-    def drawn_by(self) -> str | None:
+    def rendered_by(self) -> str | None:
         """Fingerprint of the renderer of the finished clips; None where there are none."""
         manifests = (self.known(clip) for clip in range(self.count))
         return next((str(known["renderer"]["fingerprint"]) for known in manifests if known is not None), None)

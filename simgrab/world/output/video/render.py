@@ -18,8 +18,8 @@ from simgrab.world.gl import Fingerprint
 from simgrab.world.output import pool, stored
 from simgrab.world.output.folder import Folder
 from simgrab.world.output.pool import Progress, Tick
-from simgrab.world.output.video.files import Reels
-from simgrab.world.output.video.film import Shot, film
+from simgrab.world.output.video.encode import Shot, encode_clip
+from simgrab.world.output.video.files import VideoFiles
 
 
 @dataclass(frozen=True)
@@ -104,10 +104,10 @@ def render_video(
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
     if resume:
         recipe.extensions.refuse_unknown()
-    return film_recipe(recipe, path, workers=workers, resume=resume, progress=progress, checking=checking)
+    return render_clips(recipe, path, workers=workers, resume=resume, progress=progress, checking=checking)
 
 
-def film_recipe(
+def render_clips(
     recipe: Recipe,
     path: str | Path,
     *,
@@ -118,87 +118,89 @@ def film_recipe(
 ) -> VideoSummary:
     """Render a recipe into videos; see `render_video`."""
     pool.check(workers)
-    scenario, reels = recipe.scenario, Reels(recipe, Path(path))
-    clips = reels.unfinished(resume=resume)
-    if clips or reels.partial.exists():
+    scenario, videos = recipe.scenario, VideoFiles(recipe, Path(path))
+    clips = videos.unfinished(resume=resume)
+    if clips or videos.partial.exists():
         known = pool.vetted(recipe, workers, checking)
         ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
         report = pool.report(progress, ahead, scenario.frames)
-        work = Filming(reels, None)
+        work = ClipWork(videos, None)
         with (
-            reels.claim(),
+            videos.claim(),
             closing(
                 pool.map_items(recipe, known, clips, work, workers=workers, unit="clip", progress=report)
-            ) as filmed,
+            ) as summary,
         ):
-            for _ in filmed:
+            for _ in summary:
                 pass
-    return _summary(reels, len(clips))
+    return _summary(videos, len(clips))
 
 
 @dataclass(frozen=True)
-class Filming:
-    """Work on one clip: film it where it is unfinished, and store its frames in a dataset where they are missing there.
+class ClipWork:
+    """Work on one clip: encode it, and store its frames in a dataset, where either is unfinished.
 
     Parameters
     ----------
-    reels : Reels
+    videos : VideoFiles
     folder : Folder or None
         Of the dataset, if there is one.
     """
 
-    reels: Reels
+    videos: VideoFiles
     folder: Folder | None
 
     def __call__(self, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
         """Make the clip's frames, each once."""
         span = generator.scenario.clip.span(clip, generator.scenario.frames)
-        drawn_by = generator.scene(span.start).renderer.fingerprint
-        if not self.reels.is_finished(clip):
-            self._refuse_other_renderers(drawn_by)
-            film(self.reels, clip, lambda frame: self._take(generator, frame), drawn_by, tick=tick, also=self._lacks)
-            return drawn_by
+        rendered_by = generator.scene(span.start).renderer.fingerprint
+        if not self.videos.is_finished(clip):
+            self._refuse_other_renderers(rendered_by)
+            encode_clip(
+                self.videos, clip, lambda frame: self._take(generator, frame), rendered_by, tick=tick, also=self._lacks
+            )
+            return rendered_by
         for frame in span:
             if self._lacks(frame):
                 self._take(generator, frame)
             tick()
-        return drawn_by
+        return rendered_by
 
     def _lacks(self, frame: int) -> bool:
         return self.folder is not None and not self.folder.has(frame)
 
     def _take(self, generator: FrameGenerator, number: int) -> Shot:
-        frame = generator.frame(number, full=stored.wants_full(generator))
+        frame = generator.frame(number, full=generator.scenario.image.stores_buffers)
         if self.folder is not None and self._lacks(number):
             self.folder.store(stored.encoded(generator, frame))
         return Shot.of(frame, generator.recipe)
 
-    def _refuse_other_renderers(self, drawn_by: Fingerprint) -> None:
-        begun_by = self.reels.drawn_by()
-        if begun_by not in (None, drawn_by.digest):
+    def _refuse_other_renderers(self, rendered_by: Fingerprint) -> None:
+        begun_by = self.videos.rendered_by()
+        if begun_by not in (None, rendered_by.digest):
             raise DatasetError(
-                f"{self.reels.path} was started with another renderer than {drawn_by.renderer}, MuJoCo "
-                f"{drawn_by.mujoco}: choose another --video"
+                f"{self.videos.path} was started with another renderer than {rendered_by.renderer}, MuJoCo "
+                f"{rendered_by.mujoco}: choose another --video"
             )
 
 
-def _summary(reels: Reels, made: int) -> VideoSummary:
-    scenario = reels.scenario
+def _summary(videos: VideoFiles, made: int) -> VideoSummary:
+    scenario = videos.scenario
     sent = repeated = size = 0
-    for clip in range(reels.count):
-        files = reels.files(clip)
+    for clip in range(videos.count):
+        files = videos.files(clip)
         column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
         sent += len(column)
         repeated += pc.sum(column).as_py()
-        size += files[reels.path.suffix].stat().st_size
+        size += files[videos.path.suffix].stat().st_size
     return VideoSummary(
-        path=reels.path,
-        clips=reels.count,
+        path=videos.path,
+        clips=videos.count,
         made=made,
         frames=scenario.frames,
         sent=sent,
         repeated=repeated,
         dropped=scenario.frames - sent,
         mbit_s=size * 8e-6 / (scenario.frames / scenario.clip.frame_rate_hz),
-        fingerprint=str(reels.drawn_by()),
+        fingerprint=str(videos.rendered_by()),
     )

@@ -27,7 +27,7 @@ from simgrab.instrument.run import runs
 from simgrab.instrument.run.page import page
 from simgrab.instrument.run.run import Options, measure, run
 from simgrab.instrument.run.table import beside_paper, held
-from simgrab.instrument.run.video import Film
+from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import open_source
 from simgrab.labels.truth import Row
 from simgrab.layouts import load as layout
@@ -400,11 +400,11 @@ def test_anybodys_instrument_runs_from_the_command_line(tmp_path, monkeypatch):
 
 
 def test_stills_are_of_the_largest_swing_and_of_every_alarm():
-    film_ = Film(None, Rule())
+    overlay = OverlayVideo(None, Rule())
     alphas = np.radians([2.0, 12.0, 11.0, *[1.0] * 60, 10.5, 10.9, 3.0])
     for i, alpha in enumerate(alphas):
-        film_.add(Frame(picture(i), i / 9), Measurement(status="ok", alpha=alpha))
-    assert sorted(film_.stills) == [1, 64]
+        overlay.add(Frame(picture(i), i / 9), Measurement(status="ok", alpha=alpha))
+    assert sorted(overlay.stills) == [1, 64]
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from simgrab.world.output.folder import writing
 from simgrab.world.output.pool import Tick
 from simgrab.world.output.stored import split
 from simgrab.world.output.video.coder import Coder
-from simgrab.world.output.video.files import MANIFEST, Reels
+from simgrab.world.output.video.files import MANIFEST, VideoFiles
 from simgrab.world.output.video.table import Table
 from simgrab.world.output.video.transmission import Slot, slots
 
@@ -40,11 +40,11 @@ class Shot:
         return cls(frame.rgb, frame.truth, split(recipe, frame.truth.frame))
 
 
-def film(
-    reels: Reels,
+def encode_clip(
+    videos: VideoFiles,
     clip: int,
     take: Callable[[int], Shot],
-    drawn_by: Fingerprint,
+    rendered_by: Fingerprint,
     *,
     tick: Tick,
     also: Callable[[int], bool],
@@ -55,22 +55,22 @@ def film(
 
     Parameters
     ----------
-    reels : Reels
+    videos : VideoFiles
     clip : int
     take : callable
         Gives the shot of a frame. Called once for each frame that the video shows, in order.
-    drawn_by : Fingerprint
+    rendered_by : Fingerprint
     tick : callable
         Called after every frame of the clip, shown or not.
     also : callable
         Whether a frame is to be taken even where the video does not show it.
     """
-    scenario, container = reels.scenario, reels.container
-    core = reels.identity() | {"clip": clip}
-    video, table = reels.draft(clip, reels.path.suffix), reels.draft(clip, ".parquet")
+    scenario, container = videos.scenario, videos.container
+    core = videos.identity() | {"clip": clip}
+    video, table = videos.draft(clip, videos.path.suffix), videos.draft(clip, ".parquet")
     sent, shown = 0, None
     with (
-        writing(reels.path),
+        writing(videos.path),
         Coder(video, container.name, container.ticks_per_s, scenario.camera, scenario.clip) as coder,
         Table(table, core) as rows,
     ):
@@ -89,11 +89,11 @@ def film(
                 )  # fmt: skip
                 sent += 1
             tick()
-    with writing(reels.path):
-        reels.draft(clip, ".camera.toml").write_text(export.calibration_of(scenario).to_toml(), encoding="utf-8")
-        whole = manifest.compose(core | {"coder": _coder(coder.x264)}, drawn_by, _digests(reels, clip))
-        reels.draft(clip, MANIFEST).write_text(json.dumps(whole, indent=1), encoding="utf-8")
-        reels.put_in_place(clip)
+    with writing(videos.path):
+        videos.draft(clip, ".camera.toml").write_text(export.calibration_of(scenario).to_toml(), encoding="utf-8")
+        whole = manifest.compose(core | {"coder": _coder(coder.x264)}, rendered_by, _digests(videos, clip))
+        videos.draft(clip, MANIFEST).write_text(json.dumps(whole, indent=1), encoding="utf-8")
+        videos.put_in_place(clip)
 
 
 def _timed(truth: Truth, clip: int, slot: Slot) -> Truth:
@@ -108,11 +108,11 @@ def _coder(x264: str) -> dict[str, str]:
     return libraries | {"x264": x264}
 
 
-def _digests(reels: Reels, clip: int) -> dict[str, str]:
+def _digests(videos: VideoFiles, clip: int) -> dict[str, str]:
     """By suffix, so that the manifest is the same whatever the video is called."""
     digests = {}
-    for suffix in reels.files(clip):
+    for suffix in videos.files(clip):
         if suffix != MANIFEST:
-            with reels.draft(clip, suffix).open("rb") as handle:
+            with videos.draft(clip, suffix).open("rb") as handle:
                 digests[suffix] = hashlib.file_digest(handle, "sha256").hexdigest()
     return digests
