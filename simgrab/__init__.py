@@ -17,6 +17,9 @@ from typing import TYPE_CHECKING, Any
 from simgrab._version import __version__
 
 if TYPE_CHECKING:
+    from simgrab import calibration as calibration
+    from simgrab import layouts as layouts
+    from simgrab import scenes as scenes
     from simgrab.instrument.detect.pictures import detect as detect
     from simgrab.instrument.estimate.measure import estimate as estimate
     from simgrab.instrument.run.run import run as run
@@ -55,10 +58,13 @@ _HOME = {
     "estimate": "simgrab.instrument.estimate.measure",
     "evaluate": "simgrab.judge.evaluate.evaluation",
 }
-__all__ = ["__version__", *_HOME]
+_MODULES = ("calibration", "layouts", "scenes")
+__all__ = ["__version__", *_HOME, *_MODULES]
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"simgrab.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'simgrab' has no attribute {name!r}")
     module, _, attribute = _HOME[name].partition(":")

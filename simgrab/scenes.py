@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, vary
@@ -26,7 +27,12 @@ def names() -> list[str]:
     return resources.names(SCENES)
 
 
-def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = None) -> Scenario:
+def load(
+    scene: str | Path = "quay-day",
+    changes: Mapping[str, Any] | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+) -> Scenario:
     """Read a scenario and apply changes to it.
 
     Parameters
@@ -35,6 +41,9 @@ def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = Non
         A bundled scene's name (see `names`), a TOML file, or the ``manifest.json`` of a dataset.
     changes : mapping, optional
         Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``. A key that is set so varies no more.
+    size : tuple of 2 ints, optional
+        Width and height of the images, px, which then show the same view; see `resized`. The keys ``camera.width_px``
+        and ``camera.height_px`` crop instead, because the focal length in pixels stays.
 
     Returns
     -------
@@ -50,15 +59,17 @@ def load(scene: str | Path = "quay-day", changes: Mapping[str, Any] | None = Non
     >>> load("quay-day", {"camera.beta_deg": 5.0}).camera.beta_deg
     5.0
     """
+    if not isinstance(changes, Mapping | None):
+        raise ScenarioError("", f"changes must be a mapping from dotted keys to values, got {type(changes).__name__}")
     data = merged(Scenario().to_dict(), _read(scene))
     for key, value in (changes or {}).items():
-        data = merged(data, vary.nested(key, value))
+        data = merged(data, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
     scenario = convert(data, Scenario)
     for key in changes or {}:
         if not f"{key}.".startswith("vary."):
             scenario = msgspec.structs.replace(scenario, vary=vary.fixed(scenario.vary, key))
     vary.check(scenario)
-    return scenario
+    return scenario if size is None else resized(scenario, *size)
 
 
 def manifest(scene: str | Path) -> dict[str, Any] | None:

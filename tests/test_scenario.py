@@ -1,10 +1,13 @@
 import json
 import math
+import re
 import tomllib
 
 import msgspec
+import numpy as np
 import pytest
 
+import simgrab
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, schema
@@ -143,3 +146,21 @@ def test_a_path_opens_the_file_of_that_name(tmp_path, monkeypatch):
         assert scenes.load(path).name == "mine"
     with pytest.raises(ScenarioError, match="no scene or file"):
         scenes.load("../scenes/calm-day")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((None,), "a scene is a name or a path, got NoneType"),
+        (("quay-day", ["frames=3"]), "changes must be a mapping from dotted keys to values, got list"),
+    ],
+)
+def test_what_is_no_scene_is_refused_in_words(arguments, message):
+    with pytest.raises(ScenarioError, match=re.escape(message)):
+        simgrab.load(*arguments)
+
+
+def test_a_scene_is_loaded_at_another_size_with_the_same_view():
+    full, small = simgrab.load("quay-day"), simgrab.load("quay-day", {"frames": np.int64(3)}, size=(640, 360))
+    assert (small.camera.width_px, small.camera.height_px, small.frames) == (640, 360, 3)
+    assert small.camera.intrinsics.f_px == pytest.approx(full.camera.intrinsics.f_px / 3)

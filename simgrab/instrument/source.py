@@ -121,6 +121,8 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
 
 
 def _refuse_empty(source: str | Path) -> None:
+    if not isinstance(source, str | os.PathLike):
+        raise SourceError(f"a source is a path or a URL, got {type(source).__name__}")
     if not str(source):  # which as a path would be the working folder
         raise SourceError("the source is empty: name a video, a stream's URL, a folder of pictures, or a dataset")
 

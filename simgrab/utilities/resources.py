@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -36,6 +37,8 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
     refuse : callable
         From a line that lists what there is to what is raised.
     """
+    if not isinstance(wanted, str | os.PathLike):
+        raise refuse(f"a {kind} is a name or a path, got {type(wanted).__name__}")
     path = Path(wanted)
     try:
         if wanted in names(folder):

@@ -144,11 +144,12 @@ class Extensions:
             rng = stream(scenario.seed, moment.frame, f"effect.{number}")
             given = np.ascontiguousarray(rgb)[:]
             given.flags.writeable = False  # an effect that writes into its argument would change the frame before it
-            result = np.array(_call("effect", effect, given, moment, rng))  # which it may use again
+            returned = _call("effect", effect, given, moment, rng)
+            result = np.array(returned)  # which it may use again
             if result.shape != rgb.shape or result.dtype != np.uint8:
+                what = f"{result.dtype} of shape {result.shape}" if result.shape else type(returned).__name__
                 raise ExtensionError(
-                    f"{_named('effect', effect)} returned {result.dtype} of shape {result.shape}; "
-                    f"a picture is uint8 of shape {rgb.shape}"
+                    f"{_named('effect', effect)} returned {what}; an image is uint8 of shape {rgb.shape}"
                 )
             rgb = result
         return rgb
@@ -282,13 +283,16 @@ def _identity(function: Callable[..., Any]) -> dict[str, Any]:
     while hasattr(inner, "func"):  # functools.partial
         inner = inner.func
     defined = inner if hasattr(inner, "__qualname__") else type(inner)
-    identity: dict[str, Any] = {"name": f"{defined.__module__}:{defined.__qualname__}"}
+    module = defined.__module__
     try:
         file = inspect.getsourcefile(defined)
+        if module == "__main__" and file and Path(file).is_file():
+            module = Path(file).stem  # by which another script imports it
         source = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(defined).encode()
     except (OSError, TypeError):
         source = None
-    identity["source_sha256"] = hashlib.sha256(source).hexdigest() if source is not None else None
+    digest = hashlib.sha256(source).hexdigest() if source is not None else None
+    identity: dict[str, Any] = {"name": f"{module}:{defined.__qualname__}", "source_sha256": digest}
     if inspect.isfunction(function) and "<" not in defined.__qualname__:  # neither lambda nor closure
         return identity
     try:

@@ -9,6 +9,7 @@ import importlib.util
 import logging
 import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -202,6 +203,7 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # as drawn: the other way loses far digits
         yield Offscreen(window, context)
     finally:
-        window.make_current()  # else what is freed would be another context's, whose names are the same numbers
-        context.free()
-        window.free()
+        if not sys.is_finalizing():  # by then EGL itself is closed, and with it the context
+            window.make_current()  # else what is freed would be another context's, whose names are the same numbers
+            context.free()
+            window.free()

@@ -131,14 +131,14 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
         truths.of(dataclasses.replace(clean, names=("elsewhere.jpg",) * 60), swinging / "data")
     with pytest.raises(DatasetError, match="not the truth table"):
         truths.of(clean, tmp_path / "none.mp4")
-    with pytest.raises(RunError, match=r"images/train/000005.jpg is missing"):
+    with pytest.raises(RunError, match=r"lacks 55 of the run.s 60 frames, such as images/train/000005.jpg"):
         truths.of(clean, dataset)
     with pytest.raises(RunError, match="its labels differ"):
         truths.of(dataclasses.replace(clean, about=clean.about | {"labels_sha256": "of another"}), swinging / "data")
     with pytest.raises(RunError, match="the run's are 320x180"):
         truths.of(smaller, swinging / "data")
     strange = dataclasses.replace(clean, names=(*clean.names[:-1], "elsewhere.jpg"))
-    with pytest.raises(RunError, match=r"elsewhere\.jpg is missing \(1 of 60 frames\)"):
+    with pytest.raises(RunError, match=r"lacks 1 of the run.s 60 frames, such as .*elsewhere\.jpg"):
         truths.of(strange, swinging / "data")
     with pytest.raises(RunError, match="not a run"):
         runs.load(tmp_path)

@@ -4,6 +4,8 @@ import hashlib
 import importlib.metadata
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -114,9 +116,9 @@ def far(scenario, frame, rng):
 
 JIB = simgrab.JibState(0.0, 30.0, 0.0)
 BAD = [
-    ({"effects": [not_a_picture]}, "effect .*:not_a_picture returned uint8 of shape \\(10, 480, 3\\); a picture is"),
+    ({"effects": [not_a_picture]}, "effect .*:not_a_picture returned uint8 of shape \\(10, 480, 3\\); an image is"),
     ({"effects": [writes]}, "effect .*:writes raised ValueError: .*read-only"),
-    ({"effects": [lambda *_: None]}, "effect .*lambda.* returned object"),
+    ({"effects": [lambda *_: None]}, "effect .*lambda.* returned NoneType"),
     ({"effects": [partial(int, "x")]}, "effect builtins:int raised"),
     ({"effects": [3]}, "effect: must be a function or the name of an entry point, got int"),
     ({"effects": "mist"}, "effects must be a list"),
@@ -246,3 +248,26 @@ def test_an_exposure_lags_along_a_trajectory_with_time():
     assert [(a.rgb != b.rgb).any() for a, b in zip(found, frames(prompt, trajectory=passing), strict=True)] == [
         False, True, True,
     ]  # fmt: skip
+
+
+def test_a_function_of_a_script_has_the_name_by_which_another_script_imports_it(tmp_path):
+    (tmp_path / "looks.py").write_text(
+        "import sys, simgrab\n"
+        "def invert(rgb, moment, rng):\n    return 255 - rgb\n"
+        "if __name__ == '__main__':\n"
+        "    simgrab.render(simgrab.load('quay-day', {'frames': 1}, size=(160, 90)), 'first', effects=[invert])\n"
+    )
+    again = "import looks, simgrab; simgrab.render('first/manifest.json', 'again', effects=[looks.invert])"
+    for command in (["looks.py"], ["-c", again]):
+        subprocess.run([sys.executable, *command], cwd=tmp_path, check=True, timeout=120)
+    first, second = ((tmp_path / name / "labels.parquet").read_bytes() for name in ("first", "again"))
+    assert first == second
+
+
+def test_generators_left_open_end_silently():
+    code = (
+        "import simgrab; scene = simgrab.load('quay-day', {'frames': 2}, size=(160, 90))\n"
+        "dataset = simgrab.FrameDataset(scene); dataset[0]; frames = simgrab.frames(scene); next(frames)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -65,7 +66,8 @@ def detect(
     Returns
     -------
     Detections
-        ``files`` and, for each, what was detected; `rows` makes plain rows of it, and `save` a table.
+        ``files`` and, for each, what was detected; `simgrab.instrument.detect.pictures.rows` makes plain rows of
+        it, and `save` beside it a table.
 
     Raises
     ------
@@ -137,6 +139,8 @@ def pictures(source: str | Path) -> tuple[Path, ...]:
     DatasetError
         If there is none.
     """
+    if not isinstance(source, str | os.PathLike):
+        raise DatasetError(f"images are given by a path, got {type(source).__name__}; a detector itself takes arrays")
     source = Path(source)
     if frame_files.is_dataset(source):
         return tuple(source / row.file for row in frame_files.read(source)[0])

@@ -106,8 +106,8 @@ def _of_dataset(run: Run, path: Path) -> Truths:
     rows = tuple(by_name.get(name) for name in run.names)
     strange = [name for name, row in zip(run.names, rows, strict=True) if row is None]
     if 0 < len(strange) < len(rows):
-        missing = f"{strange[0]} is missing ({len(strange)} of {len(rows)} frames)"
-        raise RunError(f"{path}: does not belong to this run: {missing}")
+        lacks = f"it lacks {len(strange)} of the run's {len(rows)} frames, such as {strange[0]}"
+        raise RunError(f"{path}: does not belong to this run: {lacks}")
     if run.about.get("labels_sha256", dataset.data.labels_sha256) != dataset.data.labels_sha256:
         raise RunError(f"{path}: does not belong to this run, of {run.source}: its labels differ")
     weather = tuple("" if row is None else dataset.weather(row) for row in rows)

@@ -120,8 +120,8 @@ def render(
     WorkerError
         If worker processes die of a frame or clip again and again.
     """
-    pool.check(workers)
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
+    pool.check(recipe, workers)
     scenario = recipe.scenario
     if resume:
         recipe.extensions.refuse_unknown()

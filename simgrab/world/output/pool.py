@@ -44,10 +44,20 @@ class Vetted:
     projections: dict[int, Projection] = field(default_factory=dict)
 
 
-def check(workers: int) -> None:
-    """Refuse a number of processes that cannot work."""
+def check(recipe: Recipe, workers: int) -> None:
+    """Refuse a number of processes that cannot work on a recipe."""
     if workers < 1:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
+    if workers > 1:
+        try:
+            pickled(recipe)
+        except MemoryError:
+            raise
+        except Exception as problem:
+            raise ExtensionError(
+                "a function cannot be given to worker processes: define it at the top of a module "
+                f"({first_line(problem)})"
+            ) from None
 
 
 def vet(recipe: Recipe, number: int = 0) -> Vetted:
@@ -154,15 +164,6 @@ def map_items(
         If processes die of an item again and again. What work raises is raised as it is.
     """
     if workers > 1:
-        try:
-            pickled(recipe)
-        except MemoryError:
-            raise
-        except Exception as problem:
-            why = first_line(problem)
-            raise ExtensionError(
-                f"a function cannot be given to worker processes: define it at the top of a module ({why})"
-            ) from None
         with Pool(workers, setup=functools.partial(_open, recipe)) as pool:
             done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
             with contextlib.closing(done):

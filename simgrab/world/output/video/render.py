@@ -117,7 +117,7 @@ def render_clips(
     checking: Progress | None = None,
 ) -> VideoSummary:
     """Render a recipe into videos; see `render_video`."""
-    pool.check(workers)
+    pool.check(recipe, workers)
     scenario, videos = recipe.scenario, VideoFiles(recipe, Path(path))
     clips = videos.unfinished(resume=resume)
     if clips or videos.partial.exists():
