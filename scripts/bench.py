@@ -30,6 +30,7 @@ from simgrab.world.frames import FrameGenerator
 from simgrab.world.output import stored
 from simgrab.world.output.folder import Folder
 from simgrab.world.output.manifest import identity
+from simgrab.world.scenery.model import HIDDEN
 from simgrab.world.trajectory.clip import ClipMotion
 
 
@@ -69,7 +70,9 @@ class _Bare:
     def __init__(self, generator: FrameGenerator, width: int, height: int) -> None:
         import mujoco
 
-        self._studio, self._camera = generator, mujoco.MjvCamera()
+        self._studio, self._camera, self._option = generator, mujoco.MjvCamera(), mujoco.MjvOption()
+        self._option.geomgroup[:] = 1
+        self._option.geomgroup[HIDDEN] = 0
         model = generator.scene(0).world.model
         self._renderer = mujoco.Renderer(model, height, width, max_geom=model.ngeom + 16)
 
@@ -86,7 +89,7 @@ class _Bare:
 
     def _look(self) -> None:
         ours = self._studio.scene(0).renderer
-        self._renderer.update_scene(ours.data, self._camera, ours.option)
+        self._renderer.update_scene(ours.data, self._camera, self._option)
         ours.aim(ours.full, self._renderer.scene)
 
     def close(self) -> None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
 PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
+PASSES = "1"  # version of `simgrab.world.camera.passes`: to be raised by whoever changes a pixel there
 _GL_OUT_OF_MEMORY = "0x505"
 
 _log = logging.getLogger(__name__)
@@ -88,16 +89,28 @@ def _has_egl_device() -> bool:
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too."""
+    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too.
+
+    Attributes
+    ----------
+    renderer, version : str
+        Of OpenGL.
+    mujoco : str
+        Version.
+    passes : str
+        Version of simgrab's own render passes; empty in datasets of before there were any.
+    """
 
     renderer: str
     version: str
     mujoco: str
+    passes: str
 
     @property
     def digest(self) -> str:
         """First 16 hexadecimal digits of a SHA-256 over all fields."""
-        return hashlib.sha256("\n".join((self.renderer, self.version, self.mujoco)).encode()).hexdigest()[:16]
+        fields = filter(None, (self.renderer, self.version, self.mujoco, self.passes))
+        return hashlib.sha256("\n".join(fields).encode()).hexdigest()[:16]
 
 
 def fingerprint() -> Fingerprint:
@@ -108,7 +121,7 @@ def fingerprint() -> Fingerprint:
     names = [GL.glGetString(name) for name in (GL.GL_RENDERER, GL.GL_VERSION)]
     if any(name is None for name in names):
         raise RendererError("no current OpenGL context")
-    return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__)
+    return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__, PASSES)
 
 
 @cache

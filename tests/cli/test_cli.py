@@ -364,7 +364,7 @@ def test_doctor_names_the_kernels_of_openblas():
     ],
 )
 def test_a_rasterizer_is_read_from_what_opengl_calls_it(renderer, gl_version, found):
-    rasterizer = doctor.rasterizer(Fingerprint(renderer, gl_version, "4.0.0"))
+    rasterizer = doctor.rasterizer(Fingerprint(renderer, gl_version, "4.0.0", "1"))
     assert rasterizer == (found and doctor.Rasterizer(*found))
 
 

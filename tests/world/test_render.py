@@ -6,6 +6,7 @@ import types
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 from conftest import small_scene
 
 from simgrab import geometry
@@ -27,8 +28,10 @@ class Spheres:
         spec.stat.extent = 1.0
         spec.visual.map.znear, spec.visual.map.zfar = 0.1, 200.0
         spec.visual.quality.offsamples = 0
+        ball = trimesh.creation.icosphere(subdivisions=4, radius=radius)
+        spec.add_mesh(name="ball", uservert=ball.vertices.ravel(), userface=ball.faces.ravel())
         for centre in centres:
-            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, group=GRAB)
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="ball", pos=centre, group=GRAB)
         self.model = spec.compile()
 
     def pose(self, data, _state):

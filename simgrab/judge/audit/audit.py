@@ -148,7 +148,9 @@ def _manifest_proof(data: _Dataset) -> Proof:
         found.expect(actual == digest, name, "missing" if actual == "missing" else "changed since it was written")
     renderer = known.get("renderer")
     if isinstance(renderer, dict) and {"renderer", "version", "mujoco"} <= set(renderer):
-        made_by = Fingerprint(*(str(renderer[key]) for key in ("renderer", "version", "mujoco"))).digest
+        made_by = Fingerprint(
+            *(str(renderer.get(key, "")) for key in ("renderer", "version", "mujoco", "passes"))
+        ).digest
         found.expect(renderer.get("fingerprint") == made_by, "manifest.json, renderer", "fields and fingerprint differ")
     else:
         found.expect(False, "manifest.json, renderer", "missing")

@@ -1,7 +1,8 @@
-"""Render a moment with MuJoCo's classic renderer: rgb, ids, depth and silhouette, in exact pixel geometry."""
+"""Render a moment with MuJoCo's camera, meshes and lights: rgb, ids, depth and silhouette, in exact pixel geometry."""
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,16 +12,21 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import RendererError, ScenarioError
+from simgrab.errors import ScenarioError
+from simgrab.geometry import Array
 from simgrab.scenario import Scenario
 from simgrab.world import gl
+from simgrab.world.camera import changes, geoms
+from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Lens, Window
-from simgrab.world.scenery.model import FAR_M, GRAB, HIDDEN, NEAR_M, World
-from simgrab.world.trajectory.moment import Moment
+from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, ROPE, World
+from simgrab.world.trajectory.moment import Moment, Tilt
 
 NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
 LENS_SAMPLES = 3  # ids are rendered so much finer before a lens bends them, which takes the nearest
+ROPE_PIECES = 12  # a rope is cut into, so that what it may change in a picture follows it
+REUSE = "SIMGRAB_REUSE"  # environment variable: 0 draws every picture whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,10 @@ class View:
 class Renderer:
     """Renders moments of one world through one camera. Use as a context manager: it owns an OpenGL context.
 
+    For moments in which camera and crane are at rest, what they show is drawn once, and then only what grab, ropes and
+    their shadows may change: another 37 of 255 in a few pixels of a picture at most. The environment variable
+    ``SIMGRAB_REUSE=0`` switches this off.
+
     Parameters
     ----------
     world : World
@@ -64,8 +74,6 @@ class Renderer:
     ----------
     data : mujoco.MjData
         The state that was rendered last.
-    option : mujoco.MjvOption
-        Which geom groups are rendered.
     full : Window
         The whole picture.
     fingerprint : Fingerprint
@@ -80,26 +88,30 @@ class Renderer:
         self._centre = np.array(camera.offset_m)
         self.full: Window = (0, 0, camera.width_px, camera.height_px)
         self._lens = None if self.intrinsics.distortion.is_null else Lens(self.intrinsics)
-        whole = self._lens.map(self.full) if self._lens else None
-        drawn = whole.source if whole else self.full
-        self._size = drawn[2] - drawn[0], drawn[3] - drawn[1]
+        self._drawn = self._lens.map(self.full).source if self._lens else self.full
+        self._size = self._drawn[2] - self._drawn[0], self._drawn[3] - self._drawn[1]
         if max(self._size) > LARGEST_BUFFER_PX:
             raise ScenarioError(
                 "camera.distortion",
                 f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
             )
+        self._shadowed = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
+        self._reuses = os.environ.get(REUSE) != "0"
+        self._rest = Tilt.at_rest(camera)
+        self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
+        self._backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
         model = world.model
         self.data = mujoco.MjData(model)
-        self.option = mujoco.MjvOption()
-        self.option.geomgroup[:] = 1
-        self.option.geomgroup[HIDDEN] = 0
-        self._grab_only = mujoco.MjvOption()
-        self._grab_only.geomgroup[:] = 0
-        self._grab_only.geomgroup[GRAB] = 1
-        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
+        self._lights_alone = mujoco.MjvOption()
+        self._lights_alone.geomgroup[:] = 0
+        self._scene = mujoco.MjvScene(model, maxgeom=1)
         self._abstract = mujoco.MjvCamera()
         self._stack = ExitStack()
         self._buffer = self._stack.enter_context(gl.offscreen(model, *self._size))
+        from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
+
+        self._boxes = geoms.boxes(model)
+        self._passes = Passes(model, self._buffer, self._size)
         self.fingerprint = gl.fingerprint()
 
     def __enter__(self) -> Renderer:
@@ -123,11 +135,9 @@ class Renderer:
 
     def rgb(self, moment: Moment) -> NDArray[np.uint8]:
         """Render the picture as the lens shows it, shape (height, width, 3)."""
-        self._gather(moment, self.option)
-        if self._lens is None:
-            return self._draw_rgb(self.full)
-        lens = self._lens.map(self.full)
-        return lens.resample(self._draw_rgb(lens.source), cv2.INTER_CUBIC)
+        self._gather(moment)
+        rgb = self._draw_rgb(moment)
+        return self._lens.map(self.full).resample(rgb, cv2.INTER_CUBIC) if self._lens else rgb
 
     @property
     def has_lens(self) -> bool:
@@ -145,8 +155,8 @@ class Renderer:
         grab_only : bool
             Render the grab and what it holds as if nothing were in front of it.
         """
-        self._gather(moment, self._grab_only if grab_only else self.option)
-        return self._view(window or self.full, LENS_SAMPLES)
+        self._gather(moment, grab_only=grab_only)
+        return self._view(moment, window or self.full, LENS_SAMPLES, all_of_it=not grab_only)
 
     def silhouette(self, moment: Moment, window: Window, samples: int) -> NDArray[np.bool_]:
         """Render the whole grab alone through a window, with so many samples a pixel and direction.
@@ -155,7 +165,7 @@ class Renderer:
         -------
         ndarray of bool, shape (h·samples, w·samples)
         """
-        self._gather(moment, self._grab_only)
+        self._gather(moment, grab_only=True)
         if self._lens is None:
             x0, y0, x1, y1 = (samples * v for v in window)
             return self._draw_tiles((x0, y0, x1, y1), samples)[0] == GRAB
@@ -164,28 +174,87 @@ class Renderer:
 
     def coarse_view(self, moment: Moment) -> View:
         """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
-        self._gather(moment, self.option)
-        return self._view(self.full, 1)
+        self._gather(moment)
+        return self._view(moment, self.full, 1)
 
-    def _view(self, window: Window, finer: int) -> View:
-        if self._lens is None:
-            return View(window, *self._draw_tiles(window))
-        lens = self._lens.map(window, finer)
-        ids, depth = self._draw_tiles(lens.source, finer)
-        return View(
-            window,
-            lens.resample(ids, cv2.INTER_NEAREST, NOTHING),
-            lens.resample(depth, cv2.INTER_NEAREST, FAR_M),
-        )
+    def _view(self, moment: Moment, window: Window, finer: int, *, all_of_it: bool = True) -> View:
+        lens = self._lens.map(window, finer) if self._lens else None
+        source = lens.source if lens else window
+        whole = all_of_it and source == self._drawn and (finer == 1 or not lens)
+        ids, depth = self._draw_whole(moment) if whole else self._draw_tiles(source, finer if lens else 1)
+        if lens:
+            ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
+            depth = lens.resample(depth, cv2.INTER_NEAREST, FAR_M)
+        return View(window, ids, depth)
 
-    def _gather(self, moment: Moment, option: mujoco.MjvOption) -> None:
+    def _gather(self, moment: Moment, *, grab_only: bool = False) -> None:
+        """Pose the world, and list what is drawn of it."""
         self.pose(moment)
         self._buffer.make_current()
-        scene = self._scene
         everything = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(self.world.model, self.data, option, None, self._abstract, everything, scene)
-        if scene.status:
-            raise RendererError("the scene holds more geoms than its buffer")
+        mujoco.mjv_updateScene(
+            self.world.model, self.data, self._lights_alone, None, self._abstract, everything, self._scene
+        )
+        self._geoms = geoms.shown(self.world.model, self.data, self._boxes, grab_only=grab_only)
+
+    @property
+    def _pinhole(self) -> tuple[float, Array]:
+        """Focal length and centre of what is drawn of the picture, px, rows counted from the bottom."""
+        k, (x0, _, _, y1) = self.intrinsics, self._drawn
+        return k.f_px, np.array([k.cx_px - x0, y1 - k.cy_px])
+
+    def _rectangles(self, points: Array) -> Array:
+        """Rectangles of hulls of points, jib frame, in what is drawn of the picture, rows counted from the bottom."""
+        seen = (points - self._centre) @ self._rotation * (1, -1, 1)
+        return changes.rectangles(seen, *self._pinhole, NEAR_M)
+
+    def _at_rest(self, moment: Moment) -> bool:
+        """Whether camera and crane are as the scenario has them at rest. It depends on the moment alone."""
+        crane = moment.jib is None or np.array_equal(moment.jib.jib_from_place, np.eye(4))
+        return self._reuses and crane and moment.tilt == self._rest
+
+    def _still_view(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Ids and depth of what stands still."""
+        if self._still is None:
+            stand = [geom for geom in self._geoms if geom.stands]
+            rect = self.aim(self._drawn, self._scene)
+            ids, buffer = self._passes.identify(self._scene, rect, stand, (0, 0, *self._size))
+            self._still = ids, _metres(buffer)
+        return self._still
+
+    def _still_rgb(self) -> tuple[NDArray[np.uint8], NDArray[np.int32] | None]:
+        """Picture of what stands still, and the cell of the shadow map for each pixel; None without shadows."""
+        if self._backdrop is None:
+            scene, passes, cells = self._scene, self._passes, None
+            stand = [geom for geom in self._geoms if geom.stands]
+            if self._shadowed:
+                jib_from_camera = np.eye(4)
+                jib_from_camera[:3, :3], jib_from_camera[:3, 3] = self._rotation, self._centre
+                # Rows counted from the bottom make the camera's y point upwards.
+                upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
+                cells = changes.receivers(self._still_view()[1], upwards, *self._pinhole)
+                passes.keep_shade(scene, stand)
+                passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
+            rgb = passes.keep_colour(scene, self.aim(self._drawn, scene), stand, shadowed=self._shadowed)
+            self._backdrop = rgb, cells
+        return self._backdrop
+
+    def _moving_boxes(self) -> Array:
+        ropes, grab = (
+            np.array([geom.corners for geom in self._geoms if geom.group == group]).reshape(-1, 8, 3)
+            for group in (ROPE, GRAB)
+        )
+        return np.concatenate([grab, changes.cut(ropes, ROPE_PIECES)])
+
+    def _covered(self) -> NDArray[np.bool_]:
+        """Tiles of what is drawn that grab and ropes may cover."""
+        return changes.tiles(self._rectangles(self._moving_boxes()), *self._size)
+
+    def _within(self, window: tuple[float, float, float, float]) -> list[Geom]:
+        """Geoms that may be seen in a window of what is drawn, rows counted from the bottom."""
+        rects = self._rectangles(np.array([geom.corners for geom in self._geoms]).reshape(-1, 8, 3))
+        met = ((rects[:, :2] < window[2:]) & (rects[:, 2:] > window[:2])).all(axis=1)
+        return [self._geoms[i] for i in np.flatnonzero(met)]
 
     def aim(self, window: Window, scene: mujoco.MjvScene, finer: int = 1) -> mujoco.MjrRect:
         """Point both eyes of a scene along the camera, through a window of the undistorted picture.
@@ -204,14 +273,45 @@ class Renderer:
             eye.frustum_top, eye.frustum_bottom = scale * (cy - y0), scale * (cy - y1)
         return mujoco.MjrRect(0, 0, x1 - x0, y1 - y0)
 
-    def _draw_rgb(self, window: Window) -> NDArray[np.uint8]:
-        flags = self._scene.flags
-        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
-        rect = self.aim(window, self._scene)
-        mujoco.mjr_render(rect, self._scene, self._buffer.context)
-        rgb = np.empty((rect.height, rect.width, 3), np.uint8)
-        mujoco.mjr_readPixels(rgb, None, rect, self._buffer.context)
+    def _draw_rgb(self, moment: Moment) -> NDArray[np.uint8]:
+        """Draw the undistorted picture."""
+        scene, passes = self._scene, self._passes
+        if not self._at_rest(moment):
+            if self._shadowed:
+                passes.shade(scene, self._geoms)
+            rect = self.aim(self._drawn, scene)
+            return passes.colour(scene, rect, self._geoms, shadowed=self._shadowed)[::-1]
+        (backdrop, receivers), grid = self._still_rgb(), self._covered()
+        rgb, anew, moving = backdrop.copy(), [], [geom for geom in self._geoms if geom.moves]
+        if receivers is not None:
+            cells = changes.marked(self._moving_boxes(), passes.map_from_jib(scene))
+            darker = changes.tiles_of(cells.ravel()[receivers])
+            anew = [
+                (window, [geom for geom in self._within(window) if geom.stands])
+                for window in changes.windows(darker, *self._size, changes.PASS_PX)
+            ]
+            grid |= darker
+            passes.shade_over(scene, moving, changes.extent(cells))
+        rect, windows = self.aim(self._drawn, scene), changes.windows(grid, *self._size, changes.COPY_PX)
+        for (x0, y0, x1, y1), part in passes.colour_over(scene, rect, moving, windows, anew, shadowed=self._shadowed):
+            rgb[y0:y1, x0:x1] = part
         return rgb[::-1]
+
+    def _draw_whole(self, moment: Moment) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Ids and depth of the undistorted picture."""
+        scene, passes = self._scene, self._passes
+        if not self._at_rest(moment):
+            rect = self.aim(self._drawn, scene)
+            ids, buffer = passes.identify(scene, rect, self._geoms, (0, 0, *self._size))
+            return ids[::-1], _metres(buffer)[::-1]
+        (still_ids, still_depth), grid = self._still_view(), self._covered()
+        ids, depth = still_ids.copy(), still_depth.copy()
+        rect = self.aim(self._drawn, scene)
+        for window in changes.windows(grid, *self._size, changes.PASS_PX):
+            x0, y0, x1, y1 = window
+            own, buffer = passes.identify(scene, rect, self._within(window), window)
+            ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
+        return ids[::-1], depth[::-1]
 
     def _draw_tiles(self, window: Window, finer: int = 1) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of a window of the undistorted picture, in tiles that fit the buffer."""
@@ -226,18 +326,12 @@ class Renderer:
         return ids, depth
 
     def _draw_ids(self, window: Window, finer: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        scene = self._scene
-        scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
-        rect = self.aim(window, scene, finer)
-        mujoco.mjr_render(rect, scene, self._buffer.context)
-        colour = np.empty((rect.height, rect.width, 3), np.uint8)
-        buffer = np.empty((rect.height, rect.width), np.float32)
-        mujoco.mjr_readPixels(colour, buffer, rect, self._buffer.context)
-        # The id colour is the geom's place in the scene plus one, least significant byte first.
-        groups = self.world.model.geom_group
-        lookup = np.array([NOTHING, *(groups[g.objid] for g in scene.geoms[: scene.ngeom])], np.uint8)
-        place = colour[..., 0].astype(np.intp) | (colour[..., 1].astype(np.intp) << 8)
-        return lookup[place][::-1], _metres(buffer)[::-1]
+        rect = self.aim(window, self._scene, finer)
+        x0, y0, x1, y1 = (v / finer for v in window)
+        left, _, _, bottom = self._drawn
+        some = self._within((x0 - left, bottom - y1, x1 - left, bottom - y0))
+        ids, buffer = self._passes.identify(self._scene, rect, some, (0, 0, rect.width, rect.height))
+        return ids[::-1], _metres(buffer)[::-1]
 
 
 def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -43,6 +43,7 @@ def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, s
             "renderer": rendered_by.renderer,
             "version": rendered_by.version,
             "mujoco": rendered_by.mujoco,
+            "passes": rendered_by.passes,
             "fingerprint": rendered_by.digest,
         },
         "files": dict(sorted(digests.items())),

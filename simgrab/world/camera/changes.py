@@ -1,0 +1,180 @@
+"""Which part of a picture the grab can change, by itself and by its shadow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.world.camera.lens import Window
+
+TILE_PX = 32
+MARGIN_PX = 2
+CELLS = 512  # of a shadow map in each direction, to say where shadows may change
+PASS_PX = 50_000.0  # another pass over the geoms costs as much as so many pixels
+COPY_PX = 150_000.0  # … where they are copied
+NEARER = 12.0  # the lowest piece of a rope is so much longer than the highest
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+
+
+def corners(low: Array, high: Array) -> Array:
+    """Corners of boxes, shapes (n, 3) and (n, 3) to (n, 8, 3)."""
+    return low[:, None] + _CORNERS * (high - low)[:, None]
+
+
+def cut(boxes: Array, pieces: int) -> Array:
+    """Cut boxes, shape (n, 8, 3) as `corners` gives them, across their third axis: shape (n·pieces, 8, 3).
+
+    Pieces are shorter towards the end where the axis is largest: ropes come near the camera there.
+    """
+    bottom, top = boxes[:, 0::2], boxes[:, 1::2]
+    at = 1 - (np.geomspace(1, NEARER, pieces + 1) - 1)[::-1] / (NEARER - 1)
+    levels = bottom[:, None] + at[:, None, None] * (top - bottom)[:, None]
+    parts = np.stack([levels[:, :-1], levels[:, 1:]], axis=3)
+    return np.asarray(parts.reshape(-1, 8, 3))
+
+
+def marked(boxes: Array, map_from_jib: Array) -> NDArray[np.bool_]:
+    """Cells of a shadow map that boxes may darken, shape (`CELLS`, `CELLS`).
+
+    Parameters
+    ----------
+    boxes : ndarray, shape (n, 8, 3)
+    map_from_jib : ndarray, shape (4, 4)
+        To coordinates from 0 to 1 across the map.
+    """
+    at = (boxes @ map_from_jib[:2, :3].T + map_from_jib[:2, 3]) * CELLS
+    low, high = np.floor(at.min(axis=1)).astype(int) - 1, np.ceil(at.max(axis=1)).astype(int) + 1
+    cells = np.zeros((CELLS, CELLS), bool)
+    for (u0, v0), (u1, v1) in zip(low.clip(0, CELLS).tolist(), high.clip(0, CELLS).tolist(), strict=True):
+        cells[v0:v1, u0:u1] = True
+    return cells
+
+
+def extent(cells: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """Left, bottom, right and top of the cells that are set, as shares of the map; nothing where none is."""
+    across, up = np.flatnonzero(cells.any(axis=0)), np.flatnonzero(cells.any(axis=1))
+    if not len(across):
+        return 0.0, 0.0, 0.0, 0.0
+    return float(across[0]) / CELLS, float(up[0]) / CELLS, float(across[-1] + 1) / CELLS, float(up[-1] + 1) / CELLS
+
+
+def receivers(
+    depth: NDArray[np.float32], map_from_camera: Array, focal_px: float, centre_px: Array
+) -> NDArray[np.int32]:
+    """Cell of a shadow map, as a flat index into `marked`, in which each pixel of a picture lies.
+
+    Parameters
+    ----------
+    depth : ndarray, shape (h, w)
+        Along the optical axis, m.
+    map_from_camera : ndarray, shape (4, 4)
+        To coordinates from 0 to 1 across the map.
+    focal_px : float
+    centre_px : ndarray, shape (2,)
+    """
+    height, width = depth.shape
+    x = ((np.arange(width) + 0.5 - centre_px[0]) / focal_px).astype(np.float32)
+    y = ((np.arange(height) + 0.5 - centre_px[1]) / focal_px).astype(np.float32)
+    found = []
+    for row in map_from_camera[:2].astype(np.float32):
+        per_depth = row[0] * x + (row[1] * y + row[2])[:, None]
+        found.append(((per_depth * depth + row[3]) * CELLS).clip(0, CELLS - 1).astype(np.int32))
+    return np.asarray(found[1] * CELLS + found[0])
+
+
+def tiles_of(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tiles of a picture in which, or within a pixel of which, any pixel is set, shape (rows, columns)."""
+    wide = cv2.dilate(pixels.view(np.uint8), np.ones((3, 3), np.uint8))
+    height, width = wide.shape
+    padded = np.pad(wide, ((0, -height % TILE_PX), (0, -width % TILE_PX)))
+    rows, columns = padded.shape[0] // TILE_PX, padded.shape[1] // TILE_PX
+    return np.asarray(padded.reshape(rows, TILE_PX, columns, TILE_PX).max(axis=(1, 3)).astype(bool))
+
+
+def rectangles(points: Array, focal_px: float, centre_px: Array, near_m: float) -> Array:
+    """Bounding rectangles of what hulls of points show before a camera.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, k, 3)
+        Camera frame, m; what is nearer than the near plane is not shown.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+        x0, y0, x1, y1, px, of the undistorted picture; empty (x0 > x1) where a hull shows nothing.
+    """
+    if not len(points):
+        return np.zeros((0, 4))
+    near = near_m * (1 - 1e-3)
+    result = np.empty((len(points), 4))
+    depth = points[..., 2]
+    ahead = (depth >= near).all(axis=1)
+    result[ahead] = _bounds(points[ahead], focal_px, centre_px)
+    for i in np.flatnonzero(~ahead):
+        result[i] = _clipped(points[i], near, focal_px, centre_px)
+    return result + (-MARGIN_PX, -MARGIN_PX, MARGIN_PX, MARGIN_PX)
+
+
+def _bounds(points: Array, focal_px: float, centre_px: Array) -> Array:
+    pixels = focal_px * points[..., :2] / points[..., 2:] + centre_px
+    return np.concatenate([pixels.min(axis=-2), pixels.max(axis=-2)], axis=-1)
+
+
+def _clipped(points: Array, near: float, focal_px: float, centre_px: Array) -> Array:
+    """Bounding rectangle of a hull that the near plane cuts: of the points before it, and of all edges' cuts."""
+    front, back = points[points[:, 2] >= near], points[points[:, 2] < near]
+    if not len(front):
+        return np.array([np.inf, np.inf, -np.inf, -np.inf])
+    share = (front[:, None, 2] - near) / (front[:, None, 2] - back[None, :, 2])
+    cuts = front[:, None] + share[..., None] * (back[None] - front[:, None])
+    cuts[..., 2] = near
+    return _bounds(np.concatenate([front, cuts.reshape(-1, 3)]), focal_px, centre_px)
+
+
+def tiles(rects: Array, width_px: int, height_px: int) -> NDArray[np.bool_]:
+    """Tiles of a picture that rectangles meet, shape (rows, columns)."""
+    grid = np.zeros((-(-height_px // TILE_PX), -(-width_px // TILE_PX)), bool)
+    rows, columns = grid.shape
+    limit = np.array([columns, rows, columns, rows]) * TILE_PX
+    for x0, y0, x1, y1 in np.clip(rects, 0, limit).tolist():
+        if x0 < x1 and y0 < y1:
+            low, high = int(y0) // TILE_PX, -(-int(np.ceil(y1)) // TILE_PX)
+            grid[low:high, int(x0) // TILE_PX : -(-int(np.ceil(x1)) // TILE_PX)] = True
+    return grid
+
+
+def windows(grid: NDArray[np.bool_], width_px: int, height_px: int, apart_px: float) -> list[Window]:
+    """Cover the tiles of a grid by a few windows of the picture, which may overlap.
+
+    Two windows become one where that adds fewer than ``apart_px`` pixels.
+    """
+    found = np.array(list(_blocks(grid)), float).reshape(-1, 4)
+    while len(found) > 1:
+        low = np.minimum(found[:, None, :2], found[None, :, :2])
+        high = np.maximum(found[:, None, 2:], found[None, :, 2:])
+        areas = (found[:, 2:] - found[:, :2]).prod(axis=1)
+        more = (high - low).prod(axis=2) - areas[:, None] - areas[None]
+        np.fill_diagonal(more, np.inf)
+        i, j = np.unravel_index(int(more.argmin()), more.shape)
+        if more[i, j] > apart_px / TILE_PX**2:
+            break
+        found[i] = *low[i, j], *high[i, j]
+        found = np.delete(found, j, axis=0)
+    limit = (width_px, height_px, width_px, height_px)
+    return [tuple(edges) for edges in np.minimum(found * TILE_PX, limit).astype(int).tolist()]
+
+
+def _blocks(grid: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
+    """Cover the tiles of a grid by rectangles of tiles that do not overlap."""
+    begun: dict[tuple[int, int], int] = {}
+    for number, row in enumerate([*grid, np.zeros(grid.shape[1], bool)]):
+        edges = np.flatnonzero(np.diff(row, prepend=False, append=False)).tolist()
+        runs = set(zip(edges[0::2], edges[1::2], strict=True))
+        for run in sorted(begun.keys() - runs):
+            yield run[0], begun.pop(run), run[1], number
+        begun |= dict.fromkeys(runs - begun.keys(), number)

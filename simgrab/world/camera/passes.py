@@ -1,0 +1,425 @@
+"""Render passes over the geoms of a MuJoCo scene: shadow map, colour, ids.
+
+`mujoco.mjr_render` draws everything in three passes for a picture with shadows, always anew and over the whole picture.
+These passes use MuJoCo's meshes, textures, lights and camera, but light a picture in one pass, over a part of it, and
+keep the shadows of what stands still. Ids and depth are MuJoCo's to the bit; colours differ by rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+
+from simgrab.errors import RendererError
+from simgrab.geometry import Array
+from simgrab.world.camera.geoms import Geom
+from simgrab.world.camera.lens import Window
+from simgrab.world.gl import Offscreen
+from simgrab.world.scenery.model import FAR_M, NEAR_M
+
+_SEGMENT, _IDCOLOR = mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR
+_SHADOW = mujoco.mjtRndFlag.mjRND_SHADOW
+_EVERYWHERE: tuple[float, ...] = (0.0, 0.0, 1.0, 1.0)
+_SUN = 0  # the first light that `simgrab.world.scenery.model` adds
+_TEXTURE_FROM_CLIP = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+# Lighting as OpenGL's fixed pipeline has it: at the vertices, and clamped there. As in MuJoCo's two passes, the sun's
+# share is left out where the shadow map says so.
+_VERTEX = """#version 120
+uniform mat4 shadow_from_eye;
+uniform float shadowed;
+varying vec3 base, sun;
+varying vec4 at;
+varying vec2 uv;
+
+vec3 reflected(int i, vec3 normal, vec3 eye) {
+    vec3 towards = normalize(gl_LightSource[i].position.xyz);
+    float lambert = max(dot(normal, towards), 0.0);
+    vec3 colour = gl_FrontMaterial.ambient.rgb * gl_LightSource[i].ambient.rgb;
+    colour += lambert * gl_FrontMaterial.diffuse.rgb * gl_LightSource[i].diffuse.rgb;
+    if (lambert > 0.0) {
+        float gloss = pow(max(dot(normal, normalize(towards + eye)), 1e-6), gl_FrontMaterial.shininess);
+        colour += gloss * gl_FrontMaterial.specular.rgb * gl_LightSource[i].specular.rgb;
+    }
+    return colour;
+}
+
+void main() {
+    vec4 place = gl_ModelViewMatrix * gl_Vertex;
+    vec3 normal = normalize(gl_NormalMatrix * gl_Normal);
+    vec3 eye = -normalize(place.xyz);
+    vec3 by_sun = reflected(0, normal, eye);
+    base = clamp(gl_FrontMaterial.emission.rgb + reflected(1, normal, eye) + (1.0 - shadowed) * by_sun, 0.0, 1.0);
+    sun = shadowed * clamp(by_sun, 0.0, 1.0);
+    at = shadow_from_eye * place;
+    uv = gl_MultiTexCoord0.xy;
+    gl_Position = ftransform();
+}
+"""
+_FRAGMENT = """#version 120
+uniform sampler2D paint;
+uniform sampler2DShadow shadow;
+uniform float shadowed;
+varying vec3 base, sun;
+varying vec4 at;
+varying vec2 uv;
+
+void main() {
+    vec3 light = base;
+    if (shadowed > 0.5 && shadow2DProj(shadow, at).a >= 0.99) light += sun;
+    gl_FragColor = vec4(texture2D(paint, uv).rgb * light, 1.0);
+}
+"""
+
+
+class Passes:
+    """Draws geoms of one model. Call its methods while the model's OpenGL context is current.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Whose geoms are meshes with texture coordinates, and opaque.
+    buffer : Offscreen
+    size : tuple of 2 ints
+        Of the largest window that is drawn at once, px.
+    """
+
+    def __init__(self, model: mujoco.MjModel, buffer: Offscreen, size: tuple[int, int]) -> None:
+        if not GL.glClipControl:
+            raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
+        self._model, self._context = model, buffer.context
+        self._painted: dict[int, int] = {}
+        self._program = _program()
+        self._uniform = {
+            name: GL.glGetUniformLocation(self._program, name)
+            for name in ("shadow_from_eye", "shadowed", "paint", "shadow")
+        }
+        GL.glUseProgram(self._program)
+        GL.glUniform1i(self._uniform["paint"], 0)
+        GL.glUniform1i(self._uniform["shadow"], 1)
+        GL.glUseProgram(0)
+        self._white = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._white)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+        GL.glTexImage2D(
+            GL.GL_TEXTURE_2D, 0, GL.GL_RGB, 1, 1, 0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, np.full(4, 255, np.uint8)
+        )
+        self._ids = _framebuffer(size, GL.GL_R8)
+        samples = self._context.offSamples
+        self._picture, self._kept_picture = (_framebuffer(size, GL.GL_RGBA8, samples) for _ in range(2))
+        self._resolved = _framebuffer(size, GL.GL_RGBA8)
+        self._kept: int | None = None
+        self._darkened = _EVERYWHERE  # part of the shadow map that differs from the kept one
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
+
+    def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
+        """Draw the shadow map of geoms."""
+        self._cast(scene, self._context.shadowFBO, geoms, clear=True)
+        self._darkened = _EVERYWHERE
+
+    def keep_shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
+        """Draw the shadow map of geoms that stand still, and keep it for `shade_over`."""
+        if self._kept is None:
+            self._kept = _framebuffer((self._context.shadowSize, self._context.shadowSize))
+        self._cast(scene, self._kept, geoms, clear=True)
+        self._darkened = _EVERYWHERE
+
+    def shade_over(self, scene: mujoco.MjvScene, moving: Iterable[Geom], share: tuple[float, ...]) -> None:
+        """Add moving geoms to the shadow map that `keep_shade` kept.
+
+        Parameters
+        ----------
+        scene : mujoco.MjvScene
+        moving : iterable of Geom
+        share : tuple of 4 floats
+            Left, bottom, right and top of the part of the map that they may darken, from 0 to 1.
+        """
+        side = self._context.shadowSize
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._kept)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._context.shadowFBO)
+        for part in (self._darkened, share):
+            x0, y0, x1, y1 = (min(max(round(edge * side), 0), side) for edge in part)
+            if x0 < x1 and y0 < y1:
+                GL.glBlitFramebuffer(x0, y0, x1, y1, x0, y0, x1, y1, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
+        self._cast(scene, self._context.shadowFBO, moving, clear=False)
+        self._darkened = share
+
+    def map_from_jib(self, scene: mujoco.MjvScene) -> Array:
+        """From the jib frame to the shadow map of a scene's sun, whose coordinates go from 0 to 1: shape (4, 4)."""
+        sun, half_width = scene.lights[_SUN], float(self._context.shadowClip)
+        projection, view = _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), half_width)
+        return np.asarray(_TEXTURE_FROM_CLIP @ projection @ view)
+
+    def _cast(self, scene: mujoco.MjvScene, framebuffer: int, geoms: Iterable[Geom], *, clear: bool) -> None:
+        side, sun = self._context.shadowSize, scene.lights[_SUN]
+        half_width = float(self._context.shadowClip)
+        projection, view = _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), half_width)
+        with _attributes():
+            _load(GL.GL_PROJECTION, projection)
+            _load(GL.GL_MODELVIEW, view)
+            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+            GL.glDrawBuffer(GL.GL_NONE)
+            GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
+            GL.glEnable(GL.GL_DEPTH_TEST)
+            GL.glDepthFunc(GL.GL_GEQUAL)  # depth goes from 1 at the near plane to 0, as in MuJoCo
+            GL.glDepthMask(GL.GL_TRUE)
+            GL.glClearDepth(0.0)
+            if clear:
+                GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
+            GL.glViewport(1, 1, side - 2, side - 2)  # what lies outside is lit
+            GL.glShadeModel(GL.GL_FLAT)
+            GL.glDisable(GL.GL_LIGHTING)
+            GL.glDisable(GL.GL_CULL_FACE)
+            GL.glColorMask(0, 0, 0, 0)
+            GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
+            GL.glPolygonOffset(-1.5, -4.0)
+            for geom in geoms:
+                self._draw(geom, self._context.baseMesh + 2 * int(self._model.geom_dataid[geom.number]))
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
+        GL.glDrawBuffer(GL.GL_COLOR_ATTACHMENT0)
+
+    def keep_colour(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
+    ) -> NDArray[np.uint8]:
+        """Draw geoms that stand still, and keep the picture for `colour_over`; see `colour`."""
+        self._colour(self._kept_picture, scene, rect, [((0, 0, rect.width, rect.height), geoms, True)], shadowed)
+        return self._read(self._kept_picture, (0, 0, rect.width, rect.height))
+
+    def colour(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
+    ) -> NDArray[np.uint8]:
+        """Draw a picture of geoms.
+
+        Parameters
+        ----------
+        scene : mujoco.MjvScene
+            With the camera to draw through.
+        rect : mujoco.MjrRect
+            The picture, whose rows are counted from the bottom, as everywhere here.
+        geoms : iterable of Geom
+        shadowed : bool
+            Whether the shadow map keeps the sun from pixels.
+
+        Returns
+        -------
+        ndarray of uint8, shape (h, w, 3)
+        """
+        whole = (0, 0, rect.width, rect.height)
+        self._colour(self._picture, scene, rect, [(whole, geoms, True)], shadowed)
+        return self._read(self._picture, whole)
+
+    def colour_over(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
+        anew: Sequence[tuple[Window, Sequence[Geom]]], *, shadowed: bool,
+    ) -> Iterator[tuple[Window, NDArray[np.uint8]]]:  # fmt: skip
+        """Draw moving geoms over the picture that `keep_colour` kept.
+
+        Parameters
+        ----------
+        scene, rect, shadowed
+            As for `keep_colour`.
+        moving : sequence of Geom
+        windows : sequence of Window
+            Of the picture; nothing else is drawn.
+        anew : sequence of tuple of Window and sequence of Geom
+            Parts of these where shadows change, and the geoms that stand still there.
+
+        Yields
+        ------
+        tuple of Window and ndarray of uint8, shape (h, w, 3)
+        """
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._kept_picture)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture)
+        both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
+        for window in windows:
+            GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
+        steps = [(window, geoms, True) for window, geoms in anew] + [(window, moving, False) for window in windows]
+        self._colour(self._picture, scene, rect, steps, shadowed)
+        for window in windows:
+            yield window, self._read(self._picture, window)
+
+    def _colour(
+        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect,
+        steps: Iterable[tuple[Window, Iterable[Geom], bool]], shadowed: bool,
+    ) -> None:  # fmt: skip
+        """Draw geoms into windows, one after another, each of which is cleared before or not."""
+        self._aim(scene, rect, segment=False)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        GL.glDisable(GL.GL_COLOR_MATERIAL)
+        GL.glDisable(GL.GL_LIGHTING)
+        GL.glUseProgram(self._program)
+        GL.glUniform1f(self._uniform["shadowed"], float(shadowed))
+        if shadowed:
+            eye_from_jib = np.array(GL.glGetFloatv(GL.GL_MODELVIEW_MATRIX), float).reshape(4, 4).T
+            matrix = (self.map_from_jib(scene) @ np.linalg.inv(eye_from_jib)).astype(np.float32)
+            GL.glUniformMatrix4fv(self._uniform["shadow_from_eye"], 1, True, matrix)
+        GL.glActiveTexture(GL.GL_TEXTURE1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._context.shadowTex if shadowed else 0)
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        for window, geoms, clear in steps:
+            with _scissors(window):
+                if clear:
+                    GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+                for geom in geoms:
+                    self._draw(geom, self._look(geom.number))
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+        GL.glUseProgram(0)
+
+    def _read(self, framebuffer: int, window: Window) -> NDArray[np.uint8]:
+        """Read the mean of each pixel's samples."""
+        x0, y0, x1, y1 = window
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, framebuffer)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._resolved)
+        GL.glBlitFramebuffer(*window, *window, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._resolved)
+        rgb = np.empty((y1 - y0, x1 - x0, 3), np.uint8)
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        GL.glReadPixels(x0, y0, x1 - x0, y1 - y0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, array=rgb)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
+        return rgb
+
+    def identify(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], window: Window
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Draw the ids and depth of geoms into a window of a picture; see `colour`.
+
+        Returns
+        -------
+        ids : ndarray of uint8, shape (h, w)
+            Groups of the geoms, 255 where there is none.
+        depth : ndarray of float32, shape (h, w)
+            What the depth buffer has: 1 at the near plane, 0 at the far one.
+        """
+        self._aim(scene, rect, segment=True)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._ids)
+        x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
+        with _scissors(window):
+            GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+            for geom in geoms:
+                GL.glColor4ub(geom.group + 1, 0, 0, 255)
+                self._draw(geom, self._context.baseMesh + 2 * int(self._model.geom_dataid[geom.number]))
+        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
+        GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
+        ids -= 1  # 0, which is nothing, becomes 255
+        return ids, depth
+
+    def _aim(self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, *, segment: bool) -> None:
+        """Let MuJoCo set camera, lights and OpenGL's state, by drawing a pixel without geoms; takes its framebuffer."""
+        scene.flags[_SEGMENT] = scene.flags[_IDCOLOR] = int(segment)
+        scene.flags[_SHADOW] = 0
+        mujoco.mjr_render(mujoco.MjrRect(0, 0, 1, 1), scene, self._context)
+        GL.glViewport(0, 0, rect.width, rect.height)
+
+    def _draw(self, geom: Geom, display_list: int) -> None:
+        GL.glPushMatrix()
+        GL.glTranslatef(*geom.position)
+        GL.glMultMatrixf(geom.turn)
+        GL.glCallList(display_list)
+        GL.glPopMatrix()
+
+    def _look(self, number: int) -> int:
+        """Display list of a geom's material, texture and mesh."""
+        if number not in self._painted:
+            model = self._model
+            material = int(model.geom_matid[number])
+            rgba = np.asarray(model.mat_rgba[material], np.float32)
+            specular = np.array([*[model.mat_specular[material]] * 3, 1], np.float32)
+            emission = np.array([*(model.mat_emission[material] * rgba[:3]), 1], np.float32)
+            texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+            self._painted[number] = made = GL.glGenLists(1)
+            GL.glNewList(made, GL.GL_COMPILE)
+            GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_AMBIENT_AND_DIFFUSE, rgba)
+            GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_EMISSION, emission)
+            GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_SPECULAR, specular)
+            GL.glMaterialf(GL.GL_FRONT_AND_BACK, GL.GL_SHININESS, 128.0 * float(model.mat_shininess[material]))
+            GL.glBindTexture(GL.GL_TEXTURE_2D, int(self._context.texture[texture]) if texture >= 0 else self._white)
+            GL.glCallList(self._context.baseMesh + 2 * int(model.geom_dataid[number]))
+            GL.glEndList()
+        return self._painted[number]
+
+
+@contextmanager
+def _scissors(window: Window) -> Iterator[None]:
+    """Draw within a window alone."""
+    x0, y0, x1, y1 = window
+    GL.glScissor(x0, y0, x1 - x0, y1 - y0)
+    GL.glEnable(GL.GL_SCISSOR_TEST)
+    yield
+    GL.glDisable(GL.GL_SCISSOR_TEST)
+
+
+def _program() -> int:
+    program = int(GL.glCreateProgram())
+    for kind, source in ((GL.GL_VERTEX_SHADER, _VERTEX), (GL.GL_FRAGMENT_SHADER, _FRAGMENT)):
+        shader = GL.glCreateShader(kind)
+        GL.glShaderSource(shader, source)
+        GL.glCompileShader(shader)
+        if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
+            raise RendererError(f"OpenGL refuses a shader: {GL.glGetShaderInfoLog(shader)!r}")
+        GL.glAttachShader(program, shader)
+    GL.glLinkProgram(program)
+    if not GL.glGetProgramiv(program, GL.GL_LINK_STATUS):
+        raise RendererError(f"OpenGL refuses the shaders: {GL.glGetProgramInfoLog(program)!r}")
+    return program
+
+
+def _framebuffer(size: tuple[int, int], colour: Any = None, samples: int = 0) -> int:
+    """Make a framebuffer with depth, and with colour of a format or, for a shadow map, without."""
+    framebuffer = int(GL.glGenFramebuffers(1))
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+    if colour is None:
+        _attach(GL.GL_DEPTH_STENCIL_ATTACHMENT, GL.GL_DEPTH24_STENCIL8, size, 0)  # as MuJoCo's shadow map
+        GL.glDrawBuffer(GL.GL_NONE)
+        GL.glReadBuffer(GL.GL_NONE)
+    else:
+        _attach(GL.GL_COLOR_ATTACHMENT0, colour, size, samples)
+        _attach(GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT32F, size, samples)
+    if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
+        raise MemoryError("OpenGL has no memory for a framebuffer")
+    return framebuffer
+
+
+def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
+    renderbuffer = GL.glGenRenderbuffers(1)
+    GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
+    GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, form, *size)
+    GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
+
+
+@contextmanager
+def _attributes() -> Iterator[None]:
+    GL.glPushAttrib(GL.GL_ALL_ATTRIB_BITS)
+    try:
+        yield
+    finally:
+        GL.glPopAttrib()
+
+
+def _load(mode: Any, matrix: Array) -> None:
+    GL.glMatrixMode(mode)
+    GL.glLoadMatrixf(np.ascontiguousarray(matrix.T, np.float32))
+
+
+def _sun_view(position: Array, direction: Array, half_width: float) -> tuple[Array, Array]:
+    """Projection and view of the sun, shapes (4, 4), as MuJoCo has them: depth from 1 at the near plane to 0."""
+    up = np.cross(direction, (-1.0, 0.0, 0.0))
+    if up @ up <= 0.01:
+        up = np.cross(direction, (0.0, 1.0, 0.0))
+    forward = direction / np.linalg.norm(direction)
+    side = np.cross(forward, up)
+    side /= np.linalg.norm(side)
+    view = np.eye(4)
+    view[:3, :3] = side, np.cross(side, forward), -forward
+    view[:3, 3] = -view[:3, :3] @ position
+    projection = np.diag([1 / half_width, 1 / half_width, 1 / (FAR_M - NEAR_M), 1.0])
+    projection[2, 3] = FAR_M / (FAR_M - NEAR_M)
+    return projection, view
