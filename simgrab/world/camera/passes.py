@@ -226,7 +226,7 @@ class Passes:
             As for `keep_colour`.
         moving : sequence of Geom
         windows : sequence of Window
-            Of the picture; nothing else is drawn.
+            Of the picture, which hold all that is drawn.
         anew : sequence of tuple of Window and sequence of Geom
             Parts of these where shadows change, and the geoms that stand still there.
 
@@ -239,7 +239,8 @@ class Passes:
         both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
         for window in windows:
             GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
-        steps = [(window, geoms, True) for window, geoms in anew] + [(window, moving, False) for window in windows]
+        whole = (0, 0, rect.width, rect.height)
+        steps = [(window, geoms, True) for window, geoms in anew] + [(whole, moving, False)]
         self._colour(self._picture, scene, rect, steps, shadowed)
         for window in windows:
             yield window, self._read(self._picture, window)

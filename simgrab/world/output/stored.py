@@ -6,6 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
     part = split(generator.recipe, number)
     stem = f"{part}/{number:06d}"
     name = f"images/{stem}.{'jpg' if image.format == 'jpeg' else 'png'}"
-    files = {name: encode(frame.rgb[..., ::-1], image.format, image.quality)}
+    files = {name: encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), image.format, image.quality)}
     if frame.full and image.ids:
         files[f"ids/{stem}.png"] = encode(frame.full.ids, "png")
     if frame.full and image.depth:
