@@ -41,3 +41,15 @@ PATH = _Place(path_type=Path)
 FOLDER, NEW_FOLDER = _Destination(check_folder), _Destination(check_new_folder)
 FILE = _Destination(check_file, DatasetError)
 WORKERS = click.IntRange(1, 256)
+
+
+class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.3 on
+    """A number of processes, or ``auto``, which is None."""
+
+    name = "integer or auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
+        return None if value in (None, "auto") else WORKERS.convert(value, param, ctx)
+
+
+AUTO_WORKERS = _Automatic()

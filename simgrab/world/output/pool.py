@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
+import os
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
+
+import psutil
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
 from simgrab.utilities.processes import Pool, pickled, tick
@@ -21,6 +24,8 @@ T = TypeVar("T")
 Progress = Callable[[int, int], None]
 Tick = Callable[[], None]
 Work = Callable[[FrameGenerator, int, Tick], T]
+FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
+WORKER_BYTES = 2_500_000_000  # a process with a 1080p world, its textures in OpenGL and the pictures in work
 MOST_PROJECTIONS = 4096
 """Frames whose projection is kept from vetting for rendering; a few kilobytes each."""
 
@@ -42,6 +47,32 @@ class Vetted:
     seen: int
     plan: Plan | None = None
     projections: dict[int, Projection] = field(default_factory=dict)
+
+
+def automatic(recipe: Recipe, *, by_clip: bool = False) -> tuple[int, str]:
+    """Choose how many processes to render a recipe with, and say why.
+
+    OpenGL in software uses several cores by itself, so that a second process gains a third, and each builds worlds of
+    its own: it pays from `FRAMES_A_WORKER` frames each, or `WORLDS_A_WORKER` where worlds vary.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    by_clip : bool
+        Whether one process renders a clip from beginning to end, as for videos.
+    """
+    scenario, process = recipe.scenario, psutil.Process()
+    cores = len(process.cpu_affinity() or [0]) if hasattr(process, "cpu_affinity") else os.cpu_count() or 1
+    frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
+    limits = [(cores, f"{cores} cores")]
+    limits.append((max(1, psutil.virtual_memory().available // WORKER_BYTES), "memory"))
+    if recipe.varies:
+        limits.append((max(1, clips // WORLDS_A_WORKER), f"{clips} worlds"))
+    else:
+        limits.append((max(1, frames // FRAMES_A_WORKER), f"{frames} frames"))
+    if by_clip:
+        limits.append((clips, f"{clips} clips"))
+    return min(limits, key=lambda limit: limit[0])
 
 
 def check(recipe: Recipe, workers: int) -> None:
