@@ -8,11 +8,15 @@ import trimesh
 from conftest import slow_but
 from numpy.typing import NDArray
 
+from simgrab import scenes
 from simgrab.rng import stream
 from simgrab.scenario import Hold, Plain, Quay, Water
+from simgrab.world.extensions import Recipe
+from simgrab.world.scenery import textures
 from simgrab.world.scenery.clearance import HeightMap
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.places import build
+from simgrab.world.scenery.plan import draw_up
 
 HEIGHT = 28.0
 OPTIONS: dict[str, Quay | Hold | Water | Plain] = {
@@ -150,3 +154,17 @@ def test_the_head_height_moves_the_place_and_changes_nothing_else() -> None:
     high = build(OPTIONS["water, rough"], head_height=HEIGHT + 7.0, rng=stream(0, 0, "place"))
     for a, b in zip(low, high, strict=True):
         np.testing.assert_allclose(a.mesh.vertices - [0, 0, 7.0], b.mesh.vertices, atol=1e-9)
+
+
+@pytest.mark.parametrize("clip", range(10))
+def test_a_place_that_is_not_painted_has_the_same_shapes(clip):
+    variant = Recipe(scenes.load("training")).variant(8 * clip)
+    painted = draw_up(variant.scenario, variant.number)
+    with textures.unpainted():
+        bare = draw_up(variant.scenario, variant.number)
+        assert list(bare.bodies) == list(painted.bodies)
+    assert textures.painting()
+    for one, other in zip((*painted.place, *painted.heaps), (*bare.place, *bare.heaps), strict=True):
+        assert one.name == other.name
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+        np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)

@@ -17,6 +17,7 @@ from simgrab.utilities.processes import Pool, pickled, tick
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.projection import Projection, project
+from simgrab.world.scenery import textures
 from simgrab.world.scenery.plan import Plan, draw_up
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -134,7 +135,8 @@ def vetted(recipe: Recipe, workers: int, checking: Progress | None = None) -> Ve
 
 
 def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> int:
-    seen = vet(generator.recipe, clip).seen
+    with textures.unpainted():
+        seen = vet(generator.recipe, clip).seen
     tick()
     return seen
 

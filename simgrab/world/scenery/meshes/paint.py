@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -77,6 +77,8 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     if cargo not in _DUST:
         raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
     lost, tone, dust = _masks(rng)
+    if not textures.painting():
+        return Finish(**{field.name: Material(f"grab_{field.name}") for field in fields(Finish)})
     rust, bright, grease = (_picture(name) for name in ("rust", "worn_steel", "grease"))
     dusty = _Dust(np.array(_DUST[cargo]), residue, dust)
     height = np.linspace(1.0, 0.0, _SIZE)[:, None]  # 1 at the rim, 0 at the lip

@@ -14,7 +14,7 @@ import trimesh
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import materials, shapes
 from simgrab.world.scenery.places.canvas import Canvas, Picture, cloud
-from simgrab.world.scenery.textures import load
+from simgrab.world.scenery.textures import load, painting
 
 SIZE = 48.0  # side of the painted square, metres
 SLAB = 6.0
@@ -59,11 +59,16 @@ def slabs(pixels: int, rng: np.random.Generator) -> Picture:
             piece = np.rot90(wrapped[y : y + side, x : x + side], int(rng.integers(4)))
             tone = rng.normal(0.97, 0.045) * (0.86 if rng.random() < 0.08 else 1.0)
             warmth = rng.normal(0, 0.012)
+            if not painting():
+                continue
             gain = tone * np.array([1 + warmth, 1.0, 1 - warmth])
             window = np.s_[row * side : (row + 1) * side, column * side : (column + 1) * side]
             lut = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
             picture[window] = cv2.LUT(np.ascontiguousarray(piece), lut[None])
-    broad = cv2.resize((225 + 60 * (cloud((256, 256), rng, cells=6) - 0.5)).astype(np.uint8), (pixels, pixels))
+    uneven = cloud((256, 256), rng, cells=6)
+    if not painting():
+        return picture
+    broad = cv2.resize((225 + 60 * (uneven - 0.5)).astype(np.uint8), (pixels, pixels))
     return np.asarray(cv2.multiply(picture, cv2.merge([broad] * 3), scale=1 / 230), np.uint8)
 
 

@@ -6,26 +6,41 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simgrab.world.scenery.textures import painting
+
 Picture = NDArray[np.uint8]
 Plane = NDArray[np.float32]
 Colour = tuple[int, int, int]
 COARSE = 2  # dirt and spill are kept at half the resolution: both are soft
 
 
-def cloud(shape: tuple[int, int], rng: np.random.Generator, *, cells: float, octaves: int = 3) -> Plane:
-    """Smooth noise in [0, 1], mean 0.5, that repeats seamlessly, with ``cells`` cells across in its coarsest octave."""
+def cloud(
+    shape: tuple[int, int], rng: np.random.Generator, *, cells: float, octaves: int = 3, always: bool = False
+) -> Plane:
+    """Smooth noise in [0, 1], mean 0.5, that repeats seamlessly, with ``cells`` cells across in its coarsest octave.
+
+    Zeros where nothing is painted, unless ``always`` asks for it.
+    """
     total = np.zeros(shape, np.float32)
     weight, norm = 1.0, 0.0
     for octave in range(octaves):
         n = max(2, round(cells * 2**octave))
-        small = np.pad(rng.random((n, n), dtype=np.float32), 2, mode="wrap")
+        noise = rng.random((n, n), dtype=np.float32)
+        if not painting() and not always:
+            continue
+        small = np.pad(noise, 2, mode="wrap")
         step = [n / s for s in shape[::-1]]  # cells a pixel
         grid = np.array([[step[0], 0, 1.5 + step[0] / 2], [0, step[1], 1.5 + step[1] / 2]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         total += weight * cv2.warpAffine(cv2.GaussianBlur(small, (3, 3), 0.5), grid, shape[::-1], flags=flags)
         norm += weight
         weight *= 0.6
-    return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32)
+    return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32) if norm else total
+
+
+def blank(pixels: int) -> Picture:
+    """Square picture that shows nothing, for a place that is not painted."""
+    return np.zeros((pixels, pixels, 3), np.uint8)
 
 
 class Canvas:
@@ -46,7 +61,8 @@ class Canvas:
         n = len(base) // COARSE
         self._dirt = np.zeros((n, n), np.float32)  # optical depth of grime
         self._spill = np.zeros((n, n), np.float32)  # cover by cargo, 0 to 1 and more
-        self._wear = cv2.resize(cloud((n, n), rng, cells=n / 60, octaves=5), (len(base), len(base)))
+        wear = cloud((n, n), rng, cells=n / 60, octaves=5)
+        self._wear = cv2.resize(wear, (len(base), len(base))) if painting() else wear
         self._rng = rng
 
     def uv(self, xy: ArrayLike) -> NDArray[np.float64]:
@@ -62,6 +78,8 @@ class Canvas:
 
     def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4) -> None:
         """Fill a polygon (metres) with road paint; ``wear`` in [0, 1] is the share that has come off."""
+        if not painting():
+            return
         corners = self.pixels(outline)
         low = np.maximum(np.floor(corners.min(0)).astype(int) - 2, 0)
         high = np.minimum(np.ceil(corners.max(0)).astype(int) + 3, len(self.picture))
@@ -91,6 +109,8 @@ class Canvas:
         self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float = 0.4
     ) -> None:
         """Stencil block letters centred at a point (metres); ``turned`` reads along y."""
+        if not painting():
+            return
         scale = height * self.per_m / 21
         (width, tall), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
         stroke = max(2, round(height * self.per_m * 0.13))
@@ -109,6 +129,8 @@ class Canvas:
 
     def grime(self, outline: ArrayLike, depth: float, *, blur: float) -> None:
         """Darken a polygon (metres) softly by an optical depth; ``blur`` is the width of its edge, metres."""
+        if not painting():
+            return
         corners = self.pixels(outline, 1 / COARSE)
         sigma = blur * self.per_m / COARSE
         margin = int(3 * sigma) + 2
@@ -122,6 +144,9 @@ class Canvas:
 
     def tracks(self, way: ArrayLike, depth: float, *, width: float = 0.45, gauge: float = 2.0) -> None:
         """Two tyre tracks along a polyline (metres)."""
+        broken = cloud((512, 512), self._rng, cells=14, octaves=2)
+        if not painting():
+            return
         points = np.asarray(way, float)
         along = np.gradient(points, axis=0)
         side = np.stack([-along[:, 1], along[:, 0]], 1) / np.linalg.norm(along, axis=1, keepdims=True)
@@ -131,8 +156,8 @@ class Canvas:
                 line = np.round(self.pixels(points + side * (offset + shift), 1 / COARSE) * 16).astype(np.int32)
                 thick = max(1, round(weight * self.per_m / COARSE))
                 cv2.polylines(mask, [line], False, 255 if weight < width else 150, thick, cv2.LINE_AA, 4)
-        broken = cv2.resize(0.35 + 0.65 * cloud((512, 512), self._rng, cells=14, octaves=2), mask.shape)
-        self._dirt += cv2.GaussianBlur(mask, (0, 0), 1.2).astype(np.float32) * (depth / 255) * broken
+        patchy = cv2.resize(0.35 + 0.65 * broken, mask.shape)
+        self._dirt += cv2.GaussianBlur(mask, (0, 0), 1.2).astype(np.float32) * (depth / 255) * patchy
 
     def blot(self, at: ArrayLike, radius: float, depth: float) -> None:
         """Stain with a ragged edge: oil, damp, or soot (metres, optical depth)."""
@@ -150,10 +175,14 @@ class Canvas:
         """Darken everything unevenly: dust and damp at the scale of metres, up to an optical depth."""
         n = len(self._dirt) // 4
         patchy = cloud((n, n), self._rng, cells=9, octaves=5)
+        if not painting():
+            return
         self._dirt += cv2.resize(depth * np.clip((patchy - 0.42) * 2, 0, 1), self._dirt.shape[::-1])
 
     def glance(self, pixels: int) -> Picture:
         """Return the dirty picture so far at a lower resolution."""
+        if not painting():
+            return blank(pixels)
         small = cv2.resize(self.picture, (pixels, pixels), interpolation=cv2.INTER_AREA)
         dirt = cv2.resize(self._dirt, (pixels, pixels), interpolation=cv2.INTER_AREA)
         return np.asarray(small * np.exp(-dirt[..., None]), np.uint8)
@@ -175,32 +204,44 @@ class Canvas:
     ) -> Picture:
         """Lay dirt and cargo on the picture; ``cargo`` is a seamless tile of ``cargo_per_m`` pixels a metre."""
         n = len(self.picture)
+        if not painting():
+            if cargo is not None:
+                self._scattered()
+            return self.picture
         broken = cv2.resize(self._wear, self._dirt.shape[::-1])
         depth = cv2.convertScaleAbs(self._dirt * (0.45 + 1.1 * broken), alpha=100)
         lut = np.exp(-np.arange(256)[:, None] / 100 * np.array(tint)) * 255
         shade = cv2.LUT(cv2.merge([depth] * 3), lut.astype(np.uint8)[None])
         shade = cv2.resize(shade, (n, n))
         picture = cv2.multiply(self.picture, shade, scale=1 / 255)
-        if cargo is None or not self._spill.any():
+        scattered = None if cargo is None else self._scattered()
+        if cargo is None or scattered is None:
             return np.asarray(picture, np.uint8)
         tile = cv2.resize(
             cargo, None, fx=self.per_m / cargo_per_m, fy=self.per_m / cargo_per_m, interpolation=cv2.INTER_AREA
         )
-        rows, columns = np.nonzero(self._spill.any(1))[0], np.nonzero(self._spill.any(0))[0]
-        y0, y1, x0, x1 = (COARSE * int(v) for v in (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1))
+        (y0, y1, x0, x1), uneven, grit = scattered
         shape = (y1 - y0, x1 - x0)
         repeat = [-(-s // t) for s, t in zip(shape, tile.shape[:2], strict=True)]
         laid = np.tile(tile, (*repeat, 1))[: shape[0], : shape[1]]
-        uneven = (205 + 85 * (cloud((shape[0] // 8, shape[1] // 8), self._rng, cells=9, octaves=4) - 0.5)).astype(
-            np.uint8
-        )
-        uneven = cv2.resize(uneven, shape[::-1])
+        uneven = cv2.resize((205 + 85 * (uneven - 0.5)).astype(np.uint8), shape[::-1])
         laid = cv2.multiply(laid, cv2.merge([uneven] * 3), scale=1 / 205)
         window = self._spill[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE]
         # Loose lumps thin out one by one rather than fade.
-        grit = cv2.GaussianBlur(self._rng.integers(0, 256, window.shape, np.uint8), (0, 0), 1.1)
+        grit = cv2.GaussianBlur(grit, (0, 0), 1.1)
         threshold = 0.55 * broken[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE] + (grit * 0.006 - 0.45)
         thinned = np.clip((window * 1.35 - threshold) * 4.0, 0, 1) * np.clip(window * 4, 0, 1)
         alpha = cv2.resize(thinned.astype(np.float32), shape[::-1])
         picture[y0:y1, x0:x1] = cv2.blendLinear(np.ascontiguousarray(picture[y0:y1, x0:x1]), laid, 1 - alpha, alpha)
         return np.asarray(picture, np.uint8)
+
+    def _scattered(self) -> tuple[tuple[int, int, int, int], Plane, Picture] | None:
+        """Draw how cargo lies: the window of pixels that holds it, its unevenness and its grit; None without any."""
+        if not self._spill.any():
+            return None
+        rows, columns = np.nonzero(self._spill.any(1))[0], np.nonzero(self._spill.any(0))[0]
+        coarse = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+        y0, y1, x0, x1 = (COARSE * v for v in coarse)
+        uneven = cloud(((y1 - y0) // 8, (x1 - x0) // 8), self._rng, cells=9, octaves=4)
+        grit = self._rng.integers(0, 256, (coarse[1] - coarse[0], coarse[3] - coarse[2]), np.uint8)
+        return (y0, y1, x0, x1), uneven, grit

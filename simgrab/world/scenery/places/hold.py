@@ -9,9 +9,9 @@ import trimesh
 from simgrab.scenario import Hold
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import apron, materials, sea, shapes, ship
-from simgrab.world.scenery.places.canvas import Canvas, Picture
+from simgrab.world.scenery.places.canvas import Canvas, Picture, blank
 from simgrab.world.scenery.places.heap import CARGOES, Cargo, Field, cones, dug, roughened, warped
-from simgrab.world.scenery.textures import load
+from simgrab.world.scenery.textures import load, painting
 
 LENGTH, BREADTH = 26.0, 31.6  # of the hold, metres
 SLOPE = (4.6, 4.4)  # lower wing tank: breadth and height, metres
@@ -182,9 +182,12 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     field = heap(place, cargo, depth, x, y, rng)
     tile = load("tanktop")
     scale = PIXELS / SIZE * 10.0 / tile.shape[0]
-    small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    repeat = -(-PIXELS // small.shape[0])
-    canvas = Canvas(np.ascontiguousarray(np.tile(small, (repeat, repeat, 1))[:PIXELS, :PIXELS]), SIZE, rng=rng)
+    base = blank(PIXELS)
+    if painting():
+        small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        repeat = -(-PIXELS // small.shape[0])
+        base = np.ascontiguousarray(np.tile(small, (repeat, repeat, 1))[:PIXELS, :PIXELS])
+    canvas = Canvas(base, SIZE, rng=rng)
     cover = np.clip((field + 0.30) / 0.32, 0, 1.3)[:, ::-1].T
     canvas.spill(cover, (-half_l, -half_b), (half_l, half_b))
     for s in (-1, 1):
@@ -201,7 +204,8 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     for _ in range(24):
         canvas.blot(rng.uniform(-12, 12, 2), float(rng.uniform(0.3, 1.6)), float(rng.uniform(0.1, 0.35)))
     # The eye of the camera opens to the hold; the renderer knows no light between walls.
-    picture = cv2.convertScaleAbs(canvas.finish(load(cargo.texture), 1024 / cargo.tile_m), alpha=1.45)
+    picture = canvas.finish(load(cargo.texture), 1024 / cargo.tile_m)
+    picture = np.asarray(cv2.convertScaleAbs(picture, alpha=1.45), np.uint8) if painting() else picture
     dim = 1.0 - 0.22 * (1 - place.fill)  # less sky reaches the bottom of an empty hold
     material = Material("hold bottom", rgba=(dim, dim, dim, 1.0), texture=picture, specular=0.02)
     floor = shapes.box((-half_l, -half_b, -depth - 0.3), (half_l, half_b, -depth))

@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import shapes
-from simgrab.world.scenery.places.canvas import Picture, cloud
-from simgrab.world.scenery.textures import load
+from simgrab.world.scenery.places.canvas import Picture, blank, cloud
+from simgrab.world.scenery.textures import load, painting
 
 SIZE, PIXELS, TILE = 48.0, 2048, 16.0  # metres, pixels, metres of the ripple tile
 FAR = 120.0
@@ -75,23 +75,26 @@ def _ripples(chop: float, rng: np.random.Generator) -> Picture:
     for turn in (0, 1):
         row, column = (int(v) for v in rng.integers(0, side, 2))
         one = np.roll(np.rot90(tile, turn), (row, column), (0, 1))
-        sheets.append(np.ascontiguousarray(np.tile(one, (4, 4, 1))[:PIXELS, :PIXELS]))
-    wind = cv2.resize(cloud((512, 512), rng, cells=5, octaves=4), (PIXELS, PIXELS))
+        sheets.append(np.ascontiguousarray(np.tile(one, (4, 4, 1))[:PIXELS, :PIXELS]) if painting() else one)
+    wind, uneven = cloud((512, 512), rng, cells=5, octaves=4), cloud((256, 256), rng, cells=4, octaves=4)
+    if not painting():
+        return blank(PIXELS)
+    wind = cv2.resize(wind, (PIXELS, PIXELS))
     share = np.clip(0.72 + 0.4 * (wind - 0.5), 0, 1)
     ripples = cv2.blendLinear(sheets[0], sheets[1], share, 1 - share)
     mean = np.full_like(ripples, tile.mean(axis=(0, 1)).astype(np.uint8))
     relief = np.clip((0.25 + 0.75 * chop) * (0.5 + wind), 0.1, 1.0).astype(np.float32)
     picture = cv2.blendLinear(ripples, mean, relief, 1 - relief)
-    tone = cv2.resize(
-        (220 + 60 * (cloud((256, 256), rng, cells=4, octaves=4) - 0.5)).astype(np.uint8), (PIXELS, PIXELS)
-    )
+    tone = cv2.resize((220 + 60 * (uneven - 0.5)).astype(np.uint8), (PIXELS, PIXELS))
     return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / 215), np.uint8)
 
 
 def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], rng: np.random.Generator) -> Picture:
     """Lay threads of foam along the walls and, when it is rough, astray."""
-    wind = cv2.resize(cloud((512, 512), rng, cells=5, octaves=4), (PIXELS, PIXELS))
-    lace = cv2.resize(cloud((1024, 1024), rng, cells=60, octaves=4), (PIXELS, PIXELS))
+    wind, lace = cloud((512, 512), rng, cells=5, octaves=4), cloud((1024, 1024), rng, cells=60, octaves=4)
+    if not painting():
+        return picture
+    wind, lace = cv2.resize(wind, (PIXELS, PIXELS)), cv2.resize(lace, (PIXELS, PIXELS))
     threads = np.exp(-(((lace - 0.5) / 0.035) ** 2))
     row = SIZE / 2 - (np.arange(PIXELS) + 0.5) / PIXELS * SIZE
     near = np.zeros(PIXELS)

@@ -15,9 +15,9 @@ import trimesh
 
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import fittings, materials, shapes
-from simgrab.world.scenery.places.canvas import Canvas, Picture, cloud
+from simgrab.world.scenery.places.canvas import Canvas, Picture, blank, cloud
 from simgrab.world.scenery.places.heap import Cargo
-from simgrab.world.scenery.textures import load
+from simgrab.world.scenery.textures import load, painting
 
 SIZE = 48.0  # side of the painted square of deck, metres
 FAR = 100.0
@@ -58,14 +58,14 @@ def deck(
     tile = load("deck")
     scale = pixels / SIZE * 8.0 / tile.shape[0]
     tint = np.array(style.deck) / 0.68
-    small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) * tint
-    side = len(small)
-    count = -(-pixels // side)
-    base = np.tile(small.astype(np.uint8), (count, count, 1))[:pixels, :pixels]
-    broad = cv2.resize(
-        (215 + 70 * (cloud((256, 256), rng, cells=8, octaves=4) - 0.5)).astype(np.uint8), (pixels, pixels)
-    )
-    canvas = Canvas(cv2.multiply(base, cv2.merge([broad] * 3), scale=1 / 220), SIZE, rng=rng)
+    uneven, base = cloud((256, 256), rng, cells=8, octaves=4), blank(pixels)
+    if painting():
+        small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) * tint
+        count = -(-pixels // len(small))
+        plates = np.tile(small.astype(np.uint8), (count, count, 1))[:pixels, :pixels]
+        broad = cv2.resize((215 + 70 * (uneven - 0.5)).astype(np.uint8), (pixels, pixels))
+        base = cv2.multiply(plates, cv2.merge([broad] * 3), scale=1 / 220)
+    canvas = Canvas(base, SIZE, rng=rng)
     for centre in (-PITCH, 0.0, PITCH):
         foot = np.array(ring(0.5).exterior.coords) + (centre, 0)
         canvas.grime(foot, 0.9, blur=0.35)
@@ -99,7 +99,7 @@ def _scatter(canvas: Canvas, wear: float, rng: np.random.Generator) -> None:
     n = 384
     y, x = np.meshgrid(np.linspace(24, -24, n), np.linspace(-24, 24, n), indexing="ij")
     beyond = np.maximum(np.maximum(np.abs(x) - HATCH[0] / 2, np.abs(y) - HATCH[1] / 2), 0)
-    patchy = cloud((n, n), rng, cells=12, octaves=4)
+    patchy = cloud((n, n), rng, cells=12, octaves=4, always=True)  # how far cargo lies decides what is drawn next
     towards = 0.55 + 0.45 * np.tanh(y / 4)
     cover = np.exp(-beyond / 2.2) * towards * np.clip((patchy - 0.42) * 3.2, 0, 1) * (0.4 + 0.7 * wear)
     cover[np.abs(y) > HALF_BEAM] = 0
@@ -215,19 +215,23 @@ def _side_picture(style: Looks, foot: float, waterline: float, rng: np.random.Ge
     """Plates, boot-topping, slime at the waterline, fender scrapes and draught marks; 48 m long, foot to gunwale."""
     height = 0.22 - foot
     rows, columns = 512, 2048
+    patchy = cloud((rows, columns), rng, cells=40, octaves=3)
+    scrape = rng.random((160, 12), dtype=np.float32)
+    if not painting():
+        return np.zeros((rows, columns, 3), np.uint8)
     tile = cv2.resize(
         load("hullplate"), (round(columns * 10 / SIZE), round(rows * 10 / height)), interpolation=cv2.INTER_AREA
     )
     repeat = (-(-rows // tile.shape[0]), -(-columns // tile.shape[1]), 1)
     plates = np.tile(tile, repeat)[:rows, :columns].astype(np.float32) / 255
     level = 0.22 - (np.arange(rows) + 0.5) / rows * height - waterline  # metres above the water
-    uneven = level[:, None] + 0.25 * (cloud((rows, columns), rng, cells=40, octaves=3) - 0.5)
+    uneven = level[:, None] + 0.25 * (patchy - 0.5)
     red = np.array((0.38, 0.17, 0.14), np.float32)
     paint = np.where((uneven < 1.3)[..., None], red, np.array(style.hull, np.float32)) / 0.68
     picture = np.clip(plates * paint, 0, 1)
     slime = np.clip(1 - np.abs(uneven - 0.05) / 0.35, 0, 1)[..., None] * 0.75
     picture = picture * (1 - slime) + np.array((0.13, 0.14, 0.09), np.float32) * slime
-    scrape = cv2.resize(rng.random((160, 12), dtype=np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
+    scrape = cv2.resize(scrape, (columns, rows), interpolation=cv2.INTER_CUBIC)
     scuffed = np.clip((scrape - 0.86) * 4, 0, 0.5)[..., None] * (level > 0.3)[:, None, None]
     picture = (picture * (1 - scuffed) + 0.45 * scuffed) * 255
     marks = np.zeros((rows, columns), np.uint8)
