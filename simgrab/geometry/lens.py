@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -137,7 +137,18 @@ class Intrinsics:
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3), camera frame, through pixels (..., 2) as the picture has them."""
-        xy = self.distortion.remove(self._from_pixels(pixels))
+        return self._through(self.distortion.remove(self._from_pixels(pixels)))
+
+    def undistorted_centres(self) -> Array:
+        """Ideal pixels of all pixels' centres, shape (height, width, 2); NaN beyond the fold of the lens."""
+        return self._to_pixels(_normalised_centres(self))
+
+    def rays_of_row(self, row: int) -> Array:
+        """Return unit rays (width, 3), camera frame, through the centres of a row of pixels."""
+        return self._through(_normalised_centres(self)[row])
+
+    @staticmethod
+    def _through(xy: Array) -> Array:
         ray = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
         return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
 
@@ -180,6 +191,15 @@ class Intrinsics:
 
     def _from_pixels(self, pixels: ArrayLike) -> Array:
         return np.asarray((np.asarray(pixels, float) - (self.cx_px, self.cy_px)) / self.f_px)
+
+
+@lru_cache(maxsize=1)
+def _normalised_centres(intrinsics: Intrinsics) -> Array:
+    """Undistorted (x, y) at unit depth of all pixels' centres, shape (height, width, 2); the last camera's are kept."""
+    u, v = np.arange(intrinsics.width_px) + 0.5, np.arange(intrinsics.height_px) + 0.5
+    found = intrinsics.distortion.remove(intrinsics._from_pixels(np.stack(np.meshgrid(u, v), axis=-1)))
+    found.setflags(write=False)
+    return found
 
 
 def focal_length_px(focal_length_mm: float, pixels_per_mm: float) -> float:

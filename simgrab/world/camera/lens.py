@@ -41,7 +41,7 @@ class Lens:
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         self._full: Window = (0, 0, intrinsics.width_px, intrinsics.height_px)
-        self._ideal = self._undistorted(self._full)
+        self._ideal = intrinsics.undistorted_centres()
         self._whole = PictureMap(self._ideal)
 
     def map(self, window: Window, finer: int = 1, *, enlarged: bool = False) -> PictureMap:
