@@ -307,7 +307,7 @@ class Renderer:
         (still_ids, still_depth), grid = self._still_view(), self._covered()
         ids, depth = still_ids.copy(), still_depth.copy()
         rect = self.aim(self._drawn, scene)
-        for window in changes.windows(grid, *self._size, changes.PASS_PX):
+        for window in changes.windows(grid, *self._size, changes.IDS_PX):
             x0, y0, x1, y1 = window
             own, buffer = passes.identify(scene, rect, self._within(window), window)
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
