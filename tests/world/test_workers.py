@@ -10,17 +10,19 @@ from conftest import as_options, small_scene
 
 import simgrab
 from simgrab.cli import cli
-from simgrab.world.extensions import Recipe
+from simgrab.utilities import machine
+from simgrab.world.extensions import Extensions, Recipe
 from simgrab.world.output import pool
 
 TRAINING = simgrab.load("training")
 
 
 @pytest.fixture
-def machine(monkeypatch):
+def computer(monkeypatch, tmp_path):
     def have(cores, gigabytes):
         monkeypatch.setattr(psutil.Process, "cpu_affinity", lambda _: list(range(cores)), raising=False)
         monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=int(gigabytes * 1e9)))
+        monkeypatch.setattr(machine, "CGROUP", tmp_path)
 
     return have
 
@@ -31,21 +33,50 @@ def machine(monkeypatch):
         (8, 64, small_scene(frames=10_000), False, (8, "8 cores")),
         (8, 64, small_scene(frames=100), False, (1, "100 frames")),
         (8, 64, small_scene(frames=700), False, (4, "700 frames")),
-        (8, 6, small_scene(frames=10_000), False, (2, "memory")),
+        (8, 4, small_scene(frames=10_000), False, (2, "memory")),
+        (
+            8,
+            8,
+            simgrab.load("quay-day", {"frames": 10_000, "image.samples": 8}, size=(3840, 2160)),
+            False,
+            (1, "memory"),
+        ),
         (8, 0.5, small_scene(frames=10_000), False, (1, "memory")),
         (4, 64, TRAINING, False, (4, "4 cores")),
         (4, 64, msgspec.structs.replace(TRAINING, frames=24), False, (1, "3 worlds")),
         (8, 64, small_scene(frames=10_000), True, (1, "1 clips")),
     ],
 )
-def test_processes_are_as_many_as_pay(machine, cores, gigabytes, scene, by_clip, expected):
-    machine(cores, gigabytes)
+def test_processes_are_as_many_as_pay(computer, cores, gigabytes, scene, by_clip, expected):
+    computer(cores, gigabytes)
     assert pool.automatic(Recipe(scene), by_clip=by_clip) == expected
 
 
 def test_the_command_says_how_many_and_why(tmp_path):
     command = ["render", "quay-day", *as_options({"frames": 1}), "--size", "160x90", "--out", str(tmp_path / "out")]
-    assert "worker processes: 1 (as many as 1 frames can use)" in CliRunner().invoke(cli, command).output
+    assert "worker processes: 1 (limited by 1 frames)" in CliRunner().invoke(cli, command).output
     again = CliRunner().invoke(cli, [*command[:-1], str(tmp_path / "two"), "--workers", "0"])
     assert again.exit_code == 2
     assert "--workers" in again.output
+
+
+def test_functions_that_no_worker_can_be_given_leave_one_process(computer):
+    computer(8, 64)
+    recipe = Recipe(small_scene(frames=10_000), Extensions(effects=(lambda rgb, *_: rgb,)))
+    assert pool.automatic(recipe) == (1, "functions that worker processes cannot be given")
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({}, (8, 64_000_000_000)),
+        ({"cpu.max": "200000 100000", "memory.max": "4000000000", "memory.current": "1000000000"}, (2, 3_000_000_000)),
+        ({"cpu.max": "50000 100000", "memory.max": "1000", "memory.current": "2000"}, (1, 0)),
+        ({"cpu.max": "max 100000", "memory.max": "max", "memory.current": "5"}, (8, 64_000_000_000)),
+    ],
+)
+def test_a_containers_limits_hold(computer, tmp_path, files, expected):
+    computer(8, 64)
+    for name, text in files.items():
+        (tmp_path / name).write_text(text + "\n")
+    assert (machine.cores(), machine.free_bytes()) == expected

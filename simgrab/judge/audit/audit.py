@@ -197,7 +197,7 @@ def _redraw(data: _Dataset, generator: FrameGenerator, tick: Iterator[None]) -> 
             _compare_picture(pictures, data.path, row, name, picture, same)
         _compare_exports(exports, data, row, made.record, coco[made.record.truth.split], same)
     _compare_metadata(exports, data)
-    drawn = "rendered by the same renderer" if same else f"rendered by another renderer ({fingerprint.renderer})"
+    drawn = "rendered by the same renderer" if same else f"rendered by another renderer ({fingerprint})"
     return [
         labels.proof("every label column follows from the scenario; visible boxes equal the ids'", drawn),
         pictures.proof("every picture is the one that the scenario renders", drawn),

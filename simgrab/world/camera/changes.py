@@ -14,6 +14,7 @@ from simgrab.world.camera.lens import Window
 TILE_PX = 32
 MARGIN_PX = 2
 CELLS = 512  # of a shadow map in each direction, to say where shadows may change
+MOST_BLOCKS = 150  # beyond which merging blocks would take longer than drawing all of them
 PASS_PX = 50_000.0  # another pass over the geoms costs as much as so many pixels
 IDS_PX = 500_000.0  # … where only ids and depth are drawn
 COPY_PX = 20_000.0  # and another copy of what was drawn before
@@ -155,6 +156,8 @@ def windows(grid: NDArray[np.bool_], width_px: int, height_px: int, apart_px: fl
     Two windows become one where that adds fewer than ``apart_px`` pixels.
     """
     found = np.array(list(_blocks(grid)), float).reshape(-1, 4)
+    if len(found) > MOST_BLOCKS:
+        found = np.array([[*found[:, :2].min(axis=0), *found[:, 2:].max(axis=0)]])
     while len(found) > 1:
         low = np.minimum(found[:, None, :2], found[None, :, :2])
         high = np.maximum(found[:, None, 2:], found[None, :, 2:])

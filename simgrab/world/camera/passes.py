@@ -1,6 +1,6 @@
 """Render passes over the geoms of a MuJoCo scene: shadow map, colour, ids.
 
-`mujoco.mjr_render` draws everything in three passes for a picture with shadows, always anew and over the whole picture.
+`mujoco.mjr_render` draws everything in three passes for a picture with shadows, all of it and always anew.
 These passes use MuJoCo's meshes, textures, lights and camera, but light a picture in one pass, over a part of it, and
 keep the shadows of what stands still. Ids and depth are MuJoCo's to the bit; colours differ by rounding.
 """
@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
+from OpenGL.error import GLError
 
 from simgrab.errors import RendererError
 from simgrab.geometry import Array
@@ -25,8 +26,7 @@ from simgrab.world.scenery.model import FAR_M, NEAR_M
 
 _SEGMENT, _IDCOLOR = mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR
 _SHADOW = mujoco.mjtRndFlag.mjRND_SHADOW
-_EVERYWHERE: tuple[float, ...] = (0.0, 0.0, 1.0, 1.0)
-_SUN = 0  # the first light that `simgrab.world.scenery.model` adds
+_WHOLE_MAP: tuple[float, ...] = (0.0, 0.0, 1.0, 1.0)
 _TEXTURE_FROM_CLIP = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 # Lighting as OpenGL's fixed pipeline has it: at the vertices, and clamped there. As in MuJoCo's two passes, the sun's
@@ -93,6 +93,9 @@ class Passes:
     def __init__(self, model: mujoco.MjModel, buffer: Offscreen, size: tuple[int, int]) -> None:
         if not GL.glClipControl:
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
+        meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
+        if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
+            raise RendererError("every geom must be an opaque mesh")
         self._model, self._context = model, buffer.context
         self._painted: dict[int, int] = {}
         self._program = _program()
@@ -112,54 +115,57 @@ class Passes:
         )
         self._ids = _framebuffer(size, GL.GL_R8)
         samples = self._context.offSamples
-        self._picture, self._kept_picture = (_framebuffer(size, GL.GL_RGBA8, samples) for _ in range(2))
+        self._size, self._samples = size, samples
+        self._picture = _framebuffer(size, GL.GL_RGBA8, samples)
+        self._kept_picture: int | None = None
         self._resolved = _framebuffer(size, GL.GL_RGBA8)
         self._kept: int | None = None
-        self._darkened = _EVERYWHERE  # part of the shadow map that differs from the kept one
+        self._darkened = _WHOLE_MAP  # part of the shadow map that differs from the kept one
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
 
     def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
         """Draw the shadow map of geoms."""
         self._cast(scene, self._context.shadowFBO, geoms, clear=True)
-        self._darkened = _EVERYWHERE
+        self._darkened = _WHOLE_MAP
 
     def keep_shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
         """Draw the shadow map of geoms that stand still, and keep it for `shade_over`."""
         if self._kept is None:
             self._kept = _framebuffer((self._context.shadowSize, self._context.shadowSize))
         self._cast(scene, self._kept, geoms, clear=True)
-        self._darkened = _EVERYWHERE
+        self._darkened = _WHOLE_MAP
 
-    def shade_over(self, scene: mujoco.MjvScene, moving: Iterable[Geom], share: tuple[float, ...]) -> None:
+    def shade_over(self, scene: mujoco.MjvScene, moving: Iterable[Geom], part: tuple[float, ...]) -> None:
         """Add moving geoms to the shadow map that `keep_shade` kept.
 
         Parameters
         ----------
         scene : mujoco.MjvScene
         moving : iterable of Geom
-        share : tuple of 4 floats
+        part : tuple of 4 floats
             Left, bottom, right and top of the part of the map that they may darken, from 0 to 1.
         """
         side = self._context.shadowSize
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._kept)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._context.shadowFBO)
-        for part in (self._darkened, share):
-            x0, y0, x1, y1 = (min(max(round(edge * side), 0), side) for edge in part)
+        for window in (self._darkened, part):
+            x0, y0, x1, y1 = (min(max(round(edge * side), 0), side) for edge in window)
             if x0 < x1 and y0 < y1:
                 GL.glBlitFramebuffer(x0, y0, x1, y1, x0, y0, x1, y1, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
         self._cast(scene, self._context.shadowFBO, moving, clear=False)
-        self._darkened = share
+        self._darkened = part
 
     def map_from_jib(self, scene: mujoco.MjvScene) -> Array:
         """From the jib frame to the shadow map of a scene's sun, whose coordinates go from 0 to 1: shape (4, 4)."""
-        sun, half_width = scene.lights[_SUN], float(self._context.shadowClip)
-        projection, view = _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), half_width)
+        projection, view = self._sun_view(scene)
         return np.asarray(_TEXTURE_FROM_CLIP @ projection @ view)
 
+    def _sun_view(self, scene: mujoco.MjvScene) -> tuple[Array, Array]:
+        sun = scene.lights[self._model.light("sun").id]
+        return _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), float(self._context.shadowClip))
+
     def _cast(self, scene: mujoco.MjvScene, framebuffer: int, geoms: Iterable[Geom], *, clear: bool) -> None:
-        side, sun = self._context.shadowSize, scene.lights[_SUN]
-        half_width = float(self._context.shadowClip)
-        projection, view = _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), half_width)
+        side, (projection, view) = self._context.shadowSize, self._sun_view(scene)
         with _attributes():
             _load(GL.GL_PROJECTION, projection)
             _load(GL.GL_MODELVIEW, view)
@@ -188,6 +194,8 @@ class Passes:
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
     ) -> NDArray[np.uint8]:
         """Draw geoms that stand still, and keep the picture for `colour_over`; see `colour`."""
+        if self._kept_picture is None:
+            self._kept_picture = _framebuffer(self._size, GL.GL_RGBA8, self._samples)
         self._colour(self._kept_picture, scene, rect, [((0, 0, rect.width, rect.height), geoms, True)], shadowed)
         return self._read(self._kept_picture, (0, 0, rect.width, rect.height))
 
@@ -216,7 +224,7 @@ class Passes:
 
     def colour_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
-        anew: Sequence[tuple[Window, Sequence[Geom]]], *, shadowed: bool,
+        redrawn: Sequence[tuple[Window, Sequence[Geom]]], *, shadowed: bool,
     ) -> Iterator[tuple[Window, NDArray[np.uint8]]]:  # fmt: skip
         """Draw moving geoms over the picture that `keep_colour` kept.
 
@@ -227,7 +235,7 @@ class Passes:
         moving : sequence of Geom
         windows : sequence of Window
             Of the picture, which hold all that is drawn.
-        anew : sequence of tuple of Window and sequence of Geom
+        redrawn : sequence of tuple of Window and sequence of Geom
             Parts of these where shadows change, and the geoms that stand still there.
 
         Yields
@@ -240,7 +248,7 @@ class Passes:
         for window in windows:
             GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
         whole = (0, 0, rect.width, rect.height)
-        steps = [(window, geoms, True) for window, geoms in anew] + [(whole, moving, False)]
+        steps = [(window, geoms, True) for window, geoms in redrawn] + [(whole, moving, False)]
         self._colour(self._picture, scene, rect, steps, shadowed)
         for window in windows:
             yield window, self._read(self._picture, window)
@@ -250,7 +258,7 @@ class Passes:
         steps: Iterable[tuple[Window, Iterable[Geom], bool]], shadowed: bool,
     ) -> None:  # fmt: skip
         """Draw geoms into windows, one after another, each of which is cleared before or not."""
-        self._aim(scene, rect, segment=False)
+        self._set_up(scene, rect, segment=False)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
         GL.glDisable(GL.GL_COLOR_MATERIAL)
         GL.glDisable(GL.GL_LIGHTING)
@@ -265,12 +273,12 @@ class Passes:
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for window, geoms, clear in steps:
             with _scissors(window):
+                GL.glUseProgram(self._program)
                 if clear:
                     GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
                 for geom in geoms:
-                    self._draw(geom, self._look(geom.number))
+                    self._draw(geom, self._display_list(geom.number))
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
-        GL.glUseProgram(0)
 
     def _read(self, framebuffer: int, window: Window) -> NDArray[np.uint8]:
         """Read the mean of each pixel's samples."""
@@ -297,7 +305,7 @@ class Passes:
         depth : ndarray of float32, shape (h, w)
             What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
-        self._aim(scene, rect, segment=True)
+        self._set_up(scene, rect, segment=True)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._ids)
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
         with _scissors(window):
@@ -313,7 +321,7 @@ class Passes:
         ids -= 1  # 0, which is nothing, becomes 255
         return ids, depth
 
-    def _aim(self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, *, segment: bool) -> None:
+    def _set_up(self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, *, segment: bool) -> None:
         """Let MuJoCo set camera, lights and OpenGL's state, by drawing a pixel without geoms; takes its framebuffer."""
         scene.flags[_SEGMENT] = scene.flags[_IDCOLOR] = int(segment)
         scene.flags[_SHADOW] = 0
@@ -327,7 +335,7 @@ class Passes:
         GL.glCallList(display_list)
         GL.glPopMatrix()
 
-    def _look(self, number: int) -> int:
+    def _display_list(self, number: int) -> int:
         """Display list of a geom's material, texture and mesh."""
         if number not in self._painted:
             model = self._model
@@ -354,8 +362,11 @@ def _scissors(window: Window) -> Iterator[None]:
     x0, y0, x1, y1 = window
     GL.glScissor(x0, y0, x1 - x0, y1 - y0)
     GL.glEnable(GL.GL_SCISSOR_TEST)
-    yield
-    GL.glDisable(GL.GL_SCISSOR_TEST)
+    try:
+        yield
+    finally:
+        GL.glDisable(GL.GL_SCISSOR_TEST)
+        GL.glUseProgram(0)
 
 
 def _program() -> int:
@@ -384,15 +395,21 @@ def _framebuffer(size: tuple[int, int], colour: Any = None, samples: int = 0) ->
     else:
         _attach(GL.GL_COLOR_ATTACHMENT0, colour, size, samples)
         _attach(GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT32F, size, samples)
-    if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
-        raise MemoryError("OpenGL has no memory for a framebuffer")
+    status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
+    if status != GL.GL_FRAMEBUFFER_COMPLETE:
+        raise RendererError(f"this OpenGL cannot draw into a framebuffer of {size[0]}x{size[1]} px ({status:#x})")
     return framebuffer
 
 
 def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
     renderbuffer = GL.glGenRenderbuffers(1)
     GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
-    GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, form, *size)
+    try:
+        GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, form, *size)
+    except GLError as problem:
+        if problem.err == GL.GL_OUT_OF_MEMORY:
+            raise MemoryError(f"OpenGL has none for a framebuffer of {size[0]}x{size[1]} px") from None
+        raise RendererError(f"this OpenGL makes no framebuffer of {size[0]}x{size[1]} px ({problem.err:#x})") from None
     GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -26,7 +25,6 @@ NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
 LENS_SAMPLES = 3  # ids are rendered so much finer before a lens bends them, which takes the nearest
 ROPE_PIECES = 12  # a rope is cut into, so that what it may change in a picture follows it
-REUSE = "SIMGRAB_REUSE"  # environment variable: 0 draws every picture whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +59,10 @@ class View:
 class Renderer:
     """Renders moments of one world through one camera. Use as a context manager: it owns an OpenGL context.
 
-    For moments in which camera and crane are at rest, what they show is drawn once, and then only what grab, ropes and
-    their shadows may change: another 37 of 255 in a few pixels of a picture at most. The environment variable
-    ``SIMGRAB_REUSE=0`` switches this off.
+    For moments in which camera and crane are as the scenario has them at first (no slewing, no luffing, no shaking),
+    what they show is drawn once, and then only what grab, ropes and their shadows may change. Single pixels at edges of
+    shadows may differ from those of a picture that is drawn whole, as the environment variable ``SIMGRAB_REUSE=0`` has
+    every picture drawn; the fingerprint says which it was.
 
     Parameters
     ----------
@@ -77,7 +76,7 @@ class Renderer:
     full : Window
         The whole picture.
     fingerprint : Fingerprint
-        Of OpenGL and MuJoCo.
+        Of OpenGL, MuJoCo and the render passes.
     """
 
     def __init__(self, world: World, scenario: Scenario) -> None:
@@ -96,7 +95,7 @@ class Renderer:
                 f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
             )
         self._shadowed = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
-        self._reuses = os.environ.get(REUSE) != "0"
+        self._reuses = gl.reuses()
         self._rest = Tilt.at_rest(camera)
         self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
         self._backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
@@ -106,13 +105,14 @@ class Renderer:
         self._lights_alone.geomgroup[:] = 0
         self._scene = mujoco.MjvScene(model, maxgeom=1)
         self._abstract = mujoco.MjvCamera()
-        self._stack = ExitStack()
-        self._buffer = self._stack.enter_context(gl.offscreen(model, *self._size))
-        from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
+        with ExitStack() as stack:
+            self._buffer = stack.enter_context(gl.offscreen(model, *self._size))
+            from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
-        self._boxes = geoms.boxes(model)
-        self._passes = Passes(model, self._buffer, self._size)
-        self.fingerprint = gl.fingerprint()
+            self._boxes = geoms.boxes(model)
+            self._passes = Passes(model, self._buffer, self._size)
+            self.fingerprint = gl.fingerprint()
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> Renderer:
         return self
@@ -156,7 +156,7 @@ class Renderer:
             Render the grab and what it holds as if nothing were in front of it.
         """
         self._gather(moment, grab_only=grab_only)
-        return self._view(moment, window or self.full, LENS_SAMPLES, all_of_it=not grab_only)
+        return self._view(moment, window or self.full, LENS_SAMPLES, with_place=not grab_only)
 
     def silhouette(self, moment: Moment, window: Window, samples: int) -> NDArray[np.bool_]:
         """Render the whole grab alone through a window, with so many samples a pixel and direction.
@@ -177,10 +177,10 @@ class Renderer:
         self._gather(moment)
         return self._view(moment, self.full, 1)
 
-    def _view(self, moment: Moment, window: Window, finer: int, *, all_of_it: bool = True) -> View:
+    def _view(self, moment: Moment, window: Window, finer: int, *, with_place: bool = True) -> View:
         lens = self._lens.map(window, finer) if self._lens else None
         source = lens.source if lens else window
-        whole = all_of_it and source == self._drawn and (finer == 1 or not lens)
+        whole = with_place and source == self._drawn and (finer == 1 or not lens)
         ids, depth = self._draw_whole(moment) if whole else self._draw_tiles(source, finer if lens else 1)
         if lens:
             ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
@@ -250,7 +250,7 @@ class Renderer:
         """Tiles of what is drawn that grab and ropes may cover."""
         return changes.tiles(self._rectangles(self._moving_boxes()), *self._size)
 
-    def _within(self, window: tuple[float, float, float, float]) -> list[Geom]:
+    def _geoms_in(self, window: tuple[float, float, float, float]) -> list[Geom]:
         """Geoms that may be seen in a window of what is drawn, rows counted from the bottom."""
         rects = self._rectangles(np.array([geom.corners for geom in self._geoms]).reshape(-1, 8, 3))
         met = ((rects[:, :2] < window[2:]) & (rects[:, 2:] > window[:2])).all(axis=1)
@@ -282,18 +282,20 @@ class Renderer:
             rect = self.aim(self._drawn, scene)
             return passes.colour(scene, rect, self._geoms, shadowed=self._shadowed)[::-1]
         (backdrop, receivers), grid = self._still_rgb(), self._covered()
-        rgb, anew, moving = backdrop.copy(), [], [geom for geom in self._geoms if geom.moves]
+        rgb, redrawn, moving = backdrop.copy(), [], [geom for geom in self._geoms if geom.moves]
         if receivers is not None:
             cells = changes.marked(self._moving_boxes(), passes.map_from_jib(scene))
             darker = changes.tiles_of(cells.ravel()[receivers])
-            anew = [
-                (window, [geom for geom in self._within(window) if geom.stands])
+            redrawn = [
+                (window, [geom for geom in self._geoms_in(window) if geom.stands])
                 for window in changes.windows(darker, *self._size, changes.PASS_PX)
             ]
             grid |= darker
             passes.shade_over(scene, moving, changes.extent(cells))
         rect, windows = self.aim(self._drawn, scene), changes.windows(grid, *self._size, changes.COPY_PX)
-        for (x0, y0, x1, y1), part in passes.colour_over(scene, rect, moving, windows, anew, shadowed=self._shadowed):
+        for (x0, y0, x1, y1), part in passes.colour_over(
+            scene, rect, moving, windows, redrawn, shadowed=self._shadowed
+        ):
             rgb[y0:y1, x0:x1] = part
         return rgb[::-1]
 
@@ -309,7 +311,7 @@ class Renderer:
         rect = self.aim(self._drawn, scene)
         for window in changes.windows(grid, *self._size, changes.IDS_PX):
             x0, y0, x1, y1 = window
-            own, buffer = passes.identify(scene, rect, self._within(window), window)
+            own, buffer = passes.identify(scene, rect, self._geoms_in(window), window)
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
         return ids[::-1], depth[::-1]
 
@@ -329,7 +331,7 @@ class Renderer:
         rect = self.aim(window, self._scene, finer)
         x0, y0, x1, y1 = (v / finer for v in window)
         left, _, _, bottom = self._drawn
-        some = self._within((x0 - left, bottom - y1, x1 - left, bottom - y0))
+        some = self._geoms_in((x0 - left, bottom - y1, x1 - left, bottom - y0))
         ids, buffer = self._passes.identify(self._scene, rect, some, (0, 0, rect.width, rect.height))
         return ids[::-1], _metres(buffer)[::-1]
 

@@ -209,10 +209,7 @@ def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) ->
     for fingerprint in drawn:
         first = first or fingerprint
         if fingerprint != first:
-            raise DatasetError(
-                f"{path} was started with {first.renderer}, MuJoCo {first.mujoco}, and this machine has "
-                f"{fingerprint.renderer}, MuJoCo {fingerprint.mujoco}: choose another --out"
-            )
+            raise DatasetError(f"{path} was started with {first}, and this is {fingerprint}: choose another --out")
     assert first is not None
     return first
 

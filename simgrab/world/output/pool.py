@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
-import os
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-import psutil
-
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
+from simgrab.utilities import machine
 from simgrab.utilities.processes import Pool, pickled, tick
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -26,7 +24,8 @@ Progress = Callable[[int, int], None]
 Tick = Callable[[], None]
 Work = Callable[[FrameGenerator, int, Tick], T]
 FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
-WORKER_BYTES = 2_500_000_000  # a process with a 1080p world, its textures in OpenGL and the pictures in work
+WORLD_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 200, 24
+"""What a process needs for a world and its textures, for each pixel of the picture, and for each of its samples."""
 MOST_PROJECTIONS = 4096
 """Frames whose projection is kept from vetting for rendering; a few kilobytes each."""
 
@@ -62,34 +61,43 @@ def automatic(recipe: Recipe, *, by_clip: bool = False) -> tuple[int, str]:
     by_clip : bool
         Whether one process renders a clip from beginning to end, as for videos.
     """
-    scenario, process = recipe.scenario, psutil.Process()
-    cores = len(process.cpu_affinity() or [0]) if hasattr(process, "cpu_affinity") else os.cpu_count() or 1
+    scenario, image = recipe.scenario, recipe.scenario.image
     frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
-    limits = [(cores, f"{cores} cores")]
-    limits.append((max(1, psutil.virtual_memory().available // WORKER_BYTES), "memory"))
+    pixels = scenario.camera.width_px * scenario.camera.height_px
+    each = WORLD_BYTES + pixels * (PIXEL_BYTES + SAMPLE_BYTES * image.samples) + 8 * image.shadow_map_px**2
+    limits = [(machine.cores(), f"{machine.cores()} cores"), (machine.free_bytes() // each, "memory")]
     if recipe.varies:
-        limits.append((max(1, clips // WORLDS_A_WORKER), f"{clips} worlds"))
+        limits.append((clips // WORLDS_A_WORKER, f"{clips} worlds"))
     else:
-        limits.append((max(1, frames // FRAMES_A_WORKER), f"{frames} frames"))
+        limits.append((frames // FRAMES_A_WORKER, f"{frames} frames"))
     if by_clip:
         limits.append((clips, f"{clips} clips"))
-    return min(limits, key=lambda limit: limit[0])
+    if _unpicklable(recipe):
+        limits.append((1, "functions that worker processes cannot be given"))
+    workers, limit = min(limits, key=lambda one: one[0])
+    return max(1, workers), limit
+
+
+def _unpicklable(recipe: Recipe) -> str:
+    """Why worker processes cannot be given a recipe; empty where they can."""
+    try:
+        pickled(recipe)
+    except MemoryError:
+        raise
+    except Exception as problem:
+        return first_line(problem) or type(problem).__name__
+    return ""
 
 
 def check(recipe: Recipe, workers: int) -> None:
     """Refuse a number of processes that cannot work on a recipe."""
     if workers < 1:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
-    if workers > 1:
-        try:
-            pickled(recipe)
-        except MemoryError:
-            raise
-        except Exception as problem:
-            raise ExtensionError(
-                "a function cannot be given to worker processes: define it at the top of a module "
-                f"({first_line(problem)})"
-            ) from None
+    why = _unpicklable(recipe) if workers > 1 else ""
+    if why:
+        raise ExtensionError(
+            f"a function cannot be given to worker processes: define it at the top of a module ({why})"
+        )
 
 
 def vet(recipe: Recipe, number: int = 0) -> Vetted:

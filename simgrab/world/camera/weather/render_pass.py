@@ -85,8 +85,8 @@ class RayMaps:
 def ray_maps(intrinsics: Intrinsics) -> RayMaps:
     """Compute the rays of a camera, once."""
     maps = [np.empty((intrinsics.height_px, intrinsics.width_px), np.float32) for _ in range(3)]
-    for row in range(intrinsics.height_px):  # which fits the processor's cache
-        x, y, z = intrinsics.rays_of_row(row).T
+    for row, rays in enumerate(intrinsics.rays_of_centres()):  # a row fits the processor's cache
+        x, y, z = rays.T
         maps[0][row], maps[1][row], maps[2][row] = x / z, y / z, 1 / z
     return RayMaps(*maps)
 

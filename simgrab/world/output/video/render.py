@@ -179,8 +179,7 @@ class ClipWork:
         begun_by = self.videos.rendered_by()
         if begun_by not in (None, rendered_by.digest):
             raise DatasetError(
-                f"{self.videos.path} was started with another renderer than {rendered_by.renderer}, MuJoCo "
-                f"{rendered_by.mujoco}: choose another --video"
+                f"{self.videos.path} was started with another renderer than {rendered_by}: choose another --video"
             )
 
 
