@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 
 CGROUP = Path("/sys/fs/cgroup")
-"""Where Linux tells a container its limits (cgroup version 2)."""
+"""Where Linux states a container's limits (cgroup version 2)."""
 
 
 def cores() -> int:

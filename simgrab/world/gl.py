@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
 PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
-PASSES = "1"  # version of `simgrab.world.camera.passes`: to be raised by whoever changes a pixel there
+PASSES = "1"  # version of `simgrab.world.camera.passes`: a change of a pixel there raises it
 REUSE = "SIMGRAB_REUSE"  # environment variable: 0 draws every picture whole
 _GL_OUT_OF_MEMORY = "0x505"
 

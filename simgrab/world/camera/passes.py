@@ -1,6 +1,6 @@
 """Render passes over the geoms of a MuJoCo scene: shadow map, colour, ids.
 
-`mujoco.mjr_render` draws everything in three passes for a picture with shadows, all of it and always anew.
+`mujoco.mjr_render` draws everything in three passes for a picture with shadows, all of it every time.
 These passes use MuJoCo's meshes, textures, lights and camera, but light a picture in one pass, over a part of it, and
 keep the shadows of what stands still. Ids and depth are MuJoCo's to the bit; colours differ by rounding.
 """
@@ -84,7 +84,7 @@ class Passes:
     Parameters
     ----------
     model : mujoco.MjModel
-        Whose geoms are meshes with texture coordinates, and opaque.
+        Whose geoms are opaque meshes.
     buffer : Offscreen
     size : tuple of 2 ints
         Of the largest window that is drawn at once, px.
@@ -186,7 +186,7 @@ class Passes:
             GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
             GL.glPolygonOffset(-1.5, -4.0)
             for geom in geoms:
-                self._draw(geom, self._context.baseMesh + 2 * int(self._model.geom_dataid[geom.number]))
+                self._draw(geom, self._mesh(geom.number))
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         GL.glDrawBuffer(GL.GL_COLOR_ATTACHMENT0)
 
@@ -196,8 +196,7 @@ class Passes:
         """Draw geoms that stand still, and keep the picture for `colour_over`; see `colour`."""
         if self._kept_picture is None:
             self._kept_picture = _framebuffer(self._size, GL.GL_RGBA8, self._samples)
-        self._colour(self._kept_picture, scene, rect, [((0, 0, rect.width, rect.height), geoms, True)], shadowed)
-        return self._read(self._kept_picture, (0, 0, rect.width, rect.height))
+        return self._colour_whole(self._kept_picture, scene, rect, geoms, shadowed)
 
     def colour(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
@@ -218,9 +217,7 @@ class Passes:
         -------
         ndarray of uint8, shape (h, w, 3)
         """
-        whole = (0, 0, rect.width, rect.height)
-        self._colour(self._picture, scene, rect, [(whole, geoms, True)], shadowed)
-        return self._read(self._picture, whole)
+        return self._colour_whole(self._picture, scene, rect, geoms, shadowed)
 
     def colour_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
@@ -252,6 +249,13 @@ class Passes:
         self._colour(self._picture, scene, rect, steps, shadowed)
         for window in windows:
             yield window, self._read(self._picture, window)
+
+    def _colour_whole(
+        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], shadowed: bool
+    ) -> NDArray[np.uint8]:
+        whole = (0, 0, rect.width, rect.height)
+        self._colour(framebuffer, scene, rect, [(whole, geoms, True)], shadowed)
+        return self._read(framebuffer, whole)
 
     def _colour(
         self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect,
@@ -312,7 +316,7 @@ class Passes:
             GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
             for geom in geoms:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
-                self._draw(geom, self._context.baseMesh + 2 * int(self._model.geom_dataid[geom.number]))
+                self._draw(geom, self._mesh(geom.number))
         ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
@@ -335,6 +339,10 @@ class Passes:
         GL.glCallList(display_list)
         GL.glPopMatrix()
 
+    def _mesh(self, number: int) -> int:
+        """Display list that MuJoCo made of a geom's mesh."""
+        return int(self._context.baseMesh + 2 * self._model.geom_dataid[number])
+
     def _display_list(self, number: int) -> int:
         """Display list of a geom's material, texture and mesh."""
         if number not in self._painted:
@@ -351,7 +359,7 @@ class Passes:
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_SPECULAR, specular)
             GL.glMaterialf(GL.GL_FRONT_AND_BACK, GL.GL_SHININESS, 128.0 * float(model.mat_shininess[material]))
             GL.glBindTexture(GL.GL_TEXTURE_2D, int(self._context.texture[texture]) if texture >= 0 else self._white)
-            GL.glCallList(self._context.baseMesh + 2 * int(model.geom_dataid[number]))
+            GL.glCallList(self._mesh(number))
             GL.glEndList()
         return self._painted[number]
 

@@ -240,15 +240,16 @@ class Renderer:
         return self._backdrop
 
     def _moving_boxes(self) -> Array:
+        """Corners of boxes that hold grab and ropes, jib frame, shape (n, 8, 3)."""
         ropes, grab = (
             np.array([geom.corners for geom in self._geoms if geom.group == group]).reshape(-1, 8, 3)
             for group in (ROPE, GRAB)
         )
         return np.concatenate([grab, changes.cut(ropes, ROPE_PIECES)])
 
-    def _covered(self) -> NDArray[np.bool_]:
-        """Tiles of what is drawn that grab and ropes may cover."""
-        return changes.tiles(self._rectangles(self._moving_boxes()), *self._size)
+    def _covered(self, boxes: Array) -> NDArray[np.bool_]:
+        """Tiles of what is drawn that boxes may cover."""
+        return changes.tiles(self._rectangles(boxes), *self._size)
 
     def _geoms_in(self, window: tuple[float, float, float, float]) -> list[Geom]:
         """Geoms that may be seen in a window of what is drawn, rows counted from the bottom."""
@@ -281,10 +282,11 @@ class Renderer:
                 passes.shade(scene, self._geoms)
             rect = self.aim(self._drawn, scene)
             return passes.colour(scene, rect, self._geoms, shadowed=self._shadowed)[::-1]
-        (backdrop, receivers), grid = self._still_rgb(), self._covered()
+        (backdrop, receivers), boxes = self._still_rgb(), self._moving_boxes()
+        grid = self._covered(boxes)
         rgb, redrawn, moving = backdrop.copy(), [], [geom for geom in self._geoms if geom.moves]
         if receivers is not None:
-            cells = changes.marked(self._moving_boxes(), passes.map_from_jib(scene))
+            cells = changes.marked(boxes, passes.map_from_jib(scene))
             darker = changes.tiles_of(cells.ravel()[receivers])
             redrawn = [
                 (window, [geom for geom in self._geoms_in(window) if geom.stands])
@@ -306,7 +308,7 @@ class Renderer:
             rect = self.aim(self._drawn, scene)
             ids, buffer = passes.identify(scene, rect, self._geoms, (0, 0, *self._size))
             return ids[::-1], _metres(buffer)[::-1]
-        (still_ids, still_depth), grid = self._still_view(), self._covered()
+        (still_ids, still_depth), grid = self._still_view(), self._covered(self._moving_boxes())
         ids, depth = still_ids.copy(), still_depth.copy()
         rect = self.aim(self._drawn, scene)
         for window in changes.windows(grid, *self._size, changes.IDS_PX):
