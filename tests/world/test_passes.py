@@ -6,7 +6,7 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
-from conftest import small_scene
+from conftest import slow_but, small_scene
 
 import simgrab
 from simgrab.world import gl
@@ -26,7 +26,7 @@ SCENES = {
 }
 
 
-@pytest.fixture(scope="module", params=[name for name in SCENES if name != "lens"])
+@pytest.fixture(scope="module", params=slow_but([name for name in SCENES if name != "lens"], "quay"))
 def generator(request):
     with FrameGenerator(SCENES[request.param]) as generator:
         yield generator
