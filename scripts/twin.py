@@ -34,7 +34,7 @@ from simgrab import scenes
 from simgrab.geometry import to_camera
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.scenario import Scenario
-from simgrab.world.output.export import calibration_of
+from simgrab.world.output.tables import calibration_of
 from simgrab.world.trajectory.trajectory import Trajectory
 
 # Name, published value, accepted deviation (share of it), format. None where the paper gives words.

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from simgrab.judge.audit.audit import audit as audit
     from simgrab.judge.check.gate import check as check
     from simgrab.judge.evaluate.evaluation import evaluate as evaluate
-    from simgrab.labels import datasets
+    from simgrab.labels.shards import open as open
     from simgrab.scenes import load as load
     from simgrab.world.frames import FrameDataset as FrameDataset
     from simgrab.world.frames import frames as frames
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from simgrab.world.trajectory.moment import JibState as JibState
     from simgrab.world.trajectory.moment import Moment as Moment
     from simgrab.world.trajectory.moment import Tilt as Tilt
-
-    open = datasets.read
 
 # Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
 _HOME = {
@@ -50,7 +48,7 @@ _HOME = {
     "Tilt": "simgrab.world.trajectory.moment",
     "render": "simgrab.world.output.dataset",
     "render_video": "simgrab.world.output.video.render",
-    "open": "simgrab.labels.datasets:read",
+    "open": "simgrab.labels.shards",
     "audit": "simgrab.judge.audit.audit",
     "check": "simgrab.judge.check.gate",
     "run": "simgrab.instrument.run.run",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import tomli_w
@@ -12,7 +12,7 @@ from simgrab import layouts
 from simgrab.errors import CalibrationError, LayoutError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.layouts import Layout
-from simgrab.utilities.parse import read_toml
+from simgrab.utilities.parse import parse_toml, read_toml
 from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
@@ -92,10 +92,18 @@ def load(path: str | Path) -> Calibration:
 
     ``digit_layout`` may be a bundled layout's name there.
     """
-    data = read_toml(path, CalibrationError, "camera file")
+    return _of(read_toml(path, CalibrationError, "camera file"), path)
+
+
+def parse(text: str, where: str) -> Calibration:
+    """Parse the text of a camera TOML as `load` does; ``where`` begins the error line."""
+    return _of(parse_toml(text, CalibrationError, f"{where}: it is not valid TOML"), where)
+
+
+def _of(data: dict[str, Any], where: str | Path) -> Calibration:
     if isinstance(data.get("digit_layout"), str):
         try:
             data["digit_layout"] = layouts.load(data["digit_layout"])
         except LayoutError as problem:
-            raise CalibrationError(f"{path}: digit_layout: {problem}") from None
-    return convert(data, Calibration, CalibrationError, path)
+            raise CalibrationError(f"{where}: digit_layout: {problem}") from None
+    return convert(data, Calibration, CalibrationError, where)

@@ -65,12 +65,13 @@ class PictureError(DatasetError):
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
+        Of the file, or what names it where it is part of another.
     reason : str
         Why it cannot be read.
     """
 
-    def __init__(self, path: Path, reason: str) -> None:
+    def __init__(self, path: Path | str, reason: str) -> None:
         super().__init__(path, reason)
         self.path, self.reason = path, reason
 
@@ -124,6 +125,10 @@ class ExtensionError(SimgrabError):
 
 class WorkerError(SimgrabError):
     """A piece of work of which its worker process dies again and again. Names the frame, clip or part."""
+
+
+class ClusterError(SimgrabError):
+    """A cluster that cannot be reached, or whose machines have other versions than this one."""
 
 
 def memory_problem(problem: BaseException | None) -> str | None:

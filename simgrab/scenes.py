@@ -117,8 +117,18 @@ def _read(scene: str | Path) -> dict[str, Any]:
 
 
 def _manifest_scenario(path: Path) -> dict[str, Any]:
-    manifest = read_json(path, _REFUSE)
+    return _scenario_of(read_json(path, _REFUSE), path)
+
+
+def of_manifest(manifest: Any, where: str | Path) -> Scenario:
+    """Build the scenario that a manifest holds; ``where`` begins the error line."""
+    scenario = convert(merged(Scenario().to_dict(), _scenario_of(manifest, where)), Scenario)
+    vary.check(scenario)
+    return scenario
+
+
+def _scenario_of(manifest: Any, where: str | Path) -> dict[str, Any]:
     scenario = manifest.get("scenario") if isinstance(manifest, dict) else None
     if not isinstance(scenario, dict):
-        raise _REFUSE(f"{path} is not a simgrab manifest: it holds no scenario")
+        raise _REFUSE(f"{where} is not a simgrab manifest: it holds no scenario")
     return scenario

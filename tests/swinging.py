@@ -10,7 +10,7 @@ from simgrab import scenes
 from simgrab.calibration import Calibration
 from simgrab.geometry import to_camera
 from simgrab.instrument.observation import Observation
-from simgrab.world.output.export import calibration_of
+from simgrab.world.output.tables import calibration_of
 from simgrab.world.trajectory.trajectory import Trajectory
 
 

@@ -15,7 +15,7 @@ from simgrab.instrument.estimate.tables import MOST_HEADER_BYTES, read_record
 from simgrab.judge.check import baseline, golden, suite
 from simgrab.judge.stress import catalogue
 from simgrab.utilities import parse
-from simgrab.world.output.export import calibration_of
+from simgrab.world.output.tables import calibration_of
 
 CAMERA = calibration_of(scenes.load("quay-day"))
 TILT = follow.Known("mean-ray", 9, 3.0, 0.0, None, ((1e-6, 0.0), (0.0, 1e-6)))

@@ -11,6 +11,7 @@ import click
 
 from simgrab.errors import DatasetError, RunError, SimgrabError
 from simgrab.utilities.destination import check_file, check_folder, check_new_folder
+from simgrab.utilities.stores import is_url
 
 
 class _Place(click.Path):
@@ -37,7 +38,18 @@ class _Destination(_Place):
         return path
 
 
+class _FolderOrUrl(_Destination):
+    """A folder to write to, or the URL of a store, which is looked at when it is used."""
+
+    name = "path or URL"
+
+    def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Leave a URL as it is."""
+        return value if is_url(value) else super().convert(value, param, ctx)
+
+
 PATH = _Place(path_type=Path)
+FOLDER_OR_URL = _FolderOrUrl(check_folder)
 FOLDER, NEW_FOLDER = _Destination(check_folder), _Destination(check_new_folder)
 FILE = _Destination(check_file, DatasetError)
 WORKERS = click.IntRange(1, 256)

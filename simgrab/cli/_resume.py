@@ -6,17 +6,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from simgrab.errors import WorkerError
+from simgrab.errors import ClusterError, WorkerError
 
 
 @contextmanager
-def resumable(*places: Path) -> Iterator[None]:
+def resumable(*places: Path | str) -> Iterator[None]:
     """Add the way to go on to the line that is printed after an interrupt, or after workers died."""
     advice = f"run the same command with --resume to continue in {' and '.join(map(str, places))}"
     try:
         yield
     except KeyboardInterrupt as stop:
         stop.add_note(advice)
+        raise
+    except ClusterError as problem:
+        problem.add_note(advice)
         raise
     except WorkerError as problem:
         problem.add_note(f"{advice}; if memory is short, use fewer --workers")

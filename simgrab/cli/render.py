@@ -10,56 +10,72 @@ from typing import Any
 import click
 from rich.console import Console
 
-from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER
+from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
 from simgrab.pages.terminal import table
 from simgrab.text import printable
+from simgrab.utilities.stores import is_url
 
 
 @click.command(name="render")
 @scene_options
-@click.option("--out", type=FOLDER, help="Folder of the dataset.  [default: runs/SCENE, or none]")
+@click.option(
+    "--out", type=FOLDER_OR_URL, help="Folder of the dataset, or URL of a dataset of shards.  [default: runs/SCENE]"
+)
 @click.option("--video", type=FILE, help="Write a video (.mp4, .mkv); add --out for a dataset too.")
 @click.option("--workers", type=AUTO_WORKERS, default="auto", show_default=True, help="Worker processes, or auto.")
+@click.option("--cluster", help="Ray cluster to render on: auto, ray://HOST:10001 or HOST:6379.")
+@click.option("--shard-frames", type=click.IntRange(1), help="Frames of a shard.  [default: 256]")
 @click.option("--resume", is_flag=True, help="Continue an unfinished dataset.")
 @extension_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
     scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None, size: str | None,
-    assignments: tuple[str, ...], out: Path | None, video: Path | None, workers: int | None, resume: bool,
-    randomiser: str | None, trajectory: str | None, effects: tuple[str, ...], as_json: bool, quiet: bool,
+    assignments: tuple[str, ...], out: Path | str | None, video: Path | None, workers: int | None,
+    cluster: str | None, shard_frames: int | None, resume: bool, randomiser: str | None, trajectory: str | None,
+    effects: tuple[str, ...], as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Render SCENE (a bundled scene, a TOML file or a dataset's manifest.json) as a dataset of labelled frames.
 
-    With --video, write a video and its truth table instead; with --out as well, write both.
+    With --video, write a video and its truth table instead; with --out as well, write both. With a URL as --out
+    (s3://bucket/name, file:///data/name), write a dataset of shards: WebDataset archives with labels as Parquet.
     """
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
         out = out or Path("runs") / scenario.name
     from simgrab.world.extensions import Extensions, Recipe
-    from simgrab.world.output.dataset import Summary, render
+    from simgrab.world.output.dataset import render
     from simgrab.world.output.pool import automatic
+    from simgrab.world.output.shards import frames_of
+    from simgrab.world.output.summary import Summary
     from simgrab.world.output.video.render import VideoSummary, render_video
 
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)
-    why = ""
-    if workers is None:
-        workers, limit = automatic(Recipe(scenario, given), by_clip=video is not None)
-        why = f" (limited by {limit})"
+    recipe, how = Recipe(scenario, given), ""
+    if cluster is not None:
+        workers, how = 1, f"rendered by the cluster at {cluster}"
+    elif workers is None:
+        each = frames_of(recipe, shard_frames) if is_url(out) else None
+        workers, limit = automatic(recipe, by_clip=video is not None, shard_frames=each)
+        how = f"worker processes: {workers} (limited by {limit})"
+    else:
+        how = f"worker processes: {workers}"
     functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
         if out is not None:
             summary = render(
-                scenario, out, video=video, workers=workers, resume=resume, progress=progress, checking=checking,
-                **functions,
+                scenario, out, video=video, workers=workers, cluster=cluster, shard_frames=shard_frames,
+                resume=resume, progress=progress, checking=checking, **functions,
             )  # fmt: skip
         else:
+            if cluster is not None:
+                raise click.UsageError("--cluster renders datasets, not videos")
             assert video is not None
             summary = render_video(
                 scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, **functions
@@ -69,9 +85,11 @@ def command(
     elif not quiet:
         facts = dataclasses.asdict(summary).items()
         Console().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
-        click.echo(f"worker processes: {workers}{why}")
+        click.echo(printable(how))
         if out is not None:
-            click.echo(printable(f"preview: {out / 'preview.jpg'}; labels: {out / 'labels.parquet'}"))
+            click.echo(
+                printable(f"preview: {out}/preview.jpg; labels: {out}/labels{'' if is_url(out) else '.parquet'}")
+            )
         if video is not None:
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
 
@@ -83,4 +101,4 @@ def _text(value: object) -> str:
         return " … ".join(_text(v) for v in value)
     if isinstance(value, dict):
         return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
-    return printable(value) if isinstance(value, Path) else str(value)
+    return printable(str(value))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, overload
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, overload
 
 import msgspec
 import numpy as np
@@ -20,13 +20,17 @@ from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError, first_line
 from simgrab.labels import arrays as labels
 from simgrab.labels.arrays import Labelled
-from simgrab.labels.masks import Masks
+from simgrab.labels.masks import Coded, Masks
 from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
+from simgrab.utilities import pictures
 from simgrab.utilities.parse import parse_json, read_json
 
 if TYPE_CHECKING:
     from simgrab.scenario import Scenario
+
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class _Labels(msgspec.Struct, frozen=True):
@@ -38,12 +42,33 @@ class _Scenario(msgspec.Struct, frozen=True):
     labels: _Labels
 
 
+class Shards(msgspec.Struct, frozen=True):
+    """How a dataset is cut into shards.
+
+    Attributes
+    ----------
+    frames : int
+        Of each shard; the last one may have fewer.
+    splits : tuple of tuple of 3 int
+        Of each shard, its frames in train, val and test.
+    """
+
+    frames: Annotated[int, msgspec.Meta(ge=1, le=2**53)]
+    splits: tuple[tuple[Count, Count, Count], ...]
+
+
 class Manifest(msgspec.Struct, frozen=True):
     """What of a manifest is read without the scenario as a whole."""
 
     scenario: _Scenario
     digest: str
     seed: int
+    files: dict[str, str] = {}
+    shards: Shards | None = None
+
+    def data(self, labels_sha256: str, frames: int) -> Data:
+        """Name a dataset."""
+        return Data(self.scenario.name, self.digest, labels_sha256, self.seed, frames)
 
 
 @dataclass(frozen=True)
@@ -66,6 +91,25 @@ class Data:
     frames: int
 
 
+class Files(Protocol):
+    """Where a dataset keeps pictures and masks. Whatever cannot be read raises `DatasetError`."""
+
+    def path(self, row: Row) -> Path | None:
+        """Path of a row's picture; None where it is part of another file."""
+
+    def content(self, row: Row) -> bytes:
+        """Read a row's picture file, which must have the digest that the row states."""
+
+    def mask(self, row: Row) -> Coded | None:
+        """Look up a row's mask; None where the labels hold none."""
+
+    def name(self, row: Row) -> str:
+        """Give what messages call a row's picture."""
+
+    def mask_name(self, row: Row) -> str:
+        """Give what messages call the file that holds a row's mask."""
+
+
 @dataclass(frozen=True)
 class LabelledFrame(Labelled):
     """One frame of a dataset: what is known of it, and its picture and mask, decoded each time they are asked for.
@@ -76,16 +120,23 @@ class LabelledFrame(Labelled):
     ----------
     truth : Row
         Its row of labels.
-    file : Path
-        Of the picture.
     labelled : bool
         Whether detection labels hold a box and a mask.
     """
 
     truth: Row
-    file: Path
     labelled: bool
-    _masks: Masks = field(repr=False, compare=False)
+    _files: Files = field(repr=False, compare=False)
+
+    @property
+    def file(self) -> Path | None:
+        """Path of the picture; None where the dataset keeps pictures in archives."""
+        return self._files.path(self.truth)
+
+    @property
+    def content(self) -> bytes:
+        """The picture file; raises `DatasetError` where it is not the labels'."""
+        return self._files.content(self.truth)
 
     @property
     def rgb(self) -> NDArray[np.uint8]:
@@ -95,12 +146,41 @@ class LabelledFrame(Labelled):
     @property
     def picture(self) -> NDArray[np.uint8]:
         """RGB, shape (height, width, 3); raises `DatasetError` where the file is not the labels' picture."""
-        return frame_files.picture(self.file, self.truth)
+        return pictures.decode(self.content, self._files.name(self.truth))
+
+    @property
+    def coded_mask(self) -> Coded | None:
+        """Pixels of the visible grab as COCO's compressed run lengths; None unless ``labelled``."""
+        return self._files.mask(self.truth)
 
     @property
     def mask(self) -> NDArray[np.bool_] | None:
         """Pixels of the visible grab, shape (height, width); None unless ``labelled``."""
-        return self._masks.of(self.truth)
+        coded = self.coded_mask
+        return None if coded is None else coded.decoded(self.truth, self._files.mask_name(self.truth))
+
+
+@dataclass(frozen=True)
+class _Folder:
+    """Pictures and masks in files of a folder."""
+
+    folder: Path
+    masks: Masks
+
+    def path(self, row: Row) -> Path:
+        return self.folder / row.file
+
+    def content(self, row: Row) -> bytes:
+        return frame_files.content(self.path(row), row)
+
+    def mask(self, row: Row) -> Coded | None:
+        return self.masks.coded(row)
+
+    def name(self, row: Row) -> str:
+        return str(self.path(row))
+
+    def mask_name(self, row: Row) -> str:
+        return str(self.masks.file(row.split))
 
 
 @dataclass(frozen=True)
@@ -116,14 +196,13 @@ class Dataset(Sequence[LabelledFrame]):
         What names it.
     least_visible_fraction : float
         From which on the dataset's detection labels hold a box.
-    masks : Masks
     """
 
     path: Path
     rows: tuple[Row, ...]
     data: Data
     least_visible_fraction: float
-    masks: Masks = field(repr=False, compare=False)
+    _files: Files = field(repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -141,7 +220,7 @@ class Dataset(Sequence[LabelledFrame]):
             row = self.rows[operator.index(index)]
         except IndexError:
             raise IndexError(f"{self.path}: index {index} is out of range of {len(self)} frames") from None
-        return LabelledFrame(row, self.image(row), self.is_labelled(row), self.masks)
+        return LabelledFrame(row, self.is_labelled(row), self._files)
 
     def frame(self, number: int) -> LabelledFrame:
         """Give the frame of this number, which `simgrab.labels.truth.Row.frame` holds.
@@ -207,35 +286,7 @@ class Dataset(Sequence[LabelledFrame]):
 
 
 def read(path: str | Path) -> Dataset:
-    """Open a finished dataset; `simgrab.open` is this function.
-
-    Labels are read at once, and that each picture is there is checked. Pictures and masks are read frame by frame.
-
-    Parameters
-    ----------
-    path : str or Path
-        Folder that `simgrab.render` finished.
-
-    Returns
-    -------
-    Dataset
-
-    Examples
-    --------
-    >>> import simgrab
-    >>> data = simgrab.open("runs/quay-day")
-    >>> len(data), sum(data.splits.values()) == len(data)
-    (6, True)
-    >>> frame = data[-1]
-    >>> frame.picture.dtype, frame.picture.shape[:2] == frame.mask.shape
-    (dtype('uint8'), True)
-    >>> rows, columns = frame.mask.nonzero()
-    >>> frame.box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
-    True
-    >>> sum(frame.truth.alpha_deg > 10 for frame in data.split("train"))
-    0
-    >>> data.scenario.camera.beta_deg
-    3.0
+    """Open a finished dataset in a folder; `simgrab.labels.shards.open` says how, and opens others too.
 
     Raises
     ------
@@ -244,17 +295,19 @@ def read(path: str | Path) -> Dataset:
     """
     path = Path(path)
     rows, _, labels_sha256 = frame_files.read_rows(path, Row)
-    manifest = read_json(path / "manifest.json", DatasetError)
-    try:
-        known = msgspec.convert(manifest, Manifest)
-        data = Data(
-            scenario=known.scenario.name, scenario_digest=known.digest,
-            labels_sha256=labels_sha256, seed=known.seed, frames=len(rows),
-        )  # fmt: skip
-    except (ValueError, LookupError, TypeError) as problem:
-        raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
+    known = named(read_json(path / "manifest.json", DatasetError), path)
     frame_files.check_files(path, rows)
-    return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
+    data = known.data(labels_sha256, len(rows))
+    return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, _Folder(path, Masks(path)))
+
+
+def named(manifest: Any, where: object) -> Manifest:
+    """Convert a manifest; raises `DatasetError` where it is none."""
+    try:
+        return msgspec.convert(manifest, Manifest)
+    except (ValueError, LookupError, TypeError) as problem:
+        why = f"{type(problem).__name__}: {first_line(problem)}"
+        raise DatasetError(f"{where}: not a simgrab dataset ({why})") from None
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:

@@ -17,14 +17,34 @@ MOST_COCO_BYTES = 4 * 2**30
 _MOST_CHARACTERS = 7  # of a run length, of 5 bits each
 
 
-class _Mask(msgspec.Struct, frozen=True):
+class Coded(msgspec.Struct, frozen=True):
+    """A mask's compressed run lengths, as the COCO API has them.
+
+    Attributes
+    ----------
+    size : tuple of 2 int
+        Height and width, px.
+    counts : str
+    """
+
     size: tuple[int, int]
     counts: str
+
+    def decoded(self, row: Row, where: object) -> NDArray[np.bool_]:
+        """Decode, shape (height, width); raises `DatasetError` where it is not a mask of the row's picture."""
+        try:
+            if self.size != (row.height_px, row.width_px):
+                raise ValueError(f"it is of {self.size[1]} x {self.size[0]} px")
+            return _decoded(self.counts, *self.size)
+        except ValueError as problem:
+            raise DatasetError(
+                f"{where}: the mask of frame {row.frame} is not one of {row.width_px} x {row.height_px} px: {problem}"
+            ) from None
 
 
 class _Annotation(msgspec.Struct, frozen=True):
     image_id: int
-    segmentation: _Mask
+    segmentation: Coded
 
 
 class _Coco(msgspec.Struct, frozen=True):
@@ -42,36 +62,26 @@ class Masks:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._coded: dict[str, dict[int, _Mask]] = {}
+        self._coded: dict[str, dict[int, Coded]] = {}
 
-    def of(self, row: Row) -> NDArray[np.bool_] | None:
-        """Decode the mask of a row, shape (height, width); None where the labels hold none.
+    def coded(self, row: Row) -> Coded | None:
+        """Look up the mask of a row; None where the labels hold none.
 
         Raises
         ------
         DatasetError
-            If the file cannot be read, or the mask is not one of the row's picture.
+            If the file cannot be read.
         """
         if row.split not in self._coded:
             self._coded[row.split] = self._read(row.split)
-        mask = self._coded[row.split].get(row.frame)
-        if mask is None:
-            return None
-        try:
-            if mask.size != (row.height_px, row.width_px):
-                raise ValueError(f"it is of {mask.size[1]} x {mask.size[0]} px")
-            return _decoded(mask.counts, *mask.size)
-        except ValueError as problem:
-            raise DatasetError(
-                f"{self._file(row.split)}: the mask of frame {row.frame} is not one of "
-                f"{row.width_px} x {row.height_px} px: {problem}"
-            ) from None
+        return self._coded[row.split].get(row.frame)
 
-    def _file(self, split: str) -> Path:
+    def file(self, split: str) -> Path:
+        """Path of a split's COCO file."""
         return self._path / "annotations" / f"instances_{split}.json"
 
-    def _read(self, split: str) -> dict[int, _Mask]:
-        file = self._file(split)
+    def _read(self, split: str) -> dict[int, Coded]:
+        file = self.file(split)
 
         def refusal(why: object) -> DatasetError:
             return DatasetError(f"{file}: not readable COCO labels ({why})")

@@ -134,7 +134,7 @@ def check_files(path: Path, rows: Sequence[Row]) -> None:
         if not is_file(path / row.file, DatasetError):
             raise DatasetError(f"{path}: frame {row.frame} has labels but no image; {row.file} is missing")
         if os.path.commonpath([folder, os.path.realpath(path / row.file)]) != folder:
-            _content(path / row.file, row)
+            content(path / row.file, row)
 
 
 def _check_order(path: Path, rows: Sequence[Row]) -> None:
@@ -173,12 +173,22 @@ def picture(file: Path, row: Row, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[n
     DatasetError
         If it cannot be read, or is not the labels' picture.
     """
-    return pictures.decode(_content(file, row), file, mode)
+    return pictures.decode(content(file, row), file, mode)
 
 
-def _content(file: Path, row: Row) -> bytes:
-    """Read a row's picture file; refuse another one than that of the labels."""
-    data = read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES)
+def content(file: Path, row: Row) -> bytes:
+    """Read a row's picture file.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read, or is not the labels' picture.
+    """
+    return sound(read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES), row, file)
+
+
+def sound(data: bytes, row: Row, where: object) -> bytes:
+    """Refuse the bytes of a picture file that is not the labels'; ``where`` is what the error line names."""
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
-        raise DatasetError(f"{file} does not match the digest in its labels: it was changed or damaged")
+        raise DatasetError(f"{where} does not match the digest in its labels: it was changed or damaged")
     return data

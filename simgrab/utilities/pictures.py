@@ -81,7 +81,7 @@ def read(path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
     return decode(read_bytes(path, refusal, most_bytes=MOST_BYTES), path, mode)
 
 
-def decode(data: bytes, path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+def decode(data: bytes, path: Path | str, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
     """Decode the bytes of a picture file; see `read`. ``path`` is for the message.
 
     Raises

@@ -273,13 +273,19 @@ def _death(status: int | None) -> str:
 # Kinds of a worker's messages.
 _TICK, _DONE, _RAISED = "tick", "done", "raised"
 
-_answers: Connection[Any, Any] | None = None
+_on_tick: Callable[[], None] | None = None
 
 
 def tick() -> None:
-    """Count a step of the item at hand; only where a `Pool`'s worker works on one."""
-    assert _answers is not None
-    _answers.send((_TICK, None))
+    """Count a step of the item at hand; only where a worker works on one."""
+    assert _on_tick is not None
+    _on_tick()
+
+
+def call_on_tick(function: Callable[[], None]) -> None:
+    """Let `tick` call a function in this process."""
+    global _on_tick
+    _on_tick = function
 
 
 class _Ended(BaseException):
@@ -292,14 +298,13 @@ def _serve(pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None
     The process ends without the interpreter's own ending: nothing is left to be done, and what threads of libraries do
     in it has aborted processes.
     """
-    global _answers
     status = 1
     try:
         _handle_signals()
         pipe.poll(None)  # for the first item: by then `die_with_parent` can be called
         die_with_parent()
-        _answers = pipe
-        problem = _set_up(setup)
+        call_on_tick(lambda: pipe.send((_TICK, None)))
+        problem = set_up(setup)
         while True:
             data = pipe.recv_bytes()
             pipe.send_bytes(_answer(data) if problem is None else _refusal(problem))
@@ -347,7 +352,8 @@ def _handle_signals() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
 
 
-def _set_up(setup: Callable[[], None] | None) -> BaseException | None:
+def set_up(setup: Callable[[], None] | None) -> BaseException | None:
+    """Call what a worker calls before its first item; gives what it raised."""
     try:
         if setup is not None:
             setup()
@@ -367,10 +373,14 @@ def _answer(data: bytes) -> bytes:
 
 
 def _refusal(problem: BaseException) -> bytes:
-    """Pickle an error, or its text where it cannot be pickled, and where it was raised."""
+    return bytes(ForkingPickler.dumps((_RAISED, portable(problem))))
+
+
+def portable(problem: BaseException) -> tuple[BaseException, str]:
+    """Give an error that can be pickled, with its text where it could not be, and its traceback as text."""
     where = "".join(traceback.format_exception(problem))
     try:
         ForkingPickler.loads(ForkingPickler.dumps(problem))
     except Exception:
         problem = RuntimeError(f"{type(problem).__name__}: {problem}")
-    return bytes(ForkingPickler.dumps((_RAISED, (problem, where))))
+    return problem, where

@@ -17,7 +17,7 @@ from simgrab.judge.evaluate import reading_trial
 from simgrab.utilities.resources import ASSETS
 from simgrab.world.camera.overlay import Overlay
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output.export import calibration_of
+from simgrab.world.output.tables import calibration_of
 from simgrab.world.trajectory.display import Shown
 
 CLOCK = "2022年01月26日 星期三 14:05:37"

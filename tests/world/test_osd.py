@@ -15,7 +15,7 @@ from simgrab.layouts import CLOCK_PATTERN
 from simgrab.scenario import Display
 from simgrab.utilities.resources import ASSETS
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.output.export import calibration_of
+from simgrab.world.output.tables import calibration_of
 from simgrab.world.trajectory.clock import clock_text
 from simgrab.world.trajectory.display import Shown, shown
 

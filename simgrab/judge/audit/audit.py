@@ -27,7 +27,7 @@ from simgrab.utilities.strict import convert
 from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import export, manifest, stored
+from simgrab.world.output import manifest, stored, tables
 from simgrab.world.output.folder import MANIFEST
 from simgrab.world.output.stored import Record
 
@@ -257,12 +257,12 @@ def _compare_exports(
     name = f"labels/{row.split}/{row.frame:06d}.txt"
     file = data.path / name
     text = file.read_bytes() if file.is_file() else None
-    found.expect(text == export.yolo(stored, data.scenario), f"frame {row.frame}, {name}", "not the label of this row")
+    found.expect(text == tables.yolo(stored, data.scenario), f"frame {row.frame}, {name}", "not the label of this row")
     annotation = coco.get(row.frame)
-    labelled = export.is_labelled(row, data.scenario)
+    labelled = tables.is_labelled(row, data.scenario)
     found.expect((annotation is not None) == labelled, f"frame {row.frame}, COCO", "annotated, or not, against its row")
     if annotation is not None and same:
-        expected = msgspec.json.decode(msgspec.json.encode(export.annotation(record)))
+        expected = msgspec.json.decode(msgspec.json.encode(tables.annotation(row, record.mask)))
         for key in expected:
             found.expect(annotation.get(key) == expected[key], f"frame {row.frame}, COCO {key}", "not that of this row")
 
@@ -270,7 +270,7 @@ def _compare_exports(
 def _metadata_names(data: _Dataset) -> list[str]:
     """Tables for ``imagefolder``, which a dataset of earlier versions lacks."""
     files = data.manifest.get("files")
-    return [name for name in map(export.metadata_name, SPLITS) if isinstance(files, dict) and name in files]
+    return [name for name in map(tables.metadata_name, SPLITS) if isinstance(files, dict) and name in files]
 
 
 def _compare_metadata(found: Findings, data: _Dataset) -> None:
@@ -279,7 +279,7 @@ def _compare_metadata(found: Findings, data: _Dataset) -> None:
         split, file = Path(name).parent.name, data.path / name
         lines = file.read_bytes().split(b"\n") if file.is_file() else []
         frames = ["header", *(f"frame {row.frame}" for row in data.rows if row.split == split), "end"]
-        expected = export.metadata(data.rows, split).split(b"\n")
+        expected = tables.metadata(data.rows, split).split(b"\n")
         for where, line, actual in zip_longest(frames, expected, lines, fillvalue=None):
             found.expect(line == actual, f"{where or 'end'}, {name}", "not that of this row")
 

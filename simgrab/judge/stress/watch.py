@@ -31,7 +31,7 @@ from simgrab.utilities.resources import ASSETS
 from simgrab.world import frames as world_frames
 from simgrab.world.frames import Frame as RenderedFrame
 from simgrab.world.output import preview
-from simgrab.world.output.export import calibration_of
+from simgrab.world.output.tables import calibration_of
 
 MOST_SHOWN = 8
 _INSET_PX, _ZOOM = 100, 2

@@ -5,15 +5,13 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections import Counter
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import cv2
-import msgspec
-import numpy as np
 
 from simgrab.errors import DatasetError
 from simgrab.labels.truth import SPLITS, Row
@@ -21,49 +19,21 @@ from simgrab.records import frame_files
 from simgrab.scenario import Scenario
 from simgrab.utilities import pictures
 from simgrab.utilities.parse import read_json
+from simgrab.utilities.stores import is_url
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import export, manifest, pool, preview, stored
+from simgrab.world.output import manifest, pool, preview, shards, stored, tables
 from simgrab.world.output.folder import MANIFEST, Folder, writing
 from simgrab.world.output.pool import Progress, Tick
+from simgrab.world.output.stored import StoredFrame
+from simgrab.world.output.summary import Seen, Summary, Tally
+from simgrab.world.output.tables import Tables
 from simgrab.world.output.video.files import VideoFiles
-from simgrab.world.output.video.render import ClipWork, VideoSummary, render_clips
+from simgrab.world.output.video.render import ClipWork, render_clips
 
-
-@dataclass(frozen=True)
-class Summary:
-    """What a finished dataset holds.
-
-    Attributes
-    ----------
-    path : Path
-    frames, labelled : int
-        Frames, and those with a detection label.
-    splits : dict of str to int
-    made : int
-        Frames rendered in this run; the others were there already.
-    alpha_rms_deg, alpha_max_deg : float
-        √mean α², and the largest α.
-    beta_deg : float
-    rope_length_m : tuple of 2 floats
-        Shortest and longest.
-    fingerprint : str
-    video : VideoSummary or None
-        Where there is one beside the dataset.
-    """
-
-    path: Path
-    frames: int
-    labelled: int
-    splits: dict[str, int]
-    made: int
-    alpha_rms_deg: float
-    alpha_max_deg: float
-    beta_deg: float
-    rope_length_m: tuple[float, float]
-    fingerprint: str
-    video: VideoSummary | None = None
+MOST_FETCHED = 16
+"""Frames that a task of a cluster makes for a folder, and sends here."""
 
 
 def render(
@@ -72,6 +42,8 @@ def render(
     *,
     video: str | Path | None = None,
     workers: int = 1,
+    cluster: str | None = None,
+    shard_frames: int | None = None,
     resume: bool = False,
     progress: Progress | None = None,
     checking: Progress | None = None,
@@ -79,7 +51,7 @@ def render(
     trajectory: Motion | str | None = None,
     effects: Sequence[Effect | str] = (),
 ) -> Summary:
-    """Render a scenario's frames and labels into a folder.
+    """Render a scenario's frames and labels into a folder, or into shards below a URL.
 
     The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted.
 
@@ -88,11 +60,17 @@ def render(
     scenario : Scenario, str or Path
         A scenario, a bundled scene's name, or a scene file; see `simgrab.load`.
     out : str or Path
-        New or empty folder; with ``resume`` also one that an interrupted run of the same scenario left.
+        New or empty folder; with ``resume`` also one that an interrupted run of the same scenario left. A URL such as
+        ``s3://bucket/name`` or ``file:///data/name`` gets a dataset of shards; see `simgrab.labels.shards`.
     video : str or Path, optional
         Also makes a video of the same frames, each rendered once; see `simgrab.world.output.video.render.render_video`.
     workers : int
-        Worker processes; with a video, each renders a clip at a time.
+        Worker processes; with a video, each renders a clip at a time, and with shards a shard.
+    cluster : str, optional
+        Address of a Ray cluster that renders in place of worker processes: ``auto``, ``ray://host:10001`` or
+        ``host:6379``.
+    shard_frames : int, optional
+        Frames of a shard, 256 unless given; rounded up to whole clips where each has a world of its own.
     resume : bool
         Go on with an unfinished dataset.
     progress : callable, optional
@@ -112,24 +90,46 @@ def render(
     ScenarioError
         If a frame cannot be, or the camera never sees the grab; before anything is written.
     DatasetError
-        If the folder cannot be used.
+        If the folder or URL cannot be used.
     RendererError
         If there is no offscreen OpenGL.
     ExtensionError
         If a function of yours cannot be found, raises, or returns what no frame can be.
     WorkerError
         If worker processes die of a frame or clip again and again.
+    ClusterError
+        If there is no such cluster, or its nodes have other versions.
     """
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
-    pool.check(recipe, workers)
-    scenario = recipe.scenario
+    pool.check(recipe, workers, cluster)
     if resume:
         recipe.extensions.refuse_unknown()
-    folder, identity = Folder(Path(out)), manifest.identity(recipe)
+    if video is not None and (cluster is not None or is_url(out)):
+        raise DatasetError(
+            "a video is rendered by this machine, beside a dataset in a folder: give neither cluster nor URL"
+        )
+    if is_url(out):
+        return shards.render(
+            recipe, str(out), workers=workers, cluster=cluster, resume=resume, shard_frames=shard_frames,
+            progress=progress, checking=checking,
+        )  # fmt: skip
+    if shard_frames is not None:
+        raise DatasetError(
+            f"{out} is a folder, which has no shards; give a URL such as {Path(out).absolute().as_uri()}"
+        )
+    folder, videos = Folder(Path(out)), VideoFiles(recipe, Path(video)) if video is not None else None
+    return _render(recipe, folder, videos, workers, cluster, progress, checking, resume=resume)
+
+
+def _render(
+    recipe: Recipe, folder: Folder, videos: VideoFiles | None, workers: int, cluster: str | None,
+    progress: Progress | None, checking: Progress | None, *, resume: bool,
+) -> Summary:  # fmt: skip
+    """Render into a folder."""
+    scenario, identity = recipe.scenario, manifest.identity(recipe)
     folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
-    videos = VideoFiles(recipe, Path(video)) if video is not None else None
     clips = videos.unfinished(resume=resume) if videos else []
-    known = None if folder.begun else pool.vetted(recipe, workers, checking)
+    known = None if folder.begun else pool.vetted(recipe, workers, checking, cluster=cluster)
     made = 0
     if folder.open(identity, resume=resume):
         with folder.lock(), videos.claim() if videos and clips else nullcontext():
@@ -137,10 +137,12 @@ def render(
             missing = [frame for frame in range(scenario.frames) if frame not in done]
             if videos and clips:
                 drawn = _film(videos, clips, folder, known, missing, workers, progress)
+            elif cluster is not None:
+                drawn = _fetch(folder, recipe, missing, cluster, progress)
             else:
                 drawn = _draw(folder, recipe, known, missing, workers, progress)
             with closing(drawn):
-                rendered_by = _one(drawn, folder.record(min(done)).rendered_by if done else None, folder.path)
+                rendered_by = _same(drawn, folder.record(min(done)).rendered_by if done else None, folder.path)
             with writing(folder.path):
                 _finish(folder, recipe, rendered_by)
         made = len(missing)
@@ -164,6 +166,31 @@ def _draw(
     clips = sorted(set(map(scenario.clip.of, missing)))
     report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
     return work_on(clips, functools.partial(_store_clip, folder), unit="clip", progress=report)
+
+
+def _fetch(
+    folder: Folder, recipe: Recipe, missing: Sequence[int], cluster: str, progress: Progress | None
+) -> Generator[Fingerprint, None, None]:
+    """Let a cluster render missing frames, and store them here: its machines need not share a file system."""
+    scenario, each = recipe.scenario, MOST_FETCHED
+    if recipe.varies and scenario.clip.clip_frames:
+        each = min(each, scenario.clip.clip_frames)  # so that a task builds one world
+    tasks = [tuple(group) for _, group in groupby(missing, key=lambda frame: frame // each)]
+    report = pool.report(progress, scenario.frames - len(missing), scenario.frames)
+    drawn = pool.map_items(recipe, None, tasks, _made, workers=1, cluster=cluster, unit="frames", progress=report)
+    with closing(drawn):
+        for frames in drawn:
+            for frame in frames:
+                folder.store(frame)
+            yield frames[0].record.rendered_by
+
+
+def _made(generator: FrameGenerator, frames: tuple[int, ...], tick: Tick) -> list[StoredFrame]:
+    made = []
+    for frame in frames:
+        made.append(stored.make(generator, frame))
+        tick()
+    return made
 
 
 def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
@@ -204,71 +231,48 @@ def _film(
     return pool.map_items(videos.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
 
 
-def _one(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
+def _same(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
     """Exhaust the rendering; returns its renderer, which must be the same for all frames."""
     for fingerprint in drawn:
-        first = first or fingerprint
-        if fingerprint != first:
-            raise DatasetError(f"{path} was started with {first}, and this is {fingerprint}: choose another --out")
+        first = pool.same_renderer(fingerprint, first, path)
     assert first is not None
     return first
 
 
 def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
-    """Write everything that depends on all frames; the manifest comes last."""
-    scenario = recipe.scenario
-    records = [folder.record(frame) for frame in range(scenario.frames)]
-    rows = [record.truth for record in records]
-    for row in rows:
-        folder.write(f"labels/{row.split}/{row.frame:06d}.txt", export.yolo(row, scenario))
+    """Write everything that depends on all frames, one frame at a time; the manifest comes last."""
+    scenario, core = recipe.scenario, manifest.identity(recipe)
+    first: list[Row] = []
+    with Tables(folder.writing, core, scenario) as written:
+        for frame in range(scenario.frames):
+            record = folder.record(frame)
+            row = record.truth
+            written.add(row, record.mask)
+            folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))
+            first += [row] * (len(first) < preview.MOST_TILES)
     for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
         (folder.path / "images" / split).mkdir(parents=True, exist_ok=True)
-    core = manifest.identity(recipe)
-    tables = {
-        "labels.parquet": export.parquet(rows, core),
-        "data.yaml": export.yolo_yaml(rows),
-        "camera.toml": export.calibration_of(scenario).to_toml().encode(),
-        "preview.jpg": _preview(folder.path, rows),
-        **{f"annotations/instances_{s}.json": export.coco(records, s, scenario) for s in SPLITS},
-        **{export.metadata_name(s): export.metadata(rows, s) for s in export.filled(rows)},
+    tiles = ((pictures.read(folder.path / row.file, cv2.IMREAD_COLOR), row) for row in first)
+    files = {
+        "data.yaml": tables.yolo_yaml(written.splits),
+        "camera.toml": tables.calibration_of(scenario).to_toml().encode(),
+        "preview.jpg": preview.of(tiles),
     }
-    for name, data in tables.items():
+    for name, data in files.items():
         folder.write(name, data)
-    digests = {name: hashlib.sha256(data).hexdigest() for name, data in tables.items()}
-    whole = manifest.compose(core, rendered_by, digests)
+    names = [*files, "labels.parquet", *(f"annotations/instances_{split}.json" for split in SPLITS)]
+    names += [tables.metadata_name(split) for split in written.splits]
+    whole = manifest.compose(core, rendered_by, {name: _digest(folder.path / name) for name in names})
     folder.write(MANIFEST, json.dumps(whole, indent=1).encode())
     folder.close()
 
 
-def _preview(path: Path, rows: Sequence[Row]) -> bytes:
-    tiles = [
-        preview.annotate(pictures.read(path / row.file, cv2.IMREAD_COLOR), row) for row in rows[: preview.MOST_TILES]
-    ]
-    return pictures.encode(preview.sheet(tiles), "jpeg", 90)
-
-
-class _Seen(msgspec.Struct, frozen=True):
-    split: str
-    alpha_deg: float
-    rope_length_m: float
-    visible_fraction: float
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
-    rows, _, _ = frame_files.read_rows(path, _Seen)
-    alpha, rope = (np.array([getattr(row, name) for row in rows]) for name in ("alpha_deg", "rope_length_m"))
-    splits = Counter(row.split for row in rows)
-    least = max(scenario.labels.least_visible_fraction, 1e-12)
+    rows, _, _ = frame_files.read_rows(path, Seen)
     written = read_json(path / MANIFEST, DatasetError)
-    return Summary(
-        path=path,
-        frames=len(rows),
-        labelled=sum(row.visible_fraction >= least for row in rows),
-        splits={name: splits[name] for name in SPLITS},
-        made=made,
-        alpha_rms_deg=float(np.sqrt(np.mean(alpha**2))),
-        alpha_max_deg=float(alpha.max()),
-        beta_deg=scenario.camera.beta_deg,
-        rope_length_m=(float(rope.min()), float(rope.max())),
-        fingerprint=written["renderer"]["fingerprint"],
-    )
+    return Summary.of(path, Tally.of(rows, scenario), scenario, made, written["renderer"]["fingerprint"])

@@ -86,15 +86,7 @@ class Folder:
         known = self._identity()
         if known is not None:
             finished = (self.path / MANIFEST).exists()  # it comes last
-            if not resume:
-                state = "an unfinished" if self.partial.exists() else "a finished"
-                advice = "continue with --resume, or choose" if self.partial.exists() else "choose"
-                raise DatasetError(f"{self.path} holds {state} dataset; {advice} another --out")
-            if differ(known, identity):
-                raise DatasetError(
-                    f"{self.path} holds another dataset (its {differences(known, identity)} differs); "
-                    "--resume needs the same scenario and packages, or choose another --out"
-                )
+            refuse_other(self.path, known, identity, unfinished=self.partial.exists(), resume=resume)
             if finished:
                 self._drop_left()
                 return False
@@ -153,10 +145,16 @@ class Folder:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file whole or not at all; not synchronised to the disk, as `files.drafted` is."""
+        with self.writing(name) as draft:
+            draft.write_bytes(data)
+
+    @contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
+        """Give a file to write to, which takes the name at the end; left with an error, nothing does."""
         target = self.path / name
         target.parent.mkdir(parents=True, exist_ok=True)
-        draft = self.partial / f"draft-{os.getpid()}"
-        draft.write_bytes(data)
+        draft = self.partial / f"draft-{os.getpid()}-{name.replace('/', '-')}"
+        yield draft
         draft.replace(target)
 
     def _drop_left(self) -> None:
@@ -190,6 +188,21 @@ def writing(path: Path) -> Iterator[None]:
         if problem.errno in (errno.ENOSPC, errno.EDQUOT):
             raise DatasetError(f"no space left for {path}; free some and continue with --resume") from None
         raise DatasetError(f"cannot write to {path}: {problem.strerror or problem}") from None
+
+
+def refuse_other(
+    place: object, known: dict[str, Any], identity: dict[str, Any], *, unfinished: bool, resume: bool
+) -> None:
+    """Refuse a place that holds a dataset, of the identity ``known``, unless it is to be resumed and is the same."""
+    if not resume:
+        state = "an unfinished" if unfinished else "a finished"
+        advice = "continue with --resume, or choose" if unfinished else "choose"
+        raise DatasetError(f"{place} holds {state} dataset; {advice} another --out")
+    if differ(known, identity):
+        raise DatasetError(
+            f"{place} holds another dataset (its {differences(known, identity)} differs); "
+            "--resume needs the same scenario and packages, or choose another --out"
+        )
 
 
 def differ(known: dict[str, Any], wanted: dict[str, Any]) -> bool:

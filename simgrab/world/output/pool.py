@@ -11,15 +11,18 @@ from typing import TypeVar
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
 from simgrab.utilities import machine
-from simgrab.utilities.processes import Pool, pickled, tick
+from simgrab.utilities.cluster import open_pool
+from simgrab.utilities.processes import pickled, tick
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
+from simgrab.world.gl import Fingerprint
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.plan import Plan, draw_up
 from simgrab.world.trajectory.trajectory import Trajectory
 
 T = TypeVar("T")
+Item = TypeVar("Item")
 Progress = Callable[[int, int], None]
 Tick = Callable[[], None]
 Work = Callable[[FrameGenerator, int, Tick], T]
@@ -49,7 +52,7 @@ class Vetted:
     projections: dict[int, Projection] = field(default_factory=dict)
 
 
-def automatic(recipe: Recipe, *, by_clip: bool = False) -> tuple[int, str]:
+def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None = None) -> tuple[int, str]:
     """Choose how many processes to render a recipe with, and say why.
 
     OpenGL in software uses several cores by itself, so that a second process gains a third, and each builds worlds of
@@ -60,22 +63,33 @@ def automatic(recipe: Recipe, *, by_clip: bool = False) -> tuple[int, str]:
     recipe : Recipe
     by_clip : bool
         Whether one process renders a clip from beginning to end, as for videos.
+    shard_frames : int, optional
+        Frames that one process renders from beginning to end, as for a dataset of shards.
     """
-    scenario, image = recipe.scenario, recipe.scenario.image
+    scenario = recipe.scenario
     frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
-    pixels = scenario.camera.width_px * scenario.camera.height_px
-    each = WORLD_BYTES + pixels * (PIXEL_BYTES + SAMPLE_BYTES * image.samples) + 8 * image.shadow_map_px**2
-    limits = [(machine.cores(), f"{machine.cores()} cores"), (machine.free_bytes() // each, "memory")]
+    cores, memory = machine.cores(), machine.free_bytes() // memory_bytes(recipe)
+    limits = [(cores, f"{cores} cores"), (memory, "memory")]
     if recipe.varies:
         limits.append((clips // WORLDS_A_WORKER, f"{clips} worlds"))
     else:
         limits.append((frames // FRAMES_A_WORKER, f"{frames} frames"))
     if by_clip:
         limits.append((clips, f"{clips} clips"))
+    if shard_frames is not None:
+        shards = -(-frames // shard_frames)
+        limits.append((shards, f"{shards} shards"))
     if _unpicklable(recipe):
         limits.append((1, "functions that worker processes cannot be given"))
     workers, limit = min(limits, key=lambda one: one[0])
     return max(1, workers), limit
+
+
+def memory_bytes(recipe: Recipe) -> int:
+    """Estimate the memory of a process that renders a recipe."""
+    scenario, image = recipe.scenario, recipe.scenario.image
+    pixels = scenario.camera.width_px * scenario.camera.height_px
+    return WORLD_BYTES + pixels * (PIXEL_BYTES + SAMPLE_BYTES * image.samples) + 8 * image.shadow_map_px**2
 
 
 def _unpicklable(recipe: Recipe) -> str:
@@ -89,11 +103,11 @@ def _unpicklable(recipe: Recipe) -> str:
     return ""
 
 
-def check(recipe: Recipe, workers: int) -> None:
-    """Refuse a number of processes that cannot work on a recipe."""
+def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
+    """Refuse a number of processes, or a cluster, that cannot work on a recipe."""
     if workers < 1:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
-    why = _unpicklable(recipe) if workers > 1 else ""
+    why = _unpicklable(recipe) if workers > 1 or cluster is not None else ""
     if why:
         raise ExtensionError(
             f"a function cannot be given to worker processes: define it at the top of a module ({why})"
@@ -122,7 +136,9 @@ def vet(recipe: Recipe, number: int = 0) -> Vetted:
     return Vetted(seen, plan, kept)
 
 
-def vetted(recipe: Recipe, workers: int, checking: Progress | None = None) -> Vetted | None:
+def vetted(
+    recipe: Recipe, workers: int, checking: Progress | None = None, *, cluster: str | None = None
+) -> Vetted | None:
     """Refuse, before anything is rendered, a recipe with an impossible frame or whose camera never sees the grab.
 
     Returns what of the one world need not be worked out again, or None where there are many: those are planned for
@@ -136,7 +152,7 @@ def vetted(recipe: Recipe, workers: int, checking: Progress | None = None) -> Ve
     clips = range(scenario.clip.count(scenario.frames))
     done = report(checking, 0, len(clips))
     with contextlib.closing(
-        map_items(recipe, None, clips, _vet, workers=workers, unit="world", progress=done)
+        map_items(recipe, None, clips, _vet, workers=workers, cluster=cluster, unit="world", progress=done)
     ) as counts:
         refuse_unseen(scenario.frames, sum(counts))
     return None
@@ -170,15 +186,23 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
     return done
 
 
+def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
+    """Refuse a renderer that is not the first one of a dataset's."""
+    if first is not None and found != first:
+        raise DatasetError(f"{place} was started with {first}, and this is {found}: choose another --out")
+    return found
+
+
 def map_items(
     recipe: Recipe,
     known: Vetted | None,
-    items: Iterable[int],
-    work: Work[T],
+    items: Iterable[Item],
+    work: Callable[[FrameGenerator, Item, Tick], T],
     *,
     workers: int,
     unit: str,
     progress: Callable[[int], None],
+    cluster: str | None = None,
 ) -> Generator[T, None, None]:
     """Do a piece of work for each item, in no set order, and yield what each gives. Close it to end the processes.
 
@@ -187,25 +211,28 @@ def map_items(
     recipe : Recipe
     known : Vetted or None
         Of the same recipe, as far as it was worked out already.
-    items : iterable of int
-        Frames or clips.
+    items : iterable
+        Frames, clips or shards.
     work : callable
         Takes a frame generator, an item, and what it must call after every frame; picklable when there are several
         workers. It is done again where its process died, and then calls for every frame of the item again.
     workers : int
         Processes. The software renderer uses every core already, so more than one gains little there.
     unit : str
-        What an item is: a frame, a clip or a world.
+        What an item is: a frame, a clip, a shard or a world.
     progress : callable
         Called with the frames done so far, and with all of them before the last item is yielded.
+    cluster : str, optional
+        Address of a Ray cluster that works in place of processes of this machine.
 
     Raises
     ------
     WorkerError
         If processes die of an item again and again. What work raises is raised as it is.
     """
-    if workers > 1:
-        with Pool(workers, setup=functools.partial(_open, recipe)) as pool:
+    if workers > 1 or cluster is not None:
+        setup = functools.partial(_open, recipe)
+        with open_pool(workers, cluster, setup=setup, memory_bytes=memory_bytes(recipe)) as pool:
             done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
             with contextlib.closing(done):
                 yield from done
@@ -217,14 +244,17 @@ def map_items(
             yield work(generator, item, lambda: progress(next(counted)))
 
 
-_generator: FrameGenerator
+_generator: FrameGenerator | None = None
 
 
 def _open(recipe: Recipe) -> None:
-    """Open the generator of a process that serves one recipe all its life."""
+    """Open the generator of a process that serves a recipe."""
     global _generator
+    if _generator is not None:  # of a cluster's process, which serves one recipe after another
+        _generator.close()
     _generator = FrameGenerator(recipe)
 
 
-def _serve(work: Work[T], item: int) -> T:
+def _serve(work: Callable[[FrameGenerator, Item, Tick], T], item: Item) -> T:
+    assert _generator is not None
     return work(_generator, item, tick)

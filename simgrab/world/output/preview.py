@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simgrab import geometry
 from simgrab.geometry import Intrinsics
 from simgrab.labels.truth import KEYPOINT_NAMES, Row
+from simgrab.utilities import pictures
 
 TILE_WIDTH = 640
 COLUMNS = 4
@@ -72,6 +73,11 @@ def captioned(tile: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
     strip = np.full((CAPTION_HEIGHT, tile.shape[1], 3), 24, np.uint8)
     cv2.putText(strip, text, (8, CAPTION_HEIGHT - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
     return np.vstack([tile, strip])
+
+
+def of(frames: Iterable[tuple[NDArray[np.uint8], Row]]) -> bytes:
+    """Make the contact sheet of frames, BGR with their rows, as JPEG."""
+    return pictures.encode(sheet([annotate(picture, row) for picture, row in frames]), "jpeg", 90)
 
 
 def sheet(tiles: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ from simgrab.labels.truth import Truth
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import Frame
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import export, manifest
+from simgrab.world.output import manifest, tables
 from simgrab.world.output.folder import writing
 from simgrab.world.output.pool import Tick
 from simgrab.world.output.stored import split
@@ -90,7 +90,7 @@ def encode_clip(
                 sent += 1
             tick()
     with writing(videos.path):
-        videos.draft(clip, ".camera.toml").write_text(export.calibration_of(scenario).to_toml(), encoding="utf-8")
+        videos.draft(clip, ".camera.toml").write_text(tables.calibration_of(scenario).to_toml(), encoding="utf-8")
         whole = manifest.compose(core | {"coder": _coder(coder.x264)}, rendered_by, _digests(videos, clip))
         videos.draft(clip, MANIFEST).write_text(json.dumps(whole, indent=1), encoding="utf-8")
         videos.put_in_place(clip)

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from simgrab.labels.truth import Truth
-from simgrab.world.output.export import labels_schema
+from simgrab.world.output.tables import labels_schema
 
 ROWS_AT_ONCE = 500
 

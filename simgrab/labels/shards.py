@@ -1,0 +1,384 @@
+"""Datasets cut into shards: a tar archive of pictures for each split of a shard, and its labels as a Parquet table.
+
+Below the dataset's URL lie ``shards/SPLIT-NUMBER.tar``, as WebDataset reads them, ``labels/NUMBER.parquet`` with a row
+for each frame of the shard, ``camera.toml``, ``preview.jpg`` and, once all is there, ``manifest.json``. A row says
+where in which archive its picture lies, so that a frame can be read without the rest of its archive.
+"""
+
+from __future__ import annotations
+
+import bisect
+import hashlib
+import io
+import itertools
+import operator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, overload
+
+import msgspec
+import pyarrow as pa
+
+from simgrab import calibration
+from simgrab.calibration import Calibration
+from simgrab.errors import DatasetError, first_line
+from simgrab.labels import arrays, datasets
+from simgrab.labels.datasets import Data, Dataset, LabelledFrame, Manifest
+from simgrab.labels.masks import Coded
+from simgrab.labels.truth import SPLITS, Row
+from simgrab.records import frame_files
+from simgrab.utilities import parquet, pictures
+from simgrab.utilities.parse import MOST_BYTES, parse_json
+from simgrab.utilities.stores import Store, is_url
+
+if TYPE_CHECKING:
+    from simgrab.scenario import Scenario
+
+MANIFEST, CAMERA, PREVIEW = "manifest.json", "camera.toml", "preview.jpg"
+MOST_MANIFEST_BYTES = 2**30
+READ_AHEAD_BYTES = 16 * 2**20
+"""Of pictures that lie one after another, and are read at once where frames are taken in order."""
+_KEPT_SHARDS = 4
+
+PLACE = {
+    "shard": (pa.string(), "archive that holds the picture, relative to the dataset"),
+    "offset": (pa.int64(), "first byte of the picture file in its archive"),
+    "size": (pa.int64(), "bytes of the picture file"),
+    "mask": (pa.string(), "visible grab as COCO's compressed run lengths; empty unless detection labels hold a box"),
+}
+"""Columns of a shard's labels besides those of ``labels.parquet``, with their types and descriptions."""
+
+
+def archive(split: str, shard: int) -> str:
+    """Name the archive of a shard's frames of one split."""
+    return f"shards/{split}-{shard:06d}.tar"
+
+
+def table(shard: int) -> str:
+    """Name a shard's labels."""
+    return f"labels/{shard:06d}.parquet"
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where a frame's picture lies, and its mask. The columns `PLACE`."""
+
+    shard: Annotated[str, msgspec.Meta(pattern=rf"^shards/({'|'.join(SPLITS)})-[0-9]{{6,}}\.tar$")]
+    offset: Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+    size: Annotated[int, msgspec.Meta(ge=0, le=pictures.MOST_BYTES)]
+    mask: str | None
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The frames of one shard, and where their pictures lie.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    places : dict of int to Place
+        By number of the frame.
+    schema : pyarrow.Schema
+        Of its table, whose metadata names the scenario and the archives' digests.
+    """
+
+    rows: tuple[Row, ...]
+    places: dict[int, Place]
+    schema: pa.Schema
+
+
+@lru_cache(_KEPT_SHARDS)
+def _read_shard(store: Store, number: int, digest: str) -> Shard:
+    """Read a shard's labels, whose file must have this SHA-256; those read last are kept."""
+    name = table(number)
+    data, where = store.read(name, most_bytes=parquet.MOST_BYTES), f"{store.url}: {name}"
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise DatasetError(f"{where} does not match the digest in the manifest: it was changed or damaged")
+    return parse_shard(data, where)
+
+
+def parse_shard(data: bytes, where: str) -> Shard:
+    """Parse the bytes of a shard's labels; ``where`` begins the error line."""
+    found = parquet.parse_table(io.BytesIO(data), DatasetError, where)
+    plain = parquet.rows(found, DatasetError, where)
+    try:
+        places = [msgspec.convert({key: row.pop(key) for key in PLACE}, Place) for row in plain]
+        rows = msgspec.convert(plain, tuple[Row, ...])
+    except (ValueError, LookupError, TypeError) as problem:
+        why = f"{type(problem).__name__}: {first_line(problem)}"
+        raise DatasetError(f"{where}: not labels of a shard ({why})") from None
+    return Shard(rows, {row.frame: place for row, place in zip(rows, places, strict=True)}, found.schema)
+
+
+@dataclass(frozen=True)
+class _Archives:
+    """Pictures and masks of one shard; ``ahead`` holds the bytes of pictures that were read already, by frame."""
+
+    store: Store
+    places: dict[int, Place]
+    ahead: dict[int, bytes] = field(default_factory=dict)
+
+    def path(self, row: Row) -> None:  # noqa: ARG002
+        return None
+
+    def content(self, row: Row) -> bytes:
+        place = self.places[row.frame]
+        data = self.ahead.get(row.frame)
+        if data is None:
+            span = (place.offset, place.offset + place.size)
+            data = self.store.read(place.shard, most_bytes=pictures.MOST_BYTES, span=span)
+        return frame_files.sound(data, row, self.name(row))
+
+    def mask(self, row: Row) -> Coded | None:
+        counts = self.places[row.frame].mask
+        return None if counts is None else Coded((row.height_px, row.width_px), counts)
+
+    def name(self, row: Row) -> str:
+        return f"{self.store.url}: {self.places[row.frame].shard}, frame {row.frame}"
+
+    def mask_name(self, row: Row) -> str:
+        return f"{self.store.url}: labels"
+
+
+@dataclass(frozen=True)
+class ShardedDataset(Sequence[LabelledFrame]):
+    """A rendered dataset of shards, as a sequence of its frames; a slice of it, or a split, is a dataset again.
+
+    Labels are read shard by shard, and the few shards used last are kept. Taken in order, frames come with pictures
+    that were read some megabytes at a time; a single frame's picture is read alone.
+
+    Attributes
+    ----------
+    store : Store
+    manifest : Manifest
+    """
+
+    store: Store
+    manifest: Manifest
+    _counts: tuple[int, ...] = field(repr=False)  # of each shard
+    _split: str | None = None
+    _range: range | None = field(default=None, repr=False)  # of positions among the split's frames
+
+    @property
+    def data(self) -> Data:
+        """What names it; its ``labels_sha256`` is the manifest's digest of the shards' labels."""
+        return self.manifest.data(_digest(self.manifest), len(self))
+
+    @property
+    def least_visible_fraction(self) -> float:
+        """From which on detection labels hold a box."""
+        return self.manifest.scenario.labels.least_visible_fraction
+
+    @cached_property
+    def _ends(self) -> tuple[int, ...]:
+        return tuple(itertools.accumulate(self._counts))
+
+    @property
+    def _positions(self) -> range:
+        return range(sum(self._counts)) if self._range is None else self._range
+
+    def __len__(self) -> int:
+        return len(self._positions)
+
+    @overload
+    def __getitem__(self, index: int) -> LabelledFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> ShardedDataset: ...
+
+    def __getitem__(self, index: int | slice) -> LabelledFrame | ShardedDataset:
+        if isinstance(index, slice):
+            return replace(self, _range=self._positions[index])
+        try:
+            position = self._positions[operator.index(index)]
+        except IndexError:
+            raise IndexError(f"{self.store.url}: index {index} is out of range of {len(self)} frames") from None
+        shard, rank = self._at(position)
+        files, rows = self._shard(shard)
+        return self._frame(rows[rank], files)
+
+    def __iter__(self) -> Iterator[LabelledFrame]:
+        for shard, positions in itertools.groupby(map(self._at, self._positions), key=operator.itemgetter(0)):
+            files, rows = self._shard(shard)
+            yield from self._ahead(files, [rows[rank] for _, rank in positions])
+
+    def frame(self, number: int) -> LabelledFrame:
+        """Give the frame of this number.
+
+        Raises
+        ------
+        KeyError
+            If it is not among them.
+        """
+        shards = self.manifest.shards
+        assert shards is not None
+        shard = number // shards.frames
+        if 0 <= shard < len(self._counts):
+            files, rows = self._shard(shard)
+            rank = bisect.bisect_left(rows, number, key=lambda row: row.frame)
+            first = self._ends[shard] - self._counts[shard]
+            if rank < len(rows) and rows[rank].frame == number and first + rank in self._positions:
+                return self._frame(rows[rank], files)
+        raise KeyError(f"{self.store.url}: no frame {number} among these {len(self)}")
+
+    @property
+    def splits(self) -> dict[str, int]:
+        """Number of frames in each split of the whole dataset that has any."""
+        assert self.manifest.shards is not None
+        sums = (sum(counts) for counts in zip(*self.manifest.shards.splits, strict=True))
+        return {split: count for split, count in zip(SPLITS, sums, strict=True) if count}
+
+    def split(self, name: str) -> ShardedDataset:
+        """Keep the frames of one split of a whole dataset, maybe none.
+
+        Raises
+        ------
+        KeyError
+            If no split is called so.
+        ValueError
+            If this is a part of a dataset already.
+        """
+        if name not in SPLITS:
+            raise KeyError(f"no split {name!r}; one of: {', '.join(SPLITS)}")
+        if self._split is not None or self._range is not None:
+            raise ValueError("a split is taken of a whole dataset: take it first, and slices of it")
+        assert self.manifest.shards is not None
+        counts = tuple(counts[SPLITS.index(name)] for counts in self.manifest.shards.splits)
+        return replace(self, _counts=counts, _split=name)
+
+    @property
+    def calibration(self) -> Calibration:
+        """What an instrument may know of the camera, from ``camera.toml``."""
+        text = self.store.read(CAMERA, most_bytes=MOST_BYTES).decode(errors="replace")
+        return calibration.parse(text, f"{self.store.url}/{CAMERA}")
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that it was rendered from, with every default filled in."""
+        from simgrab import scenes
+
+        where = f"{self.store.url}/{MANIFEST}"
+        known = _read_manifest(self.store)
+        return scenes.of_manifest(known, where)
+
+    def is_labelled(self, row: Row) -> bool:
+        """Whether detection labels hold a box for the row."""
+        return arrays.is_labelled(row, self.least_visible_fraction)
+
+    def _at(self, position: int) -> tuple[int, int]:
+        """Shard of a position, and the rank among the split's frames there."""
+        shard = bisect.bisect_right(self._ends, position)
+        return shard, position - (self._ends[shard] - self._counts[shard])
+
+    def _shard(self, number: int) -> tuple[_Archives, tuple[Row, ...]]:
+        found = _read_shard(self.store, number, self.manifest.files.get(table(number), ""))
+        rows = tuple(row for row in found.rows if self._split in (None, row.split))
+        if len(rows) != self._counts[number]:
+            raise DatasetError(f"{self.store.url}: {table(number)} has not the frames that the manifest states")
+        return _Archives(self.store, found.places), rows
+
+    def _frame(self, row: Row, files: _Archives) -> LabelledFrame:
+        return LabelledFrame(row, self.is_labelled(row), files)
+
+    def _ahead(self, files: _Archives, rows: Sequence[Row]) -> Iterator[LabelledFrame]:
+        """Give frames of a shard with their pictures read, some megabytes at a time."""
+        spans: dict[str, list[list[Row]]] = {}
+        ready: dict[int, _Archives] = {}
+        for row in rows:
+            groups = spans.setdefault(files.places[row.frame].shard, [[]])
+            first = files.places[groups[-1][0].frame].offset if groups[-1] else 0
+            here = files.places[row.frame]
+            if groups[-1] and not first <= here.offset <= first + READ_AHEAD_BYTES - here.size:
+                groups.append([])
+            groups[-1].append(row)
+        group_of = {row.frame: group for groups in spans.values() for group in groups for row in group}
+        for row in rows:
+            if row.frame not in ready:
+                group = group_of[row.frame]
+                ready |= dict.fromkeys((one.frame for one in group), self._read(files, group))
+            yield self._frame(row, ready.pop(row.frame))
+
+    def _read(self, files: _Archives, group: Sequence[Row]) -> _Archives:
+        places = [files.places[row.frame] for row in group]
+        start, end = min(place.offset for place in places), max(place.offset + place.size for place in places)
+        data = self.store.read(places[0].shard, most_bytes=pictures.MOST_BYTES, span=(start, end))
+        ahead = {
+            row.frame: data[place.offset - start : place.offset - start + place.size]
+            for row, place in zip(group, places, strict=True)
+        }
+        return replace(files, ahead=ahead)
+
+
+def _digest(manifest: Manifest) -> str:
+    names = sorted(name for name in manifest.files if name.startswith("labels/"))
+    return hashlib.sha256("".join(manifest.files[name] for name in names).encode()).hexdigest()
+
+
+def _read_manifest(store: Store) -> Any:
+    data = store.read(MANIFEST, most_bytes=MOST_MANIFEST_BYTES)
+    return parse_json(data, DatasetError, f"{store.url}/{MANIFEST}: it is not valid JSON")
+
+
+def read(store: Store) -> ShardedDataset:
+    """Open a finished dataset of shards.
+
+    Raises
+    ------
+    DatasetError
+        If it is none, or is unfinished.
+    """
+    if not store.exists(MANIFEST):
+        state = "unfinished; continue with simgrab render --resume" if store.sizes() else "not a dataset"
+        raise DatasetError(f"{store.url} is {state}: it has no {MANIFEST}")
+    known = datasets.named(_read_manifest(store), store.url)
+    if known.shards is None:
+        raise DatasetError(f"{store.url} is a dataset of files; give its path")
+    return ShardedDataset(store, known, tuple(map(sum, known.shards.splits)))
+
+
+def open(place: str | Path) -> Dataset | ShardedDataset:
+    """Open a finished dataset; `simgrab.open` is this function.
+
+    Of a folder, labels are read at once, and that each picture is there is checked. Of a dataset of shards, labels are
+    read shard by shard. Pictures and masks are read frame by frame.
+
+    Parameters
+    ----------
+    place : str or Path
+        Folder that `simgrab.render` finished, or URL of a dataset of shards.
+
+    Returns
+    -------
+    Dataset or ShardedDataset
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> data = simgrab.open("runs/quay-day")
+    >>> len(data), sum(data.splits.values()) == len(data)
+    (6, True)
+    >>> frame = data[-1]
+    >>> frame.picture.dtype, frame.picture.shape[:2] == frame.mask.shape
+    (dtype('uint8'), True)
+    >>> rows, columns = frame.mask.nonzero()
+    >>> frame.box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+    True
+    >>> sum(frame.truth.alpha_deg > 10 for frame in data.split("train"))
+    0
+    >>> data.scenario.camera.beta_deg
+    3.0
+
+    Raises
+    ------
+    DatasetError
+        If it is none, is unfinished or empty, or lacks a picture.
+    """
+    if is_url(place):
+        return read(Store(str(place)))
+    path = Path(place)
+    return read(Store(path.absolute().as_uri())) if _in_shards(path) else datasets.read(path)
+
+
+def _in_shards(path: Path) -> bool:
+    return (path / MANIFEST).is_file() and (path / "shards").is_dir()

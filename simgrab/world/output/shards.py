@@ -1,0 +1,318 @@
+"""Render a scenario into a dataset of shards, below a URL; `simgrab.labels.shards` has the format and reads it.
+
+A shard is a run of frames that depends on the scenario and its number alone. Its archives are written first, its labels
+last, and a shard whose labels are there is done. So any process on any machine may make any shard, twice as well as
+once, and nothing needs a lock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import io
+import json
+import math
+import tarfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from simgrab.errors import DatasetError
+from simgrab.labels import shards
+from simgrab.labels.datasets import Manifest
+from simgrab.labels.shards import CAMERA, MANIFEST, PLACE, PREVIEW, Place, ShardedDataset, archive
+from simgrab.labels.truth import Row
+from simgrab.utilities import parquet
+from simgrab.utilities.parse import parse_json
+from simgrab.utilities.stores import Store
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output import manifest, pool, preview, stored, tables
+from simgrab.world.output.folder import refuse_other
+from simgrab.world.output.pool import Progress, Tick
+from simgrab.world.output.stored import Record
+from simgrab.world.output.summary import Summary, Tally
+
+FRAMES = 256
+"""Of a shard, unless given: 100 to 150 MB of 1080p JPEG."""
+UNFINISHED = "unfinished.json"
+_ABOUT = "simgrab_shard"  # key of the labels' metadata
+
+
+class About(msgspec.Struct, frozen=True):
+    """What a shard's labels state of it.
+
+    Attributes
+    ----------
+    digest : str
+        Of the scenario.
+    rendered_by : Fingerprint
+    archives : dict of str to (int, str)
+        Size in bytes and SHA-256 of each archive, by name.
+    """
+
+    digest: str
+    rendered_by: Fingerprint
+    archives: dict[str, tuple[int, str]]
+
+
+class Done(msgspec.Struct, frozen=True):
+    """What a process answers that made a shard.
+
+    Attributes
+    ----------
+    number : int
+    labels_sha256 : str
+    rendered_by : Fingerprint
+    tally : Tally
+    """
+
+    number: int
+    labels_sha256: str
+    rendered_by: Fingerprint
+    tally: Tally
+
+
+def frames_of(recipe: Recipe, frames: int | None) -> int:
+    """Frames of a shard: as wanted, but whole clips where each has a world of its own.
+
+    Raises
+    ------
+    DatasetError
+        If it is less than 1.
+    """
+    wanted = FRAMES if frames is None else frames
+    if wanted < 1:
+        raise DatasetError(f"a shard must have 1 frame or more, got {wanted}")
+    each = recipe.scenario.clip.clip_frames if recipe.varies else 1
+    return math.ceil(wanted / each) * each if each else max(wanted, recipe.scenario.frames)
+
+
+@dataclass(frozen=True)
+class Shards:
+    """A dataset of shards being made.
+
+    Parameters
+    ----------
+    store : Store
+    recipe : Recipe
+    frames : int
+        Of each shard; see `frames_of`.
+    """
+
+    store: Store
+    recipe: Recipe
+    frames: int
+
+    @property
+    def count(self) -> int:
+        """Number of shards."""
+        return math.ceil(self.recipe.scenario.frames / self.frames)
+
+    def span(self, number: int) -> range:
+        """Frames of a shard."""
+        return range(number * self.frames, min((number + 1) * self.frames, self.recipe.scenario.frames))
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be equal for two runs to make the same shards, but for the renderer."""
+        return manifest.identity(self.recipe) | {"shard_frames": self.frames}
+
+    def check(self, *, resume: bool) -> bool:
+        """Whether shards remain to be made; refuses a place that holds anything else. Writes nothing."""
+        sizes = self.store.sizes()
+        name = MANIFEST if MANIFEST in sizes else UNFINISHED
+        if name in sizes:
+            data = self.store.read(name, most_bytes=shards.MOST_MANIFEST_BYTES)
+            known = parse_json(data, DatasetError, f"{self.store.url}/{name}: it is not valid JSON")
+            known = known if isinstance(known, dict) else {}
+            if isinstance(known.get("shards"), dict):
+                known["shard_frames"] = known["shards"].get("frames")
+            refuse_other(self.store.url, known, self.identity, unfinished=name == UNFINISHED, resume=resume)
+        elif sizes or self.store.holds_folders():
+            raise DatasetError(
+                f"{self.store.url} contains something other than a simgrab dataset; choose another --out"
+            )
+        return name == UNFINISHED
+
+    def begun(self) -> bool:
+        """Whether a dataset is begun there: whose scenario was found possible, then."""
+        return self.store.exists(UNFINISHED)
+
+    def begin(self) -> None:
+        """Claim the place."""
+        self.store.write(UNFINISHED, json.dumps(self.identity, indent=1).encode())
+
+    def done(self) -> Iterator[Done]:
+        """Find the shards that are whole: their labels can be read, and their archives are there."""
+        sizes = self.store.sizes("shards")
+        there = self.store.sizes("labels")
+        for number in range(self.count):
+            name = shards.table(number)
+            if name not in there:
+                continue
+            data = self.store.read(name, most_bytes=parquet.MOST_BYTES)
+            found = shards.parse_shard(data, f"{self.store.url}: {name}")
+            about = _about(found.schema, f"{self.store.url}: {name}")
+            if about.digest != self.recipe.scenario.digest():
+                raise DatasetError(f"{self.store.url}: {name} is of another dataset; choose another --out")
+            if all(sizes.get(key) == size for key, (size, _) in about.archives.items()):
+                tally = Tally.of(found.rows, self.recipe.scenario)
+                yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
+
+    def make(self, generator: FrameGenerator, number: int, tick: Tick) -> Done:
+        """Make a shard and write it: its archives, then its labels."""
+        scenario, rows = self.recipe.scenario, list[tuple[Row, Place]]()
+        archives: dict[str, tuple[int, str]] = {}
+        rendered_by: Fingerprint | None = None
+        with contextlib.ExitStack() as stack:
+            writers: dict[str, _Archive] = {}
+            for frame in self.span(number):
+                made = stored.make(generator, frame)
+                row, rendered_by = made.record.truth, made.record.rendered_by
+                name = archive(row.split, number)
+                if name not in writers:
+                    writers[name] = _Archive(stack.enter_context(self.store.writing(name)))
+                labelled = tables.is_labelled(row, scenario)
+                writers[name].add(f"{frame:06d}.json", _described(made.record, labelled=labelled))
+                for file, data in made.files.items():
+                    spot = writers[name].add(_member(file), data)
+                    if file == row.file:
+                        rows.append((row, Place(name, *spot, made.record.mask["counts"] if labelled else None)))
+                tick()
+            for name, writer in writers.items():
+                archives[name] = writer.close()
+        assert rendered_by is not None
+        labels = _labels(rows, About(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
+        self.store.write(shards.table(number), labels)
+        tally = Tally.of((row for row, _ in rows), scenario)
+        return Done(number, hashlib.sha256(labels).hexdigest(), rendered_by, tally)
+
+    def finish(self, done: dict[int, Done], rendered_by: Fingerprint) -> None:
+        """Write what depends on all shards; the manifest comes last."""
+        known = [done[number] for number in range(self.count)]
+        core = manifest.identity(self.recipe)
+        digests = {shards.table(one.number): one.labels_sha256 for one in known}
+        about = {"frames": self.frames, "splits": [one.tally.splits for one in known]}
+        whole = core | {"files": digests, "shards": about}
+        dataset = ShardedDataset(
+            self.store, msgspec.convert(whole, Manifest), tuple(sum(one.tally.splits) for one in known)
+        )
+        tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
+        files = {
+            CAMERA: tables.calibration_of(self.recipe.scenario).to_toml().encode(),
+            PREVIEW: preview.of(tiles),
+        }
+        for name, data in files.items():
+            self.store.write(name, data)
+            digests[name] = hashlib.sha256(data).hexdigest()
+        composed = manifest.compose(core | {"shards": about}, rendered_by, digests)
+        self.store.write(MANIFEST, json.dumps(composed, indent=1).encode())
+        self.store.remove(UNFINISHED)
+
+
+class _Archive:
+    """A tar archive of files without owner and time, so that the same files give the same bytes."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
+
+    def add(self, name: str, data: bytes) -> tuple[int, int]:
+        """Add a file; gives its first byte in the archive and its size."""
+        member = tarfile.TarInfo(name)
+        member.size = len(data)
+        start: int = self._tar.offset + tarfile.BLOCKSIZE  # after its header
+        self._tar.addfile(member, io.BytesIO(data))
+        return start, len(data)
+
+    def close(self) -> tuple[int, str]:
+        """Complete the archive; gives its size in bytes and its SHA-256."""
+        self._tar.close()
+        with self._path.open("rb") as file:
+            return self._path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _member(file: str) -> str:
+    """Name a frame's file in its archive: ``000012.jpg``, ``000012.ids.png``, ``000012.depth.png``."""
+    folder, _, stem = file.partition("/")
+    name = stem.rpartition("/")[2]
+    return name if folder == "images" else name.replace(".", f".{folder}.", 1)
+
+
+def _described(record: Record, *, labelled: bool) -> bytes:
+    """Describe a frame in JSON, beside its picture in the archive."""
+    mask = record.mask if labelled else None
+    return msgspec.json.encode({"truth": record.truth, "labelled": labelled, "mask": mask})
+
+
+def _labels(rows: list[tuple[Row, Place]], about: About) -> bytes:
+    """Write the labels of a shard as Parquet."""
+    schema = tables.labels_schema()
+    for name, (kind, text) in PLACE.items():
+        schema = schema.append(pa.field(name, kind, metadata={"unit": "", "description": text}))
+    schema = schema.with_metadata({**(schema.metadata or {}), _ABOUT: msgspec.json.encode(about)})
+    plain = [msgspec.structs.asdict(row) | msgspec.structs.asdict(place) for row, place in rows]
+    sink = io.BytesIO()
+    pq.write_table(pa.Table.from_pylist(plain, schema=schema), sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _about(schema: pa.Schema, where: str) -> About:
+    try:
+        return msgspec.json.decode((schema.metadata or {})[_ABOUT.encode()], type=About)
+    except (msgspec.DecodeError, KeyError, RecursionError, UnicodeDecodeError) as problem:
+        raise DatasetError(f"{where}: not labels of a shard ({type(problem).__name__})") from None
+
+
+def render(
+    recipe: Recipe,
+    url: str,
+    *,
+    workers: int,
+    cluster: str | None,
+    resume: bool,
+    shard_frames: int | None,
+    progress: Progress | None,
+    checking: Progress | None,
+) -> Summary:
+    """Render a recipe into shards below a URL; parameters as those of `simgrab.render`."""
+    scenario = recipe.scenario
+    output = Shards(Store(url), recipe, frames_of(recipe, shard_frames))
+    remaining = output.check(resume=resume)
+    done: dict[int, Done] = {}
+    made = 0
+    if remaining:
+        if not output.begun():
+            pool.vetted(recipe, workers, checking, cluster=cluster)
+            output.begin()
+        done = {one.number: one for one in output.done()}
+        missing = [number for number in range(output.count) if number not in done]
+        made = sum(len(output.span(number)) for number in missing)
+        report = pool.report(progress, scenario.frames - made, scenario.frames)
+        rendered_by = next((one.rendered_by for one in done.values()), None)
+        work = functools.partial(_make, output)
+        drawn = pool.map_items(
+            recipe, None, missing, work, workers=workers, cluster=cluster, unit="shard", progress=report
+        )
+        with contextlib.closing(drawn):
+            for one in drawn:
+                rendered_by = pool.same_renderer(one.rendered_by, rendered_by, url)
+                done[one.number] = one
+        assert rendered_by is not None
+        output.finish(done, rendered_by)
+    else:
+        done = {one.number: one for one in output.done()}
+    tally = functools.reduce(Tally.__add__, (one.tally for one in done.values()))
+    return Summary.of(url, tally, scenario, made, done[0].rendered_by.digest)
+
+
+def _make(output: Shards, generator: FrameGenerator, number: int, tick: Tick) -> Done:
+    return output.make(generator, number, tick)

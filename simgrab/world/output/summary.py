@@ -1,0 +1,138 @@
+"""What is said of a finished dataset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from simgrab.labels.truth import SPLITS
+from simgrab.scenario import Scenario
+from simgrab.world.output.video.render import VideoSummary
+
+
+class Seen(msgspec.Struct, frozen=True):
+    """The columns of labels that a `Tally` needs."""
+
+    split: str
+    alpha_deg: float
+    rope_length_m: float
+    visible_fraction: float
+
+
+class _Row(Protocol):
+    @property
+    def split(self) -> str: ...
+    @property
+    def alpha_deg(self) -> float: ...
+    @property
+    def rope_length_m(self) -> float: ...
+    @property
+    def visible_fraction(self) -> float: ...
+
+
+class Tally(msgspec.Struct, frozen=True):
+    """Sums over frames; two of them can be added.
+
+    Attributes
+    ----------
+    splits : tuple of 3 int
+        Frames in train, val and test.
+    labelled : int
+        Frames with a detection label.
+    alpha_squares, alpha_max : float
+        Sum of α², deg²; the largest α, deg.
+    shortest_m, longest_m : float
+        Rope.
+    """
+
+    splits: tuple[int, int, int] = (0, 0, 0)
+    labelled: int = 0
+    alpha_squares: float = 0.0
+    alpha_max: float = 0.0
+    shortest_m: float = math.inf
+    longest_m: float = -math.inf
+
+    @classmethod
+    def of(cls, rows: Iterable[_Row], scenario: Scenario) -> Tally:
+        """Count frames."""
+        rows = list(rows)
+        least = max(scenario.labels.least_visible_fraction, 1e-12)
+        names = [row.split for row in rows]
+        ropes = [row.rope_length_m for row in rows]
+        return cls(
+            (names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
+            sum(row.visible_fraction >= least for row in rows),
+            math.fsum(row.alpha_deg**2 for row in rows),
+            max((row.alpha_deg for row in rows), default=0.0),
+            min(ropes, default=math.inf),
+            max(ropes, default=-math.inf),
+        )
+
+    def __add__(self, other: Tally) -> Tally:
+        train, val, test = (a + b for a, b in zip(self.splits, other.splits, strict=True))
+        return Tally(
+            (train, val, test),
+            self.labelled + other.labelled,
+            self.alpha_squares + other.alpha_squares,
+            max(self.alpha_max, other.alpha_max),
+            min(self.shortest_m, other.shortest_m),
+            max(self.longest_m, other.longest_m),
+        )
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a finished dataset holds.
+
+    Attributes
+    ----------
+    path : Path or str
+        Its folder or URL.
+    frames, labelled : int
+        Frames, and those with a detection label.
+    splits : dict of str to int
+    made : int
+        Frames rendered in this run; the others were there already.
+    alpha_rms_deg, alpha_max_deg : float
+        √mean α², and the largest α.
+    beta_deg : float
+    rope_length_m : tuple of 2 floats
+        Shortest and longest.
+    fingerprint : str
+    video : VideoSummary or None
+        Where there is one beside the dataset.
+    """
+
+    path: Path | str
+    frames: int
+    labelled: int
+    splits: dict[str, int]
+    made: int
+    alpha_rms_deg: float
+    alpha_max_deg: float
+    beta_deg: float
+    rope_length_m: tuple[float, float]
+    fingerprint: str
+    video: VideoSummary | None = None
+
+    @classmethod
+    def of(cls, path: Path | str, tally: Tally, scenario: Scenario, made: int, fingerprint: str) -> Summary:
+        """Sum up a dataset of at least one frame."""
+        frames = sum(tally.splits)
+        return cls(
+            path=path,
+            frames=frames,
+            labelled=tally.labelled,
+            splits=dict(zip(SPLITS, tally.splits, strict=True)),
+            made=made,
+            alpha_rms_deg=math.sqrt(tally.alpha_squares / frames),
+            alpha_max_deg=tally.alpha_max,
+            beta_deg=scenario.camera.beta_deg,
+            rope_length_m=(tally.shortest_m, tally.longest_m),
+            fingerprint=fingerprint,
+        )
