@@ -108,7 +108,7 @@ def in_python(folder: Path) -> tuple[int, int]:
     data = simgrab.open(folder)
     image, equal = data.scenario.image, 0
     for frame, kept in zip(simgrab.frames(data.scenario), data, strict=True):
-        same = encode(frame.rgb[..., ::-1], image.format, image.quality) == kept.file.read_bytes()
+        same = encode(frame.rgb[..., ::-1], image.format, image.quality) == kept.content
         truth = msgspec.structs.asdict(frame.truth)
         equal += same and all(value == getattr(kept.truth, name) for name, value in truth.items())
     return equal, len(data)

@@ -24,7 +24,7 @@ from simgrab.labels.masks import Coded, Masks
 from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
 from simgrab.utilities import pictures
-from simgrab.utilities.parse import parse_json, read_json
+from simgrab.utilities.parse import is_file, parse_json, read_bytes, read_json
 
 if TYPE_CHECKING:
     from simgrab.scenario import Scenario
@@ -100,6 +100,9 @@ class Files(Protocol):
     def content(self, row: Row) -> bytes:
         """Read a row's picture file, which must have the digest that the row states."""
 
+    def buffers(self, row: Row) -> dict[str, bytes]:
+        """Read a row's PNG files of ids and of depth, by these names, as far as they are stored."""
+
     def mask(self, row: Row) -> Coded | None:
         """Look up a row's mask; None where the labels hold none."""
 
@@ -139,6 +142,11 @@ class LabelledFrame(Labelled):
         return self._files.content(self.truth)
 
     @property
+    def buffers(self) -> dict[str, bytes]:
+        """PNG files of ``ids`` and of ``depth``, as far as the dataset stores them."""
+        return self._files.buffers(self.truth)
+
+    @property
     def rgb(self) -> NDArray[np.uint8]:
         """The same as `picture`, by the name that a `simgrab.world.frames.Frame` has for it."""
         return self.picture
@@ -172,6 +180,14 @@ class _Folder:
 
     def content(self, row: Row) -> bytes:
         return frame_files.content(self.path(row), row)
+
+    def buffers(self, row: Row) -> dict[str, bytes]:
+        paths = {kind: self.folder / name for kind, name in buffer_names(row.file).items()}
+        return {
+            kind: read_bytes(path, DatasetError, most_bytes=pictures.MOST_BYTES)
+            for kind, path in paths.items()
+            if is_file(path, DatasetError)
+        }
 
     def mask(self, row: Row) -> Coded | None:
         return self.masks.coded(row)
@@ -308,6 +324,12 @@ def named(manifest: Any, where: object) -> Manifest:
     except (ValueError, LookupError, TypeError) as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
         raise DatasetError(f"{where}: not a simgrab dataset ({why})") from None
+
+
+def buffer_names(file: str) -> dict[str, str]:
+    """Name the files of ids and depth beside a picture file."""
+    stem = file.removeprefix("images/").rpartition(".")[0]
+    return {kind: f"{kind}/{stem}.png" for kind in ("ids", "depth")}
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:

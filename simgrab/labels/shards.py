@@ -12,10 +12,11 @@ import hashlib
 import io
 import itertools
 import operator
+import tarfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import msgspec
@@ -40,7 +41,7 @@ MANIFEST, CAMERA, PREVIEW = "manifest.json", "camera.toml", "preview.jpg"
 MOST_MANIFEST_BYTES = 2**30
 READ_AHEAD_BYTES = 16 * 2**20
 """Of pictures that lie one after another, and are read at once where frames are taken in order."""
-_KEPT_SHARDS = 4
+_KEPT_SHARDS, _MOST_HEADER = 4, tarfile.BLOCKSIZE
 
 PLACE = {
     "shard": (pa.string(), "archive that holds the picture, relative to the dataset"),
@@ -130,6 +131,24 @@ class _Archives:
             data = self.store.read(place.shard, most_bytes=pictures.MOST_BYTES, span=span)
         return frame_files.sound(data, row, self.name(row))
 
+    def buffers(self, row: Row) -> dict[str, bytes]:
+        """Read the members that follow the picture in its archive and are of the same frame."""
+        place, found = self.places[row.frame], dict[str, bytes]()
+        stem, at = PurePosixPath(row.file).stem, place.offset + place.size
+        while True:
+            at += -at % tarfile.BLOCKSIZE
+            header = self.store.read(place.shard, most_bytes=_MOST_HEADER, span=(at, at + tarfile.BLOCKSIZE))
+            try:
+                member = tarfile.TarInfo.frombuf(header, "utf-8", "strict")
+            except tarfile.HeaderError:  # the end
+                return found
+            frame, _, kind = member.name.removesuffix(".png").partition(".")
+            if frame != stem or kind not in ("ids", "depth"):
+                return found
+            start = at + tarfile.BLOCKSIZE
+            at = start + min(member.size, pictures.MOST_BYTES)
+            found[kind] = self.store.read(place.shard, most_bytes=pictures.MOST_BYTES, span=(start, at))
+
     def mask(self, row: Row) -> Coded | None:
         counts = self.places[row.frame].mask
         return None if counts is None else Coded((row.height_px, row.width_px), counts)
@@ -137,7 +156,7 @@ class _Archives:
     def name(self, row: Row) -> str:
         return f"{self.store.url}: {self.places[row.frame].shard}, frame {row.frame}"
 
-    def mask_name(self, row: Row) -> str:
+    def mask_name(self, row: Row) -> str:  # noqa: ARG002
         return f"{self.store.url}: labels"
 
 
@@ -163,7 +182,7 @@ class ShardedDataset(Sequence[LabelledFrame]):
     @property
     def data(self) -> Data:
         """What names it; its ``labels_sha256`` is the manifest's digest of the shards' labels."""
-        return self.manifest.data(_digest(self.manifest), len(self))
+        return self.manifest.data(_digest(self.manifest), sum(self.splits.values()))
 
     @property
     def least_visible_fraction(self) -> float:

@@ -11,6 +11,7 @@ import contextlib
 import errno
 import fcntl
 import glob
+import hashlib
 import itertools
 import os
 import re
@@ -47,6 +48,12 @@ def write(path: Path, content: bytes | str) -> None:
     """Write a file as `drafted` does: whole or not at all, text as UTF-8."""
     with drafted(path) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import re
 import tempfile
 import time
@@ -137,6 +138,15 @@ class Store:
 
     def _size(self, name: str) -> int:
         return int(self._tried(f"read {name} of", lambda: self._opened[0].info(self._path(name)))["size"])
+
+    def sha256(self, name: str) -> str:
+        """SHA-256 of a file."""
+
+        def attempt() -> str:
+            with self._opened[0].open(self._path(name), "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+
+        return self._tried(f"read {name} of", attempt)
 
     def exists(self, name: str) -> bool:
         """Whether there is a file of this name."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
@@ -18,6 +17,7 @@ from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
 from simgrab.scenario import Scenario
 from simgrab.utilities import pictures
+from simgrab.utilities.files import sha256
 from simgrab.utilities.parse import read_json
 from simgrab.utilities.stores import is_url
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
@@ -253,23 +253,12 @@ def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
     for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
         (folder.path / "images" / split).mkdir(parents=True, exist_ok=True)
     tiles = ((pictures.read(folder.path / row.file, cv2.IMREAD_COLOR), row) for row in first)
-    files = {
-        "data.yaml": tables.yolo_yaml(written.splits),
-        "camera.toml": tables.calibration_of(scenario).to_toml().encode(),
-        "preview.jpg": preview.of(tiles),
-    }
-    for name, data in files.items():
+    for name, data in (tables.others(written.splits, scenario) | {"preview.jpg": preview.of(tiles)}).items():
         folder.write(name, data)
-    names = [*files, "labels.parquet", *(f"annotations/instances_{split}.json" for split in SPLITS)]
-    names += [tables.metadata_name(split) for split in written.splits]
-    whole = manifest.compose(core, rendered_by, {name: _digest(folder.path / name) for name in names})
+    digests = {name: sha256(folder.path / name) for name in tables.names(written.splits)}
+    whole = manifest.compose(core, rendered_by, digests)
     folder.write(MANIFEST, json.dumps(whole, indent=1).encode())
     folder.close()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _summary(path: Path, scenario: Scenario, made: int) -> Summary:

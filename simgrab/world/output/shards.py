@@ -14,10 +14,10 @@ import io
 import json
 import math
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -28,6 +28,7 @@ from simgrab.labels import shards
 from simgrab.labels.datasets import Manifest
 from simgrab.labels.shards import CAMERA, MANIFEST, PLACE, PREVIEW, Place, ShardedDataset, archive
 from simgrab.labels.truth import Row
+from simgrab.scenario import Scenario
 from simgrab.utilities import parquet
 from simgrab.utilities.parse import parse_json
 from simgrab.utilities.stores import Store
@@ -37,7 +38,6 @@ from simgrab.world.gl import Fingerprint
 from simgrab.world.output import manifest, pool, preview, stored, tables
 from simgrab.world.output.folder import refuse_other
 from simgrab.world.output.pool import Progress, Tick
-from simgrab.world.output.stored import Record
 from simgrab.world.output.summary import Summary, Tally
 
 FRAMES = 256
@@ -136,6 +136,8 @@ class Shards:
             if isinstance(known.get("shards"), dict):
                 known["shard_frames"] = known["shards"].get("frames")
             refuse_other(self.store.url, known, self.identity, unfinished=name == UNFINISHED, resume=resume)
+            if {MANIFEST, UNFINISHED} <= sizes.keys():  # the process that finished it had no time for this
+                self.store.remove(UNFINISHED)
         elif sizes or self.store.holds_folders():
             raise DatasetError(
                 f"{self.store.url} contains something other than a simgrab dataset; choose another --out"
@@ -168,54 +170,84 @@ class Shards:
                 yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
 
     def make(self, generator: FrameGenerator, number: int, tick: Tick) -> Done:
-        """Make a shard and write it: its archives, then its labels."""
-        scenario, rows = self.recipe.scenario, list[tuple[Row, Place]]()
-        archives: dict[str, tuple[int, str]] = {}
-        rendered_by: Fingerprint | None = None
-        with contextlib.ExitStack() as stack:
-            writers: dict[str, _Archive] = {}
+        """Make a shard and write it."""
+        scenario = self.recipe.scenario
+
+        def frames() -> Iterator[Packed]:
             for frame in self.span(number):
                 made = stored.make(generator, frame)
-                row, rendered_by = made.record.truth, made.record.rendered_by
-                name = archive(row.split, number)
-                if name not in writers:
-                    writers[name] = _Archive(stack.enter_context(self.store.writing(name)))
-                labelled = tables.is_labelled(row, scenario)
-                writers[name].add(f"{frame:06d}.json", _described(made.record, labelled=labelled))
-                for file, data in made.files.items():
-                    spot = writers[name].add(_member(file), data)
-                    if file == row.file:
-                        rows.append((row, Place(name, *spot, made.record.mask["counts"] if labelled else None)))
+                row, mask = made.record.truth, made.record.mask
+                yield Packed(row, mask if tables.is_labelled(row, scenario) else None, made.files)
                 tick()
-            for name, writer in writers.items():
-                archives[name] = writer.close()
-        assert rendered_by is not None
-        labels = _labels(rows, About(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
-        self.store.write(shards.table(number), labels)
-        tally = Tally.of((row for row, _ in rows), scenario)
-        return Done(number, hashlib.sha256(labels).hexdigest(), rendered_by, tally)
+
+        rendered_by = generator.scene(self.span(number)[0]).renderer.fingerprint
+        return write(self.store, number, frames(), scenario, rendered_by)
 
     def finish(self, done: dict[int, Done], rendered_by: Fingerprint) -> None:
         """Write what depends on all shards; the manifest comes last."""
         known = [done[number] for number in range(self.count)]
-        core = manifest.identity(self.recipe)
-        digests = {shards.table(one.number): one.labels_sha256 for one in known}
-        about = {"frames": self.frames, "splits": [one.tally.splits for one in known]}
-        whole = core | {"files": digests, "shards": about}
-        dataset = ShardedDataset(
-            self.store, msgspec.convert(whole, Manifest), tuple(sum(one.tally.splits) for one in known)
-        )
-        tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
-        files = {
-            CAMERA: tables.calibration_of(self.recipe.scenario).to_toml().encode(),
-            PREVIEW: preview.of(tiles),
-        }
-        for name, data in files.items():
-            self.store.write(name, data)
-            digests[name] = hashlib.sha256(data).hexdigest()
-        composed = manifest.compose(core | {"shards": about}, rendered_by, digests)
-        self.store.write(MANIFEST, json.dumps(composed, indent=1).encode())
+        finish(self.store, manifest.identity(self.recipe), self.frames, known, self.recipe.scenario, rendered_by)
         self.store.remove(UNFINISHED)
+
+
+class Packed(NamedTuple):
+    """A frame as a shard holds it: its row, its mask where detection labels hold a box, and its files by name."""
+
+    row: Row
+    mask: dict[str, Any] | None
+    files: dict[str, bytes]
+
+
+def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenario, rendered_by: Fingerprint) -> Done:
+    """Write a shard: its archives, then its labels."""
+    rows = list[tuple[Row, Place]]()
+    archives: dict[str, tuple[int, str]] = {}
+    with contextlib.ExitStack() as stack:
+        writers: dict[str, _Archive] = {}
+        for row, mask, files in frames:
+            name = archive(row.split, number)
+            if name not in writers:
+                writers[name] = _Archive(stack.enter_context(store.writing(name)))
+            writers[name].add(f"{row.frame:06d}.json", _described(row, mask))
+            for file, data in files.items():
+                spot = writers[name].add(_member(file), data)
+                if file == row.file:
+                    rows.append((row, Place(name, *spot, mask["counts"] if mask else None)))
+        for name, writer in writers.items():
+            archives[name] = writer.close()
+    labels = _labels(rows, About(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
+    store.write(shards.table(number), labels)
+    tally = Tally.of((row for row, _ in rows), scenario)
+    return Done(number, hashlib.sha256(labels).hexdigest(), rendered_by, tally)
+
+
+def finish(
+    store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario, rendered_by: Fingerprint
+) -> None:
+    """Write what depends on all shards of so many frames each; the manifest comes last.
+
+    Parameters
+    ----------
+    store : Store
+    core : dict
+        See `simgrab.world.output.manifest.identity`.
+    frames : int
+    done : sequence of Done
+        All shards, by number.
+    scenario : Scenario
+    rendered_by : Fingerprint
+    """
+    digests = {shards.table(one.number): one.labels_sha256 for one in done}
+    about = {"frames": frames, "splits": [one.tally.splits for one in done]}
+    known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
+    dataset = ShardedDataset(store, known, tuple(sum(one.tally.splits) for one in done))
+    tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
+    files = {CAMERA: tables.calibration_of(scenario).to_toml().encode(), PREVIEW: preview.of(tiles)}
+    for name, data in files.items():
+        store.write(name, data)
+        digests[name] = hashlib.sha256(data).hexdigest()
+    composed = manifest.compose(core | {"shards": about}, rendered_by, digests)
+    store.write(MANIFEST, json.dumps(composed, indent=1).encode())
 
 
 class _Archive:
@@ -247,10 +279,9 @@ def _member(file: str) -> str:
     return name if folder == "images" else name.replace(".", f".{folder}.", 1)
 
 
-def _described(record: Record, *, labelled: bool) -> bytes:
+def _described(row: Row, mask: dict[str, Any] | None) -> bytes:
     """Describe a frame in JSON, beside its picture in the archive."""
-    mask = record.mask if labelled else None
-    return msgspec.json.encode({"truth": record.truth, "labelled": labelled, "mask": mask})
+    return msgspec.json.encode({"truth": row, "labelled": mask is not None, "mask": mask})
 
 
 def _labels(rows: list[tuple[Row, Place]], about: About) -> bytes:

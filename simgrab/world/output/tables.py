@@ -206,16 +206,19 @@ class Labels:
         To write to.
     schema : pyarrow.Schema
         Its metadata is the file's.
+    group_rows : int
+        Of a row group, which are in memory together.
     """
 
-    def __init__(self, file: BinaryIO, schema: pa.Schema) -> None:
+    def __init__(self, file: BinaryIO, schema: pa.Schema, group_rows: int = _GROUP_ROWS) -> None:
+        self._group_rows = group_rows
         self._writer, self._schema = pq.ParquetWriter(file, schema, compression="zstd"), schema
         self._rows: list[dict[str, Any]] = []
 
     def add(self, row: dict[str, Any]) -> None:
         """Write a row, with those around it."""
         self._rows.append(row)
-        if len(self._rows) == _GROUP_ROWS:
+        if len(self._rows) == self._group_rows:
             self._flush()
 
     def _flush(self) -> None:
@@ -274,8 +277,8 @@ class Tables:
         """Splits that have frames."""
         return [split for split in SPLITS if split in self._metadata]
 
-    def add(self, row: Row, mask: dict[str, Any]) -> None:
-        """Write a frame; ``mask`` is the visible grab, as COCO's compressed run lengths."""
+    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
+        """Write a frame; ``mask``, where it is labelled, is the visible grab as COCO's compressed run lengths."""
         self._labels.add(msgspec.structs.asdict(row))
         self._coco[row.split].add(row, mask)
         if row.split not in self._metadata:
@@ -289,6 +292,19 @@ class Tables:
     def _text(self, name: str) -> TextIO:
         path = self._stack.enter_context(self._writing(name))
         return self._stack.enter_context(path.open("w", encoding="utf-8", newline=""))
+
+
+def others(splits: Sequence[str], scenario: Scenario) -> dict[str, bytes]:
+    """Write what stands beside the tables of a dataset with frames in these splits, by name."""
+    return {"data.yaml": yolo_yaml(splits), "camera.toml": calibration_of(scenario).to_toml().encode()}
+
+
+def names(splits: Sequence[str]) -> list[str]:
+    """Name the files, besides pictures and YOLO's, of a dataset with frames in these splits."""
+    return [
+        "labels.parquet", "data.yaml", "camera.toml", "preview.jpg",
+        *(f"annotations/instances_{split}.json" for split in SPLITS), *map(metadata_name, splits),
+    ]  # fmt: skip
 
 
 def calibration_of(scenario: Scenario) -> Calibration:

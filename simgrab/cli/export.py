@@ -1,0 +1,35 @@
+"""``simgrab export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from simgrab.cli._options import FOLDER_OR_URL
+from simgrab.cli._progress import bar
+from simgrab.text import printable
+
+FORMATS = ("yolo", "coco", "voc", "webdataset", "hf", "simgrab")
+
+
+@click.command(name="export")
+@click.argument("dataset")
+@click.option("--format", "layout", type=click.Choice(FORMATS), required=True, help="Layout to write.")
+@click.option("--out", type=FOLDER_OR_URL, required=True, help="New folder, or URL below which there is nothing.")
+@click.option(
+    "--shard-frames", type=click.IntRange(1), help="Frames of each file, with webdataset and hf.  [default: 256]"
+)
+@click.option("--quiet", is_flag=True, help="Print errors only.")
+def command(dataset: str, layout: str, out: Path | str, shard_frames: int | None, quiet: bool) -> None:
+    """Write DATASET (a folder, or the URL of a dataset of shards) in the layout of another tool.
+
+    yolo: images, text labels, data.yaml. coco: images and JSON. voc: Pascal VOC's XML. webdataset: tar archives.
+    hf: Parquet for Hugging Face datasets. simgrab: the folder that `simgrab render` writes.
+    """
+    from simgrab.world.output.export import export
+
+    with bar("exporting", shown=not quiet) as progress:
+        export(dataset, out, format=layout, shard_frames=shard_frames, progress=progress)
+    if not quiet:
+        click.echo(printable(f"written: {out}"))
