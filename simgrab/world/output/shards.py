@@ -208,6 +208,7 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
             name = archive(row.split, number)
             if name not in writers:
                 writers[name] = _Archive(stack.enter_context(store.writing(name)))
+                stack.callback(writers[name].abandon)
             writers[name].add(f"{row.frame:06d}.json", _described(row, mask))
             for file, data in files.items():
                 spot = writers[name].add(_member(file), data)
@@ -264,6 +265,10 @@ class _Archive:
         start: int = self._tar.offset + tarfile.BLOCKSIZE  # after its header
         self._tar.addfile(member, io.BytesIO(data))
         return start, len(data)
+
+    def abandon(self) -> None:
+        """Close the file, complete or not."""
+        self._tar.close()
 
     def close(self) -> tuple[int, str]:
         """Complete the archive; gives its size in bytes and its SHA-256."""

@@ -6,10 +6,9 @@ import csv
 import io
 import json
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, closing
 from functools import cache
 from pathlib import Path, PurePosixPath
 from types import TracebackType
@@ -255,21 +254,14 @@ class Tables:
         schema = labels_schema()
         known = {**(schema.metadata or {}), "simgrab": json.dumps(self._identity, sort_keys=True)}
         with self._stack:  # undone where one of them cannot be opened
-            self._labels = Labels(self._binary("labels.parquet"), schema.with_metadata(known))
-            self._coco = {s: Coco(self._text(f"annotations/instances_{s}.json"), self._scenario) for s in SPLITS}
+            labels = Labels(self._binary("labels.parquet"), schema.with_metadata(known))
+            self._labels = self._stack.enter_context(closing(labels))
+            self._coco = {split: self._opened_coco(f"annotations/instances_{split}.json") for split in SPLITS}
             self._metadata: dict[str, Metadata] = {}
             self._stack = self._stack.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if error is None:
-            try:
-                self._labels.close()
-                for coco in self._coco.values():
-                    coco.close()
-            except BaseException:
-                self._stack.__exit__(*sys.exc_info())
-                raise
         self._stack.__exit__(kind, error, at)
 
     @property
@@ -284,6 +276,9 @@ class Tables:
         if row.split not in self._metadata:
             self._metadata[row.split] = Metadata(self._text(metadata_name(row.split)))
         self._metadata[row.split].add(row)
+
+    def _opened_coco(self, name: str) -> Coco:
+        return self._stack.enter_context(closing(Coco(self._text(name), self._scenario)))
 
     def _binary(self, name: str) -> BinaryIO:
         path = self._stack.enter_context(self._writing(name))

@@ -1,0 +1,207 @@
+"""Exports, read back by the tools that they are for: boxes to 1e-6 px, truth bit for bit."""
+
+import gc
+import io
+import json
+import xml.etree.ElementTree as ET
+
+import msgspec
+import numpy as np
+import pandas as pd
+import PIL.Image
+import pytest
+from pycocotools.coco import COCO
+
+import simgrab
+from simgrab.errors import DatasetError
+from simgrab.labels.truth import Row
+from simgrab.world.output.export import FORMATS, HF_SPLITS, export
+
+
+@pytest.fixture(scope="module")
+def source(split_dataset):
+    """Frames in all splits, one of them at least without a box."""
+    data = simgrab.open(split_dataset)
+    assert set(data.splits) == {"train", "val", "test"}
+    return data
+
+
+@pytest.fixture(scope="module")
+def exported(source, tmp_path_factory):
+    out = tmp_path_factory.mktemp("exports")
+    for name in FORMATS:
+        export(source, out / name, format=name, shard_frames=3)
+    return out
+
+
+def truths(source):
+    return {frame.truth.frame: frame.truth for frame in source}
+
+
+def plain(row):
+    """As Parquet and JSON give it back: lists in place of tuples."""
+    return json.loads(msgspec.json.encode(row))
+
+
+def same_picture(picture, frame):
+    np.testing.assert_array_equal(
+        np.asarray(picture.convert("RGB")), np.asarray(PIL.Image.open(io.BytesIO(frame.content)))
+    )
+
+
+def test_labels_parquet_is_the_truth_bit_for_bit(source, exported):
+    for name in ("yolo", "coco", "hf", "simgrab"):
+        table = pd.read_parquet(exported / name / "labels.parquet", dtype_backend="pyarrow").to_dict("records")
+        rows = [{key: None if value is pd.NA else value for key, value in row.items()} for row in table]
+        assert msgspec.convert(rows, list[Row]) == [frame.truth for frame in source]
+
+
+def test_yolo(source, exported):
+    supervision = pytest.importorskip("supervision")
+    seen = 0
+    for split in source.splits:
+        folder = exported / "yolo"
+        loaded = supervision.DetectionDataset.from_yolo(
+            images_directory_path=str(folder / "images" / split),
+            annotations_directory_path=str(folder / "labels" / split),
+            data_yaml_path=str(folder / "data.yaml"),
+        )
+        assert loaded.classes == ["grab"]
+        for path, image, detections in loaded:
+            frame = source.frame(int(path.rsplit("/", 1)[1].split(".")[0]))
+            np.testing.assert_array_equal(image[..., ::-1], frame.picture)
+            assert len(detections) == frame.labelled
+            numbers = np.fromstring((folder / "labels" / split / f"{frame.truth.frame:06d}.txt").read_text(), sep=" ")
+            if frame.labelled:
+                height, width = image.shape[:2]
+                cx, cy, w, h = numbers[1:] * (width, height, width, height)
+                np.testing.assert_allclose(
+                    [cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2], frame.box, rtol=0, atol=1e-6
+                )
+                np.testing.assert_allclose(detections.xyxy[0], frame.box, rtol=0, atol=1e-4)  # which it has in 32 bits
+            else:
+                assert numbers.size == 0
+            seen += 1
+    assert seen == len(source)
+
+
+def test_coco(source, exported):
+    seen = 0
+    for split, count in source.splits.items():
+        coco = COCO(exported / "coco" / "annotations" / f"instances_{split}.json")
+        assert len(coco.imgs) == count
+        for number, image in coco.imgs.items():
+            frame = source.frame(number)
+            annotations = coco.imgToAnns[number]
+            assert len(annotations) == frame.labelled
+            same_picture(PIL.Image.open(exported / "coco" / image["file_name"]), frame)
+            for annotation in annotations:
+                x, y, w, h = annotation["bbox"]
+                assert [x, y, x + w, y + h] == frame.box.tolist()
+                np.testing.assert_array_equal(coco.annToMask(annotation).astype(bool), frame.mask)
+            seen += 1
+    assert seen == len(source)
+
+
+def test_voc(source, exported):
+    folder, seen = exported / "voc", 0
+    for split, count in source.splits.items():
+        stems = (folder / "ImageSets" / "Main" / f"{split}.txt").read_text().split()
+        assert len(stems) == count
+        for stem in stems:
+            frame, root = source.frame(int(stem)), ET.parse(folder / "Annotations" / f"{stem}.xml").getroot()
+            assert (folder / "JPEGImages" / root.findtext("filename")).read_bytes() == frame.content
+            assert [int(root.find("size").findtext(k)) for k in ("width", "height")] == list(frame.picture.shape[1::-1])
+            boxes = [[int(box.findtext(k)) for k in ("xmin", "ymin", "xmax", "ymax")] for box in root.iter("bndbox")]
+            assert boxes == ([(frame.box + (1, 1, 0, 0)).tolist()] if frame.labelled else [])
+            seen += 1
+    assert seen == len(source)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it leaves its files open
+def test_webdataset(source, exported):
+    webdataset = pytest.importorskip("webdataset")
+    known, seen = truths(source), set()
+    for split, count in source.splits.items():
+        urls = sorted(str(path) for path in (exported / "webdataset" / "shards").glob(f"{split}-*.tar"))
+        samples = list(webdataset.WebDataset(urls, shardshuffle=False, empty_check=False).decode("pil"))
+        assert len(samples) == count
+        for sample in samples:
+            number = int(sample["__key__"])
+            assert sample["json"]["truth"] == plain(known[number])
+            assert sample["json"]["labelled"] == source.frame(number).labelled
+            same_picture(sample["jpg"], source.frame(number))
+            seen.add(number)
+    assert seen == known.keys()
+    gc.collect()
+
+
+def test_hugging_face(source, exported, monkeypatch, tmp_path):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    loaded = datasets.load_dataset(str(exported / "hf"), cache_dir=str(tmp_path))
+    assert {split: len(loaded[HF_SPLITS[split]]) for split in source.splits} == source.splits
+    seen = 0
+    for part in loaded.values():
+        for row in part:
+            frame = source.frame(row["frame"])
+            boxes = [[x, y, x + w, y + h] for x, y, w, h in row["objects"]["bbox"]]
+            assert boxes == ([frame.box.tolist()] if frame.labelled else [])
+            same_picture(row["image"], frame)
+            truth = plain(frame.truth)
+            assert {name: row[name] for name in truth} == truth
+            seen += 1
+    assert seen == len(source)
+
+
+def test_the_own_layout_is_what_render_writes(split_dataset, exported):
+    def contents(folder):
+        return {str(p.relative_to(folder)): p.is_dir() or p.read_bytes() for p in folder.rglob("*")}
+
+    assert contents(exported / "simgrab") == contents(split_dataset)
+
+
+def test_shards_give_the_same_exports(exported, tmp_path):
+    shards = simgrab.open(exported / "webdataset")
+    for name in FORMATS:
+        export(shards, tmp_path / name, format=name, shard_frames=3)
+        for path in (exported / name).rglob("*"):
+            if path.is_file():
+                assert (tmp_path / name / path.relative_to(exported / name)).read_bytes() == path.read_bytes(), path
+
+
+def test_an_export_that_cannot_be_is_refused_in_one_line(source, exported, tmp_path):
+    (tmp_path / "file").touch()
+    shards = simgrab.open(exported / "webdataset")
+    for dataset, out, options, why in (
+        (source, tmp_path / "new", {"format": "kitti"}, "no format 'kitti'; one of: yolo"),
+        (source, tmp_path / "new", {"format": "hf", "shard_frames": 0}, "1 frame or more"),
+        (source, exported / "yolo", {"format": "yolo"}, "exists"),
+        (source, (exported / "yolo").as_uri(), {"format": "yolo"}, "is not empty"),
+        (source, tmp_path / "file" / "new", {"format": "yolo"}, "not a folder"),
+        (source, "nope://x", {"format": "yolo"}, "nope"),
+        (source[:2], tmp_path / "new", {"format": "yolo"}, "part of a dataset"),
+        (
+            shards.split("train"),
+            tmp_path / "new",
+            {"format": "coco"},
+            "part of a dataset",
+        ),
+        (tmp_path, tmp_path / "new", {"format": "coco"}, "not a dataset"),
+        ((tmp_path / "none").as_uri(), tmp_path / "new", {"format": "coco"}, "not a dataset"),
+    ):
+        with pytest.raises(DatasetError, match=why) as problem:
+            export(dataset, out, **options)
+        assert "\n" not in str(problem.value)
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+def test_an_interrupted_export_leaves_nothing(source, tmp_path):
+    def stop(done, _total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    for name in FORMATS:
+        with pytest.raises(KeyboardInterrupt):
+            export(source, tmp_path / name, format=name, shard_frames=1, progress=stop)
+    assert list(tmp_path.iterdir()) == []

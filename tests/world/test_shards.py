@@ -1,0 +1,253 @@
+"""Datasets of shards: the same bytes wherever they lie, however they are made, and whatever fails meanwhile."""
+
+import json
+
+import msgspec
+import numpy as np
+import pytest
+
+import simgrab
+from simgrab.errors import DatasetError, ScenarioError
+from simgrab.labels import shards
+from simgrab.utilities import stores
+from simgrab.world.output.dataset import render
+from tests.conftest import SMALL
+from tests.s3_server import BUCKET, contents, folder_contents, s3
+
+THIRDS = {"train": 0.4, "val": 0.3, "test": 0.3}
+FRAMES = {"frames": 11, "seed": 3, "splits": THIRDS, "swing.absent": 0.2}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return simgrab.load("quay-day", SMALL | FRAMES)
+
+
+@pytest.fixture(scope="module")
+def whole(scene, tmp_path_factory):
+    """A folder of shards, made in one go by one process."""
+    path = tmp_path_factory.mktemp("shards") / "whole"
+    render(scene, path.as_uri(), shard_frames=4)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(scene, tmp_path_factory):
+    path = tmp_path_factory.mktemp("shards") / "folder"
+    render(scene, path)
+    return path
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setattr(stores, "_FIRST_PAUSE_S", 0.01)
+    with s3(monkeypatch) as app:
+        yield app
+
+
+def test_shards_hold_what_a_folder_holds(whole, folder):
+    ours, theirs = simgrab.open(whole.as_uri()), simgrab.open(folder)
+    assert (len(ours), ours.splits, ours.scenario, ours.calibration) == (
+        len(theirs), theirs.splits, theirs.scenario, theirs.calibration,
+    )  # fmt: skip
+    assert ours.data.frames == theirs.data.frames == 11
+    for a, b in zip(ours, theirs, strict=True):
+        assert (a.truth, a.labelled, a.content, a.file) == (b.truth, b.labelled, b.content, None)
+        np.testing.assert_array_equal(a.picture, b.picture)
+        np.testing.assert_array_equal(a.mask, b.mask)
+    for split in ("train", "val", "test"):
+        part, known = ours.split(split), [frame.truth for frame in theirs.split(split)]
+        assert [frame.truth for frame in part] == [part[i].truth for i in range(len(part))] == known
+        assert [frame.truth for frame in part[1::2]] == known[1::2]
+        assert [frame.truth for frame in part[::-1]] == known[::-1]
+    assert simgrab.open(whole) == ours  # by its path, too
+    assert ours.frame(7).truth == theirs.frame(7).truth
+    assert ours[-1].content == theirs[-1].content
+
+
+@pytest.mark.parametrize("number", [-1, 11, 10**12])
+def test_a_frame_that_is_not_there_is_refused(whole, number):
+    data = simgrab.open(whole)
+    with pytest.raises(KeyError, match=str(number)):
+        data.frame(number)
+    if number > 0:
+        with pytest.raises(IndexError, match="out of range of 11 frames"):
+            data[number]
+    with pytest.raises(KeyError, match="no split"):
+        data.split("dev")
+    with pytest.raises(ValueError, match="whole dataset"):
+        data[:3].split("train")
+    assert 0 not in [frame.truth.frame for frame in data[1:]]
+    with pytest.raises(KeyError):
+        data[1:].frame(0)
+
+
+def test_any_number_of_workers_gives_the_same_bytes(scene, whole, tmp_path):
+    out = tmp_path / "two"
+    render(scene, out.as_uri(), shard_frames=4, workers=2)
+    assert folder_contents(out) == folder_contents(whole)
+
+
+def test_an_interrupted_run_goes_on_with_the_same_bytes(scene, whole, tmp_path):
+    out = tmp_path / "again"
+
+    def stop(done, _total):
+        if done == 6:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render(scene, out.as_uri(), shard_frames=4, progress=stop)
+    known = folder_contents(whole)
+    assert all(known[name] == data for name, data in folder_contents(out).items() if name != "unfinished.json")
+    with pytest.raises(DatasetError, match="unfinished; continue with simgrab render --resume"):
+        simgrab.open(out.as_uri())
+    with pytest.raises(DatasetError, match="an unfinished dataset; continue with --resume"):
+        render(scene, out.as_uri(), shard_frames=4)
+    with pytest.raises(DatasetError, match=r"another dataset \(its shard_frames differs\)"):
+        render(scene, out.as_uri(), shard_frames=5, resume=True)
+    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 7
+    assert folder_contents(out) == known
+    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 0
+    with pytest.raises(DatasetError, match="a finished dataset"):
+        render(scene, out.as_uri(), shard_frames=4)
+
+
+def test_a_shard_that_lost_an_archive_is_made_again(scene, whole, tmp_path):
+    out = tmp_path / "lost"
+    with pytest.raises(ZeroDivisionError):
+        render(scene, out.as_uri(), shard_frames=4, progress=lambda done, _total: 1 // (11 - done))
+    next((out / "shards").glob("*-000000.tar")).unlink()
+    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 7
+    assert folder_contents(out) == folder_contents(whole)
+
+
+def test_worlds_that_vary_stay_whole(tmp_path):
+    scene = simgrab.load("training", {"frames": 5, "clip.clip_frames": 2, "image.samples": 0}, size=(480, 270))
+    for frames, expected in ((1, 2), (3, 4)):
+        out = tmp_path / str(frames)
+        render(scene, out.as_uri(), shard_frames=frames)
+        assert json.loads((out / "manifest.json").read_text())["shards"]["frames"] == expected
+    a, b = (simgrab.open(tmp_path / str(n)) for n in (1, 3))
+    assert [f.content for f in a] == [f.content for f in b]
+
+
+def test_a_place_that_holds_something_else_is_refused(scene, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(DatasetError, match="something other than a simgrab dataset"):
+        render(scene, tmp_path.as_uri())
+    (tmp_path / "notes.txt").rename(tmp_path / "unfinished.json")
+    with pytest.raises(DatasetError, match=r"unfinished\.json: it is not valid JSON"):
+        render(scene, tmp_path.as_uri(), resume=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["unfinished.json"]
+
+
+@pytest.mark.parametrize(
+    ("out", "options", "why"),
+    [
+        ("nope://x/y", {}, "nope"),
+        ("file:///proc/x", {}, "/proc/x"),
+        ("file:///tmp/x", {"shard_frames": 0}, "1 frame or more"),
+        ("file:///tmp/x", {"video": "x.mp4"}, "give neither cluster nor URL"),
+        ("folder", {"shard_frames": 5}, "a folder, which has no shards; give a URL such as file:///"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path, monkeypatch, out, options, why):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DatasetError, match=why) as problem:
+        render(scene, out, **options)
+    assert "\n" not in str(problem.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_impossible_scene_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(ScenarioError):
+        render(simgrab.load("quay-day", SMALL | {"camera.beta_deg": 60.0}), (tmp_path / "new").as_uri())
+    assert list(tmp_path.iterdir()) == []
+
+
+def damaged(whole, out, name, change):
+    out.mkdir()
+    for key, data in folder_contents(whole).items():
+        (out / key).parent.mkdir(exist_ok=True)
+        (out / key).write_bytes(change(data) if key == name else data)
+    return out
+
+
+def test_damage_is_seen(whole, tmp_path):
+    frame = simgrab.open(whole)[0]
+    place = shards.parse_shard((whole / "labels/000000.parquet").read_bytes(), "").places[0]
+    flipped = bytes([frame.content[100] ^ 1])
+
+    def flip(data):
+        at = place.offset + 100
+        return data[:at] + flipped + data[at + 1 :]
+
+    data = simgrab.open(damaged(whole, tmp_path / "a", place.shard, flip))
+    for picture in (lambda: data[0].picture, lambda: next(iter(data)).picture):
+        with pytest.raises(DatasetError, match="does not match the digest"):
+            picture()
+    data = simgrab.open(damaged(whole, tmp_path / "b", place.shard, lambda data: data[:700]))
+    with pytest.raises(DatasetError, match="cut off"):
+        _ = data[0].picture
+    data = simgrab.open(damaged(whole, tmp_path / "c", "labels/000000.parquet", lambda data: data + b" "))
+    with pytest.raises(DatasetError, match="does not match the digest in the manifest"):
+        data[0]
+    for change in (lambda _: b"{}", lambda _: b"[1]", lambda data: data[:99]):
+        with pytest.raises(DatasetError, match=r"manifest|not a simgrab dataset"):
+            simgrab.open(damaged(whole, tmp_path / f"d{change(b'')}", "manifest.json", change).as_uri())
+
+
+def test_a_place_outside_of_the_dataset_is_refused():
+    for shard in ("../secret.tar", "shards/train-000000.tar/../../x", "/etc/passwd", "shards/dev-000000.tar"):
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert({"shard": shard, "offset": 0, "size": 1, "mask": None}, shards.Place)
+
+
+def test_an_s3_store_gets_the_same_bytes(scene, whole, server):
+    assert server.writes
+    url = f"s3://{BUCKET}/plain/set"
+    render(scene, url, shard_frames=4, workers=2)
+    assert contents("plain/set") == folder_contents(whole)
+    data = simgrab.open(url)
+    assert [f.content for f in data] == [f.content for f in simgrab.open(whole)]
+    assert data[3].picture.any()
+
+
+@pytest.mark.parametrize("fault", ["errors_every", "cut_every", "lost_every"])
+def test_faults_of_the_store_are_overcome(scene, whole, server, fault):
+    setattr(server, fault, 3)
+    render(scene, f"s3://{BUCKET}/{fault}", shard_frames=4)
+    setattr(server, fault, 0)
+    assert server.writes > len(folder_contents(whole))
+    assert contents(fault) == folder_contents(whole)
+
+
+def test_a_store_that_fails_for_good_leaves_what_can_be_resumed(scene, whole, server):
+    url, known = f"s3://{BUCKET}/dead", folder_contents(whole)
+    server.dead_after = server.writes + 4
+    with pytest.raises(DatasetError, match="cannot write") as problem:
+        render(scene, url, shard_frames=4)
+    assert "\n" not in str(problem.value)
+    server.dead_after = None
+    left = contents("dead")
+    assert 0 < len(left) < len(known)
+    assert all(known[name] == data for name, data in left.items() if name != "unfinished.json")  # none is half there
+    render(scene, url, shard_frames=4, resume=True)
+    assert contents("dead") == known
+
+
+def test_a_store_that_is_not_there_is_one_line(scene, server, monkeypatch):
+    with pytest.raises(DatasetError, match="not a dataset"):
+        simgrab.open(f"s3://{BUCKET}/nothing")
+    with pytest.raises(DatasetError, match="no-such-bucket") as problem:
+        render(scene, "s3://no-such-bucket/x", shard_frames=4)
+    assert "\n" not in str(problem.value)
+    assert server.writes
+    monkeypatch.setattr(stores, "ATTEMPTS", 1)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    import s3fs
+
+    s3fs.S3FileSystem.clear_instance_cache()
+    with pytest.raises(DatasetError, match="cannot list s3://frames/x") as problem:
+        render(scene, f"s3://{BUCKET}/x", shard_frames=4)
+    assert "\n" not in str(problem.value)
