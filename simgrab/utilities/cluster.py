@@ -254,6 +254,7 @@ def _versions_problem(wanted: dict[str, str]) -> ClusterError | None:
 
 def _ray() -> Any:
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # what Ray will do, of which it warns
+    os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", "(?s).*")  # else it prints pages of logs of each death
     try:
         import ray
         import ray.exceptions

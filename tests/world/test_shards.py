@@ -122,7 +122,7 @@ def test_a_shard_that_lost_an_archive_is_made_again(scene, whole, tmp_path):
 
 
 def test_worlds_that_vary_stay_whole(tmp_path):
-    scene = simgrab.load("training", {"frames": 5, "clip.clip_frames": 2, "image.samples": 0}, size=(480, 270))
+    scene = simgrab.load("training", {"frames": 3, "clip.clip_frames": 2, "image.samples": 0}, size=(480, 270))
     for frames, expected in ((1, 2), (3, 4)):
         out = tmp_path / str(frames)
         render(scene, out.as_uri(), shard_frames=frames)
@@ -213,7 +213,7 @@ def test_an_s3_store_gets_the_same_bytes(scene, whole, server):
     assert data[3].picture.any()
 
 
-@pytest.mark.parametrize("fault", ["errors_every", "cut_every", "lost_every"])
+@pytest.mark.parametrize("fault", ["errors_every", "cut_every", pytest.param("lost_every", marks=pytest.mark.slow)])
 def test_faults_of_the_store_are_overcome(scene, whole, server, fault):
     setattr(server, fault, 3)
     render(scene, f"s3://{BUCKET}/{fault}", shard_frames=4)
