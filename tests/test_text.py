@@ -200,7 +200,7 @@ def test_a_study_shows_its_words_as_text(tmp_path, monkeypatch):
     monkeypatch.setattr(stress_page, "svg", lambda *_: "<svg></svg>")  # whose drawing takes long
     # Nor are processes what is tested.
     here = SimpleNamespace(map=lambda work, items, name: map(work, items))  # noqa: ARG005
-    monkeypatch.setattr(laboratory, "worker_pool", lambda _: contextlib.nullcontext(here))
+    monkeypatch.setattr(laboratory, "worker_pool", lambda *_: contextlib.nullcontext(here))
 
     def page(words):
         study = catalogue.read({

@@ -65,3 +65,4 @@ class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from cli
 
 
 AUTO_WORKERS = _Automatic()
+cluster_option = click.option("--cluster", help="Ray cluster to work on: auto, ray://HOST:10001 or HOST:6379.")

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from simgrab.errors import ClusterError, WorkerError
+from simgrab.utilities.stores import is_url
 
 
 @contextmanager
@@ -19,7 +20,8 @@ def resumable(*places: Path | str) -> Iterator[None]:
         stop.add_note(advice)
         raise
     except ClusterError as problem:
-        problem.add_note(advice)
+        if any(is_url(place) or Path(place).exists() for place in places):  # else nothing is begun
+            problem.add_note(advice)
         raise
     except WorkerError as problem:
         problem.add_note(f"{advice}; if memory is short, use fewer --workers")

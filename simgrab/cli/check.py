@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FOLDER, PATH, WORKERS
+from simgrab.cli._options import FOLDER, PATH, WORKERS, cluster_option
 
 
 @click.command(name="check")
@@ -19,12 +19,13 @@ from simgrab.cli._options import FOLDER, PATH, WORKERS
 @click.option("--seed", type=click.IntRange(0, 2**53), help="Seed to use instead of the suite's.")
 @click.option("--cache", type=FOLDER, help="Cache of rendered datasets.  [default: ~/.cache/simgrab]")
 @click.option("--workers", type=WORKERS, default=1, show_default=True, help="Worker processes.")
+@cluster_option
 @click.option("--out", type=FOLDER, help="Folder of the results.  [default: runs/check-SUITE]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print failures only.")
 def command(
     suite: str, instrument: str | None, baseline: Path | None, update: bool, seeds: int | None, seed: int | None,
-    cache: Path | None, workers: int, out: Path | None, as_json: bool, quiet: bool,
+    cache: Path | None, workers: int, cluster: str | None, out: Path | None, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Run an instrument on SUITE and compare its measurements with limits and baseline.
 
@@ -48,7 +49,7 @@ def command(
     check_folder(place, SuiteError)
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
     with steps(shown=not (quiet or as_json)) as progress:
-        options = gate.Options(instrument, baseline, seed, cache or default(), workers, progress)
+        options = gate.Options(instrument, baseline, seed, cache or default(), workers, cluster, progress)
         result = gate.record(found, options, seeds) if update else gate.check(found, options)
     report.save(result, place)
     if as_json:

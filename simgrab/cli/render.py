@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL
+from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_option
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
@@ -26,7 +26,7 @@ from simgrab.utilities.stores import is_url
 )
 @click.option("--video", type=FILE, help="Write a video (.mp4, .mkv); add --out for a dataset too.")
 @click.option("--workers", type=AUTO_WORKERS, default="auto", show_default=True, help="Worker processes, or auto.")
-@click.option("--cluster", help="Ray cluster to render on: auto, ray://HOST:10001 or HOST:6379.")
+@cluster_option
 @click.option("--shard-frames", type=click.IntRange(1), help="Frames of a shard.  [default: 256]")
 @click.option("--resume", is_flag=True, help="Continue an unfinished dataset.")
 @extension_options

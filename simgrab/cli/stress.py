@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,11 @@ from typing import Any
 import click
 import msgspec
 
-from simgrab.cli._options import PATH, WORKERS
+from simgrab.cli._options import PATH, WORKERS, cluster_option
 from simgrab.cli._resume import resumable
 from simgrab.errors import StressError
 from simgrab.text import printable
+from simgrab.utilities import machine
 from simgrab.utilities.destination import check_folder
 
 
@@ -26,6 +26,7 @@ from simgrab.utilities.destination import check_folder
 @click.option("--quick", is_flag=True, help="Few replications of short records (smoke test).")
 @click.option("--out", type=PATH, default="runs/stress", show_default=True)
 @click.option("--workers", type=WORKERS, help="Processes.  [default: one a core]")
+@cluster_option
 @click.option("--resume", is_flag=True, help="Continue an unfinished run.")
 @click.option("--frames", "n", type=click.IntRange(10, 1_000_000), help="n, in place of the study's own.")
 @click.option("--replications", type=click.IntRange(2, 10_000_000), help="M, in place of the study's own.")
@@ -35,7 +36,8 @@ from simgrab.utilities.destination import check_folder
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def command(
-    study: str | None, everything: bool, depth: str | None, quick: bool, out: Path, workers: int | None, resume: bool,
+    study: str | None, everything: bool, depth: str | None, quick: bool, out: Path, workers: int | None,
+    cluster: str | None, resume: bool,
     n: int | None, replications: int | None, seed: int | None, replay: tuple[str, str] | None, at: tuple[str, ...],
     as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
@@ -66,7 +68,7 @@ def command(
         chosen = [
             load(name) for name in (catalogue.of(depth or fidelities.GEOMETRIC.name) if everything else [str(study)])
         ]
-        _run(chosen, out, (os.cpu_count() or 1) if workers is None else workers, resume, as_json, quiet)
+        _run(chosen, out, machine.cores() if workers is None else workers, cluster, resume, as_json, quiet)
     else:
         _list({name: catalogue.load(name).title for name in catalogue.names()}, as_json)
 
@@ -77,12 +79,14 @@ def _list(titles: dict[str, str], as_json: bool) -> None:
     click.echo(json.dumps(titles, ensure_ascii=False) if as_json else "\n".join(lines))
 
 
-def _run(chosen: list[Any], out: Path, workers: int, resume: bool, as_json: bool, quiet: bool) -> None:
+def _run(
+    chosen: list[Any], out: Path, workers: int, cluster: str | None, resume: bool, as_json: bool, quiet: bool
+) -> None:
     from simgrab.cli._progress import bar
     from simgrab.judge.stress.laboratory import REPORT, failures, run
 
     with resumable(out), bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
-        findings = run(chosen, out, workers=workers, resume=resume, progress=progress)
+        findings = run(chosen, out, workers=workers, cluster=cluster, resume=resume, progress=progress)
     verdicts = [verdict for finding in findings for verdict in finding.verdicts]
     failed = failures(findings)
     if as_json:

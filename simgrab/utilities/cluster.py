@@ -10,6 +10,7 @@ import functools
 import hashlib
 import os
 import platform
+import re
 import signal
 import socket
 import threading
@@ -18,7 +19,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 from simgrab.errors import ClusterError, WorkerError, first_line
 from simgrab.utilities import processes
@@ -33,13 +34,14 @@ AHEAD = 2
 """Items under way for each core of the cluster: one at work, and one that waits for it."""
 #: On whose versions numbers and pixels depend.
 PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pyarrow", "pycocotools", "scipy", "trimesh")
+_ANSWERS_S = 10.0
 _ADVICE = "start one with `simgrab cluster up --local 2`, or with `ray start --head` and its address"
 
 
 class AnyPool(Protocol):
     """What shares work: a `Pool` of processes, or a `ClusterPool`."""
 
-    def __enter__(self) -> AnyPool: ...
+    def __enter__(self) -> Self: ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
@@ -98,6 +100,7 @@ class ClusterPool:
         environment: Mapping[str, str] | None = None,
         memory_bytes: int = 0,
     ) -> None:
+        _check_answers(address)
         self._ray = _ray()
         self._setup, self._memory = setup, memory_bytes
         runtime = {"env_vars": dict(environment)} if environment else None
@@ -110,7 +113,7 @@ class ClusterPool:
             except Exception as problem:  # ConnectionError, TimeoutError, RuntimeError of versions, of gRPC
                 raise ClusterError(_unreached(address, problem)) from None
 
-    def __enter__(self) -> ClusterPool:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -141,7 +144,7 @@ class ClusterPool:
             If processes or machines die of one item again and again. What work raises is raised as it is.
         """
         ray = self._ray
-        self._check_memory()
+        self.check()
         order = ray.put((uuid.uuid4().hex, versions(), self._setup, work))
         task = ray.remote(_do).options(num_cpus=1, memory=self._memory or None, max_retries=RETRIES)
         waiting = enumerate(items, 1)
@@ -167,8 +170,13 @@ class ClusterPool:
                 with contextlib.suppress(Exception):  # the cluster may be gone
                     ray.cancel(answer, force=True)
 
-    def _check_memory(self) -> None:
-        """Refuse a cluster none of whose machines can do an item, for which Ray would wait."""
+    def check(self) -> None:
+        """Refuse a cluster none of whose machines can do an item, for which Ray would wait.
+
+        Raises
+        ------
+        ClusterError
+        """
         alive = [node for node in self._ray.nodes() if node["Alive"]]
         most = max((node["Resources"].get("memory", 0) for node in alive), default=0)
         if self._memory > most:
@@ -261,6 +269,19 @@ def _ray() -> Any:
     except ImportError as problem:
         raise ClusterError(f"a cluster needs Ray ({first_line(problem)}): pip install 'simgrab[cluster]'") from None
     return ray
+
+
+def _check_answers(address: str) -> None:
+    """Refuse an address at which nothing listens, for which Ray would wait for minutes."""
+    if address == "auto":
+        return
+    found = re.fullmatch(r"(?:ray://)?(\[[0-9a-fA-F:.]+\]|[^/:\s]+):([0-9]{1,5})", address)
+    if found is None:
+        raise ClusterError(f"a cluster's address is auto, ray://HOST:10001 or HOST:6379, got {address!r}")
+    try:
+        socket.create_connection((found[1].strip("[]"), int(found[2])), _ANSWERS_S).close()
+    except (OSError, OverflowError, UnicodeError) as problem:
+        raise ClusterError(_unreached(address, problem)) from None
 
 
 def _unreached(address: str, problem: Exception) -> str:

@@ -18,7 +18,7 @@ from multiprocessing import connection, get_context, parent_process, resource_tr
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from types import FrameType, TracebackType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from simgrab.errors import WorkerError
 
@@ -78,7 +78,7 @@ class Pool:
         self._workers: list[_Worker | None] = [None] * workers
         atexit.register(self.close)  # else Python, ending with this left open, would wait for the workers
 
-    def __enter__(self) -> Pool:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:

@@ -35,7 +35,9 @@ def default() -> Path:
     return user_cache_path("simgrab")
 
 
-def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Progress | None = None) -> Dataset:
+def rendered(
+    scenario: Scenario, where: Path, *, workers: int = 1, cluster: str | None = None, progress: Progress | None = None
+) -> Dataset:
     """Find a scenario's dataset in the cache, or render it there.
 
     A dataset counts as the same while scenario, renderer, packages and the rendering code are the same. One whose
@@ -48,6 +50,8 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
         The cache.
     workers : int
         Worker processes.
+    cluster : str, optional
+        Address of a Ray cluster that renders in their place.
     progress : callable, optional
         Called with (frames done, frames in all).
 
@@ -65,7 +69,7 @@ def rendered(scenario: Scenario, where: Path, *, workers: int = 1, progress: Pro
         remove_left(folder)
         if (folder / MANIFEST).exists() and not _sound(folder):
             discard(folder)
-        render(scenario, folder, workers=workers, resume=True, progress=progress)
+        render(scenario, folder, workers=workers, cluster=cluster, resume=True, progress=progress)
         return datasets.read(folder)
 
 

@@ -45,6 +45,8 @@ class Options:
         Where rendered datasets are kept.
     workers : int
         Worker processes.
+    cluster : str or None
+        Address of a Ray cluster that renders in their place.
     progress : callable or None
         Called with (what is rendered, frames done, frames in all).
     """
@@ -54,6 +56,7 @@ class Options:
     seed: int | None = None
     cache: Path = field(default_factory=cache.default)
     workers: int = 1
+    cluster: str | None = None
     progress: Progress | None = None
 
 
@@ -201,7 +204,9 @@ def _scene(
 
 def _dataset(suite: Suite, name: str, seed: int, options: Options) -> Dataset:
     told = partial(options.progress, f"{name}, seed {seed}") if options.progress else None
-    return cache.rendered(suite.scenario(name, seed), options.cache, workers=options.workers, progress=told)
+    return cache.rendered(
+        suite.scenario(name, seed), options.cache, workers=options.workers, cluster=options.cluster, progress=told
+    )
 
 
 def _write(folder: Path, recorded: Baseline, suite: Suite, trials: dict[str, list[Trial]]) -> None:

@@ -18,7 +18,7 @@ from simgrab.errors import StressError
 from simgrab.judge.stress import fidelities
 from simgrab.judge.stress.study import Study
 from simgrab.judge.stress.summary import Finding, Moments, Summary, Verdict, judge
-from simgrab.judge.stress.work import Part, check_workers, parts, schema, store, worker_pool
+from simgrab.judge.stress.work import Part, check_workers, made, parts, schema, worker_pool
 from simgrab.utilities import parquet
 from simgrab.utilities.destination import check_folder, locked_folder, writing
 from simgrab.utilities.files import drafted, write
@@ -39,6 +39,7 @@ def run(
     out: str | Path,
     *,
     workers: int = 1,
+    cluster: str | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> list[Finding]:
@@ -54,6 +55,8 @@ def run(
     out : path
     workers : int
         Processes.
+    cluster : str, optional
+        Address of a Ray cluster that draws and estimates in their place.
     resume : bool
         Go on with what an interrupted run of the same studies left there.
     progress : callable, optional
@@ -65,16 +68,24 @@ def run(
         If a folder cannot be used, or an estimator fails.
     WorkerError
         If processes die of a part again and again.
+    ClusterError
+        If there is no such cluster, or its machines have other versions.
     """
     check_workers(workers)
     folder = Path(out)
     check_folder(folder, StressError)
     with locked_folder(folder, StressError):
-        return _run(studies, folder, workers, resume=resume, progress=progress)
+        return _run(studies, folder, workers, cluster, resume=resume, progress=progress)
 
 
 def _run(
-    studies: Sequence[Study], folder: Path, workers: int, *, resume: bool, progress: Progress | None
+    studies: Sequence[Study],
+    folder: Path,
+    workers: int,
+    cluster: str | None,
+    *,
+    resume: bool,
+    progress: Progress | None,
 ) -> list[Finding]:
     from simgrab.judge.stress import page
 
@@ -86,11 +97,14 @@ def _run(
     done = total - sum(part.last - part.first for _, _, part in missing)
     if progress:
         progress(done, total)
-    with worker_pool(workers) as pool:
-        for count in pool.map(_store, missing, name=_named):
+    with worker_pool(workers, cluster) as pool:
+        for file, data, count in pool.map(_made, missing, name=_named):
+            with writing(folder, StressError):
+                write(file, data)
             done += count
             if progress:
                 progress(done, total)
+    with worker_pool(workers) as pool:
         unfinished = [study for study in studies if (folder / study.name / PARTIAL).exists()]
         for _ in pool.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
             pass
@@ -108,9 +122,10 @@ def _figured(finding: Finding) -> str:
     return f"figures of {finding.summary.study.name}"
 
 
-def _store(job: tuple[Study, Path, Part]) -> int:
+def _made(job: tuple[Study, Path, Part]) -> tuple[Path, bytes, int]:
+    """Make a part; gives its file, what it is to hold, and the number of its replications."""
     study, path, part = job
-    return store(study, path / PARTIAL, part)
+    return path / PARTIAL / part.file, made(study, part), part.last - part.first
 
 
 def _identity(study: Study) -> dict[str, Any]:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, estimators, fidelities, score
 from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.study import Study
-from simgrab.utilities import parquet
-from simgrab.utilities.files import drafted
-from simgrab.utilities.processes import Pool
+from simgrab.utilities.cluster import AnyPool, open_pool
 
 MOST_SLOW_TRIALS = 4
 # One thread a process: more would only get in each other's way.
@@ -96,11 +95,11 @@ def _table(
     )
 
 
-def store(study: Study, folder: Path, part: Part) -> int:
-    """Make a part and write it into a folder, whole or not at all; gives the number of its replications."""
-    with drafted(folder / part.file) as draft:
-        parquet.write(make(study, part), draft)
-    return part.last - part.first
+def made(study: Study, part: Part) -> bytes:
+    """Make a part; gives the bytes of its table."""
+    sink = io.BytesIO()
+    pq.write_table(make(study, part), sink)
+    return sink.getvalue()
 
 
 def check_workers(workers: int) -> None:
@@ -109,13 +108,21 @@ def check_workers(workers: int) -> None:
         raise StressError(f"workers must be 1 or more, got {workers}")
 
 
-def worker_pool(workers: int) -> Pool:
+def worker_pool(workers: int, cluster: str | None = None) -> AnyPool:
     """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
+
+    Parameters
+    ----------
+    workers : int
+    cluster : str, optional
+        Address of a Ray cluster, whose processes they are then.
 
     Raises
     ------
     StressError
         If there are none.
+    ClusterError
+        If there is no such cluster.
     """
     check_workers(workers)
-    return Pool(workers, environment=dict.fromkeys(_THREADS, "1"))
+    return open_pool(workers, cluster, environment=dict.fromkeys(_THREADS, "1"))

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
 from simgrab.utilities import machine
-from simgrab.utilities.cluster import open_pool
+from simgrab.utilities.cluster import ClusterPool, open_pool
 from simgrab.utilities.processes import pickled, tick
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -104,7 +104,12 @@ def _unpicklable(recipe: Recipe) -> str:
 
 
 def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
-    """Refuse a number of processes, or a cluster, that cannot work on a recipe."""
+    """Refuse a number of processes, or a cluster, that cannot work on a recipe.
+
+    Raises
+    ------
+    DatasetError, ExtensionError, ClusterError
+    """
     if workers < 1:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
     why = _unpicklable(recipe) if workers > 1 or cluster is not None else ""
@@ -112,6 +117,9 @@ def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
         raise ExtensionError(
             f"a function cannot be given to worker processes: define it at the top of a module ({why})"
         )
+    if cluster is not None:
+        with ClusterPool(cluster, memory_bytes=memory_bytes(recipe)) as pool:
+            pool.check()
 
 
 def vet(recipe: Recipe, number: int = 0) -> Vetted:

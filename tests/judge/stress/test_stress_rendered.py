@@ -25,7 +25,7 @@ from simgrab.judge.stress.fidelities import GEOMETRIC, RENDERED
 from simgrab.judge.stress.laboratory import PARTIAL, STUDY, TRIALS
 from simgrab.judge.stress.study import quickened, situation
 from simgrab.judge.stress.watch import Watched, watch
-from simgrab.judge.stress.work import make, parts, store
+from simgrab.judge.stress.work import made, make, parts
 from simgrab.world.output.dataset import render
 
 TINY = {
@@ -116,7 +116,8 @@ def test_workers_and_an_interruption_change_nothing(tmp_path):
     identity = {"simgrab": __version__, "digest": study.digest, "made_with": RENDERED.made_with()}
     (folder / STUDY).write_text(json.dumps(identity))
     (folder / PARTIAL / "torn.1.draft").write_bytes(b"half")
-    store(study, folder / PARTIAL, parts(study)[1])  # and then it was killed
+    part = parts(study)[1]
+    (folder / PARTIAL / part.file).write_bytes(made(study, part))  # and then it was killed
     laboratory.run([study], tmp_path, workers=2, resume=True, progress=lambda *counts: told.append(counts))
     assert told == [(1, 3), (2, 3), (3, 3)]
     alone = pa.concat_tables([make(study, parts(study)[k]) for k in (0, 2)])
