@@ -197,6 +197,12 @@ def test_damage_is_seen(whole, tmp_path):
             simgrab.open(damaged(whole, tmp_path / f"d{change(b'')}", "manifest.json", change).as_uri())
 
 
+def test_a_manifest_is_not_read_beyond_its_limit(whole, monkeypatch):
+    monkeypatch.setattr(shards, "MOST_MANIFEST_BYTES", 1000)
+    with pytest.raises(DatasetError, match="the limit is 1000"):
+        simgrab.open(whole)
+
+
 def test_a_place_outside_of_the_dataset_is_refused():
     for shard in ("../secret.tar", "shards/train-000000.tar/../../x", "/etc/passwd", "shards/dev-000000.tar"):
         with pytest.raises(msgspec.ValidationError):
