@@ -6,6 +6,7 @@ python -m scripts.bench estimate
 python -m scripts.bench motion
 python -m scripts.bench stress
 python -m scripts.bench world
+python -m scripts.bench scale [--scene training] [--size WIDTHxHEIGHT] [--frames 48]
 python -m scripts.bench detect [--yolo FILE.onnx]
 python -m scripts.bench run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
 
@@ -31,12 +32,13 @@ from scripts.bench_render import render
 from scripts.bench_renderers import renderers
 from scripts.bench_results import Quantity
 from scripts.bench_run import run
+from scripts.bench_scale import scale
 from scripts.bench_stress import stress
 from scripts.bench_world import world
 from simgrab.errors import SimgrabError
 
 VERBS: dict[str, Callable[..., Iterator[Quantity]]] = {
-    verb.__name__: verb for verb in (render, renderers, estimate, motion, stress, world, detect, run)
+    verb.__name__: verb for verb in (render, renderers, estimate, motion, stress, world, scale, detect, run)
 }
 
 
@@ -87,6 +89,9 @@ def _parser() -> argparse.ArgumentParser:
     by_name["renderers"].add_argument("--size", type=_size, default=(1920, 1080))
     by_name["renderers"].add_argument("--frames", type=_count, default=10)
     by_name["renderers"].add_argument("--pictures", type=Path, metavar="FOLDER", help="where each writes one picture")
+    by_name["scale"].add_argument("--scene", default="training")
+    by_name["scale"].add_argument("--size", type=_size, help="px; the scene's own unless given")
+    by_name["scale"].add_argument("--frames", type=_count, default=48)
     by_name["detect"].add_argument("--yolo", type=Path, help="another detector beside the bundled one")
     by_name["run"].add_argument("video", type=Path)
     by_name["run"].add_argument("--detector", default="bundled")

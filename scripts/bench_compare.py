@@ -16,8 +16,8 @@ RESAMPLES = 2000
 def compare(a: Results, b: Results) -> Iterator[str]:
     """Yield lines: in what the runs differ, then each quantity's medians and the ratio of B's to A's.
 
-    The interval holds 95 % of the ratios of medians of samples that are drawn again, with replacement, from each run
-    by itself (percentile bootstrap). It states how well two runs are known, and not how much other runs would differ.
+    The interval is a percentile bootstrap: it holds 95 % of the ratios of medians when each run's samples are drawn
+    again with replacement. It covers the spread within two runs, and not how much further runs would differ.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def compare(a: Results, b: Results) -> Iterator[str]:
     for one, other in pairs:
         if one.unit != other.unit:
             raise ResultsError(f"{one.name!r} is in {one.unit} in A and in {other.unit} in B")
-        yield f"{one.name:{width}s} {one.median:10.4g} {other.median:10.4g}  {_ratio(one, other)}  {one.unit}"
+        yield f"{one.name:{width}s} {one.median:10.4g} {other.median:10.4g}  {_shown(one, other)}  {one.unit}"
     for name, results in (("A", a), ("B", b)):
         alone = [
             quantity.name for quantity in results.quantities if quantity.name not in {one.name for one, _ in pairs}
@@ -58,15 +58,21 @@ def _differences(a: Results, b: Results, pairs: list[tuple[Quantity, Quantity]])
                 yield f"different {kind}: {key}: {ours.get(key, 'absent')} in A, {theirs.get(key, 'absent')} in B"
 
 
-def _ratio(one: Quantity, other: Quantity) -> str:
+def ratio(one: Quantity, other: Quantity) -> tuple[float, float, float]:
+    """Return the other's median over one's, and the ends of its interval; all samples must be positive."""
+    rng = stream(0, 0, "bench compare")
+    below, above = (
+        np.median(rng.choice(quantity.samples, (RESAMPLES, len(quantity.samples))), axis=1) for quantity in (one, other)
+    )
+    low, high = np.percentile(above / below, [2.5, 97.5])
+    return other.median / one.median, float(low), float(high)
+
+
+def _shown(one: Quantity, other: Quantity) -> str:
     if min(*one.samples, *other.samples) <= 0:
         return "no ratio: samples of 0 or less"
-    text = f"{other.median / one.median:.3f}"
-    if len(one.samples) == 1 or len(other.samples) == 1:
-        return f"{text} (no spread: one sample)"
-    rng = stream(0, 0, "bench compare")
-    drawn = [
-        np.median(rng.choice(quantity.samples, (RESAMPLES, len(quantity.samples))), axis=1) for quantity in (one, other)
-    ]
-    low, high = np.percentile(drawn[1] / drawn[0], [2.5, 97.5])
-    return f"{text} ({low:.3f}–{high:.3f}; n = {len(one.samples)} and {len(other.samples)})"
+    middle, low, high = ratio(one, other)
+    counts = len(one.samples), len(other.samples)
+    if 1 in counts:
+        return f"{middle:.3f} (no spread: one sample)"
+    return f"{middle:.3f} ({low:.3f}–{high:.3f}; n = {counts[0]} and {counts[1]})"

@@ -34,6 +34,10 @@ class Pyrender:
         self.by = f"pyrender {version('pyrender')}"
         self._exported, self._pyrender = scene, pyrender
         self._scene = pyrender.Scene(bg_color=(0.0, 0.0, 0.0, 1.0), ambient_light=scene.ambient)
+        self._textures = [
+            pyrender.Texture(source=np.ascontiguousarray(picture[::-1]), source_channels="RGB")
+            for picture in scene.textures
+        ]
         self._geoms = [self._scene.add_node(node) or node for node in map(self._node, range(len(scene.colours)))]
         self._camera = self._scene.add(PinholeCamera())
         for direction, colour in zip(scene.light_directions, scene.light_colours, strict=True):
@@ -62,14 +66,12 @@ class Pyrender:
     def _node(self, geom: int) -> Any:
         pyrender, scene = self._pyrender, self._exported
         (vertices, faces), picture = scene.mesh(geom), scene.texture[geom]
-        texture = None
-        if picture >= 0:
-            source = np.ascontiguousarray(scene.textures[picture][::-1])
-            texture = pyrender.Texture(source=source, source_channels="RGB")
         material = pyrender.MetallicRoughnessMaterial(
-            baseColorFactor=(*scene.colours[geom], 1.0), baseColorTexture=texture,
-            metallicFactor=0.0, roughnessFactor=1.0,
-        )  # fmt: skip
+            baseColorFactor=(*scene.colours[geom], 1.0),
+            baseColorTexture=self._textures[picture] if picture >= 0 else None,
+            metallicFactor=0.0,
+            roughnessFactor=1.0,
+        )
         primitive = pyrender.Primitive(
             positions=vertices[:, :3], normals=vertices[:, 3:6], texcoord_0=vertices[:, 6:], indices=faces,
             material=material, mode=4,

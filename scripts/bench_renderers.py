@@ -61,22 +61,24 @@ class RenderProcess:
 
     def __init__(self, command: list[str]) -> None:
         self._name = command[2]
-        self._said = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115 - closed by __exit__
-        try:
-            self._process = subprocess.Popen(
-                command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said, text=True
-            )
-        except OSError as problem:
-            raise RendererError(f"cannot run {command[0]}: {problem.strerror}") from None
-        self.by: str = self._answer()
+        with ExitStack() as stack:
+            self._said = stack.enter_context(tempfile.TemporaryFile("w+", errors="replace"))
+            try:
+                self._process = subprocess.Popen(
+                    command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said, text=True
+                )
+            except OSError as problem:
+                raise RendererError(f"cannot run {command[0]}: {problem.strerror}") from None
+            stack.callback(self._process.communicate)
+            stack.callback(self._process.kill)
+            self.by: str = self._answer()
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> RenderProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.communicate()
-        self._said.close()
+        self._stack.close()
 
     def render(self, frame: int) -> None:
         """Render a frame, and wait for it."""
@@ -101,7 +103,6 @@ class RenderProcess:
         if not line:
             self._said.seek(0)
             last = self._said.read().strip().rpartition("\n")[2]
-            self.__exit__()
             raise RendererError(f"{self._name} ended: {last or 'it said nothing'}")
         return json.loads(line)
 
