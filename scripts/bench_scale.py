@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+import msgspec
+
 from scripts.bench_measure import milliseconds, single
 from scripts.bench_results import Quantity
 from simgrab import scenes
@@ -23,7 +25,7 @@ def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Qua
     scenario = scenes.load(scene, {"frames": max(frames, 2)}, size=size)
     worlds: list[tuple[float, float]] = []
     times: list[tuple[float, float]] = []
-    images, rows = [], []
+    images, records, rows = [], [], []
     with FrameGenerator(scenario) as generator:
         variant = None
         for frame in range(scenario.frames):
@@ -36,6 +38,7 @@ def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Qua
             made = stored.make(generator, frame)
             times.append(_since(began))
             images.append(sum(map(len, made.files.values())) / 1e3)
+            records.append(len(msgspec.json.encode(made.record)) / 1e3)
             rows.append(made.record.truth)
     core, half = identity(Recipe(scenario)), len(rows) // 2
     whole, less = (len(export.parquet(some, core)) for some in (rows, rows[:half]))
@@ -44,8 +47,9 @@ def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Qua
         yield milliseconds(f"{name}: time", (wall for wall, _ in taken))
         yield milliseconds(f"{name}: CPU time", (cpu for _, cpu in taken))
     yield Quantity("frame: image", "kB", tuple(images))
-    yield single("frame: labels", each / 1e3, "kB")
-    yield single("file of labels: beside its frames", (whole - each * len(rows)) / 1e3, "kB")
+    yield Quantity("frame: labels and mask as JSON", "kB", tuple(records))
+    yield single("frame: labels in a table", each / 1e3, "kB")
+    yield single("table of labels: beside its frames", (whole - each * len(rows)) / 1e3, "kB")
 
 
 def _now() -> tuple[float, float]:
