@@ -53,7 +53,8 @@ class Quantity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         text = f"{self.name:44s} {self.median:10.4g} {self.unit}"
         if len(self.samples) > 1:
             low, high = np.percentile(self.samples, [10, 90])
-            text += f" (median of {len(self.samples)}; 10–90 %: {low:.4g}–{high:.4g})"
+            mean = np.mean(self.samples)
+            text += f" (median of {len(self.samples)}; 10–90 %: {low:.4g}–{high:.4g}; mean {mean:.4g})"
         return text
 
 
@@ -115,6 +116,7 @@ def of_this_run(verb: str, options: dict[str, Any], quantities: tuple[Quantity, 
         except PackageNotFoundError:
             versions[package] = "not installed"
     renderer = diagnosis.renderer
+    versions["passes"] = renderer.passes if renderer else ""  # "1 whole": SIMGRAB_REUSE=0
     described = {
         "cpu": _cpu(),
         "cores": str(machine.cores()),
