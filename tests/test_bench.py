@@ -4,6 +4,7 @@ import itertools
 import re
 import sys
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -151,16 +152,16 @@ def test_acts_take_turns_and_warm_up_untimed():
 
 @pytest.fixture(scope="module")
 def made():
-    """Export of three frames, and their truth."""
+    """Export of three frames, the model, the frames, and the group of each geom in them."""
     with FrameGenerator(scenes.load("quay-day", SMALL)) as generator:
         scene = exported(generator, range(3))
         model = generator.scene(0).world.model
-        truths = [generator.frame(number).truth for number in range(3)]
+        made = [generator.frame(number) for number in range(3)]
         groups = []
         for number in range(3):
             generator.scene(number).renderer.pose(generator.project(number).moment)
             groups.append(model.geom_group.copy())
-    return scene, model, truths, groups
+    return scene, model, made, groups
 
 
 def test_an_export_keeps_every_triangle(made, tmp_path):
@@ -176,9 +177,9 @@ def test_an_export_keeps_every_triangle(made, tmp_path):
 
 
 def test_an_exported_grab_fills_the_box_of_the_labels(made):
-    scene, _, truths, groups = made
+    scene, _, frames, groups = made
     _, _, f, cx, cy = scene.camera
-    for frame, (truth, group) in enumerate(zip(truths, groups, strict=True)):
+    for frame, (truth, group) in enumerate(zip((one.truth for one in frames), groups, strict=True)):
         points = [
             (scene.jib_from_geom[frame, geom] @ np.c_[v[:, :3], np.ones(len(v))].T)[:3].T
             for geom in np.flatnonzero(group == GRAB)
@@ -190,6 +191,25 @@ def test_an_exported_grab_fills_the_box_of_the_labels(made):
         u, v = f * x / z + cx, f * y / z + cy
         box = truth.amodal_x0_px, truth.amodal_y0_px, truth.amodal_x1_px, truth.amodal_y1_px
         np.testing.assert_allclose((u.min(), v.min(), u.max(), v.max()), box, atol=1.0)
+
+
+def outlines(rgb):
+    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
+    return np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+
+
+def test_pyrender_shows_an_export_as_simgrab_shows_the_scene(made, tmp_path):
+    pytest.importorskip("pyrender")
+    scene, _, frames, _ = made
+    scene.save(tmp_path / "scene.npz")
+    with RenderProcess([sys.executable, "-m", "scripts.bench_pyrender", str(tmp_path / "scene.npz")]) as process:
+        assert process.by.startswith("pyrender ")
+        for number, frame in enumerate(frames):
+            process.render(number)
+            process.save(tmp_path / "picture.png")
+            theirs = cv2.cvtColor(cv2.imread(str(tmp_path / "picture.png")), cv2.COLOR_BGR2RGB)
+            (dx, dy), _ = cv2.phaseCorrelate(outlines(frame.rgb), outlines(theirs))
+            assert np.hypot(dx, dy) < 0.5
 
 
 def test_a_renderer_that_ends_is_reported_with_its_reason(tmp_path):
