@@ -18,28 +18,17 @@ python -m scripts.bench --compare A.json B.json
 from __future__ import annotations
 
 import argparse
+import importlib
 import re
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from scripts import bench_compare, bench_results
-from scripts.bench_detect import detect
-from scripts.bench_estimate import estimate
-from scripts.bench_motion import motion
-from scripts.bench_render import render
-from scripts.bench_renderers import renderers
-from scripts.bench_results import Quantity
-from scripts.bench_run import run
-from scripts.bench_scale import scale
-from scripts.bench_stress import stress
-from scripts.bench_world import world
 from simgrab.errors import SimgrabError
 
-VERBS: dict[str, Callable[..., Iterator[Quantity]]] = {
-    verb.__name__: verb for verb in (render, renderers, estimate, motion, stress, world, scale, detect, run)
-}
+VERBS = ("render", "renderers", "estimate", "motion", "stress", "world", "scale", "detect", "run")
+"""``world`` is the function of that name in ``scripts.bench_world``, imported when asked for: imports take memory."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -65,10 +54,13 @@ def _measure(verb: str, out: Path | None, options: dict[str, Any]) -> None:
     if out and out.is_dir():  # before minutes of measuring
         raise bench_results.ResultsError(f"cannot write {out}: it is a folder")
     measured = []
-    for quantity in VERBS[verb](**options):
+    act = getattr(importlib.import_module(f"scripts.bench_{verb}"), verb)
+    for quantity in act(**options):
         print(quantity, flush=True)
         measured.append(quantity)
-    results = bench_results.of_this_run(verb, options, tuple(measured))
+    from scripts import bench_machine  # after measuring, because it opens renderers
+
+    results = bench_machine.of_this_run(verb, options, tuple(measured))
     print(f"{results.commit}, {', '.join(results.machine.values())}")
     if out:
         results.save(out)
@@ -80,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--compare", nargs=2, type=Path, metavar=("A", "B"), help="compare two files of results")
     verbs = parser.add_subparsers(dest="verb")
-    by_name = {name: verbs.add_parser(name, help=(verb.__doc__ or "").split("\n")[0]) for name, verb in VERBS.items()}
+    by_name = {name: verbs.add_parser(name) for name in VERBS}
     for verb in by_name.values():
         verb.add_argument("--json", type=Path, metavar="FILE", help="keep the results")
     by_name["render"].add_argument("--pairs", type=_count, default=30)

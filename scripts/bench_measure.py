@@ -47,7 +47,7 @@ def in_turns(
 
 def milliseconds(name: str, seconds: Iterable[float], by: str = "") -> Quantity:
     """Make a quantity of seconds."""
-    return Quantity(name, "ms", tuple(1e3 * s for s in seconds), by)
+    return Quantity(name, "ms", tuple(float(1e3 * s) for s in seconds), by)
 
 
 def single(name: str, value: float, unit: str) -> Quantity:
@@ -57,7 +57,7 @@ def single(name: str, value: float, unit: str) -> Quantity:
 
 def ratios(name: str, above: Iterable[float], below: Iterable[float]) -> Quantity:
     """Make a quantity of ratios, pair by pair as far as there are pairs."""
-    return Quantity(name, "×", tuple(a / b for a, b in zip(above, below, strict=False)))
+    return Quantity(name, "×", tuple(float(a / b) for a, b in zip(above, below, strict=False)))
 
 
 def resident_mb() -> float:

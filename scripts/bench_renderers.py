@@ -17,13 +17,14 @@ import numpy as np
 
 from scripts.bench_measure import in_turns, milliseconds, ratios
 from scripts.bench_render import BARE, FINISHED, SCENE, WARM_UP, Bare, Finished
-from scripts.bench_results import ROOT, Quantity
+from scripts.bench_results import Quantity
 from scripts.bench_scene import ExportedScene
 from simgrab import scenes
 from simgrab.errors import RendererError
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import HIDDEN
 
+ROOT = Path(__file__).parents[1]
 PYRENDER = "pyrender: rgb, no shadows"
 WORKBENCH, CYCLES = "Blender workbench: rgb, no shadows", "Blender Cycles, 16 samples: rgb"
 MOST = {CYCLES: 3}  # frames: one takes as long as hundreds of the others

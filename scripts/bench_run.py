@@ -58,7 +58,7 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> Iterator[Q
     yield single("whole record: frames with an angle", sum(m.status == "ok" for m in record.measurements), "frames")
     yield single("whole record: speed", frames / seconds, "frames/s")
     yield single("whole record: CPU time of a frame", 1e3 * cpu / frames, "ms")
-    for at, memory in zip((SETTLED, frames), loop.memory, strict=False):
+    for at, memory in zip(sorted({min(SETTLED, frames), frames}), loop.memory, strict=True):
         yield single(f"memory after {at} frames", memory, "MB")
     yield single("peak memory", peak_mb(), "MB")
     yield from _live(pipeline, Loop(video, camera, live_frames), camera)

@@ -1,5 +1,6 @@
 """Results of benchmarks: kept whole, compared, and taken of the same scene."""
 
+import importlib
 import itertools
 import re
 import sys
@@ -10,9 +11,9 @@ import numpy as np
 import pytest
 from conftest import SMALL
 
-from scripts import bench, bench_results
+from scripts import bench, bench_results, bench_world
 from scripts.bench_compare import compare, ratio
-from scripts.bench_measure import in_turns
+from scripts.bench_measure import in_turns, milliseconds, ratios, single
 from scripts.bench_renderers import RenderProcess, exported
 from scripts.bench_results import Quantity, Results
 from scripts.bench_scene import ExportedScene
@@ -46,8 +47,20 @@ def test_a_file_holds_every_sample(tmp_path):
     assert bench_results.load(tmp_path / "a.json") == RESULTS
 
 
+def test_arrays_of_numbers_are_kept_too(tmp_path):
+    seconds = np.array([0.25, 0.5])
+    made = milliseconds("x", seconds), ratios("y", seconds, seconds[::-1]), single("z", np.float64(3.0), "MB")
+    changed(quantities=made).save(tmp_path / "a.json")
+    assert [q.samples for q in bench_results.load(tmp_path / "a.json").quantities] == [(250, 500), (0.5, 2), (3,)]
+
+
+@pytest.mark.parametrize("verb", bench.VERBS)
+def test_each_verb_is_a_function_of_its_name(verb):
+    assert callable(getattr(importlib.import_module(f"scripts.bench_{verb}"), verb))
+
+
 def test_a_verb_keeps_what_it_measured_and_on_what(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(bench.VERBS, "world", lambda: iter([FRAME]))
+    monkeypatch.setattr(bench_world, "world", lambda: iter([FRAME]))
     assert bench.main(["world", "--json", str(tmp_path / "new" / "a.json")]) == 0
     results = bench_results.load(tmp_path / "new" / "a.json")
     assert (results.verb, results.options, results.quantities) == ("world", {}, (FRAME,))
