@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import mujoco
 import numpy as np
 
 from scripts.bench_measure import in_turns, milliseconds, ratios
@@ -110,6 +109,8 @@ class RenderProcess:
 
 def exported(generator: FrameGenerator, frames: range) -> ExportedScene:
     """Export what the frames show. Meshes whose corners agree in position, normal and texture share vertices."""
+    import mujoco  # after simgrab.world, which chooses its OpenGL
+
     scene = generator.scene(frames[0])
     model, k = scene.world.model, generator.scenario.camera.intrinsics
     cameras, poses, shown = [], [], []
