@@ -1,36 +1,34 @@
-"""Time the estimators: per replication in a batch, and over n."""
+"""Time the estimators: per replication in a batch, and over n; see `scripts.bench`."""
 
 from __future__ import annotations
 
-import os
-import platform
 import time
 import tracemalloc
+from collections.abc import Iterator
 
 import numpy as np
 
+from scripts.bench_measure import milliseconds, single
+from scripts.bench_results import Quantity
 from simgrab.instrument.estimate import ESTIMATORS, Estimator
 from simgrab.judge.paper.law import camera, draw
 
 FRAMES = 3699  # the paper's video
-PAPER_MS = 28.0
 
 
-def estimate() -> None:
-    """Print milliseconds per replication at n = 3,699 and the cost up to 10⁶ frames."""
-    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, numpy {np.__version__}")
-    print(f"\nn = {FRAMES}, intervals included, both kinds; best of 5 batches. The paper: {PAPER_MS:g} ms (median)")
+def estimate() -> Iterator[Quantity]:
+    """Measure milliseconds per replication at n = 3,699 (the paper: 28 ms), and the cost up to 10⁶ frames.
+
+    Intervals are included, and both kinds of tilt. A sample is a batch of replications divided by their number.
+    """
     for name, kind in ESTIMATORS.items():
         many = 1 if kind.needs_time else 100
-        best = _batch_ms(kind(), many, 1 if kind.needs_time else 5)
-        print(f"  {name:18s} {best:9.3f} ms" + ("" if best <= 1 else "   more than 1 ms"), flush=True)
-    print("\nOne record of n frames: seconds, nanoseconds a frame, peak memory")
+        yield milliseconds(f"{name}: n = {FRAMES}", _batch(kind(), many, 1 if kind.needs_time else 5))
     for name, kind in ESTIMATORS.items():
         for n in (1_000, 10_000) if kind.needs_time else (10_000, 100_000, 1_000_000):
             seconds, peak = _one(kind(), n)
-            print(
-                f"  {name:18s} {n:9,d}  {seconds:8.3f} s {1e9 * seconds / n:12.0f} ns {peak / 1e6:7.0f} MB", flush=True
-            )
+            yield single(f"{name}: one record of {n}", seconds, "s")
+            yield single(f"{name}: memory for {n}", peak / 1e6, "MB")
 
 
 def _record(records: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,14 +49,15 @@ def _pendulum(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return pixels[None], np.full(n, 20.0), time_s
 
 
-def _batch_ms(estimator: Estimator, many: int, repeats: int) -> float:
+def _batch(estimator: Estimator, many: int, repeats: int) -> list[float]:
+    """Seconds per replication, batch by batch."""
     pixels, rope, time_s = _pendulum(FRAMES) if estimator.needs_time else _record(many, FRAMES)
     times = []
     for _ in range(repeats):
         began = time.perf_counter()
         estimator.batch(pixels, camera(1644.82), rope_length=rope, time=5 * time_s if many > 1 else time_s)
-        times.append(time.perf_counter() - began)
-    return 1e3 * min(times) / many
+        times.append((time.perf_counter() - began) / many)
+    return times
 
 
 def _one(estimator: Estimator, n: int) -> tuple[float, int]:
@@ -71,7 +70,3 @@ def _one(estimator: Estimator, n: int) -> tuple[float, int]:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return seconds, peak
-
-
-if __name__ == "__main__":
-    estimate()
