@@ -10,22 +10,25 @@ import msgspec
 from scripts.bench_measure import milliseconds, single
 from scripts.bench_results import Quantity
 from simgrab import scenes
-from simgrab.world.extensions import Recipe
+from simgrab.labels.shards import table as shard_labels
+from simgrab.scenario import Scenario
+from simgrab.utilities.stores import Store
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import export, stored
-from simgrab.world.output.manifest import identity
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output import shards, stored, tables
+from simgrab.world.output.shards import Packed
 
 
 def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Quantity]:
     """Measure frames one after another in one process: worlds, rendering, labels and encoding, without writing.
 
     CPU time is that of all threads of the process, OpenGL's included where the CPU renders. The bytes of labels are
-    those of a table of all frames and of one of the first half: what the other half adds, and what a file begins with.
+    those of a shard of all frames and of one of the first half: what the other half adds, and what a file begins with.
     """
     scenario = scenes.load(scene, {"frames": max(frames, 2)}, size=size)
     worlds: list[tuple[float, float]] = []
     times: list[tuple[float, float]] = []
-    images, records, rows = [], [], []
+    images, records, packed = [], [], list[Packed]()
     with FrameGenerator(scenario) as generator:
         variant = None
         for frame in range(scenario.frames):
@@ -39,17 +42,25 @@ def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Qua
             times.append(_since(began))
             images.append(sum(map(len, made.files.values())) / 1e3)
             records.append(len(msgspec.json.encode(made.record)) / 1e3)
-            rows.append(made.record.truth)
-    core, half = identity(Recipe(scenario)), len(rows) // 2
-    whole, less = (len(export.parquet(some, core)) for some in (rows, rows[:half]))
-    each = (whole - less) / (len(rows) - half)
+            row, mask = made.record.truth, made.record.mask
+            packed.append(Packed(row, mask if tables.is_labelled(row, scenario) else None, {row.file: b""}))
+    half = len(packed) // 2
+    whole, less = (_labels_bytes(some, scenario, made.record.rendered_by) for some in (packed, packed[:half]))
+    each = (whole - less) / (len(packed) - half)
     for name, taken in (("world", worlds), ("frame", times)):
         yield milliseconds(f"{name}: time", (wall for wall, _ in taken))
         yield milliseconds(f"{name}: CPU time", (cpu for _, cpu in taken))
     yield Quantity("frame: image", "kB", tuple(images))
     yield Quantity("frame: labels and mask as JSON", "kB", tuple(records))
     yield single("frame: labels in a table", each / 1e3, "kB")
-    yield single("table of labels: beside its frames", (whole - each * len(rows)) / 1e3, "kB")
+    yield single("table of labels: beside its frames", (whole - each * len(packed)) / 1e3, "kB")
+
+
+def _labels_bytes(frames: list[Packed], scenario: Scenario, rendered_by: Fingerprint) -> int:
+    """Bytes of the labels of a shard."""
+    store = Store("memory://scale")
+    shards.write(store, 0, frames, scenario, rendered_by)
+    return store.sizes("labels")[shard_labels(0)]
 
 
 def _now() -> tuple[float, float]:
