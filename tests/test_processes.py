@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections import deque
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 
@@ -135,6 +135,38 @@ def test_an_item_that_kills_every_worker_is_named_and_the_others_kept(tmp_path):
     assert sorted(path.name for path in tmp_path.glob("done-*")) == ["done-0", "done-1", "done-2"]
     with Pool(1) as pool:  # what killed it is gone
         assert sorted(pool.map(Dying(tmp_path, 3, times=0), [3, 4, 5])) == [9, 16, 25]
+
+
+def hangs_once(path):
+    """Tick, and wait for ever where nobody has before."""
+    tick()
+    with suppress(FileExistsError):
+        path.touch(exist_ok=False)
+        time.sleep(10**6)
+    return path.name
+
+
+def test_a_worker_that_hangs_is_replaced_and_its_item_done(tmp_path, caplog):
+    ticks = []
+    with caplog.at_level(logging.WARNING), Pool(2, silent_s=2.0) as pool:
+        done = pool.map(hangs_once, [tmp_path / "a", tmp_path / "b"], ticked=ticks.append)
+        assert sorted(done) == ["a", "b"]
+    assert len(caplog.messages) == 2
+    assert all("neither ticked nor finished for 2 s" in message for message in caplog.messages)
+    assert ticks[-1] == 2
+
+
+def works(seconds):
+    """Tick now and then."""
+    for _ in range(5):
+        time.sleep(seconds / 5)
+        tick()
+
+
+def test_a_worker_that_ticks_is_not_silent(caplog):
+    with caplog.at_level(logging.WARNING), Pool(1, silent_s=2.0) as pool:
+        assert list(pool.map(works, [0.1, 4.0])) == [None, None]
+    assert caplog.messages == []
 
 
 def test_a_death_within_a_tick_keeps_nobody_waiting(tmp_path):

@@ -65,10 +65,11 @@ def open_pool(
     setup: Callable[[], None] | None = None,
     environment: Mapping[str, str] | None = None,
     memory_bytes: int = 0,
+    silent_s: float | None = None,
 ) -> AnyPool:
     """Open a pool of so many processes, or the pool of a cluster where one is named; parameters as theirs."""
     if cluster is None:
-        return Pool(workers, setup=setup, environment=environment)
+        return Pool(workers, setup=setup, environment=environment, silent_s=silent_s)
     return ClusterPool(cluster, setup=setup, environment=environment, memory_bytes=memory_bytes)
 
 

@@ -40,13 +40,26 @@ def pickled(value: object) -> bytes:
 
 @dataclass
 class _Job(Generic[Item]):
-    """An item under way: how often a worker died of it, and its ticks in this attempt and in the longest one."""
+    """An item under way.
+
+    Attributes
+    ----------
+    number : int
+    item : Item
+    deaths : int
+        How often a worker died of it.
+    ticks, most_ticks : int
+        In this attempt, and in the longest one.
+    heard_s : float
+        When its worker was last heard of, by the monotonic clock.
+    """
 
     number: int
     item: Item
     deaths: int = 0
     ticks: int = 0
     most_ticks: int = 0
+    heard_s: float = 0.0
 
 
 class Pool:
@@ -65,6 +78,8 @@ class Pool:
         replaced, for the processes that are started from then on.
     environment : mapping of str to str, optional
         Variables of the processes, besides those of this one.
+    silent_s : float, optional
+        How long a worker may neither tick nor finish, before it is killed and replaced as one that hangs.
     """
 
     def __init__(
@@ -73,8 +88,9 @@ class Pool:
         *,
         setup: Callable[[], None] | None = None,
         environment: Mapping[str, str] | None = None,
+        silent_s: float | None = None,
     ) -> None:
-        self.setup, self._environment = setup, environment or {}
+        self.setup, self._environment, self._silent_s = setup, environment or {}, silent_s
         self._workers: list[_Worker | None] = [None] * workers
         atexit.register(self.close)  # else Python, ending with this left open, would wait for the workers
 
@@ -127,11 +143,12 @@ class Pool:
         def start(place: int) -> None:
             job = waiting.popleft() if waiting else next(fresh, None)
             if job is not None:
-                job.ticks, running[place] = 0, job
+                job.ticks, job.heard_s, running[place] = 0, time.monotonic(), job
                 self._give(place, work, job.item)
 
-        def lost(place: int) -> None:
-            job, how = running.pop(place), self._discard(place)
+        def lost(place: int, why: str = "") -> None:
+            job, died = running.pop(place), self._discard(place)
+            how = why or died
             job.deaths += 1
             if job.deaths == ATTEMPTS:
                 raise WorkerError(f"{called(job)}: {ATTEMPTS} worker processes died processing it; the last {how}")
@@ -143,9 +160,15 @@ class Pool:
                 start(place)
             while running:
                 places = {self._pipe(place): place for place in running}
-                for pipe in connection.wait(list(places)):
+                heard = connection.wait(list(places), self._left_s(running.values()))
+                for place in [] if heard else self._silent(running):
+                    self._kill(place)
+                    lost(place, f"neither ticked nor finished for {self._silent_s:g} s, and was killed")
+                    start(place)
+                for pipe in heard:
                     place = places[pipe]  # type: ignore[index]  # these are pipes, and no other handles
                     job = running[place]
+                    job.heard_s = time.monotonic()
                     try:
                         kind, value = self._pipe(place).recv()
                     except (EOFError, OSError):
@@ -167,6 +190,22 @@ class Pool:
                     yield value
         finally:
             self._end(running)
+
+    def _left_s(self, jobs: Iterable[_Job[Item]]) -> float | None:
+        """How long it takes until the first of these workers has been silent for too long."""
+        if self._silent_s is None:
+            return None
+        return max(0.0, min(job.heard_s for job in jobs) + self._silent_s - time.monotonic())
+
+    def _silent(self, running: Mapping[int, _Job[Item]]) -> list[int]:
+        """Places of workers that have been silent for too long."""
+        most = self._silent_s
+        return [place for place, job in running.items() if most and time.monotonic() - job.heard_s >= most]
+
+    def _kill(self, place: int) -> None:
+        worker = self._workers[place]
+        assert worker is not None
+        worker.process.kill()
 
     def _pipe(self, place: int) -> Connection[Any, Any]:
         worker = self._workers[place]

@@ -1,7 +1,5 @@
 """Datasets of shards: the same bytes wherever they lie, however they are made, and whatever fails meanwhile."""
 
-import json
-
 import msgspec
 import numpy as np
 import pytest
@@ -10,7 +8,9 @@ import simgrab
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.labels import shards
 from simgrab.utilities import stores
+from simgrab.world.extensions import Recipe
 from simgrab.world.output.dataset import render
+from simgrab.world.output.shards import Shards, frames_of
 from tests.conftest import SMALL
 from tests.s3_server import BUCKET, contents, folder_contents, s3
 
@@ -121,14 +121,13 @@ def test_a_shard_that_lost_an_archive_is_made_again(scene, whole, tmp_path):
     assert folder_contents(out) == folder_contents(whole)
 
 
-def test_worlds_that_vary_stay_whole(tmp_path):
-    scene = simgrab.load("training", {"frames": 3, "clip.clip_frames": 2, "image.samples": 0}, size=(480, 270))
-    for frames, expected in ((1, 2), (3, 4)):
-        out = tmp_path / str(frames)
-        render(scene, out.as_uri(), shard_frames=frames)
-        assert json.loads((out / "manifest.json").read_text())["shards"]["frames"] == expected
-    a, b = (simgrab.open(tmp_path / str(n)) for n in (1, 3))
-    assert [f.content for f in a] == [f.content for f in b]
+@pytest.mark.parametrize(("wanted", "expected"), [(None, 256), (1, 8), (8, 8), (9, 16)])
+def test_worlds_that_vary_stay_whole(wanted, expected):
+    recipe = Recipe(simgrab.load("training", {"frames": 20}))
+    assert frames_of(recipe, wanted) == expected
+    output = Shards(stores.Store("memory://x"), recipe, 8)
+    assert [output.span(k) for k in range(output.count)] == [range(8), range(8, 16), range(16, 20)]
+    assert frames_of(Recipe(simgrab.load("quay-day")), wanted) == (wanted or 256)
 
 
 def test_a_place_that_holds_something_else_is_refused(scene, tmp_path):

@@ -29,6 +29,8 @@ Work = Callable[[FrameGenerator, int, Tick], T]
 FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
 WORLD_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 200, 24
 """What a process needs for a world and its textures, for each pixel of the picture, and for each of its samples."""
+SILENT_S = 1800.0
+"""How long a process may take for a frame, its world and the exposures before it included, until it counts as hung."""
 MOST_PROJECTIONS = 4096
 """Frames whose projection is kept from vetting for rendering; a few kilobytes each."""
 
@@ -240,7 +242,7 @@ def map_items(
     """
     if workers > 1 or cluster is not None:
         setup = functools.partial(_open, recipe)
-        with open_pool(workers, cluster, setup=setup, memory_bytes=memory_bytes(recipe)) as pool:
+        with open_pool(workers, cluster, setup=setup, memory_bytes=memory_bytes(recipe), silent_s=SILENT_S) as pool:
             done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
             with contextlib.closing(done):
                 yield from done
