@@ -121,6 +121,30 @@ def test_a_shard_that_lost_an_archive_is_made_again(scene, whole, tmp_path):
     assert folder_contents(out) == folder_contents(whole)
 
 
+def test_a_place_that_vanishes_gets_no_manifest(scene, tmp_path, monkeypatch):
+    """As where a file system is unmounted: what is written from then on lies below the same name, elsewhere."""
+    out, other = tmp_path / "set", tmp_path / "other"
+
+    def vanish(done, _total):
+        if done == 6:
+            out.rename(tmp_path / "gone")
+
+    with pytest.raises(DatasetError, match="it is not there"):
+        render(scene, out.as_uri(), shard_frames=4, progress=vanish)
+    assert not (out / "manifest.json").exists()
+
+    def lose(done, _total):
+        if done == 6:
+            (other / "labels/000000.parquet").unlink()
+
+    with pytest.raises(DatasetError, match=r"labels/000000\.parquet is gone; run it again with --resume"):
+        render(scene, other.as_uri(), shard_frames=4, progress=lose)
+    assert render(scene, other.as_uri(), shard_frames=4, resume=True).made == 4
+    monkeypatch.setattr(Shards, "begin", lambda _: None)
+    with pytest.raises(DatasetError, match=r"is gone, or another process finished it: it has no unfinished\.json"):
+        render(scene, (tmp_path / "unclaimed").as_uri(), shard_frames=4)
+
+
 @pytest.mark.parametrize(("wanted", "expected"), [(None, 256), (1, 8), (8, 8), (9, 16)])
 def test_worlds_that_vary_stay_whole(wanted, expected):
     recipe = Recipe(simgrab.load("training", {"frames": 20}))

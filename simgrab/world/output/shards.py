@@ -148,6 +148,11 @@ class Shards:
         """Whether a dataset is begun there: whose scenario was found possible, then."""
         return self.store.exists(UNFINISHED)
 
+    def _check_claimed(self) -> None:
+        """Refuse a place that was claimed and is so no more: a file system that is not mounted any longer, say."""
+        if not self.begun():
+            raise DatasetError(f"{self.store.url} is gone, or another process finished it: it has no {UNFINISHED}")
+
     def begin(self) -> None:
         """Claim the place."""
         self.store.write(UNFINISHED, json.dumps(self.identity, indent=1).encode())
@@ -171,6 +176,7 @@ class Shards:
 
     def make(self, generator: FrameGenerator, number: int, tick: Tick) -> Done:
         """Make a shard and write it."""
+        self._check_claimed()
         scenario = self.recipe.scenario
 
         def frames() -> Iterator[Packed]:
@@ -185,6 +191,11 @@ class Shards:
 
     def finish(self, done: dict[int, Done], rendered_by: Fingerprint) -> None:
         """Write what depends on all shards; the manifest comes last."""
+        self._check_claimed()
+        there = self.store.sizes("labels")
+        for number in range(self.count):
+            if shards.table(number) not in there:
+                raise DatasetError(f"{self.store.url}: {shards.table(number)} is gone; run it again with --resume")
         known = [done[number] for number in range(self.count)]
         finish(self.store, manifest.identity(self.recipe), self.frames, known, self.recipe.scenario, rendered_by)
         self.store.remove(UNFINISHED)
