@@ -22,6 +22,8 @@ class Faulty:
         connection when half of it has come; 0 for never.
     dead_after : int or None
         Requests that write, after which each one is answered 500.
+    reads_fail : int
+        Requests that read, of which so many next ones are answered 503.
     """
 
     def __init__(self):
@@ -29,6 +31,7 @@ class Faulty:
         self._lock = threading.Lock()
         self.errors_every = self.cut_every = self.lost_every = self.writes = 0
         self.dead_after = None
+        self.reads_fail = 0
 
     def __call__(self, environ, start_response):
         """Answer a request."""
@@ -52,6 +55,10 @@ class Faulty:
                     del environ[key]  # checksums, which would tell
                 environ.pop("HTTP_CONTENT_MD5", None)
                 environ |= {"wsgi.input": io.BytesIO(half), "CONTENT_LENGTH": str(len(half))}
+        elif self.reads_fail:
+            self.reads_fail -= 1
+            start_response("503 Service Unavailable", [("Content-Type", "text/xml")])
+            return [b""]
         return self._app(environ, start_response)
 
 

@@ -13,7 +13,7 @@ import simgrab
 from simgrab.errors import ClusterError, DatasetError, WorkerError
 from simgrab.judge.stress import catalogue, laboratory
 from simgrab.judge.stress.study import quickened
-from simgrab.utilities import cluster
+from simgrab.utilities import cluster, versions
 from simgrab.utilities.cluster import ClusterPool, open_pool
 from simgrab.utilities.processes import Pool, RemoteError, tick
 from simgrab.world.output.dataset import render
@@ -60,7 +60,7 @@ def test_without_a_cluster_work_is_done_by_processes():
 
 
 def test_other_versions_are_named():
-    here = cluster.versions()
+    here = versions.everything()
     assert here.keys() >= {"Python", "simgrab's source", "mujoco", "numpy"}
     assert cluster._versions_problem(here) is None
     problem = str(cluster._versions_problem(here | {"numpy": "1.0", "mujoco": "9.9"}))
@@ -115,8 +115,8 @@ def checks(address, folder):
         cluster.RETRIES = 1
         with pytest.raises(WorkerError, match="shard 3: processes died processing it 2 times"):
             list(pool.map(dying, [3], name=lambda item: f"shard {item}"))
-        known = cluster.versions()
-        cluster.versions = lambda: known | {"numpy": "1.0"}
+        known = versions.everything()
+        versions.everything = lambda: known | {"numpy": "1.0"}
         with pytest.raises(ClusterError, match=r"machine .* has numpy .* instead of 1\.0: install the same"):
             list(pool.map(doubled, [1]))
     with (
@@ -130,7 +130,7 @@ def checks(address, folder):
 def test_work_on_a_cluster(tmp_path):
     """What dies meanwhile is tried by ``python -m scripts.cluster_faults``, which takes minutes."""
     renders(tmp_path, "here")
-    with cluster.local(2, 1) as address:
+    with cluster.local_cluster(2, 1) as address:
         subprocess.run([sys.executable, "-c", CHECKS, address, str(tmp_path)], check=True, timeout=240)
     for name in ("", "-shards", "-stress"):
         known, found = (folder_contents(tmp_path / f"{place}{name}") for place in ("here", "there"))

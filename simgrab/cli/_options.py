@@ -45,6 +45,8 @@ class _FolderOrUrl(_Destination):
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Leave a URL as it is."""
+        if isinstance(value, str) and value.lower().startswith("memory:"):
+            self.fail("memory:// ends with the command; give a folder or another URL", param, ctx)
         return value if is_url(value) else super().convert(value, param, ctx)
 
 

@@ -20,11 +20,11 @@ def command() -> None:
 @click.option("--local", "nodes", type=click.IntRange(1, 64), required=True, help="Nodes to start on this machine.")
 def up(nodes: int) -> None:
     """Start a cluster of LOCAL nodes that share this machine's cores; Ctrl-C ends it."""
-    from simgrab.utilities.cluster import local
+    from simgrab.utilities.cluster import local_cluster
 
     cores = max(1, machine.cores() // nodes)
-    with local(nodes, cores) as address:
+    with local_cluster(nodes, cores) as address:
         click.echo(printable(f"Ray cluster at {address}: {nodes} nodes with {cores} cores each"))
-        click.echo(printable(f"in another terminal: simgrab render --cluster {address}"))
+        click.echo(printable(f"in another terminal: simgrab render SCENE --cluster {address}"))
         with suppress(KeyboardInterrupt):
             signal.pause()

@@ -56,10 +56,12 @@ def command(
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)
     recipe, how = Recipe(scenario, given), ""
+    if cluster is not None and workers is not None:
+        raise click.UsageError("--cluster works in place of --workers: give one of them")
     if cluster is not None:
         workers, how = 1, f"rendered by the cluster at {cluster}"
     elif workers is None:
-        each = frames_of(recipe, shard_frames) if is_url(out) else None
+        each = frames_of(scenario, shard_frames, varies=recipe.varies) if is_url(out) else None
         workers, limit = automatic(recipe, by_clip=video is not None, shard_frames=each)
         how = f"worker processes: {workers} (limited by {limit})"
     else:

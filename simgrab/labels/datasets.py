@@ -238,6 +238,12 @@ class Dataset(Sequence[LabelledFrame]):
             raise IndexError(f"{self.path}: index {index} is out of range of {len(self)} frames") from None
         return LabelledFrame(row, self.is_labelled(row), self._files)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether these are all frames of the dataset, in its order."""
+        numbers = [row.frame for row in self.rows]
+        return len(numbers) == self.data.frames and numbers == sorted(numbers)
+
     def frame(self, number: int) -> LabelledFrame:
         """Give the frame of this number, which `simgrab.labels.truth.Row.frame` holds.
 

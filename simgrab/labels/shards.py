@@ -31,7 +31,7 @@ from simgrab.labels.masks import Coded
 from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
 from simgrab.utilities import parquet, pictures
-from simgrab.utilities.parse import MOST_BYTES, parse_json
+from simgrab.utilities.parse import MOST_BYTES, is_dir, parse_json
 from simgrab.utilities.stores import Store, is_url
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ MANIFEST, CAMERA, PREVIEW = "manifest.json", "camera.toml", "preview.jpg"
 MOST_MANIFEST_BYTES = 2**30
 READ_AHEAD_BYTES = 16 * 2**20
 """Of pictures that lie one after another, and are read at once where frames are taken in order."""
+MOST_GAP_BYTES = 2**18
+"""Between two of them; what stands between is read too."""
 _KEPT_SHARDS, _MOST_HEADER = 4, tarfile.BLOCKSIZE
 
 PLACE = {
@@ -112,20 +114,46 @@ def parse_shard(data: bytes, where: str) -> Shard:
     return Shard(rows, {row.frame: place for row, place in zip(rows, places, strict=True)}, found.schema)
 
 
+class _Group:
+    """Pictures that lie one after another in an archive, read at once when the first is asked for."""
+
+    def __init__(self, store: Store) -> None:
+        self._store, self.places, self._read = store, dict[int, Place](), dict[int, bytes]()
+
+    def takes(self, place: Place) -> bool:
+        """Whether a picture lies near enough behind the others to be read with them."""
+        if not self.places:
+            return True
+        first, last = (self.places[frame] for frame in (next(iter(self.places)), next(reversed(self.places))))
+        near = 0 <= place.offset - (last.offset + last.size) <= MOST_GAP_BYTES
+        return place.shard == first.shard and near and place.offset + place.size - first.offset <= READ_AHEAD_BYTES
+
+    def take(self, frame: int) -> bytes | None:
+        """Give a picture's bytes once; None when they were given."""
+        if self.places:
+            places, self.places = self.places, {}
+            start, end = min(p.offset for p in places.values()), max(p.offset + p.size for p in places.values())
+            shard = places[frame].shard
+            data = self._store.read(shard, most_bytes=pictures.MOST_BYTES, span=(start, end))
+            for number, place in places.items():
+                self._read[number] = data[place.offset - start : place.offset - start + place.size]
+        return self._read.pop(frame, None)
+
+
 @dataclass(frozen=True)
 class _Archives:
-    """Pictures and masks of one shard; ``ahead`` holds the bytes of pictures that were read already, by frame."""
+    """Pictures and masks of one shard; ``group``, if any, are neighbours that are read together."""
 
     store: Store
     places: dict[int, Place]
-    ahead: dict[int, bytes] = field(default_factory=dict)
+    group: _Group | None = None
 
     def path(self, row: Row) -> None:  # noqa: ARG002
         return None
 
     def content(self, row: Row) -> bytes:
         place = self.places[row.frame]
-        data = self.ahead.get(row.frame)
+        data = self.group.take(row.frame) if self.group else None
         if data is None:
             span = (place.offset, place.offset + place.size)
             data = self.store.read(place.shard, most_bytes=pictures.MOST_BYTES, span=span)
@@ -185,6 +213,11 @@ class ShardedDataset(Sequence[LabelledFrame]):
         return self.manifest.data(_digest(self.manifest), sum(self.splits.values()))
 
     @property
+    def is_whole(self) -> bool:
+        """Whether these are all frames of the dataset, in its order."""
+        return self._split is None and self._positions == range(sum(self._counts))
+
+    @property
     def least_visible_fraction(self) -> float:
         """From which on detection labels hold a box."""
         return self.manifest.scenario.labels.least_visible_fraction
@@ -232,6 +265,7 @@ class ShardedDataset(Sequence[LabelledFrame]):
         """
         shards = self.manifest.shards
         assert shards is not None
+        number = operator.index(number)
         shard = number // shards.frames
         if 0 <= shard < len(self._counts):
             files, rows = self._shard(shard)
@@ -301,32 +335,17 @@ class ShardedDataset(Sequence[LabelledFrame]):
         return LabelledFrame(row, self.is_labelled(row), files)
 
     def _ahead(self, files: _Archives, rows: Sequence[Row]) -> Iterator[LabelledFrame]:
-        """Give frames of a shard with their pictures read, some megabytes at a time."""
-        spans: dict[str, list[list[Row]]] = {}
-        ready: dict[int, _Archives] = {}
+        """Give frames of a shard whose pictures are read some megabytes at a time, once the first is asked for."""
+        groups, latest = dict[int, _Group](), dict[str, _Group]()
         for row in rows:
-            groups = spans.setdefault(files.places[row.frame].shard, [[]])
-            first = files.places[groups[-1][0].frame].offset if groups[-1] else 0
-            here = files.places[row.frame]
-            if groups[-1] and not first <= here.offset <= first + READ_AHEAD_BYTES - here.size:
-                groups.append([])
-            groups[-1].append(row)
-        group_of = {row.frame: group for groups in spans.values() for group in groups for row in group}
+            place = files.places[row.frame]
+            if place.shard not in latest or not latest[place.shard].takes(place):
+                latest[place.shard] = _Group(self.store)
+            groups[row.frame] = latest[place.shard]
+            groups[row.frame].places[row.frame] = place
+        latest.clear()
         for row in rows:
-            if row.frame not in ready:
-                group = group_of[row.frame]
-                ready |= dict.fromkeys((one.frame for one in group), self._read(files, group))
-            yield self._frame(row, ready.pop(row.frame))
-
-    def _read(self, files: _Archives, group: Sequence[Row]) -> _Archives:
-        places = [files.places[row.frame] for row in group]
-        start, end = min(place.offset for place in places), max(place.offset + place.size for place in places)
-        data = self.store.read(places[0].shard, most_bytes=pictures.MOST_BYTES, span=(start, end))
-        ahead = {
-            row.frame: data[place.offset - start : place.offset - start + place.size]
-            for row, place in zip(group, places, strict=True)
-        }
-        return replace(files, ahead=ahead)
+            yield self._frame(row, replace(files, group=groups.pop(row.frame)))
 
 
 def _digest(manifest: Manifest) -> str:
@@ -396,8 +415,6 @@ def open(place: str | Path) -> Dataset | ShardedDataset:
     if is_url(place):
         return read(Store(str(place)))
     path = Path(place)
-    return read(Store(path.absolute().as_uri())) if _in_shards(path) else datasets.read(path)
-
-
-def _in_shards(path: Path) -> bool:
-    return (path / MANIFEST).is_file() and (path / "shards").is_dir()
+    if is_dir(path / "shards", DatasetError):
+        return read(Store(path.absolute().as_uri()))
+    return datasets.read(path)

@@ -105,6 +105,8 @@ def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]
     file = path / LABELS
     if not is_file(file, DatasetError):
         state = "unfinished; continue with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
+        if is_dir(path / "shards", DatasetError):
+            state = "a dataset of shards, of which simgrab export --format simgrab makes a folder"
         raise DatasetError(f"{path} is {state}: it has no {LABELS}")
     strict = kind.__struct_config__.forbid_unknown_fields
     with opened(file, DatasetError, most_bytes=parquet.MOST_BYTES) as handle:

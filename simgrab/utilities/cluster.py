@@ -6,23 +6,18 @@ Ray is imported when a cluster is asked for. It repeats the work of a process or
 from __future__ import annotations
 
 import contextlib
-import functools
-import hashlib
 import os
-import platform
 import re
 import signal
 import socket
 import threading
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
 from simgrab.errors import ClusterError, WorkerError, first_line
-from simgrab.utilities import processes
+from simgrab.utilities import processes, versions
 from simgrab.utilities.processes import STOPS, Pool, RemoteError
 
 Item = TypeVar("Item")
@@ -32,8 +27,6 @@ RETRIES = 5
 """Of an item whose process or machine died."""
 AHEAD = 2
 """Items under way for each core of the cluster: one at work, and one that waits for it."""
-#: On whose versions numbers and pixels depend.
-PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pyarrow", "pycocotools", "scipy", "trimesh")
 _ANSWERS_S = 10.0
 _ADVICE = "start one with `simgrab cluster up --local 2`, or with `ray start --head` and its address"
 
@@ -103,6 +96,8 @@ class ClusterPool:
     ) -> None:
         _check_answers(address)
         self._ray = _ray()
+        if self._ray.is_initialized():
+            raise ClusterError("this program uses Ray already; call ray.shutdown() first")
         self._setup, self._memory = setup, memory_bytes
         runtime = {"env_vars": dict(environment)} if environment else None
         with _own_signals():
@@ -146,19 +141,23 @@ class ClusterPool:
         """
         ray = self._ray
         self.check()
-        order = ray.put((uuid.uuid4().hex, versions(), self._setup, work))
-        task = ray.remote(_do).options(num_cpus=1, memory=self._memory or None, max_retries=RETRIES)
+        with self._reached():
+            order = ray.put((uuid.uuid4().hex, versions.everything(), ray.cloudpickle.dumps((self._setup, work))))
+            task = ray.remote(_do).options(num_cpus=1, memory=self._memory or None, max_retries=RETRIES)
         waiting = enumerate(items, 1)
         running: dict[Any, tuple[int, Item]] = {}
         ticks = 0
         try:
             while True:
-                most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
+                with self._reached():
+                    most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
                 while len(running) < most and (job := next(waiting, None)) is not None:
-                    running[task.remote(order, job[1])] = job
+                    with self._reached():
+                        running[task.remote(order, job[1])] = job
                 if not running:
                     return
-                ready, _ = ray.wait(list(running), num_returns=1, timeout=5.0)  # a cluster may grow meanwhile
+                with self._reached():
+                    ready, _ = ray.wait(list(running), num_returns=1, timeout=5.0)  # a cluster may grow meanwhile
                 for answer in ready:
                     number, item = running.pop(answer)
                     value, steps = self._value(answer, f"item {number}" if name is None else name(item))
@@ -171,6 +170,14 @@ class ClusterPool:
                 with contextlib.suppress(Exception):  # the cluster may be gone
                     ray.cancel(answer, force=True)
 
+    @contextlib.contextmanager
+    def _reached(self) -> Iterator[None]:
+        """Answer what Ray raises when it loses the cluster with one line."""
+        try:
+            yield
+        except (self._ray.exceptions.RayError, ConnectionError, TimeoutError) as problem:
+            raise ClusterError(f"the cluster cannot be reached any more ({first_line(problem)})") from None
+
     def check(self) -> None:
         """Refuse a cluster none of whose machines can do an item, for which Ray would wait.
 
@@ -178,7 +185,8 @@ class ClusterPool:
         ------
         ClusterError
         """
-        alive = [node for node in self._ray.nodes() if node["Alive"]]
+        with self._reached():
+            alive = [node for node in self._ray.nodes() if node["Alive"]]
         most = max((node["Resources"].get("memory", 0) for node in alive), default=0)
         if self._memory > most:
             raise ClusterError(
@@ -196,6 +204,12 @@ class ClusterPool:
             raise WorkerError(
                 f"{name}: processes died processing it {RETRIES + 1} times ({first_line(problem)})"
             ) from None
+        except exceptions.RayTaskError as problem:  # before it could begin, or after its end
+            cause = problem.cause
+            why = f"{type(cause).__name__}: {first_line(cause)}"
+            raise ClusterError(
+                f"{name}: a machine of the cluster cannot do it ({why}); install the same versions on all machines"
+            ) from None
         except exceptions.RayError as problem:
             raise ClusterError(f"{name}: {first_line(problem)}") from None
         if kind == "raised":
@@ -205,13 +219,17 @@ class ClusterPool:
 
 
 _order = ""
+_work: Callable[[Any], Any] | None = None
 _problem: BaseException | None = None
 
 
-def _do(order: tuple[str, dict[str, str], Callable[[], None] | None, Callable[[Any], Any]], item: Any) -> Any:
-    """Do an item in a process of the cluster; gives a kind, a value and the number of ticks."""
-    global _order, _problem
-    number, wanted, setup, work = order
+def _do(order: tuple[str, dict[str, str], bytes], item: Any) -> Any:
+    """Do an item in a process of the cluster; gives a kind, a value and the number of ticks.
+
+    What is to be done is unpickled once versions are found to be the same.
+    """
+    global _order, _problem, _work
+    number, wanted, pickled = order
     steps = 0
 
     def step() -> None:
@@ -220,37 +238,21 @@ def _do(order: tuple[str, dict[str, str], Callable[[], None] | None, Callable[[A
 
     processes.call_on_tick(step)
     if _order != number:
-        _problem = _versions_problem(wanted) or processes.set_up(setup)
-        _order = number
+        _order, _problem = number, _versions_problem(wanted)
+        if _problem is None:
+            setup, _work = processes.unpickled(pickled)
+            _problem = processes.set_up(setup)
     try:
         if _problem is not None:
             raise _problem
-        return "done", work(item), steps
+        assert _work is not None
+        return "done", _work(item), steps
     except Exception as problem:
         return "raised", processes.portable(problem), steps
 
 
-@functools.cache
-def versions() -> dict[str, str]:
-    """Versions on which numbers and pixels depend, and the digest of simgrab's source."""
-    found = {"Python": platform.python_version()[:4].rstrip("."), "simgrab's source": _source()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "none"
-    return found
-
-
-def _source() -> str:
-    package, total = Path(__file__).parents[1], hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        total.update(str(path.relative_to(package)).encode() + path.read_bytes())
-    return total.hexdigest()[:12]
-
-
 def _versions_problem(wanted: dict[str, str]) -> ClusterError | None:
-    here = versions()
+    here = versions.everything()
     differ = [
         f"{name} {here.get(name)} instead of {known}" for name, known in wanted.items() if here.get(name) != known
     ]
@@ -309,7 +311,7 @@ def _own_signals() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def local(nodes: int, cores: int) -> Iterator[str]:
+def local_cluster(nodes: int, cores: int) -> Iterator[str]:
     """Run a cluster on this machine, to try one; gives its address. It ends when the context is left.
 
     Parameters

@@ -12,15 +12,14 @@ import errno
 import fcntl
 import glob
 import hashlib
-import itertools
 import os
 import re
+import secrets
 import shutil
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-_numbers = itertools.count()
 _ITSELF = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # follow no link, wait for no pipe
 
 
@@ -139,7 +138,7 @@ def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
     remove_left(path)
     with contextlib.ExitStack() as stack:
         while True:
-            draft = path.with_name(f".{path.name}.{os.getpid()}-{next(_numbers)}.draft")
+            draft = path.with_name(f".{path.name}.{os.getpid()}-{secrets.randbelow(10**12)}.draft")
             try:
                 make(draft)
             except FileExistsError:  # of a process that had our number

@@ -38,6 +38,11 @@ def pickled(value: object) -> bytes:
     return bytes(ForkingPickler.dumps(value))
 
 
+def unpickled(data: bytes) -> Any:
+    """Return what was pickled by this program, on this machine or on another of its cluster."""
+    return ForkingPickler.loads(data)
+
+
 @dataclass
 class _Job(Generic[Item]):
     """An item under way.

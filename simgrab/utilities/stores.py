@@ -5,15 +5,16 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import os
 import re
 import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import unquote_to_bytes
 
 from simgrab.errors import DatasetError, first_line
 from simgrab.utilities import files
@@ -55,10 +56,23 @@ class Store:
     def __getstate__(self) -> dict[str, Any]:
         return {"url": self.url}
 
-    @cached_property
+    @property
     def _opened(self) -> tuple[Any, str]:
+        """The file system and the path below it, opened by this process: a fork cannot use its parent's."""
+        process, system, base = self.__dict__.get("_cached", (0, None, ""))
+        if process != os.getpid():
+            system, base = self._open()
+            self.__dict__["_cached"] = os.getpid(), system, base
+        return system, base
+
+    def _open(self) -> tuple[Any, str]:
         import fsspec
 
+        if self.url.lower().startswith("file://"):
+            path = os.fsdecode(unquote_to_bytes(self.url[len("file://") :]))
+            if not path.startswith("/"):
+                raise DatasetError(f"{self.url} cannot be used: the URL of a folder begins with file:///")
+            return fsspec.filesystem("file"), self._named(path)
         scheme = self.url.partition(":")[0].lower()
         try:
             found: tuple[Any, str] = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
@@ -69,7 +83,13 @@ class Store:
             raise DatasetError(f"{self.url} cannot be used: {first_line(problem)}") from None
         except Exception as problem:  # of whatever a driver consists
             raise self._refusal("use", problem) from problem
-        return found[0], found[1].rstrip("/")
+        return found[0], self._named(found[1])
+
+    def _named(self, path: str) -> str:
+        base = path.rstrip("/")
+        if not base:
+            raise DatasetError(f"{self.url} cannot be used: it names no folder")
+        return base
 
     @property
     def folder(self) -> Path | None:
@@ -150,7 +170,14 @@ class Store:
 
     def exists(self, name: str) -> bool:
         """Whether there is a file of this name."""
-        return bool(self._tried(f"look up {name} in", lambda: self._opened[0].isfile(self._path(name))))
+
+        def attempt() -> bool:  # isfile() of fsspec's says no where it cannot find out
+            try:
+                return bool(self._opened[0].info(self._path(name))["type"] == "file")
+            except FileNotFoundError:
+                return False
+
+        return self._tried(f"look up {name} in", attempt)
 
     def sizes(self, folder: str = "") -> dict[str, int]:
         """Names of the files of a folder, below the store's URL, with their sizes in bytes; drafts are left out."""
@@ -163,7 +190,7 @@ class Store:
                 return []
 
         found = self._tried("list", attempt)
-        names = ((one["name"].rpartition("/")[2], one) for one in found if one["type"] == "file")
+        names = ((one["name"].rpartition("/")[2], one) for one in found if _is_file(one))
         prefix = f"{folder}/" if folder else ""
         return {prefix + name: int(one["size"]) for name, one in names if not name.endswith(".draft")}
 
@@ -202,6 +229,8 @@ class Store:
         try:
             yield
         except OSError as problem:
+            if isinstance(problem, BrokenPipeError) or problem.errno == errno.ENOMEM:  # not of a file
+                raise
             raise self._refusal("write to", problem) from problem
 
     def _refusal(self, what: str, problem: Exception) -> DatasetError:
@@ -210,6 +239,10 @@ class Store:
             return DatasetError(f"no space left for {place}; free some and continue with --resume")
         why = "it is not there" if isinstance(problem, FileNotFoundError) else first_line(problem)
         return DatasetError(f"cannot {what} {self.url}: {why}")
+
+
+def _is_file(found: dict[str, Any]) -> bool:
+    return bool(found["type"] == "file" and not found["name"].endswith("/"))  # as some tools mark a folder
 
 
 def _protocols(system: Any) -> tuple[str, ...]:

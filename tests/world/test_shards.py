@@ -1,5 +1,11 @@
 """Datasets of shards: the same bytes wherever they lie, however they are made, and whatever fails meanwhile."""
 
+import dataclasses
+import os
+import shutil
+import warnings
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -10,6 +16,7 @@ from simgrab.labels import shards
 from simgrab.utilities import stores
 from simgrab.world.extensions import Recipe
 from simgrab.world.output.dataset import render
+from simgrab.world.output.export import export
 from simgrab.world.output.shards import Shards, frames_of
 from tests.conftest import SMALL
 from tests.s3_server import BUCKET, contents, folder_contents, s3
@@ -147,11 +154,13 @@ def test_a_place_that_vanishes_gets_no_manifest(scene, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("wanted", "expected"), [(None, 256), (1, 8), (8, 8), (9, 16)])
 def test_worlds_that_vary_stay_whole(wanted, expected):
+    scene = simgrab.load("training", {"frames": 2000})
+    assert frames_of(scene, wanted, varies=True) == expected
+    assert frames_of(scene, 2**60, varies=True) == 2000
     recipe = Recipe(simgrab.load("training", {"frames": 20}))
-    assert frames_of(recipe, wanted) == expected
     output = Shards(stores.Store("memory://x"), recipe, 8)
     assert [output.span(k) for k in range(output.count)] == [range(8), range(8, 16), range(16, 20)]
-    assert frames_of(Recipe(simgrab.load("quay-day")), wanted) == (wanted or 256)
+    assert frames_of(scene, wanted, varies=False) == (wanted or 256)
 
 
 def test_a_place_that_holds_something_else_is_refused(scene, tmp_path):
@@ -280,3 +289,101 @@ def test_a_store_that_is_not_there_is_one_line(scene, server, monkeypatch):
     with pytest.raises(DatasetError, match="cannot list s3://frames/x") as problem:
         render(scene, f"s3://{BUCKET}/x", shard_frames=4)
     assert "\n" not in str(problem.value)
+
+
+def test_requests_that_read_are_repeated(whole, server):
+    url = f"s3://{BUCKET}/read"
+    for name, data in folder_contents(whole).items():
+        stores.Store(url).write(name, data)
+    server.reads_fail = 1
+    assert stores.Store(url).exists("manifest.json")
+    data = simgrab.open(url)
+    server.reads_fail = 1
+    assert data[0].content == simgrab.open(whole)[0].content
+
+
+def test_a_store_can_be_used_after_a_fork(whole, server):
+    """As by the processes of a DataLoader."""
+    url = f"s3://{BUCKET}/fork"
+    for name, data in folder_contents(whole).items():
+        stores.Store(url).write(name, data)
+    data = simgrab.open(url)
+    known = data[5].content
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, from Python 3.12 on
+        child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            status = int(data[5].content != known)
+        finally:
+            os._exit(status)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert server.writes
+
+
+def test_any_name_of_a_folder_is_a_url(scene, whole, tmp_path):
+    for name in ("with space", "a%20b#c?d", "ü雪", "a::b", os.fsdecode(b"\xff")):
+        out = tmp_path / name
+        render(scene, out.as_uri(), shard_frames=4)
+        assert folder_contents(out) == folder_contents(whole)
+        assert len(simgrab.open(out)) == 11
+        export(out, out.with_name(f"{name} yolo"), format="yolo")
+        assert (out.with_name(f"{name} yolo") / "manifest.json").exists()
+        assert len(list(tmp_path.iterdir())) == 2
+        for path in list(tmp_path.iterdir()):
+            shutil.rmtree(path)
+
+
+@pytest.mark.parametrize("url", ["file://", "file:///", "file://host/x", "s3://"])
+def test_a_url_of_no_folder_is_refused(scene, url):
+    with pytest.raises(DatasetError, match="cannot be used") as problem:
+        render(scene, url)
+    assert "\n" not in str(problem.value)
+
+
+def test_what_is_lost_after_the_end_is_made_again(scene, whole, tmp_path):
+    for lost in ("labels/000001.parquet", next((whole / "shards").glob("*-000000.tar")).relative_to(whole)):
+        out = damaged(whole, tmp_path / Path(lost).name, "", bytes)
+        (out / lost).unlink()
+        assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 4
+        assert folder_contents(out) == folder_contents(whole)
+
+
+def test_damaged_labels_are_made_again(scene, whole, tmp_path):
+    out = damaged(whole, tmp_path / "set", "labels/000002.parquet", lambda data: data[:100])
+    (out / "manifest.json").rename(out / "unfinished.json")
+    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 3
+    assert folder_contents(out) == folder_contents(whole)
+
+
+def test_shards_of_two_renderers_are_never_finished(scene, whole, tmp_path, monkeypatch):
+    out = damaged(whole, tmp_path / "set", "", bytes)
+    (out / "labels/000001.parquet").unlink()
+    make = Shards.make
+
+    def elsewhere(self, generator, number, tick):
+        done = make(self, generator, number, tick)
+        another = dataclasses.replace(done.rendered_by, renderer="another")
+        return msgspec.structs.replace(done, rendered_by=another)
+
+    monkeypatch.setattr(Shards, "make", elsewhere)
+    for _ in range(2):
+        with pytest.raises(DatasetError, match="was started with"):
+            render(scene, out.as_uri(), shard_frames=4, resume=True)
+        (out / "labels/000001.parquet").unlink()  # which this renderer wrote
+        assert not (out / "manifest.json").exists()
+
+
+def test_pictures_are_read_when_they_are_asked_for(whole, monkeypatch):
+    reads = []
+    read = stores.Store.read
+    monkeypatch.setattr(
+        stores.Store, "read", lambda self, name, **options: reads.append(name) or read(self, name, **options)
+    )
+    data = simgrab.open(whole)
+    frames = list(data)
+    assert not [name for name in reads if name.startswith("shards")]
+    assert all(frame.content for frame in frames)
+    assert len([name for name in reads if name.startswith("shards")]) == len(list((whole / "shards").iterdir()))
+    assert frames[3].content == data[3].content

@@ -246,6 +246,7 @@ def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
     with Tables(folder.writing, core, scenario) as written:
         for frame in range(scenario.frames):
             record = folder.record(frame)
+            pool.same_renderer(record.rendered_by, rendered_by, folder.path)
             row = record.truth
             written.add(row, record.mask)
             folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))

@@ -95,11 +95,8 @@ def export(
     """
     if format not in FORMATS:
         raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
-    each = shards.FRAMES if shard_frames is None else shard_frames
-    if each < 1:
-        raise DatasetError(f"a shard must have 1 frame or more, got {each}")
     opened = dataset if isinstance(dataset, Dataset | ShardedDataset) else sharded.open(dataset)
-    source = _source(opened, each)
+    source = _source(opened, shard_frames)
     if is_url(out):
         store = Store(str(out))
         if store.sizes() or store.holds_folders():
@@ -114,10 +111,10 @@ def export(
         raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
-def _source(dataset: Dataset | ShardedDataset, shard_frames: int) -> Source:
+def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None) -> Source:
     store = dataset.store if isinstance(dataset, ShardedDataset) else Store(dataset.path.absolute().as_uri())
-    if len(dataset) != dataset.data.frames:
-        raise DatasetError("a part of a dataset cannot be exported: give the whole")
+    if not dataset.is_whole:
+        raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order")
     where = f"{store.url}/{MANIFEST}"
     known = parse_json(store.read(MANIFEST, most_bytes=sharded.MOST_MANIFEST_BYTES), DatasetError, where)
     try:
@@ -126,7 +123,10 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int) -> Source:
     except (LookupError, TypeError, AttributeError):
         raise DatasetError(f"{where}: it names no renderer") from None
     core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
-    return Source(dataset, dataset.scenario, core, rendered_by, shard_frames)
+    scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
+    varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
+    each = shards.frames_of(scenario, shard_frames, varies=varies)
+    return Source(dataset, scenario, core, rendered_by, each)
 
 
 def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
@@ -229,16 +229,17 @@ def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
 
 @contextlib.contextmanager
 def _webdataset(source: Source, store: Store) -> Iterator[Add]:
-    """Write shards, each when its frames are complete; those of one shard are in memory together."""
+    """Write shards, each when its frames are complete."""
     done: list[shards.Done] = []
-    frames: list[Packed] = []
+    frames: list[LabelledFrame] = []  # whose pictures are read when they are written
 
     def write() -> None:
-        done.append(shards.write(store, len(done), frames, source.scenario, source.rendered_by))
+        packed = (Packed(frame.truth, _mask(frame), _files(frame)) for frame in frames)
+        done.append(shards.write(store, len(done), packed, source.scenario, source.rendered_by))
         frames.clear()
 
     def add(frame: LabelledFrame) -> None:
-        frames.append(Packed(frame.truth, _mask(frame), _files(frame)))
+        frames.append(frame)
         if len(frames) == source.shard_frames:
             write()
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from importlib.metadata import version
 from typing import Any
 
 from simgrab._version import __version__
+from simgrab.utilities import versions
 from simgrab.world.extensions import Recipe
 from simgrab.world.gl import Fingerprint
-
-PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pyarrow", "pycocotools", "scipy", "trimesh")
 
 
 def identity(recipe: Recipe) -> dict[str, Any]:
@@ -23,7 +21,7 @@ def identity(recipe: Recipe) -> dict[str, Any]:
         "digest": scenario.digest(),
         "seed": scenario.seed,
         "frames": scenario.frames,
-        "packages": {name: version(name) for name in PACKAGES},
+        "packages": versions.packages(),
     } | ({"extensions": extensions} if extensions else {})
 
 

@@ -199,7 +199,9 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
 def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
     """Refuse a renderer that is not the first one of a dataset's."""
     if first is not None and found != first:
-        raise DatasetError(f"{place} was started with {first}, and this is {found}: choose another --out")
+        raise DatasetError(
+            f"{place} was started with {first}, and this is {found}: choose another --out, or delete what is not its"
+        )
     return found
 
 

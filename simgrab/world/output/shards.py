@@ -80,8 +80,8 @@ class Done(msgspec.Struct, frozen=True):
     tally: Tally
 
 
-def frames_of(recipe: Recipe, frames: int | None) -> int:
-    """Frames of a shard: as wanted, but whole clips where each has a world of its own.
+def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
+    """Frames of a shard: as wanted, but whole clips where each has a world of its own, and no more than there are.
 
     Raises
     ------
@@ -91,8 +91,8 @@ def frames_of(recipe: Recipe, frames: int | None) -> int:
     wanted = FRAMES if frames is None else frames
     if wanted < 1:
         raise DatasetError(f"a shard must have 1 frame or more, got {wanted}")
-    each = recipe.scenario.clip.clip_frames if recipe.varies else 1
-    return math.ceil(wanted / each) * each if each else max(wanted, recipe.scenario.frames)
+    each = scenario.clip.clip_frames or scenario.frames if varies else 1
+    return min(math.ceil(wanted / each) * each, scenario.frames)
 
 
 @dataclass(frozen=True)
@@ -126,23 +126,17 @@ class Shards:
         return manifest.identity(self.recipe) | {"shard_frames": self.frames}
 
     def check(self, *, resume: bool) -> bool:
-        """Whether shards remain to be made; refuses a place that holds anything else. Writes nothing."""
+        """Whether the dataset is unfinished, or not begun; refuses a place that holds anything else."""
         sizes = self.store.sizes()
         name = MANIFEST if MANIFEST in sizes else UNFINISHED
         if name in sizes:
-            data = self.store.read(name, most_bytes=shards.MOST_MANIFEST_BYTES)
-            known = parse_json(data, DatasetError, f"{self.store.url}/{name}: it is not valid JSON")
-            known = known if isinstance(known, dict) else {}
-            if isinstance(known.get("shards"), dict):
-                known["shard_frames"] = known["shards"].get("frames")
-            refuse_other(self.store.url, known, self.identity, unfinished=name == UNFINISHED, resume=resume)
-            if {MANIFEST, UNFINISHED} <= sizes.keys():  # the process that finished it had no time for this
-                self.store.remove(UNFINISHED)
+            unfinished = name == UNFINISHED
+            refuse_other(self.store.url, self._known(name), self.identity, unfinished=unfinished, resume=resume)
         elif sizes or self.store.holds_folders():
             raise DatasetError(
                 f"{self.store.url} contains something other than a simgrab dataset; choose another --out"
             )
-        return name == UNFINISHED
+        return name == UNFINISHED or name not in sizes
 
     def begun(self) -> bool:
         """Whether a dataset is begun there: whose scenario was found possible, then."""
@@ -152,6 +146,17 @@ class Shards:
         """Refuse a place that was claimed and is so no more: a file system that is not mounted any longer, say."""
         if not self.begun():
             raise DatasetError(f"{self.store.url} is gone, or another process finished it: it has no {UNFINISHED}")
+        if self._known(UNFINISHED).get("digest") != self.recipe.scenario.digest():
+            raise DatasetError(f"{self.store.url} is being written by another simgrab, of another scenario")
+
+    def _known(self, name: str) -> dict[str, Any]:
+        """Read the manifest, or what an unfinished dataset has in its place."""
+        data = self.store.read(name, most_bytes=shards.MOST_MANIFEST_BYTES)
+        known = parse_json(data, DatasetError, f"{self.store.url}/{name}: it is not valid JSON")
+        known = known if isinstance(known, dict) else {}
+        if isinstance(known.get("shards"), dict):
+            known["shard_frames"] = known["shards"].get("frames")
+        return known
 
     def begin(self) -> None:
         """Claim the place."""
@@ -166,8 +171,11 @@ class Shards:
             if name not in there:
                 continue
             data = self.store.read(name, most_bytes=parquet.MOST_BYTES)
-            found = shards.parse_shard(data, f"{self.store.url}: {name}")
-            about = _about(found.schema, f"{self.store.url}: {name}")
+            try:
+                found = shards.parse_shard(data, f"{self.store.url}: {name}")
+                about = _about(found.schema, f"{self.store.url}: {name}")
+            except DatasetError:  # damaged: it is made again
+                continue
             if about.digest != self.recipe.scenario.digest():
                 raise DatasetError(f"{self.store.url}: {name} is of another dataset; choose another --out")
             if all(sizes.get(key) == size for key, (size, _) in about.archives.items()):
@@ -198,7 +206,13 @@ class Shards:
                 raise DatasetError(f"{self.store.url}: {shards.table(number)} is gone; run it again with --resume")
         known = [done[number] for number in range(self.count)]
         finish(self.store, manifest.identity(self.recipe), self.frames, known, self.recipe.scenario, rendered_by)
-        self.store.remove(UNFINISHED)
+        with contextlib.suppress(DatasetError):  # it is finished all the same
+            self.store.remove(UNFINISHED)
+
+    def reopen(self) -> None:
+        """Make a finished dataset that lost shards an unfinished one."""
+        self.begin()
+        self.store.remove(MANIFEST)
 
 
 class Packed(NamedTuple):
@@ -332,32 +346,32 @@ def render(
 ) -> Summary:
     """Render a recipe into shards below a URL; parameters as those of `simgrab.render`."""
     scenario = recipe.scenario
-    output = Shards(Store(url), recipe, frames_of(recipe, shard_frames))
-    remaining = output.check(resume=resume)
-    done: dict[int, Done] = {}
-    made = 0
-    if remaining:
-        if not output.begun():
-            pool.vetted(recipe, workers, checking, cluster=cluster)
-            output.begin()
-        done = {one.number: one for one in output.done()}
-        missing = [number for number in range(output.count) if number not in done]
-        made = sum(len(output.span(number)) for number in missing)
+    output = Shards(Store(url), recipe, frames_of(scenario, shard_frames, varies=recipe.varies))
+    remaining, known = output.check(resume=resume), None
+    if remaining and not output.begun():
+        known = pool.vetted(recipe, workers, checking, cluster=cluster)
+        output.begin()
+    done = {one.number: one for one in output.done()}
+    missing = [number for number in range(output.count) if number not in done]
+    if missing and not remaining:
+        output.reopen()
+    made = sum(len(output.span(number)) for number in missing)
+    rendered_by = None
+    for one in done.values():
+        rendered_by = pool.same_renderer(one.rendered_by, rendered_by, f"{url}, {shards.table(one.number)}")
+    if missing or remaining:
         report = pool.report(progress, scenario.frames - made, scenario.frames)
-        rendered_by = next((one.rendered_by for one in done.values()), None)
         work = functools.partial(_make, output)
-        drawn = pool.map_items(
-            recipe, None, missing, work, workers=workers, cluster=cluster, unit="shard", progress=report
+        rendering = pool.map_items(
+            recipe, known, missing, work, workers=workers, cluster=cluster, unit="shard", progress=report
         )
-        with contextlib.closing(drawn):
-            for one in drawn:
+        with contextlib.closing(rendering):
+            for one in rendering:
                 rendered_by = pool.same_renderer(one.rendered_by, rendered_by, url)
                 done[one.number] = one
         assert rendered_by is not None
         output.finish(done, rendered_by)
-    else:
-        done = {one.number: one for one in output.done()}
-    tally = functools.reduce(Tally.__add__, (one.tally for one in done.values()))
+    tally = functools.reduce(Tally.__add__, (done[number].tally for number in range(output.count)))
     return Summary.of(url, tally, scenario, made, done[0].rendered_by.digest)
 
 
