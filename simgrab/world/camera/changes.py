@@ -16,7 +16,6 @@ MARGIN_PX = 2
 CELLS = 512  # of a shadow map in each direction, to say where shadows may change
 MOST_BLOCKS = 150  # beyond which merging blocks would take longer than drawing all of them
 PASS_PX = 50_000.0  # another pass over the geoms costs as much as so many pixels
-IDS_PX = 500_000.0  # … where only ids and depth are drawn
 COPY_PX = 20_000.0  # and another copy of what was drawn before
 NEARER = 12.0  # the lowest piece of a rope is so much longer than the highest
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

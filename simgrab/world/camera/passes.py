@@ -114,6 +114,7 @@ class Passes:
             GL.GL_TEXTURE_2D, 0, GL.GL_RGB, 1, 1, 0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, np.full(4, 255, np.uint8)
         )
         self._ids = _framebuffer(size, GL.GL_R8)
+        self._kept_ids: int | None = None
         samples = self._context.offSamples
         self._size, self._samples = size, samples
         self._picture = _framebuffer(size, GL.GL_RGBA8, samples)
@@ -239,11 +240,7 @@ class Passes:
         ------
         tuple of Window and ndarray of uint8, shape (h, w, 3)
         """
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._kept_picture)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture)
-        both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
-        for window in windows:
-            GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
+        self._copy(self._kept_picture, self._picture, windows)
         whole = (0, 0, rect.width, rect.height)
         steps = [(window, geoms, True) for window, geoms in redrawn] + [(whole, moving, False)]
         self._colour(self._picture, scene, rect, steps, shadowed)
@@ -298,9 +295,9 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], window: Window
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Draw the ids and depth of geoms into a window of a picture; see `colour`.
+        """Draw the ids and depth of geoms; see `colour`.
 
         Returns
         -------
@@ -309,21 +306,64 @@ class Passes:
         depth : ndarray of float32, shape (h, w)
             What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
+        return self._identify_whole(self._ids, scene, rect, geoms)
+
+    def keep_ids(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Draw ids and depth of geoms that stand still, and keep them for `identify_over`; see `identify`."""
+        if self._kept_ids is None:
+            self._kept_ids = _framebuffer(self._size, GL.GL_R8)
+        return self._identify_whole(self._kept_ids, scene, rect, geoms)
+
+    def identify_over(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
+    ) -> Iterator[tuple[Window, NDArray[np.uint8], NDArray[np.float32]]]:
+        """Draw moving geoms over the ids and depth that `keep_ids` kept; see `colour_over`.
+
+        The model lists what stands still first, so each pixel is what it is when all are drawn at once.
+        """
+        self._copy(self._kept_ids, self._ids, windows)
+        self._identify(self._ids, scene, rect, moving, clear=False)
+        for window in windows:
+            yield window, *self._read_ids(self._ids, window)
+
+    def _identify_whole(
+        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        self._identify(framebuffer, scene, rect, geoms, clear=True)
+        return self._read_ids(framebuffer, (0, 0, rect.width, rect.height))
+
+    def _identify(
+        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
+    ) -> None:
         self._set_up(scene, rect, segment=True)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._ids)
-        x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
-        with _scissors(window):
-            GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        with _scissors((0, 0, rect.width, rect.height)):
+            if clear:
+                GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
             for geom in geoms:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
+
+    def _read_ids(self, framebuffer: int, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
         ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
         GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         ids -= 1  # 0, which is nothing, becomes 255
         return ids, depth
+
+    def _copy(self, source: int | None, target: int, windows: Iterable[Window]) -> None:
+        """Copy colours and depth in windows from one framebuffer to another."""
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, source)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, target)
+        both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
+        for window in windows:
+            GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
 
     def _set_up(self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, *, segment: bool) -> None:
         """Let MuJoCo set camera, lights and OpenGL's state, by drawing a pixel without geoms; takes its framebuffer."""

@@ -218,7 +218,7 @@ class Renderer:
         if self._still is None:
             stand = [geom for geom in self._geoms if geom.stands]
             rect = self.aim(self._drawn, self._scene)
-            ids, buffer = self._passes.identify(self._scene, rect, stand, (0, 0, *self._size))
+            ids, buffer = self._passes.keep_ids(self._scene, rect, stand)
             self._still = ids, _metres(buffer)
         return self._still
 
@@ -306,14 +306,13 @@ class Renderer:
         scene, passes = self._scene, self._passes
         if not self._at_rest(moment):
             rect = self.aim(self._drawn, scene)
-            ids, buffer = passes.identify(scene, rect, self._geoms, (0, 0, *self._size))
+            ids, buffer = passes.identify(scene, rect, self._geoms)
             return ids[::-1], _metres(buffer)[::-1]
         (still_ids, still_depth), grid = self._still_view(), self._covered(self._moving_boxes())
         ids, depth = still_ids.copy(), still_depth.copy()
-        rect = self.aim(self._drawn, scene)
-        for window in changes.windows(grid, *self._size, changes.IDS_PX):
-            x0, y0, x1, y1 = window
-            own, buffer = passes.identify(scene, rect, self._geoms_in(window), window)
+        rect, windows = self.aim(self._drawn, scene), changes.windows(grid, *self._size, changes.COPY_PX)
+        moving = [geom for geom in self._geoms if geom.moves]
+        for (x0, y0, x1, y1), own, buffer in passes.identify_over(scene, rect, moving, windows):
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
         return ids[::-1], depth[::-1]
 
@@ -334,7 +333,7 @@ class Renderer:
         x0, y0, x1, y1 = (v / finer for v in window)
         left, _, _, bottom = self._drawn
         some = self._geoms_in((x0 - left, bottom - y1, x1 - left, bottom - y0))
-        ids, buffer = self._passes.identify(self._scene, rect, some, (0, 0, rect.width, rect.height))
+        ids, buffer = self._passes.identify(self._scene, rect, some)
         return ids[::-1], _metres(buffer)[::-1]
 
 
