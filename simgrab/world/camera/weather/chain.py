@@ -115,14 +115,14 @@ def apply(
     if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
         pane = glass(weather, rendered.intrinsics, seed=seed, clip=clip)
         if weather.lens_drops:  # they show what lies behind from elsewhere, so that must be there
-            light, keep = _laid(light, keep, sheets)
-            light, keep = pane.through_drops(light, keep, white)
+            light, keep = _laid(light, keep, sheets) if sheets else (light.copy(), keep)
+            pane.put_drops(light, keep, white)
             sheets = []
         if weather.lens_dirt:
             sheets.append(_Sheet(lying(pane.dirt, 1.0), _times(white, DIRT)))
         if weather.lens_snow:
             sheets.append(_Sheet(lying(pane.snow, SNOW_LIGHT), white))
-    light, keep = _laid(light, keep, sheets)
+    light, keep = _laid(light, keep, sheets) if sheets else (light, keep)
     return Weathered(light, np.subtract(1, keep, out=keep))
 
 
@@ -152,8 +152,6 @@ class _Sheet(NamedTuple):
 
 def _laid(light: Picture, keep: Picture, sheets: Sequence[_Sheet]) -> tuple[Picture, Picture]:
     """Lay sheets over a picture, from the back to the front, and over the share of light that was kept before them."""
-    if not sheets:
-        return light, keep
     seen, kept = np.empty_like(light), np.empty_like(keep)
 
     def lay(rows: slice) -> None:
@@ -189,7 +187,7 @@ def _air(
         rng = stream(seed, frame, f"weather.{name}")
         near = scatter(of, rendered.intrinsics, rendered.jib_from_camera, wind, rng)
         brightness = _brightness(of, near, rendered, lamps, _mean(white))
-        layers.append(draw(expose(near, brightness, rendered.intrinsics, rendered.shutter_s), rendered).block)
+        layers.append(draw(expose(near, brightness, rendered.intrinsics, rendered.shutter_s), rendered))
     return layers
 
 
