@@ -87,9 +87,10 @@ def receivers(
     return np.asarray(found[1] * CELLS + found[0])
 
 
-def tiles_of(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tiles of a picture in which, or within a pixel of which, any pixel is set, shape (rows, columns)."""
-    wide = cv2.dilate(pixels.view(np.uint8), np.ones((3, 3), np.uint8))
+def tiles_of(pixels: NDArray[np.bool_], reach_px: int = 1) -> NDArray[np.bool_]:
+    """Tiles of a picture in which, or so near to which, any pixel is set, shape (rows, columns)."""
+    side = 2 * reach_px + 1
+    wide = cv2.dilate(pixels.view(np.uint8), np.ones((side, side), np.uint8))
     height, width = wide.shape
     padded = np.pad(wide, ((0, -height % TILE_PX), (0, -width % TILE_PX)))
     rows, columns = padded.shape[0] // TILE_PX, padded.shape[1] // TILE_PX

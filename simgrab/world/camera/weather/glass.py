@@ -70,7 +70,7 @@ class Glass:
     def _wet(self, rows: slice) -> Iterator[slice]:
         """Columns of the picture in which drops are seen in some of its rows, with a coarse pixel around them."""
         near = self.drops[max(rows.start // COARSE - 1, 0) : -(-rows.stop // COARSE) + 1]
-        wet = cv2.dilate(near.any(axis=0).astype(np.uint8)[None], np.ones((1, 3), np.uint8))[0]
+        wet = np.asarray(cv2.dilate(near.any(axis=0).astype(np.uint8), np.ones((3, 1), np.uint8))).ravel()
         edges = np.flatnonzero(np.diff(wet, prepend=0, append=0)) * COARSE
         for start, stop in zip(edges[0::2].tolist(), edges[1::2].tolist(), strict=True):
             yield slice(start, min(stop, self.dirt.shape[1]))
