@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from simgrab.world.camera import changes
 from simgrab.world.camera.lens import Window
-from simgrab.world.camera.row_blocks import ROWS, threaded_map
+from simgrab.world.camera.row_blocks import BATCH_ROWS, threaded_map
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 
-REACH_PX = 8  # so far a pixel's depth and id count: for normals, and where coarse pixels are blurred and enlarged
 APART_PX = 10_000.0  # a window more costs as much as so many pixels
 
 At = tuple[slice, slice]  # rows and columns of a picture
@@ -67,7 +66,7 @@ class Seen:
             Under which they are kept.
         make : callable
             Takes a render pass, and rows and columns of fields of every ``step``-th pixel; returns these. They depend
-            on nothing in a frame but its depth and ids, each value on those within `REACH_PX`.
+            on nothing in a frame but its depth and ids, each value on those within `changes.CELL_PX`.
         step : int
         """
         if self._still is None:
@@ -92,7 +91,7 @@ class Seen:
             assert self._still is not None
             differs = self.rendered.depth != self._still.depth
             differs |= self.rendered.ids != self._still.ids
-            grid = changes.tiles_of(differs, REACH_PX)
+            grid = changes.tiles_near(differs)
             height, width = differs.shape
             self._windows = changes.windows(grid, width, height, APART_PX)
         return self._windows
@@ -100,6 +99,6 @@ class Seen:
 
 def _whole(rendered: RenderPass, make: Maker, step: int) -> Fields:
     height, width = (-(-n // step) for n in rendered.depth.shape)
-    blocks = [(slice(y, min(y + ROWS, height)), slice(0, width)) for y in range(0, height, ROWS)]
+    blocks = [(slice(y, min(y + BATCH_ROWS, height)), slice(0, width)) for y in range(0, height, BATCH_ROWS)]
     parts = threaded_map(partial(make, rendered), blocks)
     return tuple(np.concatenate(of_one) for of_one in zip(*parts, strict=True))
