@@ -107,11 +107,11 @@ class Renderer:
         self._scene = mujoco.MjvScene(model, maxgeom=1)
         self._abstract = mujoco.MjvCamera()
         with ExitStack() as stack:
-            self._buffer = stack.enter_context(gl.offscreen(model, *self._size))
+            self._buffer = stack.enter_context(gl.offscreen(model, 1, 1))  # the passes have framebuffers of their own
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
             self._boxes = geoms.boxes(model)
-            self._passes = Passes(model, self._buffer, self._size)
+            self._passes = Passes(model, world.textures, self._buffer, self._size)
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 

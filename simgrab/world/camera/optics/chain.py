@@ -17,8 +17,6 @@ from simgrab.world.camera.optics.light import Light, Picture, luminance, to_disp
 from simgrab.world.camera.optics.sensor import noisy, pattern
 from simgrab.world.camera.row_blocks import each_block
 
-NOISE_ROWS = 96  # have one stream of random numbers
-
 
 def expose(
     optics: Optics, light: Light, *, intrinsics: Intrinsics, seed: int, frame: int, exposure: Exposure
@@ -55,7 +53,7 @@ def expose(
         taken = to_display(noisy(level, optics.sensor, exposure.gain, rng))
         picture[rows] = cv2.cvtColor(taken, cv2.COLOR_GRAY2RGB) if exposure.grey else taken
 
-    each_block(len(light), take, NOISE_ROWS)
+    each_block(len(light), take)
     return picture
 
 

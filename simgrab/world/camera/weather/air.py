@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.world.camera.weather.layer import Maker, matte
 from simgrab.world.camera.weather.precipitation import Precipitation
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, ray_maps
-from simgrab.world.camera.weather.still import Seen
+from simgrab.world.camera.weather.still import At, Seen
 from simgrab.world.scenery.model import FAR_M
 
 KOSCHMIEDER = 3.912  # −ln 0.02: what is left of a black thing's contrast at the visibility
@@ -35,7 +35,7 @@ def haze(seen: Seen, visibility_m: float | None, precipitation: Sequence[Precipi
     bright = fog + sum(p.extinction.sum() * p.brightness for p in precipitation)
     table = _beyond_reach(precipitation)
 
-    def keep(rendered: RenderPass, at: tuple[slice, slice]) -> tuple[Picture]:
+    def keep(rendered: RenderPass, at: At) -> tuple[Picture]:
         depth, length = rendered.depth[at], ray_maps(rendered.intrinsics).length[at]
         thickness = cv2.multiply(depth, fog)
         if precipitation:

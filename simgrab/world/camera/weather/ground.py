@@ -14,7 +14,7 @@ from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
-from simgrab.world.camera.weather.still import Fields, Seen
+from simgrab.world.camera.weather.still import At, Seen
 from simgrab.world.camera.weather.surface import STEP, Surface, coarse_rays, surface
 from simgrab.world.scenery.model import PLACE, ROPE
 
@@ -62,10 +62,10 @@ def ground(weather: Weather, seen: Seen, lamps: Sequence[Lamp], white: float, *,
     rendered = seen.rendered
     if weather.wetness:
         puddles = noise.tile(seed, 0, "weather.puddles", 1.45)
-        keep, glow, *shine = seen.fields("wet", partial(_wet, puddles, weather.wetness, lamps), STEP)
-        if shine:
-            cv2.scaleAdd(shine[0], 1 / white, glow, dst=glow)
-        layer = Layer(keep, glow)
+        wet = partial(_wet, puddles, weather.wetness, lamps, white)
+        layer = Layer(
+            *seen.fields("wet", wet, STEP, keep=not lamps)
+        )  # each frame has a sky of its own beside the lamps
     if weather.snow_cover:
         patches = noise.tile(seed, 0, "weather.snow.cover", 1.5)
         cover, pattern = seen.fields("snow", partial(_snow, patches, weather.snow_cover), STEP)
@@ -75,16 +75,9 @@ def ground(weather: Weather, seen: Seen, lamps: Sequence[Lamp], white: float, *,
 
 
 def _wet(
-    puddles: Picture, wetness: float, lamps: Sequence[Lamp], rendered: RenderPass, at: tuple[slice, slice]
-) -> Fields:
-    """Darken porous ground, and let it mirror the sky and the lamps.
-
-    Returns
-    -------
-    tuple of ndarray
-        Light that it keeps; glow in units of the sky's brightness; and, where there are lamps, what they add to this,
-        times that brightness.
-    """
+    puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float, rendered: RenderPass, at: At
+) -> tuple[Picture, Picture]:
+    """Darken porous ground, and let it mirror the sky and the lamps: `Layer.keep` and `Layer.glow`."""
     on = surface(rendered, at)
     share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
     pattern = noise.look_up(puddles, on.x, on.y, SPAN_M)
@@ -96,16 +89,15 @@ def _wet(
     steep = camera[2]  # cosine of the angle of incidence
     mirror = (FRESNEL + (1 - FRESNEL) * cv2.pow(1 - steep, 5)) * on.solid * np.float32(min(1.0, 2 * wetness))
     glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
-    shines = np.zeros_like(glow)
     for lamp in lamps:
         hx, hy, hz = (a + b for a, b in zip(camera, _towards(lamp.position_m, on, ground_z), strict=True))
         lean = cv2.divide(hx * hx + hy * hy, np.maximum(hz * hz, np.float32(1e-6)))
         shine = _slopes(lean, PUDDLE_SLOPE) * puddle + _slopes(lean, FILM_SLOPE) * (np.float32(0.5) - 0.5 * puddle)
         # Radiance of a lamp's mirror image over the lamp's light and the Fresnel coefficient (Cox & Munk 1954):
         # π p(slopes) / (4 cos θ cos⁴ β), β being the lean of the facet that mirrors the lamp into the camera.
-        shine *= np.float32(np.pi / 4 * lamp.light) * np.square(1 + lean)
-        shines += mirror * shine / np.maximum(steep, np.float32(0.05))
-    return (keep, glow, shines) if lamps else (keep, glow)
+        shine *= np.float32(np.pi / 4 * lamp.light / white) * np.square(1 + lean)
+        glow += mirror * shine / np.maximum(steep, np.float32(0.05))
+    return keep, glow
 
 
 def _towards(point_m: Vector, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
@@ -121,7 +113,7 @@ def _slopes(squared: Picture, rms: float) -> Picture:
     return np.asarray(cv2.exp(squared * np.float32(-0.5 / rms**2)) * np.float32(1 / (2 * np.pi * rms**2)))
 
 
-def _snow(patches: Picture, cover: float, rendered: RenderPass, at: tuple[slice, slice]) -> tuple[Picture, Picture]:
+def _snow(patches: Picture, cover: float, rendered: RenderPass, at: At) -> tuple[Picture, Picture]:
     """Lay snow on what faces upwards: fully on the place, thinly on grab and jib.
 
     Returns

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from simgrab.world.camera import changes
 from simgrab.world.camera.lens import Window
-from simgrab.world.camera.row_blocks import BATCH_ROWS, threaded_map
+from simgrab.world.camera.row_blocks import ROWS, threaded_map
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 
 APART_PX = 10_000.0  # a window more costs as much as so many pixels
@@ -57,7 +57,7 @@ class Seen:
         self.rendered, self._still = rendered, still
         self._windows: list[Window] | None = None
 
-    def fields(self, name: str, make: Maker, step: int = 1) -> Fields:
+    def fields(self, name: str, make: Maker, step: int = 1, *, keep: bool = True) -> Fields:
         """Make fields, whole or, where something stands still, over those that were kept.
 
         Parameters
@@ -68,8 +68,10 @@ class Seen:
             Takes a render pass, and rows and columns of fields of every ``step``-th pixel; returns these. They depend
             on nothing in a frame but its depth and ids, each value on those within `changes.CELL_PX`.
         step : int
+        keep : bool
+            Whether they may be kept at all.
         """
-        if self._still is None:
+        if self._still is None or not keep:
             return _whole(self.rendered, make, step)
         if name not in self._still.made:
             bare = replace(self.rendered, depth=self._still.depth, ids=self._still.ids)
@@ -99,6 +101,6 @@ class Seen:
 
 def _whole(rendered: RenderPass, make: Maker, step: int) -> Fields:
     height, width = (-(-n // step) for n in rendered.depth.shape)
-    blocks = [(slice(y, min(y + BATCH_ROWS, height)), slice(0, width)) for y in range(0, height, BATCH_ROWS)]
+    blocks = [(slice(y, min(y + ROWS, height)), slice(0, width)) for y in range(0, height, ROWS)]
     parts = threaded_map(partial(make, rendered), blocks)
     return tuple(np.concatenate(of_one) for of_one in zip(*parts, strict=True))

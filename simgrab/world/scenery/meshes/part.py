@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+Texture = NDArray[np.uint8]
 Corners = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
 
@@ -35,7 +36,7 @@ class Material:
 
     name: str
     rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    texture: NDArray[np.uint8] | None = field(default=None, repr=False)
+    texture: Texture | None = field(default=None, repr=False)
     tile_m: float = 1.0
     specular: float = 0.2
     shininess: float = 0.2
@@ -86,7 +87,7 @@ class Part:
 
 
 def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
-    """Add parts to a body as visual geoms, one per material: no collision, no mass.
+    """Add parts to a body as visual geoms, one per material: no collision, no mass, no textures (see `add_textures`).
 
     Parameters
     ----------
@@ -135,24 +136,24 @@ def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
         ):  # fmt: skip
             raise ValueError(f"two materials are called {material.name!r}")
         return
-    mat = spec.add_material(
+    spec.add_material(
         name=material.name,
         rgba=material.rgba,
         specular=material.specular,
         shininess=material.shininess,
         emission=material.emission,
     )
-    if material.texture is not None:
-        height, width, channels = material.texture.shape
+
+
+def add_textures(spec: mujoco.MjSpec, textures: Mapping[str, Texture]) -> None:
+    """Give materials their textures, for MuJoCo's own renderer."""
+    for name, picture in textures.items():
+        height, width, channels = picture.shape
         texture = spec.add_texture(
-            name=material.name,
-            type=mujoco.mjtTexture.mjTEXTURE_2D,
-            width=width,
-            height=height,
-            nchannel=channels,
+            name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels
         )
-        texture.data = material.texture[::-1].tobytes()
-        mat.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
+        texture.data = picture[::-1].tobytes()
+        spec.material(name).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
 @lru_cache(maxsize=512)  # many shapes, such as the grab's and the jib's, are the same in every world
