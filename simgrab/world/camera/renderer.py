@@ -356,4 +356,7 @@ def _bent(lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth
 
 def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:
     """Distance along the optical axis from MuJoCo's reversed depth buffer: 1 at the near plane, 0 at the far one."""
-    return np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer.astype(float) * (FAR_M - NEAR_M)), np.float32)
+    depth = buffer.astype(float)
+    depth *= FAR_M - NEAR_M
+    depth += NEAR_M
+    return np.divide(NEAR_M * FAR_M, depth, out=depth).astype(np.float32)
