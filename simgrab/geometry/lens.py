@@ -30,6 +30,15 @@ class Distortion:
         """Whether the lens maps straight lines to straight lines."""
         return not (self.k1 or self.k2 or self.p1 or self.p2 or self.k3)
 
+    @property
+    def _is_radial(self) -> bool:
+        """Terms that are 0 are left out: most lenses have k1 alone, and millions of pixels go through it."""
+        return not (self.p1 or self.p2)
+
+    def _radial(self, r2: Array) -> Array:
+        """Factor by which the radial part moves points of a squared radius outwards."""
+        return 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3) if self.k2 or self.k3 else self.k1)
+
     def apply(self, xy: ArrayLike) -> Array:
         """Distort normalised points, shape (..., 2)."""
         return np.moveaxis(self._bend(*np.moveaxis(np.asarray(xy, float), -1, 0)), 0, -1)
@@ -37,7 +46,9 @@ class Distortion:
     def _bend(self, x: Array, y: Array) -> Array:
         """`apply`, coordinate by coordinate; shape (2, ...)."""
         r2 = x * x + y * y
-        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        radial = self._radial(r2)
+        if self._is_radial:
+            return np.stack([x * radial, y * radial])
         return np.stack(
             [
                 x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
@@ -56,8 +67,13 @@ class Distortion:
     def _jacobian(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """∂x_d/∂x, ∂y_d/∂y and the (equal) mixed derivatives."""
         r2 = x * x + y * y
-        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
-        slope = 2 * (self.k1 + r2 * (2 * self.k2 + 3 * r2 * self.k3))  # d(radial)/dx = slope·x
+        radial = self._radial(r2)
+        slope: Array | float = 2 * self.k1
+        if self.k2 or self.k3:
+            slope = 2 * (self.k1 + r2 * (2 * self.k2 + 3 * r2 * self.k3))  # d(radial)/dx = slope·x
+        if self._is_radial:
+            along = slope * x
+            return radial + along * x, radial + slope * y * y, along * y
         return (
             radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x,
             radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x,

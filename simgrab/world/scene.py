@@ -67,11 +67,12 @@ class Scene:
         stored = self.scenario.image.stores_buffers  # the scenario alone decides what labels and effects are made of
         whole = renderer.view(moment) if full or stored else None
         view = whole if stored else renderer.coarse_view(moment) if self.camera.wants_view else None
+        still = renderer.still_view(moment) if self.camera.wants_view and not (stored and renderer.has_lens) else None
         visibility = NONE_VISIBLE
         if labelled:
             visibility = observe(renderer, projection, None if renderer.has_lens and not stored else view)
         rgb = exposed_rgb(self.scenario, renderer, projection.nominal)
-        return Buffers(projection, rgb, visibility, whole, view)
+        return Buffers(projection, rgb, visibility, whole, view, still)
 
     def develop(self, buffers: Buffers) -> Developed:
         """Make the picture of a frame's buffers.

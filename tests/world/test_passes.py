@@ -1,5 +1,7 @@
 """simgrab's render passes beside MuJoCo's own renderer, and pictures drawn in part beside those drawn whole."""
 
+import itertools
+from contextlib import contextmanager
 from dataclasses import replace
 
 import msgspec
@@ -7,13 +9,16 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import slow_but, small_scene
+from OpenGL import GL
 
 import simgrab
 from simgrab.world import gl
 from simgrab.world.camera import changes
 from simgrab.world.frames import FrameGenerator
+from simgrab.world.scenery import model
 from simgrab.world.scenery.model import FAR_M, HIDDEN, NEAR_M
 
+SIDES = (GL.GL_TEXTURE_WIDTH, GL.GL_TEXTURE_HEIGHT)
 DARK = {"sun": 0.0, "sky": 0.5}
 SCENES = {
     "quay": small_scene(frames=3),
@@ -32,29 +37,40 @@ def generator(request):
         yield generator
 
 
-def by_mujoco(renderer, moment, *, segment):
+@contextmanager
+def textured(scene):
+    """A scene's world, with textures, in a context of MuJoCo's own size for it."""
+    world = model.build(scene.scenario, scene.world.plan, textured=True)
+    with gl.offscreen(world.model, *scene.renderer.full[2:]) as buffer:
+        yield world, buffer
+    scene.renderer._buffer.make_current()
+
+
+def by_mujoco(scene, moment, *, segment):
     """Pixels and the depth buffer of `mjr_render`, rows counted from the bottom."""
-    data, model = renderer.pose(moment), renderer.world.model
-    option, scene = mujoco.MjvOption(), mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
-    option.geomgroup[:] = 1
-    option.geomgroup[HIDDEN] = 0
-    everything = mujoco.mjtCatBit.mjCAT_ALL
-    mujoco.mjv_updateScene(model, data, option, None, mujoco.MjvCamera(), everything, scene)
-    scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = segment
-    rect = renderer.aim(renderer.full, scene)
-    renderer._buffer.make_current()
-    mujoco.mjr_render(rect, scene, renderer._buffer.context)
-    rgb, depth = np.empty((rect.height, rect.width, 3), np.uint8), np.empty((rect.height, rect.width), np.float32)
-    mujoco.mjr_readPixels(rgb, depth, rect, renderer._buffer.context)
-    groups = [int(model.geom_group[geom.objid]) for geom in scene.geoms[: scene.ngeom]]
+    with textured(scene) as (world, buffer):
+        data = mujoco.MjData(world.model)
+        world.pose(data, moment)
+        scene.renderer.pose(moment)
+        option, drawn = mujoco.MjvOption(), mujoco.MjvScene(world.model, maxgeom=world.model.ngeom + 16)
+        option.geomgroup[:] = 1
+        option.geomgroup[HIDDEN] = 0
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(world.model, data, option, None, mujoco.MjvCamera(), everything, drawn)
+        drawn.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = drawn.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = segment
+        rect = scene.renderer.aim(scene.renderer.full, drawn)
+        mujoco.mjr_render(rect, drawn, buffer.context)
+        rgb, depth = np.empty((rect.height, rect.width, 3), np.uint8), np.empty((rect.height, rect.width), np.float32)
+        mujoco.mjr_readPixels(rgb, depth, rect, buffer.context)
+    groups = [int(world.model.geom_group[geom.objid]) for geom in drawn.geoms[: drawn.ngeom]]
     return rgb[::-1], depth[::-1].astype(float), np.array([255, *groups], np.uint8)
 
 
 @pytest.mark.parametrize("frame", [0, 2])
 def test_ids_and_depth_are_those_of_mujoco_to_the_bit(generator, frame):
-    renderer, moment = generator.scene(frame).renderer, generator.project(frame).moment
-    view = renderer.view(moment)
-    colour, buffer, groups = by_mujoco(renderer, moment, segment=1)
+    scene, moment = generator.scene(frame), generator.project(frame).moment
+    view = scene.renderer.view(moment)
+    colour, buffer, groups = by_mujoco(scene, moment, segment=1)
     np.testing.assert_array_equal(view.ids, groups[colour[..., 0].astype(int) + 256 * colour[..., 1].astype(int)])
     depth = np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer * (FAR_M - NEAR_M)), np.float32)
     np.testing.assert_array_equal(view.depth, depth)
@@ -62,12 +78,40 @@ def test_ids_and_depth_are_those_of_mujoco_to_the_bit(generator, frame):
 
 @pytest.mark.parametrize("frame", [0, 2])
 def test_colours_are_those_of_mujoco_but_for_rounding(generator, frame):
-    renderer, moment = generator.scene(frame).renderer, generator.project(frame).moment
-    ours = renderer.rgb(moment).astype(int)
-    theirs = by_mujoco(renderer, moment, segment=0)[0]
+    scene, moment = generator.scene(frame), generator.project(frame).moment
+    ours = scene.renderer.rgb(moment).astype(int)
+    theirs = by_mujoco(scene, moment, segment=0)[0]
     apart = np.abs(ours - theirs)
     assert apart.mean() < 0.5  # MuJoCo rounds the light of sun and sky by itself
     assert (apart.max(axis=2) > 8).mean() < 2e-3  # edges of shadows
+
+
+def levels(texture):
+    """All levels of a texture of the current context."""
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+    for level in itertools.count():
+        size = [GL.glGetTexLevelParameteriv(GL.GL_TEXTURE_2D, level, side) for side in SIDES]
+        if not all(size):
+            return
+        pixels = GL.glGetTexImage(GL.GL_TEXTURE_2D, level, GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
+        yield *map(int, size), np.frombuffer(pixels, np.uint8).tobytes()
+
+
+def test_textures_are_uploaded_as_mujoco_does(generator):
+    scene = generator.scene(0)
+    scene.renderer.rgb(generator.project(0).moment)
+    made = scene.renderer._passes._textures
+    assert {"grab_body", "rope"} <= set(made) <= set(scene.world.textures)
+    ours = {name: list(levels(texture)) for name, texture in made.items()}
+    with textured(scene) as (world, buffer):
+        for name, own in ours.items():
+            theirs = list(levels(int(buffer.context.texture[world.model.texture(name).id])))
+            assert own[0] == theirs[0]
+            assert [level[:2] for level in own] == [level[:2] for level in theirs]
+            for one, other in zip(own, theirs, strict=True):
+                apart = np.abs(np.frombuffer(one[2], np.uint8).astype(int) - np.frombuffer(other[2], np.uint8))
+                assert apart.max() <= (0 if "llvmpipe" in scene.renderer.fingerprint.renderer else 2)
 
 
 def frames(scene, indices=None):

@@ -22,6 +22,8 @@ from simgrab.world.trajectory.iid import draw
 class Spheres:
     """Stands in for a world: small spheres of the grab's group at given places, jib frame."""
 
+    textures = types.MappingProxyType({})
+
     def __init__(self, centres, radius=0.1):
         spec = mujoco.MjSpec()
         spec.visual.headlight.active = 0
@@ -146,7 +148,7 @@ def test_no_opengl_says_what_to_install(monkeypatch, scene):
 
     monkeypatch.setattr(f"mujoco.{os.environ['MUJOCO_GL']}.GLContext", broken)
     with pytest.raises(RendererError, match="apt-get install"):
-        Renderer(types.SimpleNamespace(model=mujoco.MjSpec().compile()), scene)
+        Renderer(types.SimpleNamespace(model=mujoco.MjSpec().compile(), textures={}), scene)
 
 
 def test_a_sun_that_does_not_shine_casts_no_shadows_and_none_are_missed():

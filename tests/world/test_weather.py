@@ -184,7 +184,7 @@ def test_near_particles_and_haze_together_block_what_the_population_does(name):
 def one_particle(velocity, depth, diameter=0.015):
     one = Particles(np.array([[0.0, 0.0, depth]]), np.array([velocity]), np.array([diameter]))
     path = streaks.expose(one, np.ones(1), K, 0.02)
-    return 1 - streaks.draw(path, render_pass()).keep
+    return 1 - streaks.draw(path, render_pass())(slice(0, 180)).keep
 
 
 def variance(attenuation, axis):
@@ -207,7 +207,7 @@ def test_nothing_falls_before_what_is_nearer():
     one = Particles(np.array([[0.0, 0.0, 6.0]]), np.zeros((1, 3)), np.array([0.03]))
     path = streaks.expose(one, np.ones(1), K, 0.02)
     near = render_pass(depth=np.full((180, 320), 5.0, np.float32))
-    assert not (1 - streaks.draw(path, near).keep).any()
+    assert not (1 - streaks.draw(path, near)(slice(0, 180)).keep).any()
 
 
 def test_streaks_of_rain_point_to_where_it_falls():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -12,11 +13,11 @@ from simgrab.geometry import Array
 from simgrab.world.camera.lens import Window
 
 TILE_PX = 32
+CELL_PX = 8
 MARGIN_PX = 2
 CELLS = 512  # of a shadow map in each direction, to say where shadows may change
 MOST_BLOCKS = 150  # beyond which merging blocks would take longer than drawing all of them
 PASS_PX = 50_000.0  # another pass over the geoms costs as much as so many pixels
-IDS_PX = 500_000.0  # … where only ids and depth are drawn
 COPY_PX = 20_000.0  # and another copy of what was drawn before
 NEARER = 12.0  # the lowest piece of a rope is so much longer than the highest
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -97,6 +98,20 @@ def tiles_of(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(padded.reshape(rows, TILE_PX, columns, TILE_PX).max(axis=(1, 3)).astype(bool))
 
 
+def tiles_near(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tiles of a picture in which, or within `CELL_PX` of which, any pixel is set, shape (rows, columns)."""
+    cells = np.asarray(cv2.dilate(_any(pixels.view(np.uint8), CELL_PX), np.ones((3, 3), np.uint8)))
+    return _any(cells, TILE_PX // CELL_PX).astype(bool)
+
+
+def _any(values: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """Whether any value is set in each square of so many rows and columns."""
+    height, width = values.shape
+    rows = np.pad(values, ((0, -height % side), (0, -width % side))).reshape(-1, side, width + -width % side)
+    across = np.bitwise_or.reduce(rows, axis=1)
+    return np.asarray(reduce(np.bitwise_or, (across[:, i::side] for i in range(side))))
+
+
 def rectangles(points: Array, focal_px: float, centre_px: Array, near_m: float) -> Array:
     """Bounding rectangles of what hulls of points show before a camera.
 
@@ -158,19 +173,26 @@ def windows(grid: NDArray[np.bool_], width_px: int, height_px: int, apart_px: fl
     found = np.array(list(_blocks(grid)), float).reshape(-1, 4)
     if len(found) > MOST_BLOCKS:
         found = np.array([[*found[:, :2].min(axis=0), *found[:, 2:].max(axis=0)]])
-    while len(found) > 1:
-        low = np.minimum(found[:, None, :2], found[None, :, :2])
-        high = np.maximum(found[:, None, 2:], found[None, :, 2:])
-        areas = (found[:, 2:] - found[:, :2]).prod(axis=1)
-        more = (high - low).prod(axis=2) - areas[:, None] - areas[None]
-        np.fill_diagonal(more, np.inf)
+    more, kept = _joint(found, found), np.ones(len(found), bool)
+    np.fill_diagonal(more, np.inf)
+    while kept.sum() > 1:
         i, j = np.unravel_index(int(more.argmin()), more.shape)
         if more[i, j] > apart_px / TILE_PX**2:
             break
-        found[i] = *low[i, j], *high[i, j]
-        found = np.delete(found, j, axis=0)
+        found[i] = *np.minimum(found[i, :2], found[j, :2]), *np.maximum(found[i, 2:], found[j, 2:])
+        kept[j], more[j], more[:, j] = False, np.inf, np.inf
+        more[i] = more[:, i] = np.where(kept, _joint(found[i : i + 1], found)[0], np.inf)
+        more[i, i] = np.inf
     limit = (width_px, height_px, width_px, height_px)
-    return [tuple(edges) for edges in np.minimum(found * TILE_PX, limit).astype(int).tolist()]
+    return [tuple(edges) for edges in np.minimum(found[kept] * TILE_PX, limit).astype(int).tolist()]
+
+
+def _joint(some: Array, others: Array) -> Array:
+    """Tiles that windows of shapes (n, 4) and (m, 4) cover together beyond those that each does: shape (n, m)."""
+    low = np.minimum(some[:, None, :2], others[None, :, :2])
+    high = np.maximum(some[:, None, 2:], others[None, :, 2:])
+    areas, more = ((v[:, 2:] - v[:, :2]).prod(axis=1) for v in (some, others))
+    return np.asarray((high - low).prod(axis=2) - areas[:, None] - more[None])
 
 
 def _blocks(grid: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:

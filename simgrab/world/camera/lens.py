@@ -23,11 +23,15 @@ class PictureMap:
     """
 
     def __init__(self, ideal: Array) -> None:
-        low, high = np.nanmin(ideal, axis=(0, 1)), np.nanmax(ideal, axis=(0, 1))
+        # NumPy goes row by row many times faster than over both axes at once.
+        low, high = (np.asarray(of.reduce(of.reduce(ideal))) for of in (np.fmin, np.fmax))
         # Two pixels of margin for the resampling kernel.
         self.source: Window = (*(int(v) - 2 for v in np.floor(low)), *(int(v) + 2 for v in np.ceil(high)))  # type: ignore[assignment]
         # OpenCV counts from the centre of the first pixel.
-        self._map = np.where(np.isnan(ideal), -10.0, ideal - self.source[:2] - 0.5).astype(np.float32)
+        at = ideal - self.source[:2]
+        at -= 0.5
+        self._map = at.astype(np.float32)
+        np.copyto(self._map, -10.0, where=np.isnan(self._map))
 
     def resample(self, picture: NDArray[Any], interpolation: int, outside: float = 0) -> NDArray[Any]:
         """Bend a picture of ``source``; ``interpolation`` is OpenCV's."""

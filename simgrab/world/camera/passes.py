@@ -7,10 +7,11 @@ keep the shadows of what stands still. Ids and depth are MuJoCo's to the bit; co
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -85,18 +86,23 @@ class Passes:
     ----------
     model : mujoco.MjModel
         Whose geoms are opaque meshes.
+    textures : mapping of str to ndarray of uint8, shape (h, w, 3)
+        By the name of their material.
     buffer : Offscreen
     size : tuple of 2 ints
         Of the largest window that is drawn at once, px.
     """
 
-    def __init__(self, model: mujoco.MjModel, buffer: Offscreen, size: tuple[int, int]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, textures: Mapping[str, NDArray[np.uint8]], buffer: Offscreen, size: tuple[int, int]
+    ) -> None:
         if not GL.glClipControl:
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
         meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
         if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
             raise RendererError("every geom must be an opaque mesh")
         self._model, self._context = model, buffer.context
+        self._pictures, self._textures = textures, dict[str, int]()
         self._painted: dict[int, int] = {}
         self._program = _program()
         self._uniform = {
@@ -107,13 +113,9 @@ class Passes:
         GL.glUniform1i(self._uniform["paint"], 0)
         GL.glUniform1i(self._uniform["shadow"], 1)
         GL.glUseProgram(0)
-        self._white = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._white)
-        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D, 0, GL.GL_RGB, 1, 1, 0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, np.full(4, 255, np.uint8)
-        )
+        self._white = _texture(np.full((1, 1, 3), 255, np.uint8))
         self._ids = _framebuffer(size, GL.GL_R8)
+        self._kept_ids: int | None = None
         samples = self._context.offSamples
         self._size, self._samples = size, samples
         self._picture = _framebuffer(size, GL.GL_RGBA8, samples)
@@ -239,11 +241,7 @@ class Passes:
         ------
         tuple of Window and ndarray of uint8, shape (h, w, 3)
         """
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._kept_picture)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture)
-        both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
-        for window in windows:
-            GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
+        self._copy(self._kept_picture, self._picture, windows)
         whole = (0, 0, rect.width, rect.height)
         steps = [(window, geoms, True) for window, geoms in redrawn] + [(whole, moving, False)]
         self._colour(self._picture, scene, rect, steps, shadowed)
@@ -298,9 +296,9 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], window: Window
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Draw the ids and depth of geoms into a window of a picture; see `colour`.
+        """Draw the ids and depth of geoms; see `colour`.
 
         Returns
         -------
@@ -309,15 +307,50 @@ class Passes:
         depth : ndarray of float32, shape (h, w)
             What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
+        return self._identify_whole(self._ids, scene, rect, geoms)
+
+    def keep_ids(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Draw ids and depth of geoms that stand still, and keep them for `identify_over`; see `identify`."""
+        if self._kept_ids is None:
+            self._kept_ids = _framebuffer(self._size, GL.GL_R8)
+        return self._identify_whole(self._kept_ids, scene, rect, geoms)
+
+    def identify_over(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
+    ) -> Iterator[tuple[Window, NDArray[np.uint8], NDArray[np.float32]]]:
+        """Draw moving geoms over the ids and depth that `keep_ids` kept; see `colour_over`.
+
+        The model lists what stands still first, so each pixel is what it is when all are drawn at once.
+        """
+        self._copy(self._kept_ids, self._ids, windows)
+        self._identify(self._ids, scene, rect, moving, clear=False)
+        for window in windows:
+            yield window, *self._read_ids(self._ids, window)
+
+    def _identify_whole(
+        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        self._identify(framebuffer, scene, rect, geoms, clear=True)
+        return self._read_ids(framebuffer, (0, 0, rect.width, rect.height))
+
+    def _identify(
+        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
+    ) -> None:
         self._set_up(scene, rect, segment=True)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._ids)
-        x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
-        with _scissors(window):
-            GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        with _scissors((0, 0, rect.width, rect.height)):
+            if clear:
+                GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
             for geom in geoms:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
+
+    def _read_ids(self, framebuffer: int, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
         ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
         GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
@@ -325,8 +358,17 @@ class Passes:
         ids -= 1  # 0, which is nothing, becomes 255
         return ids, depth
 
+    def _copy(self, source: int | None, target: int, windows: Iterable[Window]) -> None:
+        """Copy colours and depth in windows from one framebuffer to another."""
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, source)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, target)
+        both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
+        for window in windows:
+            GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
+
     def _set_up(self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, *, segment: bool) -> None:
-        """Let MuJoCo set camera, lights and OpenGL's state, by drawing a pixel without geoms; takes its framebuffer."""
+        """Let MuJoCo set camera, lights and OpenGL's state, by drawing a pixel without geoms in its own framebuffer."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)  # MuJoCo draws into whatever is bound
         scene.flags[_SEGMENT] = scene.flags[_IDCOLOR] = int(segment)
         scene.flags[_SHADOW] = 0
         mujoco.mjr_render(mujoco.MjrRect(0, 0, 1, 1), scene, self._context)
@@ -351,17 +393,25 @@ class Passes:
             rgba = np.asarray(model.mat_rgba[material], np.float32)
             specular = np.array([*[model.mat_specular[material]] * 3, 1], np.float32)
             emission = np.array([*(model.mat_emission[material] * rgba[:3]), 1], np.float32)
-            texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+            texture = self._texture(model.material(material).name)
             self._painted[number] = made = GL.glGenLists(1)
             GL.glNewList(made, GL.GL_COMPILE)
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_AMBIENT_AND_DIFFUSE, rgba)
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_EMISSION, emission)
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_SPECULAR, specular)
             GL.glMaterialf(GL.GL_FRONT_AND_BACK, GL.GL_SHININESS, 128.0 * float(model.mat_shininess[material]))
-            GL.glBindTexture(GL.GL_TEXTURE_2D, int(self._context.texture[texture]) if texture >= 0 else self._white)
+            GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
             GL.glCallList(self._mesh(number))
             GL.glEndList()
         return self._painted[number]
+
+    def _texture(self, material: str) -> int:
+        """Texture of a material, uploaded when it is first drawn; white where it has none."""
+        if material not in self._pictures:
+            return self._white
+        if material not in self._textures:
+            self._textures[material] = _texture(self._pictures[material][::-1])
+        return self._textures[material]
 
 
 @contextmanager
@@ -392,6 +442,47 @@ def _program() -> int:
     return program
 
 
+def _texture(picture: NDArray[np.uint8]) -> int:
+    """Upload a texture, shape (h, w, 3), whose first row is the bottom, with its mipmaps, as MuJoCo does."""
+    name = int(GL.glGenTextures(1))
+    GL.glBindTexture(GL.GL_TEXTURE_2D, name)
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_LINEAR)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    with _out_of_memory_raises(f"a texture of {picture.shape[1]}x{picture.shape[0]} px"):
+        for level, smaller in enumerate(_halved(picture)):
+            size = smaller.shape[1::-1]
+            GL.glTexImage2D(GL.GL_TEXTURE_2D, level, GL.GL_RGB, *size, 0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, smaller)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BASE_LEVEL, level)
+        GL.glGenerateMipmap(GL.GL_TEXTURE_2D)  # the few that are left
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BASE_LEVEL, 0)
+    GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+    return name
+
+
+def _halved(picture: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
+    """Yield a picture, and halve it for as long as its sides are even.
+
+    Means of two pixels are rounded up, first across and then up, as the software renderer has them, only faster.
+    """
+    while True:
+        yield np.ascontiguousarray(picture)
+        height, width = picture.shape[:2]
+        if height % 2 or width % 2:
+            return
+        for size in ((width // 2, height), (width // 2, height // 2)):
+            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+@contextmanager
+def _out_of_memory_raises(what: str) -> Iterator[None]:
+    try:
+        yield
+    except GLError as problem:
+        if problem.err == GL.GL_OUT_OF_MEMORY:
+            raise MemoryError(f"OpenGL has none for {what}") from None
+        raise RendererError(f"this OpenGL does not make {what} ({problem.err:#x})") from None
+
+
 def _framebuffer(size: tuple[int, int], colour: Any = None, samples: int = 0) -> int:
     """Make a framebuffer with depth, and with colour of a format or, for a shadow map, without."""
     framebuffer = int(GL.glGenFramebuffers(1))
@@ -412,12 +503,8 @@ def _framebuffer(size: tuple[int, int], colour: Any = None, samples: int = 0) ->
 def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
     renderbuffer = GL.glGenRenderbuffers(1)
     GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
-    try:
+    with _out_of_memory_raises(f"a framebuffer of {size[0]}x{size[1]} px"):
         GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, form, *size)
-    except GLError as problem:
-        if problem.err == GL.GL_OUT_OF_MEMORY:
-            raise MemoryError(f"OpenGL has none for a framebuffer of {size[0]}x{size[1]} px") from None
-        raise RendererError(f"this OpenGL makes no framebuffer of {size[0]}x{size[1]} px ({problem.err:#x})") from None
     GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
 
 

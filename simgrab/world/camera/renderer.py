@@ -17,7 +17,7 @@ from simgrab.scenario import Scenario
 from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
 from simgrab.world.camera.geoms import Geom
-from simgrab.world.camera.lens import Lens, Window
+from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, ROPE, World
 from simgrab.world.trajectory.moment import Moment, Tilt
 
@@ -98,6 +98,7 @@ class Renderer:
         self._reuses = gl.reuses()
         self._rest = Tilt.at_rest(camera)
         self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
+        self._still_coarse: View | None = None
         self._backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
         model = world.model
         self.data = mujoco.MjData(model)
@@ -106,11 +107,11 @@ class Renderer:
         self._scene = mujoco.MjvScene(model, maxgeom=1)
         self._abstract = mujoco.MjvCamera()
         with ExitStack() as stack:
-            self._buffer = stack.enter_context(gl.offscreen(model, *self._size))
+            self._buffer = stack.enter_context(gl.offscreen(model, 1, 1))  # the passes have framebuffers of their own
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
             self._boxes = geoms.boxes(model)
-            self._passes = Passes(model, self._buffer, self._size)
+            self._passes = Passes(model, world.textures, self._buffer, self._size)
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 
@@ -177,15 +178,23 @@ class Renderer:
         self._gather(moment)
         return self._view(moment, self.full, 1)
 
+    def still_view(self, moment: Moment) -> View | None:
+        """Coarse view of what stands still, always the same one; None while camera or crane does not."""
+        if not self._at_rest(moment):
+            return None
+        if self._still_coarse is None:
+            self._gather(moment)
+            ids, depth = self._still_buffers()
+            lens = self._lens.map(self.full) if self._lens else None
+            self._still_coarse = _bent(lens, self.full, ids[::-1], depth[::-1])
+        return self._still_coarse
+
     def _view(self, moment: Moment, window: Window, finer: int, *, with_place: bool = True) -> View:
         lens = self._lens.map(window, finer) if self._lens else None
         source = lens.source if lens else window
         whole = with_place and source == self._drawn and (finer == 1 or not lens)
         ids, depth = self._draw_whole(moment) if whole else self._draw_tiles(source, finer if lens else 1)
-        if lens:
-            ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
-            depth = lens.resample(depth, cv2.INTER_NEAREST, FAR_M)
-        return View(window, ids, depth)
+        return _bent(lens, window, ids, depth)
 
     def _gather(self, moment: Moment, *, grab_only: bool = False) -> None:
         """Pose the world, and list what is drawn of it."""
@@ -213,12 +222,12 @@ class Renderer:
         crane = moment.jib is None or np.array_equal(moment.jib.jib_from_place, np.eye(4))
         return self._reuses and crane and moment.tilt == self._rest
 
-    def _still_view(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _still_buffers(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of what stands still."""
         if self._still is None:
             stand = [geom for geom in self._geoms if geom.stands]
             rect = self.aim(self._drawn, self._scene)
-            ids, buffer = self._passes.identify(self._scene, rect, stand, (0, 0, *self._size))
+            ids, buffer = self._passes.keep_ids(self._scene, rect, stand)
             self._still = ids, _metres(buffer)
         return self._still
 
@@ -232,7 +241,7 @@ class Renderer:
                 jib_from_camera[:3, :3], jib_from_camera[:3, 3] = self._rotation, self._centre
                 # Rows counted from the bottom make the camera's y point upwards.
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
-                cells = changes.receivers(self._still_view()[1], upwards, *self._pinhole)
+                cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
                 passes.keep_shade(scene, stand)
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
             rgb = passes.keep_colour(scene, self.aim(self._drawn, scene), stand, shadowed=self._shadowed)
@@ -306,14 +315,13 @@ class Renderer:
         scene, passes = self._scene, self._passes
         if not self._at_rest(moment):
             rect = self.aim(self._drawn, scene)
-            ids, buffer = passes.identify(scene, rect, self._geoms, (0, 0, *self._size))
+            ids, buffer = passes.identify(scene, rect, self._geoms)
             return ids[::-1], _metres(buffer)[::-1]
-        (still_ids, still_depth), grid = self._still_view(), self._covered(self._moving_boxes())
+        (still_ids, still_depth), grid = self._still_buffers(), self._covered(self._moving_boxes())
         ids, depth = still_ids.copy(), still_depth.copy()
-        rect = self.aim(self._drawn, scene)
-        for window in changes.windows(grid, *self._size, changes.IDS_PX):
-            x0, y0, x1, y1 = window
-            own, buffer = passes.identify(scene, rect, self._geoms_in(window), window)
+        rect, windows = self.aim(self._drawn, scene), changes.windows(grid, *self._size, changes.COPY_PX)
+        moving = [geom for geom in self._geoms if geom.moves]
+        for (x0, y0, x1, y1), own, buffer in passes.identify_over(scene, rect, moving, windows):
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
         return ids[::-1], depth[::-1]
 
@@ -334,10 +342,21 @@ class Renderer:
         x0, y0, x1, y1 = (v / finer for v in window)
         left, _, _, bottom = self._drawn
         some = self._geoms_in((x0 - left, bottom - y1, x1 - left, bottom - y0))
-        ids, buffer = self._passes.identify(self._scene, rect, some, (0, 0, rect.width, rect.height))
+        ids, buffer = self._passes.identify(self._scene, rect, some)
         return ids[::-1], _metres(buffer)[::-1]
+
+
+def _bent(lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32]) -> View:
+    """View of a window of the picture from what was drawn for it, bent by a lens where there is one."""
+    if lens:
+        ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
+        depth = lens.resample(depth, cv2.INTER_NEAREST, FAR_M)
+    return View(window, ids, depth)
 
 
 def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:
     """Distance along the optical axis from MuJoCo's reversed depth buffer: 1 at the near plane, 0 at the far one."""
-    return np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer.astype(float) * (FAR_M - NEAR_M)), np.float32)
+    depth = buffer.astype(float)
+    depth *= FAR_M - NEAR_M
+    depth += NEAR_M
+    return np.divide(NEAR_M * FAR_M, depth, out=depth).astype(np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.scenario import Hold, Light, Scenario
 from simgrab.world.scenery.meshes import grab, linkage, ropes
-from simgrab.world.scenery.meshes.part import Part, add_parts
+from simgrab.world.scenery.meshes.part import Part, Texture, add_parts, add_textures
 from simgrab.world.scenery.plan import Plan, cargo_level
 from simgrab.world.trajectory.moment import Moment
 
@@ -40,11 +41,15 @@ class World:
     switches : dict of str to ndarray
         Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that
         only an absent grab lacks: its steel and the falls inside it.
+    textures : dict of str to ndarray of uint8, shape (h, w, 3)
+        By the name of their material; the first row is the top. The model itself has none: MuJoCo would copy a hundred
+        megabytes several times.
     """
 
     model: mujoco.MjModel
     plan: Plan
     switches: dict[str, NDArray[np.int64]]
+    textures: dict[str, Texture]
 
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
@@ -103,17 +108,29 @@ class World:
         self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
 
 
-def build(scenario: Scenario, plan: Plan) -> World:
-    """Build the world that was planned for a scenario."""
+def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
+    """Build the world that was planned for a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    plan : Plan
+    textured : bool
+        Whether the model itself holds the textures too, for MuJoCo's own renderer.
+    """
     spec = mujoco.MjSpec()
     _set_visuals(spec, scenario)
     ground = spec.worldbody.add_body(name="place", mocap=True)
     add_parts(spec, ground, plan.place, group=PLACE, prefix="place")
     add_parts(spec, spec.worldbody, plan.jib, group=JIB, prefix="jib")
     _add_grab(spec, plan.bodies, plan.heaps)
-    _add_ropes(spec)
+    rope = _add_ropes(spec)
+    own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope])
+    textures = {part.material.name: part.material.texture for part in own if part.material.texture is not None}
+    if textured:
+        add_textures(spec, textures)
     model = spec.compile()
-    return World(model, plan, _switches(model))
+    return World(model, plan, _switches(model), textures)
 
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
@@ -185,12 +202,14 @@ def _set_inertia(body: mujoco.MjsBody, parts: Sequence[Part], mass: float) -> No
     body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _add_ropes(spec: mujoco.MjSpec) -> None:
+def _add_ropes(spec: mujoco.MjSpec) -> Part:
+    """Add ropes of all lengths, and return one of them."""
     for rope in range(len(ropes.ROPE_EXITS)):
         body = spec.worldbody.add_body(name=f"rope_{rope}", mocap=True)
         for length in ropes.ROPE_CLASSES_M:
             part = ropes.rope_part(length, f"rope_{rope}_{length}")
             add_parts(spec, body, [part], group=HIDDEN, prefix=f"rope_{rope}/{length}")
+    return part
 
 
 def _turn_up_to(direction: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -51,20 +52,28 @@ class Glass:
     dirt: Picture
     snow: Picture
 
-    def through_drops(self, light: Picture, keep: Picture, white: Vector) -> tuple[Picture, Picture]:
-        """Put the drops before a picture (height, width, 3) and the share of light that was kept before them."""
+    def put_drops(self, light: Picture, keep: Picture, white: Vector) -> None:
+        """Put the drops before a picture (height, width, 3) and the share of light that was kept: both change."""
         shown = cv2.multiply(self._refracted(light, white), cv2.cvtColor(self.drops, cv2.COLOR_GRAY2RGB))
-        height, width = keep.shape
-        seen, kept = np.empty_like(light), np.empty_like(keep)
 
         def refract(rows: slice) -> None:
-            through = 1 - enlarged(self.drops, COARSE, rows, width)
-            block = cv2.multiply(light[rows], cv2.cvtColor(through, cv2.COLOR_GRAY2RGB))
-            np.add(block, enlarged(shown, COARSE, rows, width), out=seen[rows])
-            np.multiply(keep[rows], through, out=kept[rows])
+            for columns in self._wet(rows):
+                at, coarse = (rows, columns), slice(columns.start // COARSE, -(-columns.stop // COARSE))
+                width = columns.stop - columns.start
+                through = 1 - enlarged(self.drops[:, coarse], COARSE, rows, width)
+                block = cv2.multiply(light[at], cv2.cvtColor(through, cv2.COLOR_GRAY2RGB))
+                np.add(block, enlarged(shown[:, coarse], COARSE, rows, width), out=light[at])
+                keep[at] *= through
 
-        each_block(height, refract)
-        return seen, kept
+        each_block(len(keep), refract)
+
+    def _wet(self, rows: slice) -> Iterator[slice]:
+        """Columns of the picture in which drops are seen in some of its rows, with a coarse pixel around them."""
+        near = self.drops[max(rows.start // COARSE - 1, 0) : -(-rows.stop // COARSE) + 1]
+        wet = np.asarray(cv2.dilate(near.any(axis=0).astype(np.uint8), np.ones((3, 1), np.uint8))).ravel()
+        edges = np.flatnonzero(np.diff(wet, prepend=0, append=0)) * COARSE
+        for start, stop in zip(edges[0::2].tolist(), edges[1::2].tolist(), strict=True):
+            yield slice(start, min(stop, self.dirt.shape[1]))
 
     def _refracted(self, light: Picture, white: Vector) -> Picture:
         """Return what drops show, in coarse pixels."""
@@ -143,11 +152,15 @@ def _ellipse(x: Picture, y: Picture, a: float, b: float, angle: float) -> Array:
 
 
 def _dirt(share: float, shape: tuple[int, int], focal: float, seed: int, clip: int) -> Picture:
+    if not share:
+        return np.zeros(shape, np.float32)
     return noise.covered(_ranked(_glass_noise("weather.lens.dirt", shape, focal, seed, clip)), share, 0.1)
 
 
 def _rim(share: float, shape: tuple[int, int], focal: float, seed: int, clip: int) -> Picture:
     """Snow from the rim inwards, more of it on one side."""
+    if not share:
+        return np.zeros(shape, np.float32)
     h, w = shape
     y, x = np.mgrid[-1 : 1 : h * 1j, -1 : 1 : w * 1j]
     angle = stream(seed, clip, "weather.lens.snow.side").uniform(0, 2 * np.pi)

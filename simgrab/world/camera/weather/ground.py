@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import partial
 
 import cv2
 import numpy as np
@@ -14,6 +14,7 @@ from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
+from simgrab.world.camera.weather.still import At, Seen
 from simgrab.world.camera.weather.surface import STEP, Surface, coarse_rays, surface
 from simgrab.world.scenery.model import PLACE, ROPE
 
@@ -45,41 +46,39 @@ class Lamp:
     light: float
 
 
-def ground(weather: Weather, rendered: RenderPass, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
+def ground(weather: Weather, seen: Seen, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
     """Wet the ground and lay snow on it.
 
     Parameters
     ----------
     weather : Weather
         Some wetness, from 0.5 on with puddles, or snow cover, or both.
-    rendered : RenderPass
+    seen : Seen
     lamps : sequence of Lamp
     white : float
         Linear brightness of the sky, which is the unit of the layer's glow.
     seed : int
     """
-    shape = coarse_rays(rendered.intrinsics).x.shape
-    keep, glow = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    puddles = noise.tile(seed, 0, "weather.puddles", 1.45) if weather.wetness else None
-    snow = (noise.tile(seed, 0, "weather.snow.cover", 1.5), _SnowLight(rendered, white)) if weather.snow_cover else None
-
-    def lie(rows: slice) -> None:
-        on, layers = surface(rendered, rows), []
-        if puddles is not None:
-            layers.append(_wet(rendered, on, puddles, weather.wetness, lamps, white))
-        if snow:
-            layers.append(_snow(rendered, on, rows, weather.snow_cover, *snow))
-        joined = reduce(Layer.behind, layers)
-        keep[rows], glow[rows] = joined.keep, joined.glow
-
-    each_block(shape[0], lie)
-    return _enlarged(Layer(keep, glow), rendered)
+    rendered = seen.rendered
+    if weather.wetness:
+        puddles = noise.tile(seed, 0, "weather.puddles", 1.45)
+        wet = partial(_wet, puddles, weather.wetness, lamps, white)
+        layer = Layer(
+            *seen.fields("wet", wet, STEP, keep=not lamps)
+        )  # each frame has a sky of its own beside the lamps
+    if weather.snow_cover:
+        patches = noise.tile(seed, 0, "weather.snow.cover", 1.5)
+        cover, pattern = seen.fields("snow", partial(_snow, patches, weather.snow_cover), STEP)
+        snow = _lit(rendered, cover, pattern, white)
+        layer = layer.behind(snow) if weather.wetness else snow
+    return _enlarged(layer, rendered)
 
 
 def _wet(
-    rendered: RenderPass, on: Surface, puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float
-) -> Layer:
-    """Darken porous ground, and let it mirror the sky and the lamps."""
+    puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float, rendered: RenderPass, at: At
+) -> tuple[Picture, Picture]:
+    """Darken porous ground, and let it mirror the sky and the lamps: `Layer.keep` and `Layer.glow`."""
+    on = surface(rendered, at)
     share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
     pattern = noise.look_up(puddles, on.x, on.y, SPAN_M)
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
@@ -98,7 +97,7 @@ def _wet(
         # π p(slopes) / (4 cos θ cos⁴ β), β being the lean of the facet that mirrors the lamp into the camera.
         shine *= np.float32(np.pi / 4 * lamp.light / white) * np.square(1 + lean)
         glow += mirror * shine / np.maximum(steep, np.float32(0.05))
-    return Layer(keep, glow)
+    return keep, glow
 
 
 def _towards(point_m: Vector, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
@@ -114,16 +113,34 @@ def _slopes(squared: Picture, rms: float) -> Picture:
     return np.asarray(cv2.exp(squared * np.float32(-0.5 / rms**2)) * np.float32(1 / (2 * np.pi * rms**2)))
 
 
-def _snow(rendered: RenderPass, on: Surface, rows: slice, cover: float, patches: Picture, light: _SnowLight) -> Layer:
-    """Lay snow on what faces upwards: fully on the place, thinly on grab and jib."""
+def _snow(patches: Picture, cover: float, rendered: RenderPass, at: At) -> tuple[Picture, Picture]:
+    """Lay snow on what faces upwards: fully on the place, thinly on grab and jib.
+
+    Returns
+    -------
+    tuple of 2 ndarrays
+        Share of each pixel that it covers, and the noise that its grain follows.
+    """
+    on = surface(rendered, at)
     pattern = noise.look_up(patches, on.x, on.y, SPAN_M)
     low, high = STEEPEST_SNOW
     hold = np.clip((on.up - np.float32(low)) / np.float32(high - low), 0, 1)
-    ids = rendered.ids[::STEP, ::STEP][rows]
+    ids = rendered.ids[::STEP, ::STEP][at]
     steel = (ids != PLACE) & (ids <= 3)
     lying = noise.covered(pattern, cover, 0.12) * on.solid + noise.covered(pattern, DUSTING * cover, 0.5) * steel
-    snow = (hold * lying).astype(np.float32)
-    return Layer(1 - snow, snow * light.of(rows, pattern))
+    return (hold * lying).astype(np.float32), pattern
+
+
+def _lit(rendered: RenderPass, snow: Picture, pattern: Picture, white: float) -> Layer:
+    """Light snow as the scene is lit."""
+    light, layer = _SnowLight(rendered, white), Layer(np.empty_like(snow), np.empty_like(snow))
+
+    def shine(rows: slice) -> None:
+        np.subtract(1, snow[rows], out=layer.keep[rows])
+        np.multiply(snow[rows], light.of(rows, pattern[rows]), out=layer.glow[rows])
+
+    each_block(len(snow), shine)
+    return layer
 
 
 class _SnowLight:

@@ -7,6 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.world.camera.weather.render_pass import Picture
 
@@ -23,9 +24,17 @@ def tile(seed: int, index: int, name: str, exponent: float) -> Picture:
     f = np.hypot(np.fft.fftfreq(SIDE)[:, None], np.fft.rfftfreq(SIDE)[None, :])
     f[0, 0] = np.inf
     field = np.fft.irfft2(np.fft.rfft2(white) * f**-exponent, (SIDE, SIDE))
+    return np.pad(ranked(field), (0, 1), mode="wrap")
+
+
+def ranked(field: Array) -> Picture:
+    """Ranks of a field's values, from 0 to below 1, of its shape."""
+    order = np.argsort(field, axis=None)
+    if (np.diff(field.ravel()[order]) == 0).any():  # equal values in the order in which they stand
+        order = np.argsort(field, axis=None, kind="stable")
     ranks = np.empty(field.size, np.float32)
-    ranks[np.argsort(field, axis=None, kind="stable")] = np.arange(field.size, dtype=np.float32) / field.size
-    return np.pad(ranks.reshape(SIDE, SIDE), (0, 1), mode="wrap")
+    ranks[order] = np.arange(field.size, dtype=np.float32) / field.size
+    return ranks.reshape(field.shape)
 
 
 def look_up(noise: Picture, x: Picture, y: Picture, span: float) -> Picture:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from simgrab.geometry import Array, Intrinsics
 from simgrab.world.camera.row_blocks import each_block, enlarged, threaded_map
-from simgrab.world.camera.weather.layer import Layer, clear, matte
+from simgrab.world.camera.weather.layer import Layer, Maker, matte
 from simgrab.world.camera.weather.particles import Particles
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 
@@ -67,12 +67,12 @@ def expose(particles: Particles, brightness: Array, intrinsics: Intrinsics, shut
     return Streaks(*(v[seen] for v in (*ends, depth, area, width, brightness)))
 
 
-def draw(streaks: Streaks, rendered: RenderPass) -> Layer:
+def draw(streaks: Streaks, rendered: RenderPass) -> Maker:
     """Draw streaks before what a picture shows, and none behind it."""
     height, width = rendered.depth.shape
     rows, columns = (-(-(n + 2 * BORDER_PX) // COARSEST) * COARSEST for n in (height, width))
     if not streaks.depth_m.size:
-        return clear((height, width))
+        return lambda _: None
     level = np.clip(np.round(np.log2(streaks.width_px / KERNEL_PX)), 0, LEVELS - 1).astype(int)
     finest = int(np.quantile(level, FEW, method="lower"))
     level = np.maximum(level, finest)
@@ -87,16 +87,14 @@ def draw(streaks: Streaks, rendered: RenderPass) -> Layer:
             finer = _gather(samples, (rows >> one, columns >> one), even)
             sums = _before(sums, finer) if sums else finer
     times = rows // len(sums[0])
-    result = Layer(*(np.empty((height, width), np.float32) for _ in range(2)))
 
-    def finish(some: slice) -> None:
+    def block(some: slice) -> Layer:
         inside = slice(some.start + BORDER_PX, some.stop + BORDER_PX)
         blocked, *light = (enlarged(s, times, inside, BORDER_PX + width)[:, BORDER_PX:] for s in sums)
-        layer = Layer(1 - blocked, light[0]) if light else matte(1 - blocked, float(streaks.brightness[0]))
-        result.keep[some], result.glow[some] = layer.keep, layer.glow
+        keep = 1 - blocked
+        return Layer(keep, light[0]) if light else matte(keep, float(streaks.brightness[0]))
 
-    each_block(height, finish)
-    return result
+    return block
 
 
 def _before(near: list[Picture], far: list[Picture]) -> list[Picture]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+Texture = NDArray[np.uint8]
+Corners = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
 
 
@@ -34,7 +36,7 @@ class Material:
 
     name: str
     rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    texture: NDArray[np.uint8] | None = field(default=None, repr=False)
+    texture: Texture | None = field(default=None, repr=False)
     tile_m: float = 1.0
     specular: float = 0.2
     shininess: float = 0.2
@@ -68,11 +70,11 @@ class Part:
         return Part(name or self.name, mesh, self.material, self.uv)
 
     @cached_property
-    def corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def corners(self) -> Corners:
         """Positions, normals and UVs of every face corner: (3F, 3), (3F, 3), (3F, 2). Facets keep their sharp edges."""
         mesh = self.mesh
         faces = np.asarray(mesh.faces)
-        normals = _corner_normals(mesh)
+        normals = _corner_normals(np.asarray(mesh.vertices).tobytes(), faces.tobytes())
         corners = np.asarray(mesh.vertices)[faces].reshape(-1, 3)
         if self.uv is not None:
             return corners, normals, np.asarray(self.uv)[faces].reshape(-1, 2)
@@ -85,7 +87,7 @@ class Part:
 
 
 def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
-    """Add parts to a body as visual geoms, one per material: no collision, no mass.
+    """Add parts to a body as visual geoms, one per material: no collision, no mass, no textures (see `add_textures`).
 
     Parameters
     ----------
@@ -102,13 +104,8 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
         by_material.setdefault(part.material.name, []).append(part)
     for name, same in by_material.items():
         _add_material(spec, same[0].material)
-        corners = [part.corners for part in same]
-        vertices, normals, uvs = (np.concatenate([c[i] for c in corners]) for i in range(3))
-        mesh = spec.add_mesh(name=f"{prefix}/{name}")
-        mesh.uservert = vertices.ravel()
-        mesh.usernormal = normals.ravel()
-        mesh.usertexcoord = uvs.ravel()
-        mesh.userface = np.arange(len(vertices))
+        mesh = spec.add_mesh(name=f"{prefix}/{name}", file=f"{prefix}/{name}.msh")
+        spec.assets[mesh.file] = _msh([part.corners for part in same])
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # for rendering only: sheets are allowed
         body.add_geom(
             name=f"{prefix}/{name}",
@@ -122,6 +119,15 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
         )
 
 
+def _msh(corners: Sequence[Corners]) -> bytes:
+    """Mesh of unshared corners, as MuJoCo's MSH file: arrays given to `MjsMesh` are copied number by number."""
+    arrays = [np.concatenate([c[i] for c in corners]) for i in range(3)]
+    count = len(arrays[0])
+    header = np.array([count, count, count, count // 3], "<i4")
+    faces = np.arange(count, dtype="<i4")
+    return b"".join([header.tobytes(), *(a.astype("<f4").tobytes() for a in arrays), faces.tobytes()])
+
+
 def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
     known = spec.material(material.name)
     if known is not None:
@@ -130,29 +136,31 @@ def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
         ):  # fmt: skip
             raise ValueError(f"two materials are called {material.name!r}")
         return
-    mat = spec.add_material(
+    spec.add_material(
         name=material.name,
         rgba=material.rgba,
         specular=material.specular,
         shininess=material.shininess,
         emission=material.emission,
     )
-    if material.texture is not None:
-        height, width, channels = material.texture.shape
+
+
+def add_textures(spec: mujoco.MjSpec, textures: Mapping[str, Texture]) -> None:
+    """Give materials their textures, for MuJoCo's own renderer."""
+    for name, picture in textures.items():
+        height, width, channels = picture.shape
         texture = spec.add_texture(
-            name=material.name,
-            type=mujoco.mjtTexture.mjTEXTURE_2D,
-            width=width,
-            height=height,
-            nchannel=channels,
+            name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels
         )
-        texture.data = np.ascontiguousarray(material.texture[::-1]).tobytes()
-        mat.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
+        texture.data = picture[::-1].tobytes()
+        spec.material(name).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
-def _corner_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+@lru_cache(maxsize=512)  # many shapes, such as the grab's and the jib's, are the same in every world
+def _corner_normals(vertices: bytes, triangles: bytes) -> NDArray[np.float64]:
     """Average, at every face corner, the normals of the smoothly joined faces around it, weighted by angle."""
-    faces = np.asarray(mesh.faces)
+    faces = np.frombuffer(triangles, np.int64).reshape(-1, 3)
+    mesh = trimesh.Trimesh(np.frombuffer(vertices).reshape(-1, 3), faces, process=False)
     face_normals = np.asarray(mesh.face_normals)
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < CREASE_ANGLE]
     labels = trimesh.graph.connected_component_labels(smooth, node_count=len(faces))
@@ -164,4 +172,6 @@ def _corner_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     np.add.at(total, inverse, face_normals.repeat(3, axis=0) * weights)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     normals = np.where(length > 1e-12, total / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
-    return np.asarray(normals[inverse])
+    result = normals[inverse]
+    result.setflags(write=False)
+    return np.asarray(result)
