@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -62,6 +63,14 @@ class Finished:
         self._folder.store(stored.make(self.generator, frame))
 
 
+def textured(generator: FrameGenerator) -> Any:
+    """Build the model of frame 0's world with its textures, for other renderers; simgrab's own uploads them itself."""
+    from simgrab.world.scenery.model import build
+
+    scene = generator.scene(0)
+    return build(scene.scenario, scene.world.plan, textured=True).model
+
+
 class Bare:
     """``mujoco.Renderer`` as its documentation uses it, with the same geoms and camera as the frame made last."""
 
@@ -71,7 +80,8 @@ class Bare:
         self._generator, self._camera, self._option = generator, mujoco.MjvCamera(), mujoco.MjvOption()
         self._option.geomgroup[:] = 1
         self._option.geomgroup[HIDDEN] = 0
-        model, k = generator.scene(0).world.model, generator.scenario.camera.intrinsics
+        self._model, k = textured(generator), generator.scenario.camera.intrinsics
+        model = self._model
         self._renderer = mujoco.Renderer(model, k.height_px, k.width_px, max_geom=model.ngeom + 16)
 
     def __enter__(self) -> Bare:
@@ -92,6 +102,7 @@ class Bare:
 
     def _aim(self) -> None:
         ours = self._generator.scene(0).renderer
+        self._model.geom_group[:] = self._generator.scene(0).world.model.geom_group
         self._renderer.update_scene(ours.data, self._camera, self._option)
         ours.aim(ours.full, self._renderer.scene)
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from scripts.bench_measure import in_turns, milliseconds, ratios
-from scripts.bench_render import BARE, FINISHED, SCENE, WARM_UP, Bare, Finished
+from scripts.bench_render import BARE, FINISHED, SCENE, WARM_UP, Bare, Finished, textured
 from scripts.bench_results import Quantity
 from scripts.bench_scene import ExportedScene
 from simgrab import scenes
@@ -112,14 +112,14 @@ def exported(generator: FrameGenerator, frames: range) -> ExportedScene:
     import mujoco  # after simgrab.world, which chooses its OpenGL
 
     scene = generator.scene(frames[0])
-    model, k = scene.world.model, generator.scenario.camera.intrinsics
+    model, k = textured(generator), generator.scenario.camera.intrinsics
     cameras, poses, shown = [], [], []
     for frame in frames:
         moment = generator.project(frame).moment
         data = scene.renderer.pose(moment)
         cameras.append(_pose(moment.tilt.jib_from_camera, np.array(generator.scenario.camera.offset_m)))
         poses.append([_pose(data.geom(g).xmat.reshape(3, 3), data.geom(g).xpos) for g in range(model.ngeom)])
-        shown.append(model.geom_group != HIDDEN)
+        shown.append(scene.world.model.geom_group != HIDDEN)
     vertices, faces = zip(*(_mesh(model, int(mesh)) for mesh in model.geom_dataid), strict=True)
     material = model.geom_matid
     return ExportedScene(
