@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import socket
 import threading
 
 import moto.server
@@ -42,6 +43,7 @@ class Faulty:
             length = int(environ.get("CONTENT_LENGTH") or 0)
             if self.lost_every and number % self.lost_every == 0:
                 environ["wsgi.input"].read(length // 2)
+                environ["werkzeug.socket"].shutdown(socket.SHUT_RDWR)
                 raise ConnectionAbortedError
             if (self.dead_after is not None and number > self.dead_after) or (
                 self.errors_every and number % self.errors_every == 0

@@ -94,7 +94,6 @@ checks(*sys.argv[1:])
 def renders(folder, there, **where):
     """Render and study the same wherever it is done."""
     scene = simgrab.load("quay-day", {"frames": 4, "image.samples": 0}, size=(480, 270))
-    render(scene, folder / there, **where)
     render(scene, (folder / f"{there}-shards").as_uri(), shard_frames=2, **where)
     study = quickened(catalogue.load(catalogue.names()[0]))
     laboratory.run([msgspec.structs.replace(study, replications=2)], folder / f"{there}-stress", **where)
@@ -132,6 +131,6 @@ def test_work_on_a_cluster(tmp_path):
     renders(tmp_path, "here")
     with cluster.local_cluster(2, 1) as address:
         subprocess.run([sys.executable, "-c", CHECKS, address, str(tmp_path)], check=True, timeout=240)
-    for name in ("", "-shards", "-stress"):
+    for name in ("-shards", "-stress"):
         known, found = (folder_contents(tmp_path / f"{place}{name}") for place in ("here", "there"))
         assert known == found
