@@ -24,8 +24,8 @@ from simgrab.cli import cli, main
 from simgrab.errors import SimgrabError, WorkerError
 from simgrab.judge import doctor
 from simgrab.judge.audit.second_renderer import choice, install_hint
+from simgrab.utilities.versions import PACKAGES
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output.manifest import PACKAGES
 
 
 def run(*arguments):
