@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scripts.bench_scene import Array, ExportedScene, serve
+from simgrab.judge.audit.second_renderer.pyrender_process import OPENGL_FROM_OPENCV, projection
 
-NEAR_M, FAR_M = 0.1, 200.0
-OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+FAR_M = 200.0
 
 
 class Pyrender:
@@ -29,7 +29,8 @@ class Pyrender:
             """An exact frustum: pyrender's IntrinsicsCamera divides by width − 1."""
 
             def get_projection_matrix(self, width: int | None = None, height: int | None = None) -> Array:  # noqa: ARG002
-                return _projection(scene.camera)
+                w, h, f, cx, cy = scene.camera
+                return projection(f, cx, cy, w, h, FAR_M)
 
         self.by = f"pyrender {version('pyrender')}"
         self._exported, self._pyrender = scene, pyrender
@@ -87,17 +88,6 @@ def _looking_along(direction: Array) -> Array:
     pose = np.eye(4)
     pose[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
     return pose
-
-
-def _projection(camera: Array) -> Array:
-    """OpenGL projection matrix of a pinhole; see `ExportedScene.camera`."""
-    width, height, f, cx, cy = camera
-    matrix = np.zeros((4, 4))
-    matrix[0, 0], matrix[0, 2] = 2 * f / width, 1 - 2 * cx / width
-    matrix[1, 1], matrix[1, 2] = 2 * f / height, 2 * cy / height - 1
-    matrix[2, 2], matrix[2, 3] = -(FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
-    matrix[3, 2] = -1
-    return matrix
 
 
 if __name__ == "__main__":

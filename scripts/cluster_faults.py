@@ -10,7 +10,6 @@ overhead is the time of an item that does nothing.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import signal
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from typing import Any
 import psutil
 
 from simgrab.utilities.cluster import ClusterPool
+from simgrab.utilities.files import sha256
 
 SCENE = ("quay-day", "--size", "480x270", "--set", "image.samples=0")
 NODES = 3
@@ -70,8 +70,7 @@ def kill_worker() -> None:
 
 def contents(folder: Path) -> dict[str, str]:
     """SHA-256 of each file by its path."""
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {str(path.relative_to(folder)): sha256(path) for path in folder.rglob("*") if path.is_file()}
 
 
 def render(out: str, *options: str) -> subprocess.Popen[bytes]:

@@ -53,14 +53,15 @@ def compare(generator: FrameGenerator, frames: range) -> Comparison:
                 continue
             for other in others:
                 other.load(grab_shapes(generator, frame))
-            renderer, projection = generator.scene(frame).renderer, generator.project(frame)
+            scene, projection = generator.scene(frame), generator.project(frame)
+            renderer, grab = scene.renderer, scene.world.plan.grab
             window = projection.window
             samples = samples_a_pixel(window)
             start, masks = time.perf_counter(), {MUJOCO: renderer.silhouette(projection.moment, window, samples)}
             lap = time.perf_counter()
             found.seconds[MUJOCO] = found.seconds.get(MUJOCO, 0.0) + lap - start
             for other in others:
-                start, masks[other.name] = lap, silhouette(other, row, window, samples)
+                start, masks[other.name] = lap, silhouette(other, grab, row, window, samples)
                 lap = time.perf_counter()
                 found.seconds[other.name] = found.seconds.get(other.name, 0.0) + lap - start
             bound = Difference(1 / samples + 1e-6, LEAST_IOU, MOST_CENTROID_PX)

@@ -57,6 +57,19 @@ def as_options(changes):
     return [part for key, value in changes.items() for part in ("--set", f"{key}={toml(value)}")]
 
 
+def by_yolo(folder, split):
+    """Number, BGR picture and detections of a split's frames, as a trainer's loader reads them."""
+    supervision = pytest.importorskip("supervision")
+    loaded = supervision.DetectionDataset.from_yolo(
+        images_directory_path=str(folder / "images" / split),
+        annotations_directory_path=str(folder / "labels" / split),
+        data_yaml_path=str(folder / "data.yaml"),
+    )
+    assert loaded.classes == ["grab"]
+    for path, picture, detections in loaded:
+        yield int(path.rsplit("/", 1)[1].split(".")[0]), picture, detections
+
+
 def slow_but(cases, *fast):
     """Cases of a parametrized test, all but ``fast`` of them marked slow."""
     return [

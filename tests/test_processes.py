@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from simgrab.errors import DatasetError, WorkerError
-from simgrab.utilities.processes import ATTEMPTS, Pool, tick
+from simgrab.utilities.processes import ATTEMPTS, PLACE, Pool, tick
 
 ready = None
 
@@ -29,6 +29,11 @@ def square(x):
 def get_ready(value):
     global ready
     ready = value
+
+
+def number(_item: int) -> str:
+    time.sleep(0.2)
+    return os.environ[PLACE]
 
 
 def what_is_ready(_):
@@ -241,6 +246,12 @@ def test_every_worker_is_set_up_in_its_environment():
     assert "SIMGRAB_TEST" not in os.environ
     with Pool(1, setup=refuse) as pool, pytest.raises(DatasetError, match=r"^no renderer$"):
         list(pool.map(square, [1]))
+
+
+def test_workers_know_their_number():
+    with Pool(2) as pool:
+        assert set(pool.map(number, range(8))) == {"0", "1"}
+    assert PLACE not in os.environ
 
 
 def test_work_that_is_left_alone_ends():

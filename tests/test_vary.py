@@ -177,3 +177,21 @@ def test_weights_are_summed_once(monkeypatch):
     sums.clear()
     np.testing.assert_allclose(choice.probabilities, np.arange(1000) / 499_500)
     assert len(sums) == 1
+
+
+def test_a_key_of_another_kind_than_the_drawn_one_is_left_out():
+    factors = {
+        "place": {"dist": "one-of", "values": [{"model": "quay"}, {"model": "hold"}, {"model": "plain"}]},
+        "place.fill": {"dist": "uniform", "low": 0.1, "high": 0.2},  # of a hold alone
+    }
+    scene = scenes.load("quay-day", {"frames": 60, "clip.clip_frames": 1, "vary": factors})
+    for one, _ in variants(scene):
+        place = one.scenario.place
+        assert hasattr(place, "fill") == ("place.fill" in one.drawn)
+        assert not hasattr(place, "fill") or place.fill == one.drawn["place.fill"]
+    with pytest.raises(ScenarioError, match="unknown key"):
+        scenes.load("quay-day", {"clip.clip_frames": 1, "vary": {"place.fill": factors["place.fill"]}})
+    with pytest.raises(ScenarioError, match=r"place\.fill"):
+        scenes.load(
+            "quay-day", {"clip.clip_frames": 1, "vary": factors | {"place.fill": {"dist": "uniform", "high": 7}}}
+        )

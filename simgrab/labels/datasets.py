@@ -29,6 +29,7 @@ from simgrab.utilities.parse import is_file, parse_json, read_bytes, read_json
 if TYPE_CHECKING:
     from simgrab.scenario import Scenario
 
+MANIFEST = "manifest.json"
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
@@ -42,7 +43,7 @@ class _Scenario(msgspec.Struct, frozen=True):
     labels: _Labels
 
 
-class Shards(msgspec.Struct, frozen=True):
+class ShardCounts(msgspec.Struct, frozen=True):
     """How a dataset is cut into shards.
 
     Attributes
@@ -64,7 +65,7 @@ class Manifest(msgspec.Struct, frozen=True):
     digest: str
     seed: int
     files: dict[str, str] = {}
-    shards: Shards | None = None
+    shards: ShardCounts | None = None
 
     def data(self, labels_sha256: str, frames: int) -> Data:
         """Name a dataset."""
@@ -289,7 +290,7 @@ class Dataset(Sequence[LabelledFrame]):
         """The scenario that it was rendered from, with every default filled in."""
         from simgrab import scenes
 
-        return scenes.load(self.path / "manifest.json")
+        return scenes.load(self.path / MANIFEST)
 
     def weather(self, row: Row) -> str:
         """Name a row's weather: what a varied scene calls it, or else the scene."""
@@ -317,7 +318,7 @@ def read(path: str | Path) -> Dataset:
     """
     path = Path(path)
     rows, _, labels_sha256 = frame_files.read_rows(path, Row)
-    known = named(read_json(path / "manifest.json", DatasetError), path)
+    known = named(read_json(path / MANIFEST, DatasetError), path)
     frame_files.check_files(path, rows)
     data = known.data(labels_sha256, len(rows))
     return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, _Folder(path, Masks(path)))

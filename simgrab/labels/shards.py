@@ -26,7 +26,7 @@ from simgrab import calibration
 from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError, first_line
 from simgrab.labels import arrays, datasets
-from simgrab.labels.datasets import Data, Dataset, LabelledFrame, Manifest
+from simgrab.labels.datasets import MANIFEST, Data, Dataset, LabelledFrame, Manifest
 from simgrab.labels.masks import Coded
 from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
@@ -37,7 +37,7 @@ from simgrab.utilities.stores import Store, is_url
 if TYPE_CHECKING:
     from simgrab.scenario import Scenario
 
-MANIFEST, CAMERA, PREVIEW = "manifest.json", "camera.toml", "preview.jpg"
+CAMERA, PREVIEW = "camera.toml", "preview.jpg"
 MOST_MANIFEST_BYTES = 2**30
 READ_AHEAD_BYTES = 16 * 2**20
 """Of pictures that lie one after another, and are read at once where frames are taken in order."""
@@ -311,9 +311,7 @@ class ShardedDataset(Sequence[LabelledFrame]):
         """The scenario that it was rendered from, with every default filled in."""
         from simgrab import scenes
 
-        where = f"{self.store.url}/{MANIFEST}"
-        known = _read_manifest(self.store)
-        return scenes.of_manifest(known, where)
+        return scenes.of_manifest(_read_manifest(self.store), f"{self.store.url}/{MANIFEST}")
 
     def is_labelled(self, row: Row) -> bool:
         """Whether detection labels hold a box for the row."""
@@ -328,7 +326,7 @@ class ShardedDataset(Sequence[LabelledFrame]):
         found = _read_shard(self.store, number, self.manifest.files.get(table(number), ""))
         rows = tuple(row for row in found.rows if self._split in (None, row.split))
         if len(rows) != self._counts[number]:
-            raise DatasetError(f"{self.store.url}: {table(number)} has not the frames that the manifest states")
+            raise DatasetError(f"{self.store.url}: {table(number)} does not hold the frames that the manifest states")
         return _Archives(self.store, found.places), rows
 
     def _frame(self, row: Row, files: _Archives) -> LabelledFrame:

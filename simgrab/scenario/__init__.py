@@ -13,10 +13,11 @@ from simgrab.scenario.camera import (
     Vibration,
 )
 from simgrab.scenario.factor import Factor, OneOf
+from simgrab.scenario.grab import Clamshell, FourRope, Grab, OrangePeel
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.size import resized
-from simgrab.scenario.surroundings import Clutter, Grab, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
     ROPE_LENGTH_RANGE_M,
@@ -41,6 +42,7 @@ __all__ = [
     "AutoExposure",
     "Camera",
     "Cargo",
+    "Clamshell",
     "Clip",
     "Clutter",
     "Cycles",
@@ -50,6 +52,7 @@ __all__ = [
     "FixedExposure",
     "FixedMount",
     "Forcing",
+    "FourRope",
     "Grab",
     "Hang",
     "Hold",
@@ -63,6 +66,7 @@ __all__ = [
     "Light",
     "OneOf",
     "Optics",
+    "OrangePeel",
     "PixelFocal",
     "Plain",
     "Quay",

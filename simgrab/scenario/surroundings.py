@@ -7,19 +7,19 @@ from typing import Annotated, Literal
 from simgrab.scenario.base import Cargo, Meta, Share, Strict, Tagged
 
 
-class Grab(Strict, frozen=True):
-    """Looks of the bucket grab. ``wear`` and ``residue`` go from 0 (new, clean) to 1."""
-
-    paint_rgb: tuple[Share, Share, Share] = (0.86, 0.52, 0.07)
-    wear: Share = 0.4
-    residue: Share = 0.3
-    cargo: Cargo = "coal"
-
-
 class Jib(Strict, frozen=True):
-    """The jib head: how high the rope exit O hangs above the quay."""
+    """The jib head: how high the rope exit O hangs above the quay, its ropes, and whether its steel is there.
+
+    The spreads are those of four ropes at their exits, outboard and sideways; two ropes hang side by side, 0.24 m less
+    apart than the second, and a single rope hangs from O. With ``head = "none"`` the ropes come out of nothing, as on a
+    crane whose camera sees none of its head.
+    """
 
     head_height_m: Annotated[float, Meta(ge=22, le=35)] = 28.0
+    head: Literal["portal", "none"] = "portal"
+    rope_spread_x_m: Annotated[float, Meta(ge=0.2, le=0.8)] = 0.45
+    rope_spread_y_m: Annotated[float, Meta(ge=0.5, le=1.2)] = 1.1
+    rope_diameter_mm: Annotated[float, Meta(ge=16, le=50)] = 32.0
 
 
 class Plain(Tagged, frozen=True, tag="plain"):

@@ -10,7 +10,7 @@ from simgrab.scenario.base import Meta, Share, Strict, Tagged
 MOST_ALPHA_DEG = 80.0
 ROPE_LENGTH_RANGE_M = (6.0, 45.0)
 RopeLength = Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])]
-Jaw = Annotated[float, Meta(ge=0, le=55)]
+Jaw = Annotated[float, Meta(ge=0, le=90)]
 
 
 class Alpha(Strict, frozen=True):
@@ -32,7 +32,8 @@ class Alpha(Strict, frozen=True):
 class Iid(Tagged, frozen=True, tag="iid"):
     """Independent frames: each draws its own swing, rope length, yaw, jaws and load.
 
-    A share ``absent`` of the frames shows neither grab nor ropes.
+    A share ``absent`` of the frames shows neither grab nor ropes. A grab that is open, or of a kind that holds no bulk,
+    has no load whatever was drawn.
     """
 
     alpha: Alpha = Alpha()
@@ -121,7 +122,8 @@ class Start(Strict, frozen=True):
 class Dynamic(Tagged, frozen=True, tag="dynamic"):
     """The grab swings as physics has it, while the crane works and the wind blows.
 
-    ``damping`` is a share of the critical one; wind drag comes on top. ``settle_s`` runs before the first frame.
+    ``damping`` is a share of the critical one; wind drag comes on top, with the drag area Cd·A of the grab's shape
+    unless ``drag_area_m2`` gives one. ``settle_s`` runs before the first frame.
     """
 
     work: Hang | Turn | Cycles = Cycles()
@@ -131,5 +133,5 @@ class Dynamic(Tagged, frozen=True, tag="dynamic"):
     damping: Annotated[float, Meta(ge=0, le=0.5)] = 0.005
     yaw_damping: Annotated[float, Meta(ge=0, le=1)] = 0.05
     radius_m: Annotated[float, Meta(ge=10, le=50)] = 25.0
-    drag_area_m2: Annotated[float, Meta(ge=0, le=50)] = 10.0
+    drag_area_m2: Annotated[float, Meta(ge=0, le=50)] | None = None
     settle_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0

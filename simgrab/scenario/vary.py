@@ -13,7 +13,7 @@ from simgrab.errors import ScenarioError
 from simgrab.rng import stream
 from simgrab.scenario.factor import JOINT, Factor, OneOf, draw, trials
 from simgrab.scenario.whole import Scenario, merged
-from simgrab.utilities.strict import convert
+from simgrab.utilities.strict import convert, of_another_kind
 
 FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "vary")
 _FIXED_WHY = "cannot vary: it must be the same for the whole dataset"
@@ -73,7 +73,9 @@ def variant(
         change |= _by_key(key, value)
     by = "vary"
     try:
-        made = _changed(scenario, change)
+        kept = _of_drawn_kinds(scenario, change)
+        drawn = {key: value for key, value in drawn.items() if key in kept or JOINT in key}
+        made = _changed(scenario, kept)
         if randomiser is not None:
             by, further = "the randomiser", _plain(randomiser(made))
             made = _changed(made, further)
@@ -81,6 +83,22 @@ def variant(
     except ScenarioError as problem:
         raise ScenarioError(problem.key, f"{problem.problem} (drawn for clip {number} by {by})") from None
     return Variant(number, made, drawn)
+
+
+def _of_drawn_kinds(scenario: Scenario, change: dict[str, Any]) -> dict[str, Any]:
+    """Leave out keys that belong to another kind of table than the one that was drawn."""
+    tables = {key: value for key, value in change.items() if isinstance(value, Mapping)}
+    if not tables:
+        return change
+    data = _laid(scenario, tables)
+    return {key: value for key, value in change.items() if not of_another_kind(data, Scenario, key)}
+
+
+def _laid(scenario: Scenario, change: Mapping[str, Any]) -> dict[str, Any]:
+    data = scenario.to_dict()
+    for key in sorted(change):
+        data = merged(data, nested(key, change[key]))
+    return data
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -107,19 +125,34 @@ def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:
 def check(scenario: Scenario) -> None:
     """Refuse factors whose key does not exist or may not vary, and values that can never be valid.
 
-    Every value of a choice is tried, and both ends of a law, each with everything else as it is.
+    Every value of a choice is tried, and both ends of a law, each with everything else as it is; a key that belongs to
+    a kind of table which the scenario does not have itself, with the first drawn table of such a kind.
     """
     rng = np.random.default_rng(0)
     count = sum(len(trials(factor, rng)) for factor in scenario.vary.values())
     if count > MOST_TRIALS:
         raise ScenarioError("vary", f"the factors have {count} values in total; the limit is {MOST_TRIALS}")
     for key, factor in scenario.vary.items():
+        around = _table_around(scenario, key)
         for value in trials(factor, rng):
             try:
-                _changed(scenario, _by_key(key, value))
+                _changed(scenario, around | _by_key(key, value))
             except ScenarioError as problem:
                 inner = "" if problem.key in ("", key) else f"{problem.key}: "
                 raise ScenarioError(f"vary.{key}", f"{inner}{problem.problem} (trying {value!r})") from None
+
+
+def _table_around(scenario: Scenario, key: str) -> dict[str, Any]:
+    """Drawn table of a kind that has a key, where the scenario's own table is of another kind."""
+    if JOINT in key or not of_another_kind(scenario.to_dict(), Scenario, key):
+        return {}
+    for name, factor in scenario.vary.items():
+        for value in factor.values if isinstance(factor, OneOf) else ():
+            for part, table in _by_key(name, value).items():
+                around = {part: table}
+                if key.startswith(f"{part}.") and not of_another_kind(_laid(scenario, around), Scenario, key):
+                    return around
+    return {}
 
 
 def fixed(factors: Mapping[str, Factor], key: str) -> dict[str, Factor]:

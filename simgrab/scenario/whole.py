@@ -18,9 +18,10 @@ from simgrab.layouts import Layout
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
 from simgrab.scenario.factor import Factor
+from simgrab.scenario.grab import FourRope, Grab
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
-from simgrab.scenario.surroundings import Clutter, Grab, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
 
@@ -31,7 +32,8 @@ MOST_DAYS = 366
 class Scenario(Strict, frozen=True):
     """One scene, whole. Two scenarios with the same `digest` give the same dataset.
 
-    ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice.
+    ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
+    that only some kinds of a table have is left out where another kind was drawn.
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
@@ -40,7 +42,7 @@ class Scenario(Strict, frozen=True):
     frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
     camera: Camera = Camera()
     swing: Iid | Dynamic = Iid()
-    grab: Grab = Grab()
+    grab: Grab = FourRope()
     jib: Jib = Jib()
     place: Quay | Hold | Water | Plain = Quay()
     clutter: Clutter = Clutter()

@@ -14,7 +14,7 @@ import threading
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from simgrab.errors import ClusterError, WorkerError, first_line
 from simgrab.utilities import processes, versions
@@ -31,26 +31,6 @@ _ANSWERS_S = 10.0
 _ADVICE = "start one with `simgrab cluster up --local 2`, or with `ray start --head` and its address"
 
 
-class AnyPool(Protocol):
-    """What shares work: a `Pool` of processes, or a `ClusterPool`."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None: ...
-
-    def map(
-        self,
-        work: Callable[[Item], T],
-        items: Iterable[Item],
-        *,
-        name: Callable[[Item], str] | None = None,
-        ticked: Callable[[int], None] | None = None,
-    ) -> Generator[T, None, None]:
-        """Do a piece of work for each item; see `Pool.map`."""
-
-
 def open_pool(
     workers: int,
     cluster: str | None,
@@ -59,7 +39,7 @@ def open_pool(
     environment: Mapping[str, str] | None = None,
     memory_bytes: int = 0,
     silent_s: float | None = None,
-) -> AnyPool:
+) -> Pool | ClusterPool:
     """Open a pool of so many processes, or the pool of a cluster where one is named; parameters as theirs."""
     if cluster is None:
         return Pool(workers, setup=setup, environment=environment, silent_s=silent_s)

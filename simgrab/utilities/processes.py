@@ -23,6 +23,7 @@ from typing import Any, Generic, Self, TypeVar
 from simgrab.errors import WorkerError
 
 ATTEMPTS = 3  # at an item, before it is given up
+PLACE = "SIMGRAB_WORKER"  # environment variable of a worker: its number among those of its pool, from 0
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that ask a command to end
 _PATIENCE_S = 10.0  # for a worker to end, before it is killed
 
@@ -226,7 +227,7 @@ class Pool:
             except OSError:
                 self._discard(place)
         fresh = self._workers[place] = _Worker(self.setup)
-        fresh.start(self._environment)
+        fresh.start({**self._environment, PLACE: str(place)})
         with contextlib.suppress(OSError):  # it died of this, or at once: its pipe is at its end then
             fresh.pipe.send((work, item))
 

@@ -27,8 +27,8 @@ _FIRST_PAUSE_S = 0.5
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 _EXTRAS = {"s3": "s3", "s3a": "s3"}
 #: Stores in which an upload takes its name when it is complete; in others it is renamed then.
-_WHOLE = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "memory"})
-_FINAL = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)  # another attempt changes nothing
+_ATOMIC = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "memory"})
+_PERMANENT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)  # not worth another attempt
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -81,7 +81,7 @@ class Store:
             raise DatasetError(f"{self.url}: {first_line(problem)}{extra}") from None
         except ValueError as problem:
             raise DatasetError(f"{self.url} cannot be used: {first_line(problem)}") from None
-        except Exception as problem:  # of whatever a driver consists
+        except Exception as problem:  # a driver may raise anything
             raise self._refusal("use", problem) from problem
         return found[0], self._named(found[1])
 
@@ -123,15 +123,15 @@ class Store:
     def _upload(self, name: str, size: int, send: Callable[[Any, str], object]) -> None:
         def attempt() -> None:
             system, target = self._opened[0], self._path(name)
-            whole = bool(_WHOLE & set(_protocols(system)))
-            place = target if whole else f"{target}.{uuid.uuid4().hex}.draft"
-            if not whole:
+            atomic = bool(_ATOMIC & set(_protocols(system)))
+            place = target if atomic else f"{target}.{uuid.uuid4().hex}.draft"
+            if not atomic:
                 system.makedirs(target.rpartition("/")[0], exist_ok=True)
             send(system, place)
             found = system.info(place)["size"]
             if found != size:
                 raise OSError(errno.EIO, f"{found} of {size} bytes arrived")
-            if not whole:
+            if not atomic:
                 system.mv(place, target)
 
         self._tried(f"write {name} to", attempt)
@@ -218,7 +218,7 @@ class Store:
             except (MemoryError, DatasetError):
                 raise
             except Exception as problem:
-                if not remote or isinstance(problem, _FINAL) or pause == ATTEMPTS - 1:
+                if not remote or isinstance(problem, _PERMANENT) or pause == ATTEMPTS - 1:
                     raise self._refusal(what, problem) from problem
                 time.sleep(_FIRST_PAUSE_S * 2**pause)
         raise AssertionError

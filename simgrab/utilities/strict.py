@@ -180,6 +180,17 @@ def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any], path:
     return by_tag[str(tag)]
 
 
+def of_another_kind(data: Mapping[str, Any], kind: type[msgspec.Struct], key: str) -> bool:
+    """Whether a dotted key belongs to a table that comes in kinds, and to another kind than the data have."""
+    kinds, (*tables, leaf) = [kind], key.split(".")
+    for step in tables:
+        kinds, data = _structs_of(_fields(kind).get(step)), data.get(step, {})
+        if not kinds or not isinstance(data, Mapping):
+            return False
+        kind = _choose(kinds, data, step)
+    return leaf not in _fields(kind) and any(leaf in _fields(other) for other in kinds)
+
+
 def _refuse_nonfinite(value: Any, path: str) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ScenarioError(path, f"must be a finite number, got {value}")

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simgrab.errors import RendererError
+from simgrab.utilities.processes import PLACE
 
 if TYPE_CHECKING:
     import mujoco
@@ -29,6 +30,7 @@ PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
 PASSES = "1"  # version of `simgrab.world.camera.passes`: a change of a pixel there raises it
 REUSE = "SIMGRAB_REUSE"  # environment variable: 0 draws every picture whole
 _GL_OUT_OF_MEMORY = "0x505"
+_EGL_EXTENSIONS = 0x3055
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +38,8 @@ _log = logging.getLogger(__name__)
 def choose() -> str:
     """Set ``MUJOCO_GL`` unless the user has: EGL where a device answers, else OSMesa, else ``disabled``.
 
-    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. With a PyOpenGL that is too old
+    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. On a machine with several GPUs,
+    worker processes take them in turn, unless ``MUJOCO_EGL_DEVICE_ID`` names one. With a PyOpenGL that is too old
     for EGL, `import mujoco` itself would fail: then the backend is ``disabled`` too, and `offscreen` reports why.
 
     Returns
@@ -52,6 +55,8 @@ def choose() -> str:
         )
     if os.environ["MUJOCO_GL"].strip().lower() == "egl" and _old_pyopengl():
         os.environ["MUJOCO_GL"] = "disabled"
+    if os.environ["MUJOCO_GL"].strip().lower() == "egl":
+        _choose_gpu()
     return os.environ["MUJOCO_GL"]
 
 
@@ -73,19 +78,52 @@ def _loads(library: str) -> bool:
     return True
 
 
+def _choose_gpu() -> None:
+    """Give a worker process one of several GPUs."""
+    place = os.environ.get(PLACE, "")
+    if place.isdigit() and "MUJOCO_EGL_DEVICE_ID" not in os.environ and len(found := gpus()) > 1:
+        os.environ["MUJOCO_EGL_DEVICE_ID"] = str(found[int(place) % len(found)])
+
+
+def gpus() -> list[int]:
+    """Return the EGL devices that are not software, numbered as ``MUJOCO_EGL_DEVICE_ID`` does."""
+    devices, egl = _egl_devices()
+    describe = _egl_function(egl, b"eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+    if describe is None:
+        return []
+    texts = ((describe(device, _EGL_EXTENSIONS) or b"").split() for device in devices)
+    return [number for number, text in enumerate(texts) if b"EGL_MESA_device_software" not in text]
+
+
 def _has_egl_device() -> bool:
     """Whether EGL lists a device. Debian's libegl1 alone, without Mesa's driver, lists none."""
+    return bool(_egl_devices()[0])
+
+
+def _egl_devices() -> tuple[list[int], Any]:
+    """Return the handles of EGL's devices, and the library."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
-        return False
-    egl.eglGetProcAddress.restype = ctypes.c_void_p
-    address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
-    if not address:
-        return False
-    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))(address)
+        return [], None
+    query = _egl_function(
+        egl, b"eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int)
+    )
     count = ctypes.c_int(0)
-    return bool(query(0, None, ctypes.byref(count))) and count.value > 0
+    if query is None or not query(0, None, ctypes.byref(count)):
+        return [], egl
+    handles = (ctypes.c_void_p * count.value)()
+    query(count.value, handles, ctypes.byref(count))
+    return [handle or 0 for handle in handles[: count.value]], egl
+
+
+def _egl_function(egl: Any, name: bytes, result: Any, *arguments: Any) -> Any:
+    """Return a function of an EGL extension; None where there is no such."""
+    if egl is None:
+        return None
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    address = egl.eglGetProcAddress(name)
+    return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +15,7 @@ from simgrab.labels.truth import KEYPOINT_NAMES
 from simgrab.scenario import Scenario
 from simgrab.world.camera import shutter
 from simgrab.world.camera.lens import Window
-from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.plan import Plan
 from simgrab.world.trajectory.moment import GrabState, Moment
 
@@ -94,16 +95,23 @@ def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
         if len(pixels):
             amodal = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
             oriented = cv2.boxPoints(cv2.minAreaRect(pixels.astype(np.float32)))
-    centre, keypoints = to_camera(pose[:3, 3]), to_camera(_keypoints(state))
+    centre, keypoints = to_camera(pose[:3, 3]), to_camera(_keypoints(plan.grab, state))
     return Projection(nominal, moment, centre, amodal, oriented, keypoints)
 
 
-def _keypoints(state: GrabState) -> Array:
-    """Keypoints in the jib frame, shape (10, 3), in the order of `KEYPOINT_NAMES`."""
-    frames, pose = grab.body_frames(state.jaw), state.jib_from_grab
-    lips = [frames[body][:3, :3] @ p + frames[body][:3, 3] for body in grab.LIP_CORNERS for p in grab.LIP_CORNERS[body]]
-    in_grab = np.concatenate([np.zeros((1, 3)), grab.ROPE_TERMINATIONS, np.array(lips)])
+def _keypoints(grab: Design, state: GrabState) -> Array:
+    """Keypoints in the jib frame, shape (10, 3), in the order of `KEYPOINT_NAMES`; NaN where the grab has no such."""
+    frames, pose = grab.frames(state.jaw), state.jib_from_grab
+    lips = [frames[body][:3, :3] @ p + frames[body][:3, 3] for body, points in grab.lips.items() for p in points]
+    in_grab = np.concatenate([np.zeros((1, 3)), _four(grab.terminations), _four(lips)])
     in_jib = in_grab @ pose[:3, :3].T + pose[:3, 3]
     points = np.insert(in_jib, 1, 0.0, axis=0)  # the rope exit is O
     assert len(points) == len(KEYPOINT_NAMES)
     return points
+
+
+def _four(points: Sequence[Array] | Array) -> Array:
+    """Fill up to four points, shape (4, 3), with NaN."""
+    found = np.full((4, 3), np.nan)
+    found[: len(points)] = np.reshape(np.asarray(points), (-1, 3))
+    return found

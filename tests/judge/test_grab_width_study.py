@@ -8,7 +8,7 @@ from simgrab.errors import DatasetError
 from simgrab.geometry import camera_rotation, grab_centre, grab_rotation, to_camera
 from simgrab.judge.paper.grab_width import study, tell
 from simgrab.labels.truth import KEYPOINT_NAMES
-from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.grabs.four_rope import four_rope
 
 
 def synthetic(folder, beta_deg, frames=400, k1=-0.1):
@@ -20,8 +20,8 @@ def synthetic(folder, beta_deg, frames=400, k1=-0.1):
     centre = grab_centre(alpha, azimuth, rope)
     pose = grab_rotation(alpha, azimuth, np.deg2rad(yaw))
     rotation = camera_rotation(np.deg2rad(beta_deg), 0.7, 0.0)
-    shell = grab.body_frames(0.0)["shell_outer"]
-    lips = [centre + pose @ (shell[:3, :3] @ p + shell[:3, 3]) for p in grab.LIP_CORNERS["shell_outer"]]
+    shell = four_rope().frames(0.0)["shell_outer"]
+    lips = [centre + pose @ (shell[:3, :3] @ p + shell[:3, 3]) for p in four_rope().lips["shell_outer"]]
     points = np.full((frames, len(KEYPOINT_NAMES), 3), 2.0)
     for name, corner in zip(("lip_outer_1", "lip_outer_2"), lips, strict=True):
         points[:, KEYPOINT_NAMES.index(name), :2] = camera.intrinsics.project(to_camera(corner, rotation, np.zeros(3)))

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from conftest import small_scene
+from conftest import by_yolo, small_scene
 from pycocotools.coco import COCO
 
 from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS
@@ -52,20 +52,12 @@ def test_coco(name, request, capsys):
 
 def test_yolo(dataset):
     """As a trainer's loader does: data.yaml names folders of pictures, labels lie beside them."""
-    supervision = pytest.importorskip("supervision")
     box, table = boxes(dataset)
     seen = 0
     for split in SPLITS:
         if not (table.split == split).any():
             continue
-        loaded = supervision.DetectionDataset.from_yolo(
-            images_directory_path=str(dataset / "images" / split),
-            annotations_directory_path=str(dataset / "labels" / split),
-            data_yaml_path=str(dataset / "data.yaml"),
-        )
-        assert loaded.classes == ["grab"]
-        for path, image, detections in loaded:
-            frame = int(path.rsplit("/", 1)[1].split(".")[0])
+        for frame, image, detections in by_yolo(dataset, split):
             assert image.shape == (table.height_px[frame], table.width_px[frame], 3)
             np.testing.assert_allclose(detections.xyxy[0], box.loc[frame], atol=1e-4)
             seen += 1

@@ -13,15 +13,20 @@ from scipy.spatial.transform import Rotation
 
 from simgrab import scenes
 from simgrab.geometry import swing_of
-from simgrab.world.scenery.meshes import grab, ropes
+from simgrab.scenario import Jib
+from simgrab.world.scenery.grabs.four_rope import four_rope
+from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.clip import ClipMotion, _begin
-from simgrab.world.trajectory.mass import mass_of
 from simgrab.world.trajectory.moment import STANDARD_GRAVITY
 from simgrab.world.trajectory.noise import noise, von_karman
-from simgrab.world.trajectory.plant import AIR_KG_M3, SPREAD_M2, TERMINATION_Z_M, Drive, Plant
+from simgrab.world.trajectory.plant import AIR_KG_M3, Drive, Plant
 from simgrab.world.trajectory.work import Work
 
 STEP = 0.005
+
+GRAB = four_rope()
+ROPES = Ropes.of(Jib(), 4)
+EXITS = np.array(ROPES.exits)
 
 
 def dynamic(**changes):
@@ -40,7 +45,7 @@ def drive(rope, *, wind=(0.0, 0.0), heading=0.0):
 
 
 def free(rope, alpha_deg, azimuth_deg=0.0, *, yaw_deg=0.0, jaw=0.0, load=0.0, drag_area=0.0):
-    plant = Plant(rope, jaw, load, damping=0.0, yaw_damping=0.0, drag_area=drag_area)
+    plant = Plant(GRAB, ROPES, rope, jaw, load, damping=0.0, yaw_damping=0.0, drag_area=drag_area)
     start = small_scene(
         swing={"model": "dynamic"},
         swing__start={"alpha_deg": alpha_deg, "azimuth_deg": azimuth_deg, "yaw_deg": yaw_deg},
@@ -80,7 +85,8 @@ def test_energy_stays():
         height = arm * (2 * (x * x + y * y))  # above the lowest point
         turning = np.array(plant.mass.inertia) + plant.mass.mass * arm**2 * np.array([1, 1, 0])
         weight = plant.mass.mass * STANDARD_GRAVITY
-        twist = weight * SPREAD_M2 / (20.0 - TERMINATION_Z_M) * (1 - np.cos(2 * np.arctan2(z, w)))
+        spread_m2 = np.mean(np.sum(EXITS[:, :2] * GRAB.terminations[:, :2], axis=1))
+        twist = weight * spread_m2 / (20.0 - GRAB.terminations[0, 2]) * (1 - np.cos(2 * np.arctan2(z, w)))
         return weight * height + twist + 0.5 * float(turning @ plant.data.qvel[:3] ** 2)
 
     first, worst = energy(), 0.0
@@ -105,7 +111,7 @@ def test_a_working_crane_swings_the_grab_as_eulers_equations_say():
     radius = scene.swing.radius_m + c.luffed
     pivot = np.stack([radius * np.cos(c.slew), radius * np.sin(c.slew), np.zeros_like(t)])
     pull = -np.gradient(np.gradient(pivot, h, axis=1), h, axis=1)
-    mass = [mass_of(j, q) for j, q in zip(c.jaw[::20], c.load[::20], strict=True)]
+    mass = [GRAB.mass_of(j, q) for j, q in zip(c.jaw[::20], c.load[::20], strict=True)]
 
     def at(values, when):
         i = min(when / h, len(t) - 2)
@@ -118,12 +124,12 @@ def test_a_working_crane_swings_the_grab_as_eulers_equations_say():
     arm = c.rope - centre
     # What the jaws alone add to the inertia: cargo that leaves takes its momentum along.
     jaw_rate = np.gradient(c.jaw, h)
-    spread = float(np.mean(np.sum(ropes.ROPE_EXITS[:, :2] * grab.ROPE_TERMINATIONS[:, :2], axis=1)))
+    spread = float(np.mean(np.sum(EXITS[:, :2] * GRAB.terminations[:, :2], axis=1)))
 
     def slope(j, q, length):
         e = 1e-4
-        lo, hi = mass_of(max(j - e, 0.0), q), mass_of(min(j + e, grab.MAX_JAW), q)
-        wide = min(j + e, grab.MAX_JAW) - max(j - e, 0.0)
+        lo, hi = GRAB.mass_of(max(j - e, 0.0), q), GRAB.mass_of(min(j + e, GRAB.max_jaw), q)
+        wide = min(j + e, GRAB.max_jaw) - max(j - e, 0.0)
         a = np.array(hi.inertia) + hi.mass * (length - hi.centre_z) ** 2 * np.array([1, 1, 0])
         b = np.array(lo.inertia) + lo.mass * (length - lo.centre_z) ** 2 * np.array([1, 1, 0])
         return (a - b) / wide
@@ -139,7 +145,7 @@ def test_a_working_crane_swings_the_grab_as_eulers_equations_say():
         torque = np.cross((0, 0, -lever), m * gravity)
         q = turn.as_quat()
         yaw = 2 * np.arctan2(q[2], q[3]) - at(c.slew, when)
-        torque[2] -= m * STANDARD_GRAVITY * spread / (length - grab.ROPE_TERMINATIONS[0, 2]) * np.sin(yaw)
+        torque[2] -= m * STANDARD_GRAVITY * spread / (length - GRAB.terminations[0, 2]) * np.sin(yaw)
         rate = (torque - change * w - np.cross(w, inertia * w)) / inertia
         dq = 0.5 * (
             Rotation.from_quat(y[:4]).as_quat()[3] * np.append(w, 0) + np.append(np.cross(q[:3], w), -q[:3] @ w)
@@ -175,8 +181,8 @@ def test_a_steady_wind_leans_the_grab_as_drag_over_weight():
 def test_yaw_period_on_four_ropes():
     """Against the height to which inextensible ropes of this geometry lift the grab as it turns."""
     length = 20.0
-    z = length - grab.ROPE_TERMINATIONS[0, 2]
-    ends, exits = grab.ROPE_TERMINATIONS[:, :2], ropes.ROPE_EXITS[:, :2]
+    z = length - GRAB.terminations[0, 2]
+    ends, exits = GRAB.terminations[:, :2], EXITS[:, :2]
     rope = np.hypot(z, np.linalg.norm(ends - exits, axis=1))
 
     def height(yaw):
@@ -186,7 +192,7 @@ def test_yaw_period_on_four_ropes():
 
     angles = np.radians(np.linspace(-10, 10, 201))
     curvature = 2 * np.polyfit(angles, [height(a) for a in angles], 2)[0]
-    mass = mass_of(0.0, 0.0)
+    mass = GRAB.mass_of(0.0, 0.0)
     expected = 2 * np.pi * np.sqrt(mass.inertia[2] / (mass.mass * STANDARD_GRAVITY * curvature))
     plant = free(length, 0.0, yaw_deg=5.0)
     rate = []
@@ -221,12 +227,12 @@ def test_turbulence_has_von_karmans_spectrum_and_the_stated_intensity():
 
 @pytest.mark.parametrize("jaw", [0.0, 0.3, 0.96])
 def test_mass_properties_are_those_of_the_meshes(jaw):
-    parts = grab.grab_parts(paint=(0.8, 0.5, 0.1), wear=0.4, residue=0.3, cargo="coal", rng=np.random.default_rng(0))
     placed = []
-    for body, pose in grab.body_frames(min(jaw, grab.MAX_JAW)).items():
-        mesh = trimesh.util.concatenate([p.mesh for p in parts[body]])
-        mesh.density = grab.MASSES_KG[body] / mesh.volume
-        mesh.apply_transform(pose)
+    frames = GRAB.frames(min(jaw, GRAB.max_jaw))
+    for body in GRAB.bodies:
+        mesh = trimesh.util.concatenate([p.mesh for p in body.parts])
+        mesh.density = body.mass_kg / mesh.volume
+        mesh.apply_transform(frames[body.name])
         placed.append(mesh)
     total = sum(m.mass for m in placed)
     centre = sum(m.mass * m.center_mass for m in placed) / total
@@ -235,14 +241,14 @@ def test_mass_properties_are_those_of_the_meshes(jaw):
         for m in placed
         for d in [m.center_mass - centre]
     )
-    found = mass_of(jaw, 0.0)
+    found = GRAB.mass_of(jaw, 0.0)
     assert found.mass == pytest.approx(total)
     assert found.centre_z == pytest.approx(centre[2], abs=0.01)
     assert found.inertia == pytest.approx(tuple(np.diag(inertia)), rel=0.01)
 
 
 def test_a_full_grab_weighs_24_tonnes_and_hangs_lower():
-    full, empty = mass_of(0.0, 1.0), mass_of(0.0, 0.0)
+    full, empty = GRAB.mass_of(0.0, 1.0), GRAB.mass_of(0.0, 0.0)
     assert full.mass == 24_000.0
     assert full.centre_z < empty.centre_z
 

@@ -10,11 +10,12 @@ import trimesh
 from conftest import small_scene
 
 from simgrab import geometry
+from simgrab.scenario import Jib
 from simgrab.world import gl
 from simgrab.world.camera.buffers import observe
 from simgrab.world.camera.renderer import Renderer
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.model import GRAB
 from simgrab.world.trajectory.iid import draw
 
@@ -107,7 +108,7 @@ def test_the_model_stands_as_the_closed_forms_say(generator):
     for frame in range(6):
         moment = generator.project(frame).moment
         state, data = moment.grab, generator.scene(frame).renderer.pose(moment)
-        for body, grab_from_body in grab.body_frames(state.jaw).items():
+        for body, grab_from_body in four_rope().frames(state.jaw).items():
             expected = state.jib_from_grab @ grab_from_body
             np.testing.assert_allclose(data.body(body).xpos, expected[:3, 3], atol=1e-9)
             np.testing.assert_allclose(data.body(body).xmat.reshape(3, 3), expected[:3, :3], atol=1e-9)
@@ -118,7 +119,7 @@ def test_ropes_run_from_the_head_to_the_exits(generator):
 
     moment = generator.project(2).moment
     pose, data = moment.grab.jib_from_grab, generator.scene(2).renderer.pose(moment)
-    for k, (end, top) in enumerate(zip(grab.ROPE_TERMINATIONS, ropes.ROPE_EXITS, strict=True)):
+    for k, (end, top) in enumerate(zip(four_rope().terminations, ropes.Ropes.of(Jib(), 4).exits, strict=True)):
         start = pose[:3, :3] @ end + pose[:3, 3]
         body = data.body(f"rope_{k}")
         np.testing.assert_allclose(body.xpos, start, atol=1e-9)

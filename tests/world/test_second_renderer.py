@@ -1,6 +1,8 @@
 """Every second renderer samples the exact pinhole, agrees with MuJoCo, and is replaced openly where it cannot start."""
 
+import ctypes
 import multiprocessing
+import os
 import sys
 import tomllib
 from contextlib import closing
@@ -15,6 +17,7 @@ from scripts.second_renderers import Comparison, compare
 from simgrab import rng
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer import choice, install_hint, open_second_renderer
+from simgrab.utilities.processes import PLACE
 from simgrab.world import gl
 from simgrab.world.frames import FrameGenerator
 
@@ -152,6 +155,28 @@ def test_a_pyopengl_too_old_for_mujoco_is_named(monkeypatch, backend):
     monkeypatch.setenv("MUJOCO_GL", backend)
     monkeypatch.setattr(gl, "version", lambda _: gl.LEAST_PYOPENGL)
     assert gl.choose() == "egl"
+
+
+@pytest.mark.parametrize(
+    ("place", "given", "chosen"), [("3", None, "2"), ("4", None, "0"), ("3", "1", "1"), ("", None, None)]
+)
+def test_workers_take_gpus_in_turn(monkeypatch, place, given, chosen):
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    monkeypatch.setenv(PLACE, place)
+    monkeypatch.setattr(gl, "gpus", lambda: [0, 2])
+    monkeypatch.delenv("MUJOCO_EGL_DEVICE_ID", raising=False)
+    if given:
+        monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", given)
+    gl.choose()
+    assert os.environ.pop("MUJOCO_EGL_DEVICE_ID", None) == chosen
+    monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "5")  # removed again, whatever was there before
+
+
+def test_software_is_no_gpu():
+    devices, egl = gl._egl_devices()
+    describe = gl._egl_function(egl, b"eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+    texts = [describe(device, gl._EGL_EXTENSIONS) for device in devices]
+    assert len(gl.gpus()) == len(texts) - sum(b"EGL_MESA_device_software" in text for text in texts)
 
 
 def test_the_least_pyopengl_is_the_one_that_the_package_asks_for():

@@ -350,6 +350,13 @@ def test_what_is_lost_after_the_end_is_made_again(scene, whole, tmp_path):
         assert folder_contents(out) == folder_contents(whole)
 
 
+def test_a_claim_that_is_left_beside_the_manifest_is_removed(scene, whole, tmp_path):
+    out = damaged(whole, tmp_path / "set", "", bytes)
+    shutil.copy(out / "manifest.json", out / "unfinished.json")
+    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 0
+    assert folder_contents(out) == folder_contents(whole)
+
+
 def test_damaged_labels_are_made_again(scene, whole, tmp_path):
     out = damaged(whole, tmp_path / "set", "labels/000002.parquet", lambda data: data[:100])
     (out / "manifest.json").rename(out / "unfinished.json")

@@ -1,4 +1,4 @@
-"""What weather makes of what stands still is kept, and what comes out is the same as when it is worked out anew."""
+"""What weather makes of what stands still is kept, and the result is the same as when each frame computes it."""
 
 from dataclasses import replace
 
@@ -29,13 +29,13 @@ def frames(scene, indices):
 
 
 @pytest.mark.parametrize("name", slow_but(SCENES, "rain"))
-def test_weather_over_what_was_kept_is_the_weather_made_anew_in_any_order(name, monkeypatch):
+def test_weather_over_what_was_kept_is_the_weather_of_each_frame_alone_in_any_order(name, monkeypatch):
     there, back = frames(SCENES[name], [0, 1, 4]), frames(SCENES[name], [4, 1, 0])[::-1]
     monkeypatch.setattr("simgrab.world.camera.pipeline.Camera._kept", lambda *_: None)
-    for one, other, anew in zip(there, back, frames(SCENES[name], [0, 1, 4]), strict=True):
-        np.testing.assert_array_equal(one.rgb, anew.rgb)
-        np.testing.assert_array_equal(other.rgb, anew.rgb)
-        assert msgspec.to_builtins(one.truth) == msgspec.to_builtins(anew.truth)
+    for one, other, fresh in zip(there, back, frames(SCENES[name], [0, 1, 4]), strict=True):
+        np.testing.assert_array_equal(one.rgb, fresh.rgb)
+        np.testing.assert_array_equal(other.rgb, fresh.rgb)
+        assert msgspec.to_builtins(one.truth) == msgspec.to_builtins(fresh.truth)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -52,9 +52,9 @@ def test_whatever_stands_before_what_stands_still(seed):
             at = slice(max(y, 0), max(y + h, 0)), slice(max(x, 0), max(x + w, 0))
             depth[at], ids[at] = rng.uniform(5, 20), rng.choice([ROPE, GRAB])
         seen = replace(bare, depth=depth, ids=ids)
-        kept, anew = (apply(Weather(**EVERYTHING), seen, seed=4, frame=1, still=s) for s in (still, None))
-        np.testing.assert_array_equal(kept.light, anew.light)
-        np.testing.assert_array_equal(kept.attenuation, anew.attenuation)
+        kept, fresh = (apply(Weather(**EVERYTHING), seen, seed=4, frame=1, still=s) for s in (still, None))
+        np.testing.assert_array_equal(kept.light, fresh.light)
+        np.testing.assert_array_equal(kept.attenuation, fresh.attenuation)
     assert set(still.made) == {"wet", "snow", "haze"}
 
 

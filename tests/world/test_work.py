@@ -13,10 +13,10 @@ from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.world.extensions import Recipe
 from simgrab.world.output.pool import vetted
-from simgrab.world.scenery.meshes.grab import closing_rope_m
+from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.trajectory.axis import Axis, Move
 from simgrab.world.trajectory.clip import ClipMotion
-from simgrab.world.trajectory.work import OPEN_JAW, Work
+from simgrab.world.trajectory.work import OPEN, Work
 
 
 @given(st.floats(-50, 50), st.floats(0.1, 5), st.floats(0.1, 10), st.floats(0.1, 10))
@@ -51,14 +51,14 @@ def test_a_cycle_digs_hoists_slews_dumps_and_returns():
     assert course.rope.min() == pytest.approx(work.carry_rope_m)
     assert np.degrees(course.slew.min()) == pytest.approx(work.dig_slew_deg + work.slew_deg)
     assert course.luffed.max() == pytest.approx(work.luff_m)
-    assert np.ptp(course.jaw) == pytest.approx(OPEN_JAW)
+    assert np.ptp(course.jaw) == pytest.approx(OPEN * four_rope().max_jaw)
     digging = course.held
     assert digging[: int(work.dig_s / 0.02)].all()
     assert (course.rope[digging] == work.dig_rope_m).all()
     slewing = np.abs(course.slew_rate) > 0
     np.testing.assert_allclose(course.rope[slewing], work.carry_rope_m)  # a smooth operator does one thing at a time
     assert np.degrees(np.abs(course.slew_rate)).max() == pytest.approx(6 * work.slew_rpm, rel=0.3)
-    assert (course.load[course.jaw > 0.5 * OPEN_JAW] < 0.6).all()
+    assert (course.load[course.jaw > 0.5 * OPEN * four_rope().max_jaw] < 0.6).all()
 
 
 def test_a_rough_operator_is_quicker():
@@ -89,7 +89,7 @@ def test_the_display_shows_what_was_true_a_lag_ago(lag):
     rope = np.interp(
         np.maximum(np.floor(time * 4.0 + 1e-9) / 4.0 - lag, 0.0), time, [m.grab.rope_length for m in moments]
     )
-    closing = [closing_rope_m(m.grab.jaw) for m in moments]
+    closing = [four_rope().closing_rope_m(m.grab.jaw) for m in moments]
     assert np.ptp(rope) > 5
     for moment, length in zip(moments, rope, strict=True):
         hoist, _ = scene.display.layout_in(960, 540).lengths(moment.shown.rope_text)

@@ -17,6 +17,7 @@ import pyarrow as pa
 from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
+from simgrab.labels.datasets import MANIFEST
 from simgrab.labels.masks import MOST_COCO_BYTES
 from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
@@ -28,7 +29,6 @@ from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Rec
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import manifest, stored, tables
-from simgrab.world.output.folder import MANIFEST
 from simgrab.world.output.stored import Record
 
 # What depends on the renderer. Another fingerprint than the dataset's may differ by so much.

@@ -16,6 +16,7 @@ from simgrab.judge.audit.second_renderer import SecondRenderer, Shapes, open_sec
 from simgrab.labels.truth import Truth
 from simgrab.world.camera.lens import Window
 from simgrab.world.frames import FrameGenerator
+from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.plan import placed_shapes
 
 EDGE_TOLERANCE_PX = 0.5
@@ -112,7 +113,7 @@ def _compare(row: Truth, generator: FrameGenerator, other: SecondRenderer, found
     samples = samples_a_pixel(window)
     # At one sample a pixel, an edge that lies along the samples of a row would move the whole row.
     ours = renderer.silhouette(projection.moment, window, samples)
-    theirs = silhouette(other, row, window, samples)
+    theirs = silhouette(other, generator.scene(row.frame).world.plan.grab, row, window, samples)
     edge = 0.0
     for column, value in zip(("x0", "y0", "x1", "y1"), _box(theirs, window), strict=True):
         stored = getattr(row, f"amodal_{column}_px")
@@ -134,12 +135,12 @@ def samples_a_pixel(window: Window) -> int:
     return next((s for s in (5, 3) if s * longest <= MOST_SAMPLES), 1)
 
 
-def silhouette(other: SecondRenderer, row: Truth, window: Window, samples: int) -> Mask:
-    """Render the grab from a row's poses through a window of the lens' picture, supersampled."""
+def silhouette(other: SecondRenderer, grab: Design, row: Truth, window: Window, samples: int) -> Mask:
+    """Render a grab from a row's poses through a window of the lens' picture, supersampled."""
     source, maps = _source(row, window)
     camera_from_jib = np.linalg.inv(_square(row.jib_from_camera))
     camera_from_grab = camera_from_jib @ _square(row.jib_from_grab)
-    shapes = placed_shapes(float(np.radians(row.jaw_deg)), row.load)
+    shapes = placed_shapes(grab, float(np.radians(row.jaw_deg)), row.load)
     placed = {name: camera_from_grab @ at for name, at in shapes.items()}
     mask = other.silhouette(placed, row.fx_px, row.cx_px, row.cy_px, source, samples)
     if maps is not None:

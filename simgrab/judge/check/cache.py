@@ -14,14 +14,14 @@ from platformdirs import user_cache_path
 from simgrab.errors import DatasetError, RendererError
 from simgrab.judge.doctor import examine
 from simgrab.labels import datasets
-from simgrab.labels.datasets import Dataset
+from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.scenario import Scenario
 from simgrab.utilities.files import discard, locked, remove_left
 from simgrab.utilities.resources import ASSETS
 from simgrab.world.extensions import Recipe
 from simgrab.world.output import manifest
 from simgrab.world.output.dataset import render
-from simgrab.world.output.folder import MANIFEST, writing
+from simgrab.world.output.folder import writing
 
 PACKAGE = Path(__file__).parents[2]
 # Rooms and assets that change no pixel and no label.

@@ -203,9 +203,9 @@ def _scene(
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: Options) -> Dataset:
-    told = partial(options.progress, f"{name}, seed {seed}") if options.progress else None
+    progress = partial(options.progress, f"{name}, seed {seed}") if options.progress else None
     return cache.rendered(
-        suite.scenario(name, seed), options.cache, workers=options.workers, cluster=options.cluster, progress=told
+        suite.scenario(name, seed), options.cache, workers=options.workers, cluster=options.cluster, progress=progress
     )
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from simgrab.errors import DatasetError, PictureError, SuiteError
-from simgrab.labels.datasets import Dataset
+from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.labels.truth import Row
 from simgrab.utilities.parse import read_json
 from simgrab.utilities.pictures import read as read_picture
@@ -155,7 +155,7 @@ def likeness(a: Picture, b: Picture) -> float:
 
 def drawn_by(dataset: Dataset) -> str:
     """Digest of the renderer and the packages that made a dataset."""
-    path = dataset.path / "manifest.json"
+    path = dataset.path / MANIFEST
     made = read_json(path, DatasetError)
     try:
         who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"]}

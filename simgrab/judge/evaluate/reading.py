@@ -12,7 +12,7 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.labels import datasets
-from simgrab.labels.datasets import Dataset
+from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.labels.truth import Row
 from simgrab.records import frame_files
 from simgrab.records.observations import Reading
@@ -146,7 +146,7 @@ def read_dataset(path: str | Path, reader: Reader, *, split: str | None = None) 
         If it is none, or shows no display.
     """
     dataset = datasets.read(path)
-    scenario = scenes.load(dataset.path / "manifest.json")
+    scenario = scenes.load(dataset.path / MANIFEST)
     shown = [row for row in dataset.rows if row.rope_text is not None and split in (None, row.split)]
     if not shown:
         raise DatasetError(f"{path}: no frame shows rope lengths; render with a display.layout")

@@ -15,7 +15,7 @@ from simgrab.geometry import Array, eq2_cos_alpha, vertical_direction
 from simgrab.instrument.estimate import GrabWidth, PaperIteration
 from simgrab.labels.truth import KEYPOINT_NAMES
 from simgrab.utilities.parquet import read_table
-from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.grabs.four_rope import four_rope
 
 _COLUMNS = ("alpha_deg", "beta_deg", "yaw_deg", "jaw_deg", "rope_length_m", "grab_u_px", "grab_v_px", "keypoints")
 
@@ -131,8 +131,9 @@ def tell(found: GrabWidthStudy) -> list[str]:
 
 def _lip() -> tuple[float, float]:
     """Width of the closed grab's cutting lip, and how far it lies below A along the rope, m."""
-    pose = grab.body_frames(0.0)["shell_outer"]
-    one, other = (pose[:3, :3] @ p + pose[:3, 3] for p in grab.LIP_CORNERS["shell_outer"])
+    grab = four_rope()
+    pose = grab.frames(0.0)["shell_outer"]
+    one, other = (pose[:3, :3] @ p + pose[:3, 3] for p in grab.lips["shell_outer"])
     return float(np.linalg.norm(one - other)), float(-one[2])
 
 

@@ -13,7 +13,8 @@ from simgrab.errors import StressError
 from simgrab.judge.stress import convergence, estimators, fidelities, score
 from simgrab.judge.stress.parameters import Value
 from simgrab.judge.stress.study import Study
-from simgrab.utilities.cluster import AnyPool, open_pool
+from simgrab.utilities.cluster import ClusterPool, open_pool
+from simgrab.utilities.processes import Pool
 
 MOST_SLOW_TRIALS = 4
 # One thread a process: more would only get in each other's way.
@@ -108,7 +109,7 @@ def check_workers(workers: int) -> None:
         raise StressError(f"workers must be 1 or more, got {workers}")
 
 
-def worker_pool(workers: int, cluster: str | None = None) -> AnyPool:
+def worker_pool(workers: int, cluster: str | None = None) -> Pool | ClusterPool:
     """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
 
     Parameters

@@ -13,7 +13,7 @@ from simgrab import scenes
 from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
-from simgrab.labels.datasets import Dataset
+from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.layouts import Layout, Rectangle
 from simgrab.records.frame_files import picture
 from simgrab.rng import stream
@@ -69,7 +69,7 @@ def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
     frames: list[int] = []
     weather: list[str] = []
     for dataset in datasets:
-        drawn = variants(scenes.load(dataset.path / "manifest.json"))
+        drawn = variants(scenes.load(dataset.path / MANIFEST))
         layouts = {frame: one.scenario.display_layout for one, span in drawn for frame in span}
         for row in dataset.rows:
             if row.split != split or row.rope_text is None or row.torn_row_px is not None:

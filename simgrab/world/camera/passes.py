@@ -274,8 +274,7 @@ class Passes:
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._context.shadowTex if shadowed else 0)
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for window, geoms, clear in steps:
-            with _scissors(window):
-                GL.glUseProgram(self._program)
+            with _scissors(window, self._program):
                 if clear:
                     GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
                 for geom in geoms:
@@ -415,9 +414,10 @@ class Passes:
 
 
 @contextmanager
-def _scissors(window: Window) -> Iterator[None]:
-    """Draw within a window alone."""
+def _scissors(window: Window, program: int = 0) -> Iterator[None]:
+    """Draw within a window alone, with a program or with OpenGL's own."""
     x0, y0, x1, y1 = window
+    GL.glUseProgram(program)
     GL.glScissor(x0, y0, x1 - x0, y1 - y0)
     GL.glEnable(GL.GL_SCISSOR_TEST)
     try:

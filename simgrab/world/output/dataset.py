@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import replace
@@ -13,18 +12,18 @@ from pathlib import Path
 import cv2
 
 from simgrab.errors import DatasetError
-from simgrab.labels.truth import SPLITS, Row
+from simgrab.labels.datasets import MANIFEST
+from simgrab.labels.truth import Row
 from simgrab.records import frame_files
 from simgrab.scenario import Scenario
 from simgrab.utilities import pictures
-from simgrab.utilities.files import sha256
 from simgrab.utilities.parse import read_json
 from simgrab.utilities.stores import is_url
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import manifest, pool, preview, shards, stored, tables
-from simgrab.world.output.folder import MANIFEST, Folder, writing
+from simgrab.world.output.folder import Folder, finish, writing
 from simgrab.world.output.pool import Progress, Tick
 from simgrab.world.output.stored import StoredFrame
 from simgrab.world.output.summary import Seen, Summary, Tally
@@ -251,14 +250,8 @@ def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
             written.add(row, record.mask)
             folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))
             first += [row] * (len(first) < preview.MOST_TILES)
-    for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
-        (folder.path / "images" / split).mkdir(parents=True, exist_ok=True)
     tiles = ((pictures.read(folder.path / row.file, cv2.IMREAD_COLOR), row) for row in first)
-    for name, data in (tables.others(written.splits, scenario) | {"preview.jpg": preview.of(tiles)}).items():
-        folder.write(name, data)
-    digests = {name: sha256(folder.path / name) for name in tables.names(written.splits)}
-    whole = manifest.compose(core, rendered_by, digests)
-    folder.write(MANIFEST, json.dumps(whole, indent=1).encode())
+    finish(folder, core, written.splits, preview.of(tiles), scenario, rendered_by)
     folder.close()
 
 

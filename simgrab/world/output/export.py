@@ -18,16 +18,16 @@ import pyarrow as pa
 
 from simgrab.errors import DatasetError
 from simgrab.labels import shards as sharded
-from simgrab.labels.datasets import Dataset, LabelledFrame, buffer_names
-from simgrab.labels.shards import MANIFEST, ShardedDataset
-from simgrab.labels.truth import SPLITS, Row
+from simgrab.labels.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
+from simgrab.labels.shards import ShardedDataset
+from simgrab.labels.truth import Row
 from simgrab.scenario import Scenario
 from simgrab.utilities import files
 from simgrab.utilities.destination import check_new_folder
 from simgrab.utilities.parse import parse_json
 from simgrab.utilities.stores import Store, is_url
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import manifest, preview, shards, tables
+from simgrab.world.output import folder, manifest, preview, shards, tables
 from simgrab.world.output.shards import Packed
 from simgrab.world.output.tables import Coco, Labels, Tables
 
@@ -141,17 +141,15 @@ def _write(source: Source, store: Store, format: str, progress: Progress | None)
 @contextlib.contextmanager
 def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
     """Write ``labels.parquet`` and ``camera.toml``, and at the end the manifest."""
-    schema = tables.labels_schema()
-    about = {**(schema.metadata or {}), "simgrab": json.dumps(source.core, sort_keys=True)}
+    schema = tables.with_identity(tables.labels_schema(), source.core)
     with (
         store.writing("labels.parquet") as path,
         path.open("wb") as file,
-        closing(Labels(file, schema.with_metadata(about))) as labels,
+        closing(Labels(file, schema)) as labels,
     ):
         yield lambda row: labels.add(msgspec.structs.asdict(row))
     store.write("camera.toml", tables.calibration_of(source.scenario).to_toml().encode())
-    whole = manifest.compose(source.core, source.rendered_by, {})
-    store.write(MANIFEST, json.dumps(whole, indent=1).encode())
+    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, {}))
 
 
 @contextlib.contextmanager
@@ -251,7 +249,6 @@ def _webdataset(source: Source, store: Store) -> Iterator[Add]:
 
 @contextlib.contextmanager
 def _simgrab(source: Source, store: Store) -> Iterator[Add]:
-    tiles = [(frame.picture[..., ::-1], frame.truth) for frame in itertools.islice(source.dataset, preview.MOST_TILES)]
     with Tables(store.writing, source.core, source.scenario) as written:
 
         def add(frame: LabelledFrame) -> None:
@@ -262,51 +259,44 @@ def _simgrab(source: Source, store: Store) -> Iterator[Add]:
             written.add(row, _mask(frame))
 
         yield add
-    if store.folder is not None:
-        for split in SPLITS:
-            (store.folder / "images" / split).mkdir(parents=True, exist_ok=True)
-    for name, data in (tables.others(written.splits, source.scenario) | {"preview.jpg": preview.of(tiles)}).items():
-        store.write(name, data)
-    digests = {name: store.sha256(name) for name in tables.names(written.splits)}
-    whole = manifest.compose(source.core, source.rendered_by, digests)
-    store.write(MANIFEST, json.dumps(whole, indent=1).encode())
+    tiles = ((frame.picture[..., ::-1], frame.truth) for frame in source.dataset[: preview.MOST_TILES])
+    folder.finish(store, source.core, written.splits, preview.of(tiles), source.scenario, source.rendered_by)
 
 
 @contextlib.contextmanager
 def _hf(source: Source, store: Store) -> Iterator[Add]:
     """Write Parquet files of pictures and labels, and the card that names the splits."""
-    counts = source.dataset.splits
-    totals = {split: math.ceil(count / source.shard_frames) for split, count in counts.items()}
-    names = {
-        split: iter([f"data/{HF_SPLITS[split]}-{i:05d}-of-{total:05d}.parquet" for i in range(total)])
-        for split, total in totals.items()
-    }
-    opened: dict[str, ExitStack] = {}
-    files: dict[str, tuple[Labels, int]] = {}
-    with ExitStack() as everything, _rows(source, store) as add_row:
+    with _rows(source, store) as add_row:
+        with ExitStack() as stack:
+            adds = {split: stack.enter_context(_hf_tables(source, store, split)) for split in source.dataset.splits}
 
-        def open_next(split: str) -> None:
-            stack = opened[split] = everything.enter_context(ExitStack())
-            path = stack.enter_context(store.writing(next(names[split])))
-            file = stack.enter_context(path.open("wb"))
-            files[split] = stack.enter_context(closing(Labels(file, _hf_schema(), _HF_GROUP_ROWS))), 0
+            def add(frame: LabelledFrame) -> None:
+                adds[frame.truth.split](frame)
+                add_row(frame.truth)
+
+            yield add
+        store.write("README.md", _hf_card(source).encode())
+
+
+@contextlib.contextmanager
+def _hf_tables(source: Source, store: Store, split: str) -> Iterator[Add]:
+    """Write the Parquet files of one split."""
+    total = math.ceil(source.dataset.splits[split] / source.shard_frames)
+    indices = itertools.count()
+    labels: Labels
+    with ExitStack() as stack:
 
         def add(frame: LabelledFrame) -> None:
-            row = frame.truth
-            if row.split not in files:
-                open_next(row.split)
-            table, count = files[row.split]
-            table.add(_hf_row(frame))
-            files[row.split] = table, count + 1
-            if count + 1 == source.shard_frames:
-                opened.pop(row.split).close()
-                del files[row.split]
-            add_row(row)
+            nonlocal labels
+            number, place = divmod(next(indices), source.shard_frames)
+            if place == 0:
+                stack.close()  # completes the file before
+                name = f"data/{HF_SPLITS[split]}-{number:05d}-of-{total:05d}.parquet"
+                file = stack.enter_context(stack.enter_context(store.writing(name)).open("wb"))
+                labels = stack.enter_context(closing(Labels(file, _hf_schema(), _HF_GROUP_ROWS)))
+            labels.add(_hf_row(frame))
 
         yield add
-        for stack in opened.values():
-            stack.close()
-        store.write("README.md", _hf_card(source).encode())
 
 
 def _hf_row(frame: LabelledFrame) -> dict[str, Any]:

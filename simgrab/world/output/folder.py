@@ -9,7 +9,7 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +18,16 @@ from typing import Any
 import msgspec
 
 from simgrab.errors import DatasetError, first_line
+from simgrab.labels.datasets import MANIFEST
+from simgrab.labels.truth import SPLITS
+from simgrab.scenario import Scenario
 from simgrab.utilities import files
 from simgrab.utilities.destination import check_folder
 from simgrab.utilities.parse import read_json
+from simgrab.utilities.stores import Store
+from simgrab.world.gl import Fingerprint
+from simgrab.world.output import manifest, tables
 from simgrab.world.output.stored import Record, StoredFrame
-
-MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -157,6 +161,10 @@ class Folder:
         yield draft
         draft.replace(target)
 
+    def sha256(self, name: str) -> str:
+        """SHA-256 of a file."""
+        return files.sha256(self.path / name)
+
     def _drop_left(self) -> None:
         """Drop what the process that finished the dataset had no time to."""
         if self.partial.exists():
@@ -166,6 +174,21 @@ class Folder:
     def close(self) -> None:
         """Drop the working folder: the dataset is finished."""
         shutil.rmtree(self.partial)
+
+
+def finish(
+    place: Folder | Store, core: dict[str, Any], splits: Sequence[str], preview: bytes, scenario: Scenario,
+    rendered_by: Fingerprint,
+) -> None:  # fmt: skip
+    """Write what a dataset of files has besides frames and tables; ``splits`` have frames. The manifest comes last."""
+    folder = place.path if isinstance(place, Folder) else place.folder
+    if folder is not None:
+        for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
+            (folder / "images" / split).mkdir(parents=True, exist_ok=True)
+    for name, data in (tables.others(splits, scenario) | {"preview.jpg": preview}).items():
+        place.write(name, data)
+    digests = {name: place.sha256(name) for name in tables.names(splits)}
+    place.write(MANIFEST, manifest.compose(core, rendered_by, digests))
 
 
 @contextmanager

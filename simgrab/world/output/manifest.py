@@ -25,8 +25,8 @@ def identity(recipe: Recipe) -> dict[str, Any]:
     } | ({"extensions": extensions} if extensions else {})
 
 
-def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, str]) -> dict[str, Any]:
-    """Compose the manifest.
+def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, str]) -> bytes:
+    """Compose the manifest, as JSON.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, s
         },
         "files": dict(sorted(digests.items())),
     }
-    return manifest | {"manifest_digest": digest(manifest)}
+    return json.dumps(manifest | {"manifest_digest": digest(manifest)}, indent=1).encode()
 
 
 def digest(manifest: dict[str, Any]) -> str:

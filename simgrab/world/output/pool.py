@@ -200,7 +200,8 @@ def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) 
     """Refuse a renderer that is not the first one of a dataset's."""
     if first is not None and found != first:
         raise DatasetError(
-            f"{place} was started with {first}, and this is {found}: choose another --out, or delete what is not its"
+            f"{place} was started with {first}, and this is {found}: "
+            "choose another --out, or delete what one of them rendered"
         )
     return found
 

@@ -25,11 +25,12 @@ import pyarrow.parquet as pq
 
 from simgrab.errors import DatasetError
 from simgrab.labels import shards
-from simgrab.labels.datasets import Manifest
-from simgrab.labels.shards import CAMERA, MANIFEST, PLACE, PREVIEW, Place, ShardedDataset, archive
+from simgrab.labels.datasets import MANIFEST, Manifest
+from simgrab.labels.shards import CAMERA, PLACE, PREVIEW, Place, ShardedDataset, archive
 from simgrab.labels.truth import Row
 from simgrab.scenario import Scenario
 from simgrab.utilities import parquet
+from simgrab.utilities.files import sha256
 from simgrab.utilities.parse import parse_json
 from simgrab.utilities.stores import Store
 from simgrab.world.extensions import Recipe
@@ -206,7 +207,11 @@ class Shards:
                 raise DatasetError(f"{self.store.url}: {shards.table(number)} is gone; run it again with --resume")
         known = [done[number] for number in range(self.count)]
         finish(self.store, manifest.identity(self.recipe), self.frames, known, self.recipe.scenario, rendered_by)
-        with contextlib.suppress(DatasetError):  # it is finished all the same
+        self.release()
+
+    def release(self) -> None:
+        """Give the place up: what is there is finished, even where this fails."""
+        with contextlib.suppress(DatasetError):
             self.store.remove(UNFINISHED)
 
     def reopen(self) -> None:
@@ -272,8 +277,7 @@ def finish(
     for name, data in files.items():
         store.write(name, data)
         digests[name] = hashlib.sha256(data).hexdigest()
-    composed = manifest.compose(core | {"shards": about}, rendered_by, digests)
-    store.write(MANIFEST, json.dumps(composed, indent=1).encode())
+    store.write(MANIFEST, manifest.compose(core | {"shards": about}, rendered_by, digests))
 
 
 class _Archive:
@@ -298,8 +302,7 @@ class _Archive:
     def close(self) -> tuple[int, str]:
         """Complete the archive; gives its size in bytes and its SHA-256."""
         self._tar.close()
-        with self._path.open("rb") as file:
-            return self._path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
+        return self._path.stat().st_size, sha256(self._path)
 
 
 def _member(file: str) -> str:
@@ -361,9 +364,8 @@ def render(
         rendered_by = pool.same_renderer(one.rendered_by, rendered_by, f"{url}, {shards.table(one.number)}")
     if missing or remaining:
         report = pool.report(progress, scenario.frames - made, scenario.frames)
-        work = functools.partial(_make, output)
         rendering = pool.map_items(
-            recipe, known, missing, work, workers=workers, cluster=cluster, unit="shard", progress=report
+            recipe, known, missing, output.make, workers=workers, cluster=cluster, unit="shard", progress=report
         )
         with contextlib.closing(rendering):
             for one in rendering:
@@ -371,9 +373,7 @@ def render(
                 done[one.number] = one
         assert rendered_by is not None
         output.finish(done, rendered_by)
+    elif output.begun():  # the process that finished it had no time to
+        output.release()
     tally = functools.reduce(Tally.__add__, (done[number].tally for number in range(output.count)))
     return Summary.of(url, tally, scenario, made, done[0].rendered_by.digest)
-
-
-def _make(output: Shards, generator: FrameGenerator, number: int, tick: Tick) -> Done:
-    return output.make(generator, number, tick)

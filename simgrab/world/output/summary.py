@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
-from simgrab.labels.truth import SPLITS
+from simgrab.labels.truth import SPLITS, Row
 from simgrab.scenario import Scenario
 from simgrab.world.output.video.render import VideoSummary
 
@@ -22,17 +21,6 @@ class Seen(msgspec.Struct, frozen=True):
     alpha_deg: float
     rope_length_m: float
     visible_fraction: float
-
-
-class _Row(Protocol):
-    @property
-    def split(self) -> str: ...
-    @property
-    def alpha_deg(self) -> float: ...
-    @property
-    def rope_length_m(self) -> float: ...
-    @property
-    def visible_fraction(self) -> float: ...
 
 
 class Tally(msgspec.Struct, frozen=True):
@@ -58,7 +46,7 @@ class Tally(msgspec.Struct, frozen=True):
     longest_m: float = -math.inf
 
     @classmethod
-    def of(cls, rows: Iterable[_Row], scenario: Scenario) -> Tally:
+    def of(cls, rows: Iterable[Row | Seen], scenario: Scenario) -> Tally:
         """Count frames."""
         rows = list(rows)
         least = max(scenario.labels.least_visible_fraction, 1e-12)

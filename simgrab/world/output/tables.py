@@ -47,6 +47,11 @@ def labels_schema() -> pa.Schema:
     )
 
 
+def with_identity(schema: pa.Schema, identity: dict[str, Any]) -> pa.Schema:
+    """Keep a dataset's identity in its schema, under the key ``simgrab``."""
+    return schema.with_metadata({**(schema.metadata or {}), "simgrab": json.dumps(identity, sort_keys=True)})
+
+
 def _kinds() -> dict[str, str]:
     """Annotation of each column as it is written."""
     return {name: str(kind) for name, kind in (Truth.__annotations__ | Row.__annotations__).items()}
@@ -175,11 +180,9 @@ class Coco:
         info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
         file.write(json.dumps({"info": info, "licenses": []})[:-1] + ', "images": [')
 
-    def add(self, row: Row, mask: dict[str, Any] | None, file_name: str | None = None) -> None:
+    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
         """Write a frame, and its annotation where detection labels hold a box."""
-        image = {
-            "id": row.frame, "file_name": file_name or row.file, "width": row.width_px, "height": row.height_px,
-        }  # fmt: skip
+        image = {"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px}
         self._file.write(", " * (self._images > 0) + json.dumps(image))
         self._images += 1
         if mask is not None and is_labelled(row, self._scenario):
@@ -251,10 +254,9 @@ class Tables:
         self._stack = ExitStack()
 
     def __enter__(self) -> Tables:
-        schema = labels_schema()
-        known = {**(schema.metadata or {}), "simgrab": json.dumps(self._identity, sort_keys=True)}
+        schema = with_identity(labels_schema(), self._identity)
         with self._stack:  # undone where one of them cannot be opened
-            labels = Labels(self._binary("labels.parquet"), schema.with_metadata(known))
+            labels = Labels(self._binary("labels.parquet"), schema)
             self._labels = self._stack.enter_context(closing(labels))
             self._coco = {split: self._opened_coco(f"annotations/instances_{split}.json") for split in SPLITS}
             self._metadata: dict[str, Metadata] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from simgrab.geometry import Array
 from simgrab.scenario import Hold, Light, Scenario
-from simgrab.world.scenery.meshes import grab, linkage, ropes
+from simgrab.world.scenery.meshes import ropes
 from simgrab.world.scenery.meshes.part import Part, Texture, add_parts, add_textures
 from simgrab.world.scenery.plan import Plan, cargo_level
 from simgrab.world.trajectory.moment import Moment
@@ -66,10 +65,10 @@ class World:
         )
         data.joint("hoist").qpos = -state.rope_length
         data.joint("yaw").qpos = state.yaw
-        for name, position in grab.joint_positions(state.jaw).items():
+        for name, position in self.plan.grab.positions(state.jaw).items():
             data.joint(name).qpos = position
         shown = cargo_level(state.load) if moment.present else None
-        for level in range(len(grab.CARGO_LEVELS)):
+        for level in range(len(self.plan.heaps)):
             self._show(f"cargo_{level}", level == shown, GRAB)
         self._show(STEEL, moment.present, GRAB)
         self._show(FALLS, moment.present, ROPE)
@@ -94,8 +93,8 @@ class World:
     def _hang_ropes(self, data: mujoco.MjData, moment: Moment) -> None:
         """Draw each rope straight from its termination to its exit, with the shortest mesh that reaches."""
         pose = moment.grab.jib_from_grab
-        ends = grab.ROPE_TERMINATIONS @ pose[:3, :3].T + pose[:3, 3]
-        for rope, (end, top) in enumerate(zip(ends, ropes.ROPE_EXITS, strict=True)):
+        ends = self.plan.grab.terminations @ pose[:3, :3].T + pose[:3, 3]
+        for rope, (end, top) in enumerate(zip(ends, self.plan.ropes.exits, strict=True)):
             needed = float(np.linalg.norm(top - end))
             shown = next((c for c in ropes.ROPE_CLASSES_M if c >= needed), ropes.ROPE_CLASSES_M[-1])
             mocap = self._mocap(f"rope_{rope}")
@@ -123,8 +122,8 @@ def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
     ground = spec.worldbody.add_body(name="place", mocap=True)
     add_parts(spec, ground, plan.place, group=PLACE, prefix="place")
     add_parts(spec, spec.worldbody, plan.jib, group=JIB, prefix="jib")
-    _add_grab(spec, plan.bodies, plan.heaps)
-    rope = _add_ropes(spec)
+    _add_grab(spec, plan)
+    rope = _add_ropes(spec, plan.ropes)
     own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope])
     textures = {part.material.name: part.material.texture for part in own if part.material.texture is not None}
     if textured:
@@ -165,35 +164,35 @@ def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bo
     )  # fmt: skip
 
 
-def _add_grab(spec: mujoco.MjSpec, parts: Mapping[str, Sequence[Part]], heaps: Sequence[Part]) -> None:
+def _add_grab(spec: mujoco.MjSpec, plan: Plan) -> None:
+    design = plan.grab
     hinge, slide, ball = (getattr(mujoco.mjtJoint, f"mjJNT_{kind}") for kind in ("HINGE", "SLIDE", "BALL"))
     rope_line = spec.worldbody.add_body(name="rope_line", mass=1e-3, inertia=(1e-3, 1e-3, 1e-3), explicitinertial=True)
     rope_line.add_joint(name="swing", type=ball)
     rope_line.add_joint(name="hoist", type=slide, axis=(0, 0, 1))
     head = rope_line.add_body(name="head")  # MuJoCo wants a body of its own for a hinge after a ball
     head.add_joint(name="yaw", type=hinge, axis=(0, 0, 1))
-    bodies = {"head": head}
-    for name in grab.BODIES[1:]:
-        bodies[name] = bodies[linkage.PARENTS[name]].add_body(name=name, pos=linkage.pins[name])
-        kind, axis = (slide, (0, 0, 1)) if name == "beam" else (hinge, (0, 1, 0))
-        bodies[name].add_joint(name=name, type=kind, axis=axis)
-    for name, body in bodies.items():
-        add_parts(spec, body, parts[name], group=GRAB, prefix=name)
-        _set_inertia(body, parts[name], grab.MASSES_KG[name])
-    for level, heap in enumerate(heaps):
+    bodies = {design.bodies[0].name: head}
+    for own in design.bodies[1:]:
+        bodies[own.name] = bodies[own.parent].add_body(name=own.name, pos=own.pin)
+        bodies[own.name].add_joint(name=own.name, type=slide if own.slides else hinge, axis=own.axis)
+    for own in design.bodies:
+        add_parts(spec, bodies[own.name], plan.bodies[own.name], group=GRAB, prefix=own.name)
+        _set_inertia(bodies[own.name], own.steel, own.mass_kg)
+    for level, heap in enumerate(plan.heaps):
         add_parts(spec, head, [heap], group=HIDDEN, prefix=f"cargo_{level}")
     # The inner falls run down inside the closed shells, so their full length may be drawn whatever the jaws do.
-    for k, (top, bottom) in enumerate(grab.REEVING):
-        drop = bottom + grab.body_frames(grab.MAX_JAW)["beam"][:3, 3] - top
-        fall = ropes.rope_part(float(np.linalg.norm(drop)), f"fall_{k}")
+    for k, (top, bottom) in enumerate(design.falls):
+        drop = bottom + design.frames(design.max_jaw)[design.falls_to][:3, 3] - top
+        fall = ropes.rope_part(float(np.linalg.norm(drop)), f"fall_{k}", plan.ropes.radius_m)
         turn = trimesh.geometry.align_vectors([0, 0, 1], -drop)
         turn[:3, 3] = top + drop
         add_parts(spec, head, [fall.moved(turn)], group=ROPE, prefix=f"fall_{k}")
 
 
-def _set_inertia(body: mujoco.MjsBody, parts: Sequence[Part], mass: float) -> None:
-    """Spread a body's mass evenly over the volume of its parts."""
-    solid = trimesh.util.concatenate([p.mesh for p in parts])
+def _set_inertia(body: mujoco.MjsBody, steel: trimesh.Trimesh, mass: float) -> None:
+    """Spread a body's mass evenly over the volume of its steel."""
+    solid = steel.copy()
     solid.density = mass / solid.volume
     inertia = solid.moment_inertia
     body.explicitinertial = True
@@ -202,12 +201,12 @@ def _set_inertia(body: mujoco.MjsBody, parts: Sequence[Part], mass: float) -> No
     body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _add_ropes(spec: mujoco.MjSpec) -> Part:
+def _add_ropes(spec: mujoco.MjSpec, own: ropes.Ropes) -> Part:
     """Add ropes of all lengths, and return one of them."""
-    for rope in range(len(ropes.ROPE_EXITS)):
+    for rope in range(len(own.exits)):
         body = spec.worldbody.add_body(name=f"rope_{rope}", mocap=True)
         for length in ropes.ROPE_CLASSES_M:
-            part = ropes.rope_part(length, f"rope_{rope}_{length}")
+            part = ropes.rope_part(length, f"rope_{rope}_{length}", own.radius_m)
             add_parts(spec, body, [part], group=HIDDEN, prefix=f"rope_{rope}/{length}")
     return part
 
@@ -220,7 +219,7 @@ def _turn_up_to(direction: Array) -> Array:
 
 def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
     """See `World.switches`; ropes outside the grab and its heaps are hidden at first."""
-    found: dict[str, list[int]] = {}
+    found: dict[str, list[int]] = {STEEL: [], FALLS: []}
     always = {GRAB: STEEL, ROPE: FALLS}
     for geom in range(model.ngeom):
         group = int(model.geom_group[geom])
@@ -228,4 +227,4 @@ def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
             found.setdefault(model.geom(geom).name.rpartition("/")[0], []).append(geom)
         elif group in always:
             found.setdefault(always[group], []).append(geom)
-    return {stem: np.array(geoms) for stem, geoms in found.items()}
+    return {stem: np.array(geoms, int) for stem, geoms in found.items()}

@@ -10,7 +10,8 @@ import numpy as np
 
 from simgrab.geometry import rotation_z
 from simgrab.world.scenery.clearance import CELL_M, HeightMap
-from simgrab.world.scenery.meshes import grab
+from simgrab.world.scenery.grabs.four_rope import four_rope
+from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Part
 
 NEAREST_M, FARTHEST_M = 8.5, 16.0  # from the vertical through O: out of the grab's way, yet mostly in view
@@ -62,14 +63,12 @@ def _spots(ground: HeightMap, lowest: float, rng: np.random.Generator) -> Iterat
 def _grab(number: int, spot: np.ndarray, rng: np.random.Generator) -> list[Part]:
     """One grab on a spot, in the jib frame; names and materials carry its number."""
     red, green, blue = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.2, 0.95), rng.uniform(0.25, 0.9))
-    bodies = grab.grab_parts(
-        paint=(red, green, blue),
-        wear=float(rng.random()),
-        residue=float(rng.random()),
-        cargo=str(rng.choice(["coal", "ore", "grain"])),
-        rng=rng,
+    design = four_rope()
+    mixed = finish(
+        (red, green, blue), float(rng.random()), float(rng.random()), str(rng.choice(["coal", "ore", "grain"])), rng
     )
-    frames = grab.body_frames(float(rng.uniform(0, MOST_JAW)))
+    bodies = {body.name: mixed.on(body.parts) for body in design.bodies}
+    frames = design.frames(float(rng.uniform(0, MOST_JAW)))
     lowest = min(part.moved(frames[body]).mesh.bounds[0, 2] for body, parts in bodies.items() for part in parts)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation_z(rng.uniform(0, 2 * np.pi)), spot - (0.0, 0.0, lowest)

@@ -15,8 +15,12 @@ from simgrab.rng import stream
 from simgrab.scenario import Dynamic, Hang, Scenario
 from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
-from simgrab.world.scenery.meshes import grab, jib
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
+from simgrab.world.scenery.meshes import jib
+from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.scenery.parked import parked_grabs
 from simgrab.world.trajectory.moment import GrabState, Moment
 
@@ -31,6 +35,8 @@ class Plan:
 
     Attributes
     ----------
+    grab : Design
+    ropes : Ropes
     place : sequence of Part
         What stands below, in the place's frame.
     jib : sequence of Part
@@ -38,13 +44,15 @@ class Plan:
     painted : callable
         Gives `bodies`; to see whether a world can be, no grab is painted.
     heaps : sequence of Part
-        Cargo that the grab may hold, one for each of `grab.CARGO_LEVELS`, in the grab's frame.
+        Cargo that the grab may hold, one for each of `CARGO_LEVELS` or none, in the grab's frame.
     straight : bool
         Whether the lens maps straight lines to straight lines.
     reach_m : float
         How far from where O is at first the grab may come.
     """
 
+    grab: Design
+    ropes: Ropes
     place: Sequence[Part]
     jib: Sequence[Part]
     painted: Callable[[], Mapping[str, Sequence[Part]]]
@@ -60,7 +68,7 @@ class Plan:
     @cached_property
     def shapes(self) -> dict[str, trimesh.Trimesh]:
         """Steel of each grab body, in the body's frame, and each cargo heap (``cargo_0`` …), in the grab frame."""
-        bodies = {body: trimesh.util.concatenate([p.mesh for p in own]) for body, own in grab.steel().items()}
+        bodies = {body.name: body.steel for body in self.grab.bodies}
         return bodies | {f"cargo_{level}": heap.mesh for level, heap in enumerate(self.heaps)}
 
     @cached_property
@@ -78,7 +86,7 @@ class Plan:
 
     def grab_points(self, state: GrabState) -> Array:
         """Points (N, 3), grab frame, that cover the grab and what it holds."""
-        placed = placed_shapes(state.jaw, state.load)
+        placed = placed_shapes(self.grab, state.jaw, state.load)
         return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
 
     def check_clearance(self, moment: Moment, points_jib: Array) -> None:
@@ -112,23 +120,26 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
         If the camera would be in the jib's steel.
     """
     seed, look, head_height = scenario.seed, scenario.grab, scenario.jib.head_height_m
-    check_camera(np.array(scenario.camera.offset_m), jib.jib_steel())
+    grab = design_of(look)
+    ropes = Ropes.of(scenario.jib, len(grab.terminations))
+    if scenario.jib.head != "none":
+        check_camera(np.array(scenario.camera.offset_m), jib.jib_steel(ropes))
     place = places.build(scenario.place, head_height=head_height, rng=stream(seed, number, "place"))
     place += parked_grabs(
         scenario.clutter.other_grabs, place, head_height=head_height, rng=stream(seed, number, "clutter.grabs")
     )
 
     def painted() -> Mapping[str, Sequence[Part]]:
-        rng = stream(seed, number, "grab")
-        return grab.grab_parts(
-            paint=look.paint_rgb, wear=look.wear, residue=look.residue, cargo=look.cargo, rng=rng,
-        )  # fmt: skip
+        mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, number, "grab"))
+        return {body.name: mixed.on(body.parts) for body in grab.bodies}
 
     return Plan(
+        grab,
+        ropes,
         place,
-        jib.jib_parts(),
+        () if scenario.jib.head == "none" else jib.jib_parts(ropes),
         painted,
-        grab.cargo_parts(look.cargo, stream(seed, number, "cargo")),
+        grab.heaps(look.cargo, stream(seed, number, "cargo")),
         straight=scenario.camera.intrinsics.distortion.is_null,
         reach_m=_reach(scenario),
     )
@@ -138,12 +149,12 @@ def cargo_level(load: float) -> int | None:
     """Index of the heap that stands for a fill, None when empty."""
     if load <= 0:
         return None
-    return int(np.abs(np.array(grab.CARGO_LEVELS) - load).argmin())
+    return int(np.abs(np.array(CARGO_LEVELS) - load).argmin())
 
 
-def placed_shapes(jaw: float, load: float) -> dict[str, Array]:
-    """Shapes that the grab shows, each with ``grab_from_shape``, shape (4, 4)."""
-    placed = dict(grab.body_frames(jaw))
+def placed_shapes(grab: Design, jaw: float, load: float) -> dict[str, Array]:
+    """Shapes that a grab shows, each with ``grab_from_shape``, shape (4, 4)."""
+    placed = grab.frames(jaw)
     level = cargo_level(load)
     return placed if level is None else placed | {f"cargo_{level}": np.eye(4)}
 
@@ -154,7 +165,7 @@ def _reach(scenario: Scenario) -> float:
     return GRAB_REACH_M + TRAVEL_M
 
 
-@lru_cache(maxsize=64)  # the grab's steel is the same in every world
+@lru_cache(maxsize=64)  # the steel of a design is the same in every world
 def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
     """Points of a mesh, shape (N, 3), among which the outermost of every picture are.
 

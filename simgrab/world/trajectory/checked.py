@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 
 from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, Scenario
-from simgrab.world.scenery.meshes.linkage import MAX_JAW
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
 
 
@@ -28,20 +29,21 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
     if moment.time is not None:
         due = (frame - scenario.clip.span(clip, scenario.frames).start) / rate
         _within("time", moment.time, due - 0.499 / rate, due + 0.499 / rate)
-    now = _instant(moment)
+    design = design_of(scenario.grab)
+    now = _instant(moment, design)
     ahead = None
     if moment.ahead is not None:
         if now.time is None or moment.ahead.time is None:
             raise ValueError("a moment ahead needs times, and so does the moment itself")
         _within("ahead.time", moment.ahead.time, now.time + 1e-6, now.time + 1.0)
-        ahead = _instant(moment.ahead)
+        ahead = _instant(moment.ahead, design)
     return replace(
         now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead,
         shown=moment.shown if scenario.display_layout else None,
     )  # fmt: skip
 
 
-def _instant(moment: Moment) -> Moment:
+def _instant(moment: Moment, design: Design) -> Moment:
     """Moment of Python's numbers within bounds; what it is ahead of is left out."""
     grab, tilt, jib = moment.grab, moment.tilt, moment.jib
     turn = (-1e3, 1e3)
@@ -50,8 +52,8 @@ def _instant(moment: Moment) -> Moment:
         azimuth=_within("azimuth", grab.azimuth, *turn),
         rope_length=_within("rope_length", grab.rope_length, *ROPE_LENGTH_RANGE_M),
         yaw=_within("yaw", grab.yaw, *turn),
-        jaw=_within("jaw", grab.jaw, 0.0, MAX_JAW),
-        load=_within("load", grab.load, 0.0, 1.0),
+        jaw=_within("jaw", grab.jaw, 0.0, design.max_jaw),
+        load=_within("load", grab.load, 0.0, 1.0 if design.holds_cargo else 0.0),
     )
     tilt = Tilt(
         _within("tilt.beta", tilt.beta, 0.0, math.pi / 2), _within("tilt.azimuth", tilt.azimuth, *turn),

@@ -12,9 +12,10 @@ import numpy as np
 from simgrab import geometry
 from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.scenario import Dynamic, Scenario, Start
-from simgrab.world.scenery.meshes.grab import closing_rope_m
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.weight import Mass
+from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.display import Shown, shown
-from simgrab.world.trajectory.mass import Mass
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment
 from simgrab.world.trajectory.mount import Mount
 from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
@@ -38,6 +39,7 @@ class ClipMotion:
     def __init__(self, scenario: Scenario, clip: int) -> None:
         assert isinstance(scenario.swing, Dynamic)
         self._scenario, self._swing, self._clip = scenario, scenario.swing, clip
+        self._grab = design_of(scenario.grab)
         period = 1 / scenario.clip.frame_rate_hz
         self._per_frame = math.ceil(period / MOST_INTERVAL_S)
         self._interval = period / self._per_frame
@@ -93,9 +95,10 @@ class ClipMotion:
 
     def _plant(self, rope: float, jaw: float, load: float) -> Plant:
         swing = self._swing
+        drag_area = self._grab.cd_a_m2 if swing.drag_area_m2 is None else swing.drag_area_m2
         plant = Plant(
-            rope, jaw, load,
-            damping=swing.damping, yaw_damping=swing.yaw_damping, drag_area=swing.drag_area_m2,
+            self._grab, Ropes.of(self._scenario.jib, len(self._grab.terminations)), rope, jaw, load,
+            damping=swing.damping, yaw_damping=swing.yaw_damping, drag_area=drag_area,
         )  # fmt: skip
         plant.start(*_begin(swing.start, plant.mass, rope))
         return plant
@@ -134,7 +137,7 @@ class ClipMotion:
 
         def lengths(time: float) -> tuple[float, float]:
             rope, jaw = work.rope_and_jaw(max(time - began + settled, 0.0))
-            return rope, rope + closing_rope_m(jaw)
+            return rope, rope + self._grab.closing_rope_m(jaw)
 
         return shown(self._scenario.display, self._layout, moment.frame / self._scenario.clip.frame_rate_hz, lengths)
 

@@ -9,7 +9,7 @@ from simgrab.distributions import Distribution
 from simgrab.errors import ScenarioError
 from simgrab.rng import stream
 from simgrab.scenario import MOST_ALPHA_DEG, Iid, Scenario
-from simgrab.world.scenery.meshes.linkage import MAX_JAW
+from simgrab.world.scenery.grabs import design_of
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
 
 CLOSED = np.radians(2.0)  # jaws wider than this hold nothing
@@ -41,10 +41,12 @@ def draw(scenario: Scenario, frame: int) -> Moment:
             "swing.alpha.sigma_deg", f"frame {frame} has alpha = {alpha_deg:.1f}°, above {MOST_ALPHA_DEG:g}°"
         )
     jaw = np.radians(value("jaw", swing.jaw_deg))
-    if jaw > MAX_JAW:
+    design = design_of(scenario.grab)
+    most = design.max_jaw
+    if jaw > most:
         raise ScenarioError(
             "swing.jaw_deg",
-            f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(MAX_JAW):g}° is possible",
+            f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(most):g}° is possible",
         )
     gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
     load = value("load", swing.load)
@@ -55,7 +57,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
         rope_length=value("rope_length", swing.rope_length_m),
         yaw=float(geometry.wrap(np.radians(value("yaw", swing.yaw_deg)))),
         jaw=float(jaw),
-        load=load if jaw <= CLOSED else 0.0,
+        load=load if jaw <= CLOSED and design.holds_cargo else 0.0,
     )
     present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
     return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma), present=bool(present))

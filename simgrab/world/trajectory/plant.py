@@ -13,18 +13,15 @@ import mujoco
 import numpy as np
 
 from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.world.scenery.meshes.grab import ROPE_TERMINATIONS
-from simgrab.world.scenery.meshes.ropes import ROPE_EXITS
-from simgrab.world.trajectory.mass import Mass, mass_of
+from simgrab.world.scenery.grabs.design import Design
+from simgrab.world.scenery.grabs.weight import Mass
+from simgrab.world.scenery.meshes.ropes import Ropes
 
 MOST_STEP_S = 0.005
 AIR_KG_M3 = 1.225
 HELD_DAMPING = 2.0  # of critical: jaws in the cargo hold the grab
 # Moves as commanded whatever the grab pulls; what that adds up to is taken back within seconds.
 _HOIST_INERTIA_KG, _RETURN_1_S = 1e14, 0.5
-# Mean over the ropes of the product of the exit's and the termination's distance from the axis, m².
-SPREAD_M2 = float(np.mean(np.sum(ROPE_EXITS[:, :2] * ROPE_TERMINATIONS[:, :2], axis=1)))
-TERMINATION_Z_M = float(ROPE_TERMINATIONS[0, 2])
 
 Vector = tuple[float, float, float]
 
@@ -65,6 +62,8 @@ class Plant:
 
     Parameters
     ----------
+    grab : Design
+    ropes : Ropes
     rope : float
         |OA|, m.
     jaw, load : float
@@ -76,11 +75,16 @@ class Plant:
     """
 
     def __init__(
-        self, rope: float, jaw: float, load: float, *, damping: float, yaw_damping: float, drag_area: float
-    ) -> None:
+        self, grab: Design, ropes: Ropes, rope: float, jaw: float, load: float, *, damping: float, yaw_damping: float,
+        drag_area: float,
+    ) -> None:  # fmt: skip
+        self._grab, ends = grab, grab.terminations
+        # Mean over the ropes of the product of the exit's and the termination's distance from the axis, m².
+        self._spread_m2 = float(np.mean(np.sum(np.array(ropes.exits)[:, :2] * ends[:, :2], axis=1)))
+        self._termination_z = float(ends[0, 2])
         self._damping, self._yaw_damping, self._drag = damping, yaw_damping, drag_area
         self._jaw, self._load = jaw, load
-        self.mass = mass_of(jaw, load)
+        self.mass = grab.mass_of(jaw, load)
         self._model = _compile(self.mass)
         self.data = mujoco.MjData(self._model)
         self.data.qpos[4] = -rope
@@ -89,7 +93,7 @@ class Plant:
         """Move the jaws and change the load: cargo leaves with its own speed, moving jaws keep the angular momentum."""
         if (jaw, load) == (self._jaw, self._load):
             return
-        before, after = mass_of(self._jaw, load), mass_of(jaw, load)
+        before, after = self._grab.mass_of(self._jaw, load), self._grab.mass_of(jaw, load)
         rope = -float(self.data.qpos[4])
         for axis, arms in enumerate((1, 1, 0)):
             old, new = (m.inertia[axis] + arms * m.mass * (rope - m.centre_z) ** 2 for m in (before, after))
@@ -124,7 +128,7 @@ class Plant:
         by_p, by_q = (z * x - w * y) / (w * w + z * z), (w * x + z * y) / (w * w + z * z)
         # Half-way through the interval, or the spring would give energy.
         yaw = 2 * math.atan2(z, w) + (by_p * p + by_q * q + r) * seconds / 2 - drive.heading
-        stiffness = weight * SPREAD_M2 / (drive.rope - TERMINATION_Z_M)
+        stiffness = weight * self._spread_m2 / (drive.rope - self._termination_z)
         model.dof_damping[2] = 2 * (1.0 if drive.held else self._yaw_damping) * math.sqrt(stiffness * mass.inertia[2])
         torque = -stiffness * math.sin(yaw)
         data.qfrc_applied[0], data.qfrc_applied[1], data.qfrc_applied[2] = by_p * torque, by_q * torque, torque

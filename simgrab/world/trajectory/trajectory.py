@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from simgrab.scenario import Iid, Scenario
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
-from simgrab.world.scenery.meshes.grab import closing_rope_m
+from simgrab.world.scenery.grabs import design_of
 from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.display import shown
 from simgrab.world.trajectory.moment import Moment
@@ -31,7 +31,7 @@ class Trajectory:
 
     def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS) -> None:
         self._scenario, self._extensions = scenario, extensions
-        self._layout = scenario.display_layout
+        self._layout, self._grab = scenario.display_layout, design_of(scenario.grab)
         self._clip = -1
         self._moments: Iterator[Moment] = iter(())
         self._recent: deque[Moment] = deque(maxlen=REMEMBERED)
@@ -69,6 +69,6 @@ class Trajectory:
         """Independent frames know no time: their display shows the frame's own lengths, its clock goes by the index."""
         if not self._layout:
             return moment
-        lengths = moment.grab.rope_length, moment.grab.rope_length + closing_rope_m(moment.grab.jaw)
+        lengths = moment.grab.rope_length, moment.grab.rope_length + self._grab.closing_rope_m(moment.grab.jaw)
         time = moment.frame / self._scenario.clip.frame_rate_hz
         return replace(moment, shown=shown(self._scenario.display, self._layout, time, lambda _: lengths))

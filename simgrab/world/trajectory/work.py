@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import Cycles, Dynamic, Scenario, Turn
-from simgrab.world.scenery.meshes.linkage import MAX_JAW
+from simgrab.world.scenery.grabs import design_of
 from simgrab.world.trajectory.axis import Axis, Move
 
 KEPT_S = 30.0  # moves are kept so long after their end: displays lag
-OPEN_JAW = 0.9 * MAX_JAW
+OPEN = 0.9  # of the widest opening
 SLEW_RAMP_S, LUFF_RAMP_S = (9.0, 5.0), (4.0, 3.0)  # of a smooth and of a rough operator
 OVERLAP = 0.3  # of its hoisting, during which a rough operator already slews
 FILL_FROM = 0.6  # of the digging time, from which on the closing jaws hold cargo
@@ -59,12 +60,19 @@ class Work:
         assert isinstance(scenario.swing, Dynamic)
         self._seed, self._clip, self._work = scenario.seed, clip, scenario.swing.work
         self._cycle, self._until = 0, 0.0
+        design = design_of(scenario.grab)
+        self._most_jaw, self._most_load = design.max_jaw, 1.0 if design.holds_cargo else 0.0
+        self._open = OPEN * self._most_jaw
         self._holds: list[tuple[float, float]] = []
         work = self._work
         if isinstance(work, Cycles):
             first = self._vary(work.dig_rope_m, "dig_rope", 0)
-            self._rope, self._jaw, self._load = Axis(self._depth(first)), Axis(OPEN_JAW), Axis(0.0)
+            self._rope, self._jaw, self._load = Axis(self._depth(first)), Axis(self._open), Axis(0.0)
         else:
+            if math.radians(work.jaw_deg) > self._most_jaw:
+                raise ScenarioError(
+                    "swing.work.jaw_deg", f"this grab opens by {math.degrees(self._most_jaw):g}°, got {work.jaw_deg:g}°"
+                )
             self._rope, self._jaw = Axis(work.rope_length_m), Axis(math.radians(work.jaw_deg))
             self._load, self._until = Axis(work.load), math.inf
         self._slew = Axis(math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0)
@@ -86,13 +94,13 @@ class Work:
         held = np.zeros(len(time), bool)
         for begin, end in self._holds:
             held |= (time >= begin) & (time < end)
-        jaw, load = np.clip(jaw, 0.0, MAX_JAW), np.clip(load, 0.0, 1.0)
+        jaw, load = np.clip(jaw, 0.0, self._most_jaw), np.clip(load, 0.0, self._most_load)
         return Course(slew, slew_rate, luff, luff_rate, rope, rope_rate, jaw, load, held)
 
     def rope_and_jaw(self, time: float) -> tuple[float, float]:
         """|OA|, m, and opening of the jaws, rad, at an instant up to `KEPT_S` before the last sample."""
         when = np.array([time])
-        return float(self._rope.sample(when)[0][0]), float(np.clip(self._jaw.sample(when)[0][0], 0.0, MAX_JAW))
+        return float(self._rope.sample(when)[0][0]), float(np.clip(self._jaw.sample(when)[0][0], 0.0, self._most_jaw))
 
     def _vary(self, value: float, name: str, cycle: int) -> float:
         """Value of one cycle, scattered by the scenario's variation."""
@@ -126,7 +134,7 @@ class Work:
 
         begin = self._until
         self._holds.append((begin, begin + dig_s))
-        self._jaw.add(Move.in_time(begin, -OPEN_JAW, dig_s))
+        self._jaw.add(Move.in_time(begin, -self._open, dig_s))
         self._load.add(Move.in_time(begin + FILL_FROM * dig_s, fill, (1 - FILL_FROM) * dig_s))
         up = self._rope.add(Move.at_speed(begin + dig_s, work.carry_rope_m - deep, hoist, hoist / work.hoist_m_s2))
         away = up.end - overlap * up.duration
@@ -136,7 +144,7 @@ class Work:
             self._luff.add(Move.at_speed(away, reach, luff, ramp_luff)),
         ]
         dump = max(up.end, *(m.end for m in out)) + pauses[0] * (1 - work.operator)
-        self._jaw.add(Move.in_time(dump, OPEN_JAW, dump_s))
+        self._jaw.add(Move.in_time(dump, self._open, dump_s))
         self._load.add(Move.in_time(dump, -fill, dump_s / 2))
         home = dump + dump_s
         back = [

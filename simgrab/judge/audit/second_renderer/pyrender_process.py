@@ -17,7 +17,7 @@ from simgrab.utilities.processes import Pool
 from simgrab.world.camera.lens import Window
 
 NEAR_M, FAR_M = 0.1, 100.0
-_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 class PyrenderProcess:
@@ -126,23 +126,23 @@ class _Rasteriser:
         self, poses: dict[str, Array], f: float, cx: float, cy: float, window: Window, samples: int
     ) -> NDArray[np.bool_]:
         x0, y0, x1, y1 = window
-        self._camera.matrix = _projection(f, cx - x0, cy - y0, x1 - x0, y1 - y0)
+        self._camera.matrix = projection(f, cx - x0, cy - y0, x1 - x0, y1 - y0)
         scene = self._pyrender.Scene()
         scene.add(self._camera, pose=np.eye(4))
         white = {}
         for name, camera_from_shape in poses.items():
-            white[scene.add(self._meshes[name], pose=_OPENGL_FROM_OPENCV @ camera_from_shape)] = (255, 255, 255)
+            white[scene.add(self._meshes[name], pose=OPENGL_FROM_OPENCV @ camera_from_shape)] = (255, 255, 255)
         self._renderer.viewport_width, self._renderer.viewport_height = (x1 - x0) * samples, (y1 - y0) * samples
         # SEG switches multisampling off, whose depth is sampled up to 3/8 of a sample beside its centre.
         kind = self._pyrender.RenderFlags
         return np.asarray(self._renderer.render(scene, flags=kind.DEPTH_ONLY | kind.SEG, seg_node_map=white) > 0)
 
 
-def _projection(f: float, cx: float, cy: float, width: int, height: int) -> Array:
+def projection(f: float, cx: float, cy: float, width: float, height: float, far_m: float = FAR_M) -> Array:
     """OpenGL projection matrix of a pinhole whose picture is width × height px."""
     matrix = np.zeros((4, 4))
     matrix[0, 0], matrix[0, 2] = 2 * f / width, 1 - 2 * cx / width
     matrix[1, 1], matrix[1, 2] = 2 * f / height, 2 * cy / height - 1
-    matrix[2, 2], matrix[2, 3] = -(FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
+    matrix[2, 2], matrix[2, 3] = -(far_m + NEAR_M) / (far_m - NEAR_M), -2 * far_m * NEAR_M / (far_m - NEAR_M)
     matrix[3, 2] = -1
     return matrix

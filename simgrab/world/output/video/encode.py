@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -92,7 +91,7 @@ def encode_clip(
     with writing(videos.path):
         videos.draft(clip, ".camera.toml").write_text(tables.calibration_of(scenario).to_toml(), encoding="utf-8")
         whole = manifest.compose(core | {"coder": _coder(coder.x264)}, rendered_by, _digests(videos, clip))
-        videos.draft(clip, MANIFEST).write_text(json.dumps(whole, indent=1), encoding="utf-8")
+        videos.draft(clip, MANIFEST).write_bytes(whole)
         videos.put_in_place(clip)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -12,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from simgrab.labels.truth import Truth
-from simgrab.world.output.tables import labels_schema
+from simgrab.world.output.tables import labels_schema, with_identity
 
 ROWS_AT_ONCE = 500
 
@@ -59,10 +58,7 @@ class Table:
     """
 
     def __init__(self, path: Path, metadata: dict[str, Any]) -> None:
-        columns = schema()
-        self._schema = columns.with_metadata(
-            {**(columns.metadata or {}), "simgrab": json.dumps(metadata, sort_keys=True)}
-        )
+        self._schema = with_identity(schema(), metadata)
         self._file = path.open("wb")
         self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
         self._rows: list[dict[str, Any]] = []

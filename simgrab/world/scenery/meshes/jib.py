@@ -6,7 +6,7 @@ Jib frame: origin O, the centroid of the rope exits; x outboard, z up. All steel
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -17,7 +17,7 @@ from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.jib_access import bracket, floodlights, lenses, platform_frame, platform_grating
 from simgrab.world.scenery.meshes.jib_trunk import TAIL_X, trunk
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.meshes.ropes import ROPE_EXITS, ROPE_RADIUS, rope_part
+from simgrab.world.scenery.meshes.ropes import STAGGER_M, Ropes, rope_part
 from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism, rod, rounded
 
 SHEAVE_RADIUS = 0.40  # pitch radius: 25 rope radii
@@ -31,65 +31,72 @@ _LAMP = Material("jib_lamp", rgba=(0.34, 0.35, 0.36, 1.0), specular=0.3)
 _LENS = Material("jib_lens", rgba=(0.92, 0.93, 0.88, 1.0), specular=0.9, shininess=0.8, emission=0.35)
 
 
-@cache
-def jib_parts() -> tuple[Part, ...]:
-    """Return the jib head's parts in the jib frame."""
+@lru_cache(maxsize=16)
+def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
+    """Return the parts of a jib head for these ropes in the jib frame."""
     dark = Material("jib_dark", texture=textures.load("grease"), tile_m=0.6, specular=0.35)
     return (
-        Part("cheeks", _cheeks(), _PAINT),
-        Part("guards", _guards(), _YELLOW),
+        Part("cheeks", _cheeks(ropes), _PAINT),
+        Part("guards", _guards(ropes), _YELLOW),
         Part("trunk", trunk(), _PAINT),
-        Part("sheaves", _sheaves(), dark),
-        Part("shafts", _shafts(), dark),
+        Part("sheaves", _sheaves(ropes), dark),
+        Part("shafts", _shafts(ropes), dark),
         Part("platform", platform_frame(), _PAINT),
         Part("grating", platform_grating(), _ZINC),
         Part("bracket", bracket(), _ZINC),
         Part("floodlights", floodlights(), _LAMP),
         Part("lenses", lenses(), _LENS),
-        *_rope_runs(),
+        *_rope_runs(ropes),
     )
 
 
-@cache
-def jib_steel() -> trimesh.Trimesh:
+@lru_cache(maxsize=16)
+def jib_steel(ropes: Ropes) -> trimesh.Trimesh:
     """Return the jib head's parts as one mesh in the jib frame."""
-    return trimesh.util.concatenate([part.mesh for part in jib_parts()])
+    return trimesh.util.concatenate([part.mesh for part in jib_parts(ropes)])
 
 
-def _axes() -> list[tuple[float, float]]:
+def _axes(ropes: Ropes) -> list[tuple[float, float]]:
     """Return the head sheaves' (x, y): each rope drops on its sheave's outboard side."""
-    return [(float(x) - SHEAVE_RADIUS, float(y)) for x, y, _ in ROPE_EXITS]
+    return [(x - SHEAVE_RADIUS, y) for x, y, _ in ropes.exits]
 
 
-def _sheaves() -> trimesh.Trimesh:
-    head = [shapes.sheave((x, y, SHEAVE_Z), SHEAVE_RADIUS, ROPE_RADIUS * 1.1, 40) for x, y in _axes()]
-    tail = [shapes.sheave((TAIL_X, y, SHEAVE_Z), SHEAVE_RADIUS, ROPE_RADIUS * 1.1, 40) for _, y in _axes()]
+def _sheaves(ropes: Ropes) -> trimesh.Trimesh:
+    groove, axes = ropes.radius_m * 1.1, _axes(ropes)
+    head = [shapes.sheave((x, y, SHEAVE_Z), SHEAVE_RADIUS, groove, 40) for x, y in axes]
+    tail = [shapes.sheave((TAIL_X, y, SHEAVE_Z), SHEAVE_RADIUS, groove, 40) for _, y in axes]
     return join([*head, *tail])
 
 
-def _shafts() -> trimesh.Trimesh:
-    head = [pin(x, SHEAVE_Z, y - 0.075, y + 0.075, 0.055, 0.03) for x, y in _axes()]
+def _shafts(ropes: Ropes) -> trimesh.Trimesh:
+    head = [pin(x, SHEAVE_Z, y - 0.075, y + 0.075, 0.055, 0.03) for x, y in _axes(ropes)]
     return join([*head, pin(TAIL_X, SHEAVE_Z, -0.95, 0.95, 0.06, 0.03)])
 
 
-def _cheeks() -> trimesh.Trimesh:
-    """Return three plates to each pair of sheaves, and the tubes that tie the pairs together."""
-    front, rear = (ROPE_EXITS[i, 0] - SHEAVE_RADIUS for i in (0, 1))
+def _cheeks(ropes: Ropes) -> trimesh.Trimesh:
+    """Return the plates on either side of each sheave, and the tubes that tie them together."""
+    at = [x for x, _ in _axes(ropes)]
+    front, rear = max(at), min(at)
     outline = rounded(
         hull(circle(front, SHEAVE_Z, 0.24), circle(rear, SHEAVE_Z, 0.30), shapely.box(-1.4, 0.16, -1.2, 0.86)), 0.03
     )
     plate = prism(outline, -0.011, 0.011)
     bosses = [pin(float(x), SHEAVE_Z, -0.02, 0.02, 0.11) for x in (front, rear)]
-    pair = shapes.at_y(join([plate, *bosses]), -0.125, 0.0, 0.12)
+    one = join([plate, *bosses])
     ties = [rod((-1.17, -0.62, z), (-1.17, 0.62, z), 0.045) for z in (0.24, 0.78)]
-    return join([shapes.at_y(pair, -0.49, 0.49), *ties])
+    half = STAGGER_M / 2
+    if len(ropes.exits) == 1:
+        return join([shapes.at_y(one, -half - 0.005, half), *ties])
+    pair = shapes.at_y(one, -2 * half - 0.005, 0.0, 2 * half)  # two sheaves share the plate between them
+    middle = round(max(y for _, y, _ in ropes.exits) - half, 9)
+    return join([shapes.at_y(pair, -middle, middle), *ties])
 
 
-def _guards() -> trimesh.Trimesh:
+def _guards(ropes: Ropes) -> trimesh.Trimesh:
     """Return the bars and hoops that keep the ropes in their grooves."""
     outer, inner = SHEAVE_RADIUS + 0.085, SHEAVE_RADIUS + 0.070
     pieces = []
-    for x, y in _axes():
+    for x, y in _axes(ropes):
         ring = circle(x, SHEAVE_Z, outer, 10).difference(circle(x, SHEAVE_Z, inner, 10))
         corner = hull(shapely.MultiPoint([(x, SHEAVE_Z), (x + 0.9, SHEAVE_Z + 0.35), (x + 0.2, SHEAVE_Z + 0.9)]))
         hoop = ring.intersection(corner)
@@ -99,18 +106,13 @@ def _guards() -> trimesh.Trimesh:
     return join(pieces)
 
 
-def _rope_runs() -> list[Part]:
+def _rope_runs(ropes: Ropes) -> list[Part]:
     """Return the ropes from the tops of the head sheaves to the trunk's tail."""
     parts = []
-    for i, (x, y) in enumerate(_axes()):
+    for i, (x, y) in enumerate(_axes(ropes)):
         along = np.array([[0, 0, -1, x], [0, 1, 0, y], [1, 0, 0, SHEAVE_Z + SHEAVE_RADIUS], [0, 0, 0, 1]], float)
-        parts.append(rope_part(x - TAIL_X, f"run_{i}").moved(along))
-        bend = _bend()
+        parts.append(rope_part(x - TAIL_X, f"run_{i}", ropes.radius_m).moved(along))
+        bend = shapes.bent_rod(SHEAVE_RADIUS, ropes.radius_m, 10)  # from the sheave's top to its outboard side
         bend.apply_translation((x, y, SHEAVE_Z))
         parts.append(Part(f"bend_{i}", bend, parts[0].material))
     return parts
-
-
-def _bend() -> trimesh.Trimesh:
-    """Return a quarter of rope round a sheave at the origin, from its top to its outboard side."""
-    return shapes.bent_rod(SHEAVE_RADIUS, ROPE_RADIUS, 10)

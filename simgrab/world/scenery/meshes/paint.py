@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.meshes.part import Material
+from simgrab.world.scenery.meshes.part import Material, Part
 
 Picture = NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -52,6 +53,15 @@ class Finish:
     shell: Material
     lining: Material
     lip: Material
+
+    def on(self, parts: Iterable[Part]) -> list[Part]:
+        """Paint parts whose materials have the name of a field; the others stay as they are."""
+        slots = {field.name: getattr(self, field.name) for field in fields(self)}
+        return [replace(part, material=slots.get(part.material.name, part.material)) for part in parts]
+
+
+#: Materials that are not mixed yet, with the names of the fields.
+BARE = Finish(**{field.name: Material(field.name) for field in fields(Finish)})
 
 
 def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.random.Generator) -> Finish:

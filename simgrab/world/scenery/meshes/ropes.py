@@ -1,28 +1,54 @@
-"""The four ropes: where they leave the jib head, and what a piece of one looks like."""
+"""The ropes: where they leave the jib head, and what a piece of one looks like."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from simgrab.scenario import Jib
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.meshes.shapes import solid
 
-ROPE_RADIUS = 0.016
-LAY_M = 0.21  # length in which a strand runs once round: 6.5 diameters
+LAY_M = 0.21  # length in which a strand runs once round: 6.5 diameters of the usual rope
+STAGGER_M = 0.12  # two sheaves side by side cannot serve one plane: so far apart in y are the ropes of a pair
 ROPE_CLASSES_M = (5, 10, 15, 20, 25, 30, 35, 40, 45)
 
 _SIDES = 12
 
-#: Where the ropes leave their sheaves, jib frame, metres, shape (4, 3), in the order of the grab's ROPE_TERMINATIONS
-#: (seen from above counter-clockwise from +x, +y). Two sheaves side by side cannot serve one plane, so the ropes of a
-#: pair lie 0.12 m apart in y. The centroid is O.
-ROPE_EXITS = np.array([(0.225, 0.55, 0.0), (-0.225, 0.43, 0.0), (-0.225, -0.55, 0.0), (0.225, -0.43, 0.0)])
+
+@dataclass(frozen=True)
+class Ropes:
+    """The ropes of a crane.
+
+    Attributes
+    ----------
+    exits : tuple of n tuples of 3 floats
+        Where they leave their sheaves, jib frame, m, in the order of the grab's terminations (seen from above
+        counter-clockwise from +x, +y). Their centroid is O.
+    radius_m : float
+    """
+
+    exits: tuple[tuple[float, float, float], ...]
+    radius_m: float
+
+    @classmethod
+    def of(cls, jib: Jib, count: int) -> Ropes:
+        """Return so many ropes, 1, 2 or 4, of a jib."""
+        x, y = jib.rope_spread_x_m / 2, jib.rope_spread_y_m / 2
+        inner = round(y - STAGGER_M, 9)
+        exits = {
+            1: ((0.0, 0.0, 0.0),),
+            2: ((0.0, inner, 0.0), (0.0, -inner, 0.0)),  # clear of the camera's bracket
+            4: ((x, y, 0.0), (-x, inner, 0.0), (-x, -y, 0.0), (x, -inner, 0.0)),
+        }
+        return cls(exits[count], jib.rope_diameter_mm / 2000)
 
 
-def rope_part(length: float, name: str) -> Part:
+def rope_part(length: float, name: str, radius: float) -> Part:
     """Return a straight rope from the origin up +z.
 
     Parameters
@@ -31,6 +57,8 @@ def rope_part(length: float, name: str) -> Part:
         Metres.
     name : str
         Of the part.
+    radius : float
+        Metres.
 
     Returns
     -------
@@ -38,18 +66,18 @@ def rope_part(length: float, name: str) -> Part:
         Its texture's strands make one turn in `LAY_M`.
     """
     material = Material("rope", texture=textures.load("rope"), specular=0.25, shininess=0.2)
-    mesh, uv = _tube(length)
+    mesh, uv = _tube(length, radius)
     return Part(name, mesh, material, uv)
 
 
-def _tube(length: float) -> tuple[trimesh.Trimesh, NDArray[np.float64]]:
+def _tube(length: float, radius: float) -> tuple[trimesh.Trimesh, NDArray[np.float64]]:
     """Return a closed tube and its UVs.
 
     The surface is slit along one side and folded in to the axis there, so that the texture can begin and end at the
     slit while every edge still joins two faces.
     """
     turn = np.linspace(0.0, 1.0, _SIDES + 1)
-    rim = ROPE_RADIUS * np.stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)], axis=1)
+    rim = radius * np.stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)], axis=1)
     section = np.concatenate([rim, [(0.0, 0.0)]])  # the last one is the axis
     u = np.append(turn, 0.5)
     n = len(section)

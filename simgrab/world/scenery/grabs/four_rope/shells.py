@@ -9,8 +9,8 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
+from simgrab.world.scenery.grabs.four_rope.linkage import BEAM_Z_CLOSED, CRANK, HEAD_PIN, HINGE_X, SHELL_PIN
 from simgrab.world.scenery.meshes import shapes
-from simgrab.world.scenery.meshes.linkage import ARM_LENGTH, BEAM_Z_CLOSED, HEAD_PIN, HINGE_X, SHELL_PIN
 from simgrab.world.scenery.meshes.paint import SHELL_SIZE, Finish
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.meshes.shapes import block, circle, hull, join, pin, prism, rounded
@@ -62,7 +62,7 @@ def shell_parts(look: Finish) -> list[Part]:
 def arms_parts(look: Finish) -> list[Part]:
     """Return the two outer arms and their tie in their own frame: origin on their pin in the head."""
     start, end = np.array(HEAD_PIN), np.array(_PIN)
-    along = (end - start) / ARM_LENGTH
+    along = (end - start) / CRANK.arm_m
     across = np.array([along[1], -along[0]])
 
     def at(s: float, t: float) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def arms_parts(look: Finish) -> list[Part]:
         return float(x), float(z)
 
     eyes = [circle(*HEAD_PIN, 0.085), circle(*_PIN, 0.085)]
-    taper = ((0.0, 0.05), (0.25, 0.075), (0.95, 0.075), (ARM_LENGTH, 0.05))
+    taper = ((0.0, 0.05), (0.25, 0.075), (0.95, 0.075), (CRANK.arm_m, 0.05))
     bar = hull(shapely.MultiPoint([at(s, side * t) for s, t in taper for side in (-1, 1)]))
     outline = shapely.union_all([bar, *eyes])
     inner = shapely.Polygon([at(s, 0.055 * t) for s, t in ((0.2, 1), (1.0, 1), (1.0, -1), (0.2, -1))])
@@ -78,7 +78,7 @@ def arms_parts(look: Finish) -> list[Part]:
     flanges = [prism(outline.difference(inner).intersection(bar.buffer(0.002)), -0.055, 0.055)]
     bosses = [pin(*place, -0.065, 0.065, 0.088) for place in (HEAD_PIN, _PIN)]
     arms = shapes.at_y(join([web, *flanges, *bosses]), -ARM_Y, ARM_Y)
-    x, z = at(0.52 * ARM_LENGTH, 0.0)
+    x, z = at(0.52 * CRANK.arm_m, 0.0)
     tie = shapes.rod((x, -ARM_Y, z), (x, ARM_Y, z), 0.045)
     gussets = [
         prism(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import shapely
 import trimesh
 
+from simgrab.world.scenery.grabs.four_rope.head import ROPE_Y, SHEAVE_RADIUS
+from simgrab.world.scenery.grabs.four_rope.linkage import HINGE_X
 from simgrab.world.scenery.meshes import shapes
-from simgrab.world.scenery.meshes.head import ROPE_Y, SHEAVE_RADIUS
-from simgrab.world.scenery.meshes.linkage import HINGE_X
 from simgrab.world.scenery.meshes.paint import Finish
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.meshes.shapes import block, circle, hull, join, pin, prism, rounded

@@ -6,12 +6,12 @@ import numpy as np
 import shapely
 import trimesh
 
+from simgrab.world.scenery.grabs.four_rope.linkage import HEAD_PIN
+from simgrab.world.scenery.grabs.four_rope.shells import ARM_Y
 from simgrab.world.scenery.meshes import shapes
-from simgrab.world.scenery.meshes.linkage import HEAD_PIN
 from simgrab.world.scenery.meshes.paint import Finish
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.meshes.shapes import block, circle, disc, hull, join, pin, prism, rod, rounded
-from simgrab.world.scenery.meshes.shells import ARM_Y
 
 ROPE_X, ROPE_Y = 0.20, 0.50  # half the spread of the four ropes
 TERMINATION_Z = 1.64

@@ -7,11 +7,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from simgrab.world.scenery import textures
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS
+from simgrab.world.scenery.grabs.four_rope.shells import HALF_WIDTH, back_curve
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.meshes.shapes import solid
-from simgrab.world.scenery.meshes.shells import HALF_WIDTH, back_curve
-
-CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
 
 _CLEARANCE = 0.012  # between the heap and the plates' inside
 _HALF_Y = HALF_WIDTH - 0.045

@@ -1,0 +1,607 @@
+"""Clamshell grabs of any size: rope-closed by a sliding beam and arms, single-rope, or hydraulic.
+
+The proportions of shells, beam and arms are those of `simgrab.world.scenery.grabs.four_rope`, a grab of 10.5 t for 24 t
+in all; plates, pins, sheaves and sockets have sizes of their own, which grow more slowly than the grab. The mass
+follows from the drawn steel.
+
+All is drawn closed, with the lips at z = 0; the outer shell is at +x.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+import trimesh
+
+from simgrab.geometry import Array
+from simgrab.scenario.grab import Clamshell
+from simgrab.world.scenery.grabs import kit
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.kit import Scale
+from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
+from simgrab.world.scenery.meshes import shapes
+from simgrab.world.scenery.meshes.paint import BARE
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.meshes.shapes import block, circle, hull, join, pin, prism, rod, rounded
+
+MAX_JAW = np.radians(57.0)
+
+# In units of `Scale`: half the closed width, the depth of the shells and half the closed width again.
+_CURVES = {
+    "round": ((0.0, 0.0), (0.43, 0.08), (0.98, 0.28), (1.0, 1.0)),
+    "angular": ((0.0, 0.0), (0.70, 0.02), (0.92, 0.35), (1.0, 1.0)),
+}
+_HALF_Y = 0.83
+_HINGE = (0.123, 1.073)
+_SHELL_PIN = (0.816, -0.024)  # from the hinge
+_HEAD_PIN = (0.448, 1.652)
+_CYLINDER_PIN = (0.20, 1.72)
+_ARM_Y = 0.66
+_GIRDER = (1.56, 1.78)
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+_GAP_M = 0.003
+_CLEARANCE_M = 0.02
+
+
+def clamshell(keys: Clamshell) -> Design:
+    """Return the design of a clamshell grab."""
+    return _Clam(keys).design()
+
+
+class _Clam:
+    def __init__(self, keys: Clamshell) -> None:
+        self.keys = keys
+        line = kit.curve(_CURVES[keys.shells], 60)
+        area = 2 * float(np.trapezoid(line[:, 0], line[:, 1]))
+        self.scale = s = Scale.of(keys, area * 2 * _HALF_Y)
+        self.curve = kit.curve([(x * s.x, z * s.z) for x, z in _CURVES[keys.shells]], 21)
+        self.plate = 0.012 + 0.008 * s.mean
+        self.half_y = _HALF_Y * s.y
+        self.hinge, self.head_pin, self.shell_pin = self._at(*_HINGE), self._at(*_HEAD_PIN), self._at(*_SHELL_PIN)
+        self.far_pin = self.hinge[0] + self.shell_pin[0], self.hinge[1] + self.shell_pin[1]
+        self.arm_y = (-_ARM_Y * s.y, _ARM_Y * s.y) if keys.arms == 4 or keys.drive == "hydraulic" else (0.0,)
+        self.sheave_r = 0.10 + 0.07 * s.mean
+        self.sheave_y = tuple(side * 0.34 * s.y + o for side in (-1, 1) for o in (-0.055, 0.055))
+
+    def _at(self, x: float, z: float) -> tuple[float, float]:
+        return x * self.scale.x, z * self.scale.z
+
+    def design(self) -> Design:
+        return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+
+    def _pair(
+        self, name: str, parts: list[Part], parent: str, pin: tuple[float, float], origin: tuple[float, float]
+    ) -> list[Body]:
+        """Outer body, drawn about (x, z), and the inner one, half a turn away."""
+        own = kit.placed(parts, (origin[0], 0.0, origin[1]))
+        other = [part.moved(_HALF_TURN) for part in own]
+        return [
+            kit.body(f"{name}_outer", own, parent, (pin[0], 0.0, pin[1])),
+            kit.body(f"{name}_inner", other, parent, (-pin[0], 0.0, pin[1])),
+        ]
+
+    def _roped(self) -> Design:
+        crank = SliderCrank(self.hinge, self.head_pin, self.shell_pin)
+        hx, hz = self.hinge
+        beam = kit.placed(self._beam(), (0.0, 0.0, hz))
+        bodies = [
+            kit.body("head", self._head()),
+            kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True),
+            *self._pair("shell", self._shell(), "beam", (hx, 0.0), self.hinge),
+            *self._pair("arms", self._arms(), "head", self.head_pin, self.head_pin),
+        ]
+
+        def positions(jaw: float) -> dict[str, float]:
+            state = crank.at(jaw)
+            return {
+                "beam": state.beam_z - hz,
+                "shell_outer": state.jaw_angle, "shell_inner": -state.jaw_angle,
+                "arms_outer": state.arm_angle, "arms_inner": -state.arm_angle,
+            }  # fmt: skip
+
+        ropes = self._ends()
+        r = 0.9 * self.sheave_r
+        falls = [((x, y, self._sheave_z), (x, y, self._beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
+        return kit.assembled(
+            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
+            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self._lips(), heaps=self._heaps(),
+        )  # fmt: skip
+
+    def _hydraulic(self) -> Design:
+        cylinder = Cylinder(self.hinge, self._at(*_CYLINDER_PIN), self.shell_pin)
+        start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
+        along = (end - start) / np.linalg.norm(end - start)
+        axis = (float(along[0]), 0.0, float(along[1]))
+        barrel, piston = self._cylinders(cylinder)
+        bodies = [
+            kit.body("head", [*self._head(), *self._column(), *self._beam()]),
+            *self._pair("shell", self._shell(), "head", self.hinge, self.hinge),
+            *self._pair("barrel", barrel, "head", cylinder.head_pin, cylinder.head_pin),
+        ]
+        own = kit.placed(piston, (start[0], 0.0, start[1]))
+        bodies += [
+            kit.body("piston_outer", own, "barrel_outer", axis=axis, slides=True),
+            kit.body(
+                "piston_inner",
+                [p.moved(_HALF_TURN) for p in own],
+                "barrel_inner",
+                axis=(-axis[0], 0.0, axis[2]),
+                slides=True,
+            ),
+        ]
+
+        def positions(jaw: float) -> dict[str, float]:
+            angle, out = cylinder.at(jaw)
+            return {
+                "shell_outer": -jaw, "shell_inner": jaw, "barrel_outer": angle, "barrel_inner": -angle,
+                "piston_outer": out, "piston_inner": out,
+            }  # fmt: skip
+
+        return kit.assembled(
+            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3, lips=self._lips(),
+            heaps=self._heaps(),
+        )  # fmt: skip
+
+    # The outer shell.
+
+    def _wrap(self, name: str, mesh: trimesh.Trimesh, *, inside: bool = False) -> Part:
+        material = BARE.lining if inside else BARE.shell
+        return kit.wrap(name, mesh, material, top=float(self.curve[-1, 1]), around=2 * self.half_y)
+
+    def _shell(self) -> list[Part]:
+        keys, t, hl, m = self.keys, self.plate, self.half_y, self.scale.mean
+        rib = 0.03 + 0.03 * m
+        parts = [
+            self._wrap("back", prism(kit.band(self.curve, 0.0, t), -hl, hl)),
+            self._wrap(
+                "lining", prism(kit.band(self.curve, -0.006, -0.0005), -hl + t + 0.001, hl - t - 0.001), inside=True
+            ),
+            self._wrap("sides", self._sides()),
+            Part("rim", self._rim(), BARE.body),
+            Part("lugs", self._shell_lugs(), BARE.body),
+            Part("lips", self._shell_lips(), BARE.lip),
+            Part("pins", self._shell_pins(), BARE.dark),
+        ]
+        count = round(9 * keys.plate_work)
+        if count:
+            one = prism(kit.band(self.curve, t - 0.003, t + rib, 2, 20), -0.012, 0.012)
+            parts.append(self._wrap("ribs", shapes.at_y(one, *np.linspace(-0.86 * hl, 0.86 * hl, count))))
+        if keys.plate_work > 0.3:
+            parts.append(
+                Part(
+                    "belt",
+                    prism(kit.band(self.curve, t - 0.003, t + rib - 0.005, 12, 14), -hl + 0.005, hl - 0.005),
+                    BARE.body,
+                )
+            )
+        if keys.top == "closed":
+            parts.append(Part("roof", self._roof(), BARE.body))
+        if keys.markings:
+            parts.append(
+                Part(
+                    "mark",
+                    prism(kit.band(self.curve, t - 0.002, t + 0.004, 15, 18), -0.95 * hl, -0.55 * hl),
+                    BARE.hazard,
+                )
+            )
+        return parts
+
+    def _outline(self) -> shapely.Polygon:
+        """Side plate: back curve, upper edge, and the ear that hangs on the pin."""
+        (hx, hz), (w, top) = self.hinge, self.curve[-1]
+        hollow = (
+            []
+            if self.keys.top == "closed"
+            else [(0.86 * w, 0.99 * top), (0.66 * w, 0.90 * top), (0.40 * w, 0.87 * top), (0.22 * w, 0.99 * top)]
+        )
+        body = shapely.Polygon([*map(tuple, self.curve), *hollow, (_GAP_M, 0.99 * top)])
+        ear = hull(
+            circle(hx, hz, 0.08 * self.scale.mean + 0.02), shapely.box(0.05 * w, 0.84 * top, 0.28 * w, 0.88 * top)
+        )
+        return shapely.union_all([body, ear]).intersection(shapely.box(_GAP_M, -1.0, 9.0, 9.0))
+
+    def _sides(self) -> trimesh.Trimesh:
+        outline, t, hl, m = self._outline(), self.plate, self.half_y, self.scale.mean
+        pieces = [prism(outline, hl - t, hl)]
+        frame = outline.difference(outline.buffer(-0.06 * m - 0.02)).intersection(
+            shapely.box(0.0, 0.1 * self.scale.z, 9, 9)
+        )
+        pieces += [prism(part, hl - 0.001, hl + 0.016) for part in _polygons(frame)]
+        w, top = self.curve[-1]
+        lines = [
+            ((0.20 * w, 0.95 * top), (0.72 * w, 0.35 * top)),
+            ((0.14 * w, 0.9 * top), (0.34 * w, 0.15 * top)),
+            ((0.30 * w, 0.75 * top), (0.94 * w, 0.62 * top)),
+        ]
+        for line in lines[: round(3 * self.keys.plate_work)]:
+            bar = shapely.LineString(line).buffer(0.012 + 0.004 * m, cap_style="flat").intersection(outline)
+            pieces += [prism(part, hl - 0.004, hl + 0.03 + 0.02 * m) for part in _polygons(bar)]
+        return shapes.mirrored_y(join(pieces))
+
+    def _rim(self) -> trimesh.Trimesh:
+        w, top = self.curve[-1]
+        deep, out = 0.08 * self.scale.mean + 0.04, 0.03 * self.scale.mean + 0.02
+        return prism(
+            rounded(shapely.box(w - 0.01, top - deep, w + self.plate + out, top), 0.01), -self.half_y, self.half_y
+        )
+
+    def _roof(self) -> trimesh.Trimesh:
+        """Roof from the rim to beside the beam."""
+        w, top = self.curve[-1]
+        inner = 0.34 * w
+        ridge = top + 0.25 * (w - inner) * 0.4
+        edge = [(w, top - 0.002), (inner, ridge)]
+        plate = shapely.LineString(edge).buffer(self.plate / 2, cap_style="flat")
+        kerb = shapely.box(inner - 0.01, ridge - 0.02, inner + 0.02, ridge + 0.08)
+        return join(
+            [
+                prism(plate, -self.half_y + self.plate, self.half_y - self.plate),
+                prism(kerb, -self.half_y + self.plate, self.half_y - self.plate),
+            ]
+        )
+
+    def _shell_lugs(self) -> trimesh.Trimesh:
+        (px, pz), (w, top), m = self.far_pin, self.curve[-1], self.scale.mean
+        foot = shapely.Polygon([(w, 0.70 * top), (w, 0.97 * top), (0.80 * w, 0.96 * top), (0.88 * w, 0.80 * top)])
+        eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
+        lug = join([prism(hull(circle(px, pz, eye), foot), -0.012, 0.012), pin(px, pz, -0.02, 0.02, 0.7 * eye)])
+        ear = pin(*self.hinge, self.half_y - 0.05, self.half_y + 0.03, 0.06 * m + 0.02)
+        return join([shapes.at_y(lug, *(y + o for y in self.arm_y for o in (-apart, apart))), shapes.mirrored_y(ear)])
+
+    def _shell_pins(self) -> trimesh.Trimesh:
+        m, (px, pz) = self.scale.mean, self.far_pin
+        apart, radius = 0.05 * m + 0.035, 0.022 * m + 0.012
+        hinge = shapes.mirrored_y(pin(*self.hinge, self.half_y - 0.10, self.half_y + 0.05, 0.03 * m + 0.02, 0.02))
+        return join([hinge, shapes.at_y(pin(px, pz, -apart, apart, radius, 0.014), *self.arm_y)])
+
+    def _shell_lips(self) -> trimesh.Trimesh:
+        hl, m, keys = self.half_y, self.scale.mean, self.keys
+        lip = kit.band(self.curve, -0.008, self.plate + 0.018, 0, 5)
+        pieces = [prism(lip, -hl - 0.012, hl + 0.012)]
+        flank = shapely.LineString([(0.03 * m, 0.05 * m), (0.03 * m, 0.86 * self.curve[-1, 1])]).buffer(
+            0.028 * m + 0.004, cap_style="flat"
+        )
+        side = flank.intersection(shapely.box(_GAP_M, 0, 9, 9))
+        pieces.append(shapes.mirrored_y(prism(side, hl - self.plate - 0.006, hl + 0.02)))
+        if keys.teeth:
+            pitch = 2 * hl / keys.teeth
+            tooth = shapely.Polygon(
+                [(_GAP_M, 0.10 * m), (_GAP_M, -0.09 * m), (0.05 * m, -0.05 * m), (0.13 * m, 0.06 * m)]
+            )
+            # The other shell's teeth come between: half a turn takes y to −y.
+            pieces += [
+                prism(tooth, y - 0.17 * pitch, y + 0.17 * pitch) for y in -hl + pitch * (np.arange(keys.teeth) + 0.25)
+            ]
+        return join(pieces)
+
+    # Arms or cylinders, closed.
+
+    def _arms(self) -> list[Part]:
+        m, start, end = self.scale.mean, self.head_pin, self.far_pin
+        eye, half = 0.045 * m + 0.025, 0.035 * m + 0.012
+        wide = 2.6 if self.keys.arms == 2 else 1.0
+        bar = hull(circle(*start, 0.8 * eye), circle(*end, 0.8 * eye))
+        web = shapely.union_all([bar, circle(*start, eye), circle(*end, eye)])
+        inner = hull(circle(*start, 0.45 * eye), circle(*end, 0.45 * eye))
+        flange = bar.difference(inner)
+        arm = join(
+            [
+                prism(web, -0.012, 0.012),
+                *(prism(part, -half * wide, half * wide) for part in _polygons(flange)),
+                *(pin(x, z, -half, half, 1.02 * eye) for x, z in (start, end)),
+            ]
+        )
+        parts = [Part("arms", shapes.at_y(arm, *self.arm_y), BARE.body)]
+        if len(self.arm_y) == 2:
+            x, z = (0.5 * (a + b) for a, b in zip(start, end, strict=True))
+            parts.append(Part("tie", rod((x, self.arm_y[0], z), (x, self.arm_y[1], z), 0.03 * m + 0.012), BARE.body))
+        return parts
+
+    def _cylinders(self, cylinder: Cylinder) -> tuple[list[Part], list[Part]]:
+        start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
+        length, m = cylinder.length_m(0.0), self.scale.mean
+        shortest = min(cylinder.length_m(j) for j in np.linspace(0.0, MAX_JAW, 30))
+        reach, radius = min(0.82 * shortest, 0.75 * length) / length, 0.05 * m + 0.025
+
+        def at(share: float) -> tuple[float, float, float]:
+            x, z = start + share * (end - start)
+            return float(x), 0.0, float(z)
+
+        tube = join(
+            [
+                rod(at(0.0), at(reach), radius, 14),
+                rod(at(reach - 0.06), at(reach), 1.12 * radius, 14),
+                pin(start[0], start[1], -1.3 * radius, 1.3 * radius, radius),
+            ]
+        )
+        stem = join(
+            [rod(at(0.3 * reach), at(1.0), 0.5 * radius, 12), pin(end[0], end[1], -radius, radius, 0.9 * radius)]
+        )
+        return [Part("barrel", shapes.at_y(tube, *self.arm_y), BARE.body)], [
+            Part("piston", shapes.at_y(stem, *self.arm_y), BARE.lip)
+        ]
+
+    # Beam between the shells' pins, closed.
+
+    @property
+    def _beam_sheave_z(self) -> float:
+        return self.hinge[1] + 0.10 * self.scale.z
+
+    def _beam(self) -> list[Part]:
+        (hx, hz), s, m = self.hinge, self.scale, self.scale.mean
+        web_x, end_y, t = 0.205 * s.x, self.half_y - 0.06, 0.010 + 0.008 * m
+        low, high = hz - 0.10 * s.z, hz + 0.115 * s.z
+        side = shapely.Polygon(
+            [
+                (-end_y, low + 0.03),
+                (-0.75 * end_y, low),
+                (0.75 * end_y, low),
+                (end_y, low + 0.03),
+                (end_y, hz + 0.08 * s.z),
+                (0.7 * end_y, high),
+                (-0.7 * end_y, high),
+                (-end_y, hz + 0.08 * s.z),
+            ]
+        )
+        web = prism(side, web_x - t, web_x, "x")
+        flange = block((web_x - 0.01, -0.7 * end_y, high - 0.012), (web_x + 0.05 * s.x, 0.7 * end_y, high + 0.006))
+        foot = block((web_x - 0.01, -0.75 * end_y, low - 0.006), (web_x + 0.04 * s.x, 0.75 * end_y, low + 0.014))
+        flank = join([web, flange, foot])
+        belly = block((-web_x, -0.75 * end_y, low), (web_x, 0.75 * end_y, low + t))
+        eye = 0.07 * m + 0.03
+        plate = rounded(
+            hull(
+                circle(-hx, hz, eye), circle(hx, hz, eye), shapely.box(-web_x, hz - 0.05 * s.z, web_x, hz + 0.08 * s.z)
+            ),
+            0.02,
+        )
+        ends = [prism(plate, end_y - 0.03, end_y), prism(plate, 0.86 * end_y, 0.86 * end_y + 0.02)]
+        ends += [pin(x, hz, 0.84 * end_y, end_y + 0.006, 0.05 * m + 0.025) for x in (-hx, hx)]
+        roof = prism(
+            shapely.Polygon(
+                [
+                    (-1.2 * web_x, high),
+                    (0, high + 0.09 * s.z),
+                    (1.2 * web_x, high),
+                    (1.2 * web_x, high - 0.015),
+                    (-1.2 * web_x, high - 0.015),
+                ]
+            ),
+            -0.18 * s.y,
+            0.18 * s.y,
+        )
+        parts = [
+            Part("webs", join([flank, shapes.half_turn(flank), belly]), BARE.body),
+            Part("roof", roof, BARE.body),
+            Part("ends", shapes.mirrored_y(join(ends)), BARE.hazard if self.keys.markings else BARE.body),
+        ]
+        if self.keys.drive == "ropes":
+            z = self._beam_sheave_z
+            parts.append(
+                Part(
+                    "sheaves", join(shapes.sheave((0.0, y, z), self.sheave_r, 0.017) for y in self.sheave_y), BARE.dark
+                )
+            )
+            shaft = pin(0.0, z, -0.14, 0.14, 0.03 * m + 0.02, 0.02)
+            parts.append(Part("shafts", shapes.at_y(shaft, -0.34 * s.y, 0.34 * s.y), BARE.dark))
+        return parts
+
+    # Head, closed.
+
+    @property
+    def _sheave_z(self) -> float:
+        return 1.66 * self.scale.z
+
+    @property
+    def _deck_z(self) -> float:
+        return _GIRDER[1] * self.scale.z + 0.02
+
+    @property
+    def _shackle_r(self) -> float:
+        return 0.07 + 0.06 * self.scale.mean
+
+    def _ends(self) -> Array:
+        height = 5.4 * self._shackle_r if self.keys.ropes == 1 else 0.42
+        return kit.ends(self.keys.ropes, max(0.9 * self.sheave_r, 0.14), 0.34 * self.scale.y, self._deck_z + height)
+
+    def _head(self) -> list[Part]:
+        keys, s = self.keys, self.scale
+        body = {"frame": self._frame, "block": self._block, "round": self._drum}[keys.head]()
+        parts = [Part("head_body", body, BARE.body), Part("head_lugs", self._head_lugs(), BARE.body)]
+        deck, half_x, half_y = self._deck_z, 0.36 * s.x, 0.72 * s.y
+        ropes = self._ends()
+        closing = kit.closing(len(ropes)) if keys.drive == "ropes" else ()
+        if keys.ropes == 1:
+            foot = block(
+                (-0.7 * self._shackle_r, -0.7 * self._shackle_r, deck - 0.05),
+                (0.7 * self._shackle_r, 0.7 * self._shackle_r, deck + 0.01),
+                0.01,
+            )
+            parts.append(Part("shackle", join([kit.shackle(deck, self._shackle_r), foot]), BARE.dark))
+        for i, end in enumerate(ropes if keys.ropes > 1 else []):
+            name = "guide" if i in closing else "socket"
+            parts.append(
+                Part(f"{name}_{i}", kit.guide(end, 0.41) if i in closing else kit.socket(end, 0.44), BARE.dark)
+            )
+        if keys.drive == "ropes":
+            parts.append(
+                Part(
+                    "sheaves",
+                    join(shapes.sheave((0.0, y, self._sheave_z), self.sheave_r, 0.017) for y in self.sheave_y),
+                    BARE.dark,
+                )
+            )
+            shaft = pin(0.0, self._sheave_z, -0.15, 0.15, 0.03 * s.mean + 0.02, 0.02)
+            parts.append(Part("shafts", shapes.at_y(shaft, -0.34 * s.y, 0.34 * s.y), BARE.dark))
+        else:
+            tank = block((-0.30 * s.x, -0.62 * s.y, deck - 0.02), (0.30 * s.x, -0.44 * s.y, deck + 0.20 * s.z), 0.015)
+            motor = rod((0.0, 0.44 * s.y, deck + 0.09 * s.z), (0.0, 0.64 * s.y, deck + 0.09 * s.z), 0.10 * s.mean, 16)
+            parts += [Part("tank", tank, BARE.body), Part("motor", motor, BARE.dark)]
+        if keys.markings:
+            band = block(
+                (0.9 * half_x, -0.6 * half_y, deck - 0.14 * s.z),
+                (0.9 * half_x + 0.02, 0.6 * half_y, deck - 0.04 * s.z),
+                0.003,
+            )
+            both = join([band, shapes.half_turn(band)]) if keys.head != "round" else None
+            parts += [Part("fascia", both, BARE.hazard)] if both is not None else []
+            edge = -(0.51 * s.y if keys.head == "round" else half_y - 0.03)
+            plate = kit.plate_part(
+                "number",
+                (-0.16 * s.x, edge, deck - 0.001),
+                (0.16 * s.x, edge + 0.10 * s.y, deck + 0.010),
+            )
+            parts += [plate, plate.moved(_HALF_TURN, "number_inner")]
+        if keys.guards:
+            corners = [(sx * half_x, sy * half_y) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+            parts.append(Part("rail", kit.rail(corners, deck - 0.01, 0.55), BARE.hazard))
+        if keys.ladder:
+            parts.append(Part("ladder", kit.ladder(0.0, 0.17, half_y + 0.06, deck - 0.35 * s.z, deck), BARE.hazard))
+        return parts
+
+    def _openings(self) -> list[shapely.Polygon]:
+        """Where the deck is open over the sheaves."""
+        if self.keys.drive == "hydraulic":
+            return []
+        r, y = 1.2 * self.sheave_r, 0.34 * self.scale.y
+        return [shapely.box(-r, side * y - 0.11, r, side * y + 0.11) for side in (-1, 1)]
+
+    def _deck(self, outline: shapely.Polygon) -> trimesh.Trimesh:
+        plate = outline.difference(shapely.union_all(self._openings())) if self._openings() else outline
+        kerb = outline.difference(outline.buffer(-0.025))
+        return join(
+            [
+                prism(plate, self._deck_z - 0.02, self._deck_z, "z"),
+                prism(kerb, self._deck_z - 0.002, self._deck_z + 0.04, "z"),
+            ]
+        )
+
+    def _frame(self) -> trimesh.Trimesh:
+        """Two girders along y with cross girders, and a deck."""
+        s = self.scale
+        low, high = (z * s.z for z in _GIRDER)
+        height, x, hy = high - low, 0.29 * s.x, 0.72 * s.y
+        girder = shapes.i_section(height, 0.11 * s.x, 0.02 + 0.005 * s.mean, 0.02 + 0.005 * s.mean)
+        cross = shapes.i_section(0.9 * height, 0.08 * s.x, 0.02, 0.02)
+        z = (low + high) / 2
+        along = [shapes.profile(girder, (side * x, -hy, z), (side * x, hy, z)) for side in (-1, 1)]
+        across = [
+            shapes.profile(cross, (-x, y, z), (x, y, z)) for y in np.array([-0.95, -0.70, -0.16, 0.16, 0.70, 0.95]) * hy
+        ]
+        corner = shapely.box(-0.36 * s.x, -hy, 0.36 * s.x, hy)
+        return join([*along, *across, self._deck(rounded(corner, 0.10 * s.x))])
+
+    def _block(self) -> trimesh.Trimesh:
+        """Return a closed box with sloping ends."""
+        s = self.scale
+        low, high = _GIRDER[0] * s.z, self._deck_z - 0.019
+        hy = 0.72 * s.y
+        points = [
+            (sx * x, sy * y, z)
+            for x, y, z in (
+                (0.30 * s.x, 0.80 * hy, low),
+                (0.36 * s.x, hy, low + 0.4 * (high - low)),
+                (0.36 * s.x, hy, high),
+            )
+            for sx in (-1, 1)
+            for sy in (-1, 1)
+        ]
+        whole = shapely.box(-0.36 * s.x, -hy, 0.36 * s.x, hy)
+        if self.keys.drive == "hydraulic":
+            return join([shapes.convex(points), self._deck(whole)])
+        sides = shapely.Polygon(
+            [
+                (-0.8 * hy, low),
+                (0.8 * hy, low),
+                (hy, low + 0.4 * (high - low)),
+                (hy, high),
+                (-hy, high),
+                (-hy, low + 0.4 * (high - low)),
+            ]
+        )
+        walls = [prism(sides, x - 0.02, x, "x") for x in (-0.34 * s.x, 0.36 * s.x)]
+        ends = [
+            block((-0.35 * s.x, y - 0.02, low + 0.4 * (high - low)), (0.35 * s.x, y, high), 0.004)
+            for y in (-hy + 0.02, hy)
+        ]
+        middle = block((-0.35 * s.x, -0.18 * s.y, low), (0.35 * s.x, 0.18 * s.y, high), 0.01)
+        return join([*walls, *ends, middle, self._deck(whole)])
+
+    def _drum(self) -> trimesh.Trimesh:
+        """Round crown on a cross beam that carries the arms."""
+        s = self.scale
+        low, high, hy = _GIRDER[0] * s.z, self._deck_z - 0.019, 0.72 * s.y
+        outline = shapely.affinity.scale(circle(0.0, 0.0, 1.0, 8), 0.40 * s.x, 0.56 * s.y)
+        ring = outline.difference(outline.buffer(-0.03))
+        beam = [
+            block(
+                (side * 0.26 * s.x - 0.05 * s.x, -hy, low),
+                (side * 0.26 * s.x + 0.05 * s.x, hy, low + 0.6 * (high - low)),
+                0.01,
+            )
+            for side in (-1, 1)
+        ]
+        ties = [
+            block((-0.30 * s.x, y - 0.03, low + 0.02), (0.30 * s.x, y + 0.03, low + 0.5 * (high - low)), 0.005)
+            for y in (-0.95 * hy, 0.95 * hy)
+        ]
+        return join([prism(ring, low, high, "z"), *beam, *ties, self._deck(outline)])
+
+    def _head_lugs(self) -> trimesh.Trimesh:
+        s, m = self.scale, self.scale.mean
+        x, z = self.head_pin if self.keys.drive == "ropes" else self._at(*_CYLINDER_PIN)
+        low, high = (v * s.z for v in _GIRDER)
+        eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
+        foot = shapely.box(0.22 * s.x, low + 0.01, 0.32 * s.x, high - 0.01)
+        lug = join([prism(hull(circle(x, z, eye), foot), -0.012, 0.012), pin(x, z, -0.02, 0.02, 0.7 * eye)])
+        both = shapes.at_y(lug, *(y + o for y in self.arm_y for o in (-apart, apart)))
+        bolts = shapes.at_y(pin(x, z, -apart - 0.02, apart + 0.02, 0.022 * m + 0.012, 0.014), *self.arm_y)
+        one = join([both, bolts])
+        return join([one, shapes.half_turn(one)])
+
+    def _column(self) -> list[Part]:
+        """Column of a hydraulic grab, from the head down to the shells' hinges."""
+        s = self.scale
+        low, high = self.hinge[1], _GIRDER[0] * s.z + 0.03
+        walls = block((-0.18 * s.x, -0.52 * s.y, low), (0.18 * s.x, 0.52 * s.y, high), 0.015)
+        return [Part("column", walls, BARE.body)]
+
+    def _lips(self) -> dict[str, Array]:
+        (hx, hz), hl = self.hinge, self.half_y
+        outer = np.array([(_GAP_M - hx, hl, -hz), (_GAP_M - hx, -hl, -hz)])
+        return {"shell_outer": outer, "shell_inner": (outer * (-1.0, -1.0, 1.0))[::-1]}
+
+    def _heaps(self) -> Heaps:
+        line, top = self.curve, float(self.curve[-1, 1])
+        half_y = self.half_y - self.plate - _CLEARANCE_M
+        u, v = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 37), indexing="ij")
+        heaped = 0.0 if self.keys.top == "closed" else 1.0
+
+        def make(cargo: str, rng: np.random.Generator) -> list[Part]:
+            made = []
+            for level in CARGO_LEVELS:
+                rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0))
+                shoulder = top * (0.30 + 0.52 * level)
+                edge = float(np.interp(shoulder - 0.06 * top, line[:, 1], line[:, 0])) - 2.5 * _CLEARANCE_M
+                x = edge * u
+                floor = (
+                    np.interp(np.abs(x), np.maximum.accumulate(line[:, 0]) - _CLEARANCE_M, line[:, 1]) + _CLEARANCE_M
+                )
+                fade = (1 - u**4) * (1 - v**6)
+                crest = (
+                    shoulder
+                    + (0.06 + 0.08 * heaped) * top * (1 - np.abs(u) ** 1.6) * (1 - v**2)
+                    - 0.05 * top * np.abs(v) ** 3
+                )
+                crest = crest + rough * fade
+                low = np.minimum(floor, crest - 0.02)
+                made.append(kit.heap(*(np.stack([x, half_y * v, z], axis=-1) for z in (crest, low))))
+            return kit.heap_parts(made, cargo)
+
+        return make
+
+
+def _polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    """Parts of a shape that have an area."""
+    parts = getattr(shape, "geoms", [shape])
+    return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 1e-6]

@@ -1,0 +1,198 @@
+"""What a grab is to the rest of simgrab: rigid bodies on joints, ropes, cargo, mass.
+
+Grab frame: origin A, fixed in the head's steel, on the ropes' common axis at half the height of the closed grab; z up
+along the ropes, x across the closing line of the jaws, y along it. The bodies' frames are parallel to it when the grab
+is closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.world.scenery.grabs.weight import Mass, Weight, weighed
+from simgrab.world.scenery.meshes.part import Part
+
+#: Fills of the closed grab for which there is a heap.
+CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
+AIR_DRAG = 1.3  # drag coefficient of a body of plates and bars
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body of a grab.
+
+    Attributes
+    ----------
+    name : str
+    mass_kg : float
+    parts : sequence of Part
+        Watertight, in the body's frame. A material's name is that of a field of `simgrab.world.scenery.meshes.paint`'s
+        ``Finish``, which paints it; a material of any other name is drawn as it is.
+    parent : str
+        Body that it is hinged to, or slides in; empty for the first one, the head, whose frame is the grab frame.
+    pin : tuple of 3 floats
+        Origin of the frame in the parent's when the grab is closed, m.
+    axis : tuple of 3 floats
+        Unit vector that it turns about or slides along, in its own frame.
+    slides : bool
+    """
+
+    name: str
+    mass_kg: float
+    parts: Sequence[Part]
+    parent: str = ""
+    pin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    slides: bool = False
+
+    @cached_property
+    def steel(self) -> trimesh.Trimesh:
+        """All parts as one mesh."""
+        return trimesh.util.concatenate([part.mesh for part in self.parts])
+
+
+Heaps = Callable[[str, np.random.Generator], Sequence[Part]]
+
+
+def _no_heaps(_cargo: str, _rng: np.random.Generator) -> Sequence[Part]:
+    return ()
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A kind and size of grab.
+
+    Attributes
+    ----------
+    bodies : sequence of Body
+        The head first; parents come before their children.
+    positions : callable
+        Joint positions by the name of the body for an opening of the jaws, rad: rad for a hinge, m for a slide; all
+        are 0 at 0.
+    max_jaw : float
+        Widest opening, rad; 0 where nothing moves.
+    terminations : ndarray, shape (n, 3)
+        Where the ropes end in the head, grab frame, m: 1, 2 or 4 of them, seen from above counter-clockwise from
+        (+x, +y).
+    closing : sequence of int
+        Which of the ropes close the jaws; the others hold the head. Empty where the jaws have a drive of their own.
+    falls : ndarray, shape (k, 2, 3)
+        Pieces of the closing ropes inside the grab: upper end in the head's frame, lower end in that of ``falls_to``.
+    falls_to : str
+        Name of a body.
+    lips : mapping of str to ndarray, shape (n, 3)
+        Ends of the cutting edges, by body and in its frame, in the order of the keypoints ``lip_…``; four at most in
+        all.
+    heaps : callable
+        Cargo in the closed grab, by its name and random numbers: a part in the grab frame for each of `CARGO_LEVELS`,
+        or none for a grab that holds no cargo.
+    cargo_kg : float
+        Mass of what the full grab holds.
+    weight : Weight, optional
+        Worked out from the bodies and heaps unless given.
+    drag_area_m2 : float, optional
+        Cd·A, m²; worked out from the closed grab's outline unless given.
+    """
+
+    bodies: Sequence[Body]
+    positions: Callable[[float], Mapping[str, float]]
+    max_jaw: float
+    terminations: Array
+    closing: Sequence[int] = ()
+    falls: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    falls_to: str = ""
+    lips: Mapping[str, Array] = field(default_factory=dict)
+    heaps: Heaps = _no_heaps
+    cargo_kg: float = 0.0
+    weight: Weight | None = None
+    drag_area_m2: float | None = None
+
+    @cached_property
+    def holds_cargo(self) -> bool:
+        """Whether it holds cargo when it is closed."""
+        return len(self.heaps("coal", np.random.default_rng(0))) > 0
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the empty grab."""
+        return sum(body.mass_kg for body in self.bodies)
+
+    def frames(self, jaw: float) -> dict[str, NDArray[np.float64]]:
+        """Return ``grab_from_body``, shape (4, 4), of every body, for an opening of the jaws, rad."""
+        if not 0.0 <= jaw <= self.max_jaw:
+            raise ValueError(f"jaw is {jaw!r} rad; it must lie in [0, {self.max_jaw:.4f}]")
+        positions = self.positions(jaw)
+        found: dict[str, NDArray[np.float64]] = {}
+        for body in self.bodies:
+            local = np.eye(4)
+            local[:3, 3] = body.pin
+            if body.slides:
+                local[:3, 3] += positions[body.name] * np.array(body.axis)
+            elif body.parent:
+                local[:3, :3] = _turn(body.axis, positions[body.name])
+            found[body.name] = found[body.parent] @ local if body.parent else local
+        return found
+
+    def closing_rope_m(self, jaw: float) -> float:
+        """Length that each closing rope has paid out, on top of a holding rope's, to open the jaws by so many rad."""
+        if not len(self.falls) or not self.closing:
+            return 0.0
+        opened, closed = (
+            np.linalg.norm(self.falls[:, 1] + self.frames(j)[self.falls_to][:3, 3] - self.falls[:, 0], axis=1).sum()
+            for j in (jaw, 0.0)
+        )
+        return float(opened - closed) / len(self.closing)
+
+    def mass_of(self, jaw: float, load: float) -> Mass:
+        """Mass, its centre and moments of inertia at an opening of the jaws, rad, and a fill, 0 to 1."""
+        return self._weight.at(jaw, load)
+
+    @cached_property
+    def _weight(self) -> Weight:
+        if self.weight:
+            return self.weight
+        heaps = dict(zip(CARGO_LEVELS, self.heaps("coal", np.random.default_rng(0)), strict=False))
+        jaws = np.linspace(0.0, self.max_jaw, 5).tolist() if self.max_jaw else [0.0]
+        bodies = [(body.name, body.steel, body.mass_kg) for body in self.bodies]
+        return weighed(
+            [(jaw, [(steel, mass, frames[name]) for name, steel, mass in bodies])
+             for jaw, frames in ((jaw, self.frames(jaw)) for jaw in jaws)],
+            {level: heap.mesh for level, heap in heaps.items()},
+            self.cargo_kg,
+        )  # fmt: skip
+
+    @cached_property
+    def cd_a_m2(self) -> float:
+        """Drag coefficient times the area that the closed grab shows to the wind, the mean over all directions, m²."""
+        if self.drag_area_m2 is not None:
+            return self.drag_area_m2
+        frames = self.frames(0.0)
+        points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies])
+        # The mean outline of a convex body upright, over all horizontal directions, by eight of them.
+        areas = [_outline_area(points @ _across(a)) for a in np.arange(8) * np.pi / 8]
+        return AIR_DRAG * float(np.mean(areas))
+
+
+def _across(azimuth: float) -> Array:
+    """Axes (3, 2) of the picture that a horizontal view shows."""
+    return np.array([[np.cos(azimuth), 0.0], [np.sin(azimuth), 0.0], [0.0, 1.0]])
+
+
+def _outline_area(points: Array) -> float:
+    """Area of the convex hull of points, shape (n, 2)."""
+    return float(shapely.convex_hull(shapely.MultiPoint(points)).area)
+
+
+def _turn(axis: Sequence[float], angle: float) -> Array:
+    """Rotation matrix about a unit vector."""
+    a, c, s = np.array(axis), np.cos(angle), np.sin(angle)
+    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    return np.asarray(c * np.eye(3) + (1.0 - c) * np.outer(a, a) + s * cross)

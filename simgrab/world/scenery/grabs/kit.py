@@ -1,0 +1,302 @@
+"""What parametric grabs have in common: proportions, pieces of steel, and how bodies become a design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array, rotation_z
+from simgrab.scenario.grab import Shaped
+from simgrab.world.scenery import textures
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.meshes import shapes
+from simgrab.world.scenery.meshes.paint import BARE
+from simgrab.world.scenery.meshes.part import Material, Part
+from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism, rod, solid
+
+STEEL_KG_M3 = 7850.0
+MASS_FACTOR = 0.95  # over that of the drawn solids, which overlap: a clamshell of 7.8 m³ then has 10.5 t
+LUMPS_M = {"coal": 0.045, "ore": 0.028, "grain": 0.010, "bauxite": 0.024, "sulphur": 0.014}
+CARGO_KG_M3 = 850.0  # coal, as the grab's size is stated for
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Sizes of a grab, in units of its kind's usual proportions.
+
+    Attributes
+    ----------
+    x, y, z : float
+        Metres a unit, along the axes of the grab frame.
+    """
+
+    x: float
+    y: float
+    z: float
+
+    @classmethod
+    def of(cls, keys: Shaped, unit_m3: float, *, round_: bool = False) -> Scale:
+        """Scale a kind whose usual shape holds ``unit_m3`` cubic units; ``round_`` keeps x and y alike."""
+        ratios = np.array([keys.width, keys.length, keys.height])
+        if round_:
+            ratios[:2] = np.sqrt(keys.width * keys.length)
+        ratios *= np.cbrt(keys.volume_m3 / unit_m3 / ratios.prod())
+        return cls(*(float(r) for r in ratios))
+
+    @property
+    def mean(self) -> float:
+        """Metres a unit of what stays round."""
+        return float(np.cbrt(self.x * self.y * self.z))
+
+
+def body(
+    name: str,
+    parts: Sequence[Part],
+    parent: str = "",
+    pin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    axis: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    *,
+    slides: bool = False,
+) -> Body:
+    """Make a body of parts that are given where they are in the closed grab; ``pin`` is in the parent's frame."""
+    mass = STEEL_KG_M3 * MASS_FACTOR * sum(float(part.mesh.volume) for part in parts)
+    return Body(name, mass, parts, parent, pin, axis, slides=slides)
+
+
+def placed(parts: Sequence[Part], origin: Sequence[float]) -> list[Part]:
+    """Move parts from the closed grab into the frame of a body whose origin is there."""
+    pose = np.eye(4)
+    pose[:3, 3] = -np.asarray(origin)
+    return [part.moved(pose) for part in parts]
+
+
+def turned(parts: Sequence[Part], azimuth: float) -> list[Part]:
+    """Turn parts about z, rad."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_z(azimuth)
+    return [part.moved(pose) for part in parts]
+
+
+def assembled(
+    bodies: Sequence[Body],
+    positions: Callable[[float], Mapping[str, float]],
+    max_jaw: float,
+    terminations: Array,
+    *,
+    volume_m3: float,
+    closing: Sequence[int] = (),
+    falls: Array | None = None,
+    lips: Mapping[str, Array] | None = None,
+    heaps: Heaps,
+) -> Design:
+    """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
+
+    Heights of the head, of what is pinned to it, of terminations, upper ends of falls and heaps are above z = 0.
+    """
+    falls = np.zeros((0, 2, 3)) if falls is None else falls
+    rough = Design(bodies, positions, max_jaw, terminations)
+    frames = rough.frames(0.0)
+    bounds = [trimesh.transform_points(b.steel.vertices, frames[b.name])[:, 2] for b in bodies]
+    low, high = min(float(z.min()) for z in bounds), max(float(z.max()) for z in bounds)
+    down = np.array([0.0, 0.0, -(low + high) / 2])
+    pose = np.eye(4)
+    pose[:3, 3] = down
+    head, *others = bodies
+    shifted = [replace(head, parts=[part.moved(pose) for part in head.parts])]
+    for one in others:
+        x, y, z = one.pin
+        shifted.append(replace(one, pin=(x, y, z + float(down[2]))) if one.parent == head.name else one)
+
+    def lowered(cargo: str, rng: np.random.Generator) -> list[Part]:
+        return [part.moved(pose) for part in heaps(cargo, rng)]
+
+    return replace(
+        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips or {},
+        falls=falls + np.array([down, (0.0, 0.0, 0.0)]), falls_to="beam" if len(falls) else "",
+        heaps=lowered, cargo_kg=volume_m3 * CARGO_KG_M3,
+    )  # fmt: skip
+
+
+def widest(positions: Callable[[float], object], most: float) -> float:
+    """Return the widest opening up to ``most``, rad, for which a linkage has a position."""
+    for jaw in np.arange(most, 0.2, -np.radians(1.0)):
+        try:
+            positions(float(jaw))
+        except ValueError:
+            continue
+        return float(jaw)
+    raise ValueError("the linkage does not open")
+
+
+def ends(count: int, half_x: float, half_y: float, z: float) -> Array:
+    """Return where 1, 2 or 4 ropes end, shape (count, 3)."""
+    at = {
+        1: [(0.0, 0.0)],
+        2: [(0.0, half_y), (0.0, -half_y)],
+        4: [(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)],
+    }[count]
+    return np.array([(x, y, z) for x, y in at])
+
+
+def closing(count: int) -> tuple[int, ...]:
+    """Return which of the ropes close the jaws: none of one, the second of two, every other of four."""
+    return tuple(range(1, count, 2))
+
+
+def socket(end: Array, height: float) -> trimesh.Trimesh:
+    """Return a rope's socket below its end, on a pin between two cheeks that stand ``height`` below."""
+    x, y, z = (float(v) for v in end)
+    cone = [(0.004, -0.16), (0.058, -0.16), (0.062, -0.14), (0.040, -0.02), (0.030, 0.0), (0.004, 0.0)]
+    top = trimesh.creation.revolve(np.array([*cone, cone[0]]), sections=12)
+    top.apply_translation((x, y, z))
+    fork = prism(
+        hull(circle(x, z - 0.26, 0.05), shapely.box(x - 0.045, z - 0.17, x + 0.045, z - 0.14)), y - 0.05, y + 0.05
+    )
+    foot = shapely.box(x - 0.09, z - height, x + 0.09, z - height + 0.05)
+    cheeks = [prism(hull(circle(x, z - 0.26, 0.06), foot), y + o - 0.012, y + o + 0.012) for o in (-0.075, 0.075)]
+    return join([top, fork, *cheeks, pin(x, z - 0.26, y - 0.10, y + 0.10, 0.026, 0.012)])
+
+
+def guide(end: Array, height: float) -> trimesh.Trimesh:
+    """Return the cage and funnel through which a closing rope enters the head at its end, ``height`` above the deck."""
+    x, y, z = (float(v) for v in end)
+    low = z - height
+    plates = [
+        shapes.block((x - 0.12, y + o - 0.008, low), (x + 0.12, y + o + 0.008, z - 0.04), 0.003) for o in (-0.1, 0.1)
+    ]
+    plates += [
+        shapes.block((x + o - 0.008, y - 0.1, low), (x + o + 0.008, y + 0.1, z - 0.04), 0.003) for o in (-0.112, 0.112)
+    ]
+    ring = [(0.045, -0.055), (0.115, -0.02), (0.125, 0.02), (0.118, 0.022), (0.108, -0.01), (0.035, -0.042)]
+    mouth = trimesh.creation.revolve(np.array([*ring, ring[0]]), sections=16)
+    if mouth.volume < 0:
+        mouth.invert()
+    mouth.apply_translation((x, y, z - 0.03))
+    return join([*plates, mouth])
+
+
+def shackle(z: float, radius: float) -> trimesh.Trimesh:
+    """Return a swivel and shackle, and the hook block above them, on the axis from ``z`` upwards; 5.5 radii high."""
+    stem = rod((0, 0, z), (0, 0, z + 1.2 * radius), 0.45 * radius, 14)
+    bow = join(
+        rod(_on_bow(a, radius, z), _on_bow(b, radius, z), 0.2 * radius, 8)
+        for a, b in pairwise(np.linspace(-2.2, 2.2, 9).tolist())
+    )
+    block = shapes.block(
+        (-0.55 * radius, -0.9 * radius, z + 2.6 * radius),
+        (0.55 * radius, 0.9 * radius, z + 5.2 * radius),
+        0.15 * radius,
+    )
+    wheel = shapes.sheave((0.0, 0.0, z + 4.2 * radius), 1.15 * radius, 0.018)
+    return join([stem, bow, block, wheel])
+
+
+def _on_bow(angle: float, radius: float, z: float) -> tuple[float, float, float]:
+    return float(0.75 * radius * np.sin(angle)), 0.0, float(z + 1.9 * radius + 0.9 * radius * np.cos(angle))
+
+
+def ladder(x: float, half_width: float, y: float, low: float, high: float) -> trimesh.Trimesh:
+    """Return a ladder in a plane of constant y."""
+    sides = [rod((x + s * half_width, y, low), (x + s * half_width, y, high), 0.018, 8) for s in (-1, 1)]
+    rungs = [
+        rod((x - half_width, y, z), (x + half_width, y, z), 0.013, 8) for z in np.arange(low + 0.1, high - 0.02, 0.28)
+    ]
+    return join([*sides, *rungs])
+
+
+def rail(corners: Sequence[tuple[float, float]], z: float, height: float) -> trimesh.Trimesh:
+    """Return a hand rail round the corners (x, y) of a deck at a height."""
+    closed = [*corners, corners[0]]
+    posts = [rod((x, y, z - 0.01), (x, y, z + height), 0.018, 8) for x, y in corners]
+    bars = [
+        rod((*a, z + share * height), (*b, z + share * height), 0.016, 8)
+        for a, b in pairwise(closed)
+        for share in (0.55, 1.0)
+    ]
+    return join([*posts, *bars])
+
+
+def plate_part(name: str, low: Sequence[float], high: Sequence[float]) -> Part:
+    """Return a number plate that lies flat between two corners, read from −y."""
+    mesh = shapes.block(low, high, 0.002)
+    p = np.asarray(mesh.vertices)
+    span = np.subtract(high, low)
+    uv = np.stack([(p[:, 0] - low[0]) / span[0], (p[:, 1] - low[1]) / span[1]], axis=1)
+    return Part(name, mesh, BARE.plate, uv)
+
+
+def wrap(name: str, mesh: trimesh.Trimesh, material: Material, *, top: float, around: float) -> Part:
+    """Give a shell's part UVs that run from its lip at z = 0 to its rim at ``top``, and once round ``around`` m."""
+    p = np.asarray(mesh.vertices)
+    v = np.clip((p[:, 2] + 0.15 * np.abs(p[:, 0])) / (1.1 * top), 0.01, 0.99)
+    return Part(name, mesh, material, np.stack([(p[:, 1] + 0.7 * p[:, 0]) / around, v], axis=1))
+
+
+def curve(points: Sequence[tuple[float, float]], count: int = 17) -> NDArray[np.float64]:
+    """Return a cubic Bézier curve, shape (count, 2)."""
+    t = np.linspace(0.0, 1.0, count)[:, None]
+    a, b, c, d = np.asarray(points, float)
+    return np.asarray((1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d)
+
+
+def offset(line: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Move a line (n, 2) to its right-hand side, seen along it."""
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return np.asarray(line + distance * np.stack([tangent[:, 1], -tangent[:, 0]], axis=1))
+
+
+def band(
+    line: NDArray[np.float64], inner: float, outer: float, first: int = 0, last: int | None = None
+) -> shapely.Polygon:
+    """Return the strip between two offsets of a line, from one of its points to another, at x ≥ 0.003."""
+    cut = slice(first, last)
+    ring = np.concatenate([offset(line, inner)[cut], offset(line, outer)[cut][::-1]])
+    ring[:, 0] = np.maximum(ring[:, 0], 0.003)
+    return shapely.Polygon(ring)
+
+
+def cargo_material(cargo: str) -> Material:
+    """Return a cargo's material; raises `ValueError` for one that is not known."""
+    if cargo not in LUMPS_M:
+        raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(LUMPS_M))}")
+    return Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
+
+
+def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDArray[np.float64]:
+    """Return the roughness of a heap's surface, m: lumps of two sizes."""
+    fine, coarse = rng.standard_normal(shape), rng.standard_normal(shape)
+    for axis in (0, 1):
+        for _ in range(3):
+            coarse = (np.roll(coarse, 1, axis) + coarse + np.roll(coarse, -1, axis)) / 3
+    return np.asarray(size * (0.6 * fine + 1.2 * coarse / coarse.std()))
+
+
+def heap_parts(meshes: Sequence[trimesh.Trimesh], cargo: str) -> list[Part]:
+    """Name heaps by their levels."""
+    material = cargo_material(cargo)
+    return [
+        Part(f"cargo_{round(100 * level)}", mesh, material) for level, mesh in zip(CARGO_LEVELS, meshes, strict=True)
+    ]
+
+
+def heap(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> trimesh.Trimesh:
+    """Close the space between two grids of points, shapes (n, m, 3), the second below the first."""
+    n, m = top.shape[:2]
+    grid = np.arange(n * m).reshape(n, m)
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    upper = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    rim = np.concatenate([grid[:-1, 0], grid[-1, :-1], grid[:0:-1, -1], grid[0, :0:-1]])
+    after, below = np.roll(rim, -1), grid + grid.size
+    low, low_after = below.ravel()[rim], below.ravel()[after]
+    skirt = np.concatenate([np.stack([rim, low, low_after], -1), np.stack([rim, low_after, after], -1)])
+    return solid(
+        np.concatenate([top.reshape(-1, 3), bottom.reshape(-1, 3)]),
+        np.concatenate([upper, upper[:, ::-1] + grid.size, skirt]),
+    )

@@ -1,0 +1,469 @@
+"""Orange-peel grabs: tines round a vertical axis, closed by ropes through a lower block or by hydraulic cylinders.
+
+Proportions are those of no one maker's grab. The diameter of the closed grab is about four fifths of its height, and
+the tines are as deep as they reach outwards, as pictures of rope and of hydraulic grabs show them. The mass follows
+from the drawn steel: about 0.9 t for each m³ of rope grabs of 6 m³ with closed shells.
+
+All is drawn in the plane of one tine, (r, z), with its tip at z = 0, and turned to the tine's azimuth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.scenario.grab import OrangePeel
+from simgrab.world.scenery.grabs import kit
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.kit import Scale
+from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
+from simgrab.world.scenery.meshes import shapes
+from simgrab.world.scenery.meshes.paint import BARE
+from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism, rod
+
+MAX_JAW = np.radians(58.0)
+
+# In units of `Scale`: the tine's inside from tip to rim, and pins.
+_CURVE = ((0.0, 0.0), (0.62, 0.10), (1.02, 0.62), (0.97, 1.22))
+_HINGE = (0.30, 1.22)
+_HEAD_PIN = (0.34, 2.06)
+_JAW_PIN = (0.60, 0.10)  # from the hinge
+_CYLINDER_HEAD_PIN = (0.26, 2.10)
+_CROWN = (1.94, 2.16)
+_SHEAVE_R = 0.15
+_GAP_M = 0.005  # half the gap between closed tines
+_CLEARANCE_M = 0.02
+
+
+def orange_peel(keys: OrangePeel) -> Design:
+    """Return the design of an orange-peel grab."""
+    return _Peel(keys).design()
+
+
+class _Peel:
+    def __init__(self, keys: OrangePeel) -> None:
+        self.keys = keys
+        line = kit.curve(_CURVE, 60)
+        self.scale = s = Scale.of(keys, float(np.trapezoid(np.pi * line[:, 0] ** 2, line[:, 1])), round_=True)
+        self.curve = kit.curve([(r * s.x, z * s.z) for r, z in _CURVE])
+        self.plate = 0.014 + 0.004 * s.mean
+        self.azimuths = [(k + 0.5) * 2 * np.pi / keys.tines for k in range(keys.tines)]
+        self.hinge, self.head_pin = self._at(*_HINGE), self._at(*_HEAD_PIN)
+        self.jaw_pin = self._at(*_JAW_PIN)
+        self.tine_pin = self.hinge[0] + self.jaw_pin[0], self.hinge[1] + self.jaw_pin[1]
+
+    def _at(self, r: float, z: float) -> tuple[float, float]:
+        return r * self.scale.x, z * self.scale.z
+
+    def design(self) -> Design:
+        return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+
+    def _roped(self) -> Design:
+        crank = SliderCrank(self.hinge, self.head_pin, self.jaw_pin)
+        (hx, hz), (px, pz) = self.hinge, self.head_pin
+        bodies = [
+            kit.body("head", self._head()),
+            kit.body(
+                "beam", kit.placed(self._beam(), (0, 0, hz)), "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True
+            ),
+        ]
+        for k, azimuth in enumerate(self.azimuths):
+            bodies.append(self._hinged(f"tine_{k}", self._tine(), "beam", azimuth, (hx, 0.0), (hx, hz)))
+        for k, azimuth in enumerate(self.azimuths):
+            bodies.append(self._hinged(f"rod_{k}", self._rod(), "head", azimuth, (px, pz), (px, pz)))
+        count = self.keys.tines
+
+        def positions(jaw: float) -> dict[str, float]:
+            state = crank.at(jaw)
+            turns = {f"tine_{k}": state.jaw_angle for k in range(count)}
+            return {"beam": state.beam_z - hz} | turns | {f"rod_{k}": state.arm_angle for k in range(count)}
+
+        ropes = self._ends()
+        falls = [
+            ((x, y, self._sheave_z), (x, y, 0.11 * self.scale.z))
+            for x in (-self._sheave_r, self._sheave_r)
+            for y in self._sheave_y
+        ]
+        return kit.assembled(
+            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
+            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self._lips(), heaps=self._heaps(),
+        )  # fmt: skip
+
+    def _hydraulic(self) -> Design:
+        cylinder = Cylinder(self.hinge, self._at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
+        (hx, hz), (px, pz) = self.hinge, cylinder.head_pin
+        end = np.subtract(self.tine_pin, cylinder.head_pin)
+        along = end / np.linalg.norm(end)
+        bodies = [kit.body("head", [*self._head(), *self._column(), *self._beam()])]
+        for k, azimuth in enumerate(self.azimuths):
+            bodies.append(self._hinged(f"tine_{k}", self._tine(), "head", azimuth, (hx, hz), (hx, hz)))
+        barrel, piston = self._barrel(cylinder)
+        for k, azimuth in enumerate(self.azimuths):
+            bodies.append(self._hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
+            c, s = np.cos(azimuth), np.sin(azimuth)
+            axis = (float(along[0] * c), float(along[0] * s), float(along[1]))
+            own = kit.placed(kit.turned(piston, azimuth), (px * c, px * s, pz))
+            bodies.append(kit.body(f"piston_{k}", own, f"barrel_{k}", (0.0, 0.0, 0.0), axis, slides=True))
+        count = self.keys.tines
+
+        def positions(jaw: float) -> dict[str, float]:
+            angle, out = cylinder.at(jaw)
+            turns = {f"tine_{k}": -jaw for k in range(count)} | {f"barrel_{k}": angle for k in range(count)}
+            return turns | {f"piston_{k}": out for k in range(count)}
+
+        return kit.assembled(
+            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3,
+            lips=self._lips(), heaps=self._heaps(),
+        )  # fmt: skip
+
+    def _hinged(
+        self, name: str, parts: Sequence[Part], parent: str, azimuth: float, pin: tuple[float, float],
+        origin: tuple[float, float],
+    ) -> Body:  # fmt: skip
+        """Body whose parts are drawn in the plane y = 0, about a pin at (r, z), turned to its azimuth."""
+        c, s = float(np.cos(azimuth)), float(np.sin(azimuth))
+        own = kit.placed(kit.turned(parts, azimuth), (origin[0] * c, origin[0] * s, origin[1]))
+        return kit.body(name, own, parent, (pin[0] * c, pin[0] * s, pin[1]), (-s, c, 0.0))
+
+    # The tine, in the plane y = 0.
+
+    def _half_angle(self, r: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Half of the angle that a tine's plate covers, by radius and height."""
+        sector = np.pi / self.keys.tines - np.arcsin(np.minimum(_GAP_M / r, 0.5))
+        if self.keys.shells == "closed":
+            return np.asarray(sector)
+        rise = np.clip(z / self.curve[-1, 1], 0.0, 1.0)
+        if self.keys.shells == "half":
+            return np.asarray(sector * (0.45 + 0.35 * rise))
+        return np.asarray(np.minimum(np.arcsin(np.minimum(0.11 * self.scale.x / r, 1.0)), 0.8 * sector))
+
+    def _patch(self, inner: float, outer: float, share: float = 1.0) -> trimesh.Trimesh:
+        """Plate of revolution between two offsets of the curve."""
+        around = np.linspace(-share, share, 7 if self.keys.tines > 4 else 11)
+        grids = []
+        for distance in (outer, inner):
+            line = kit.offset(self.curve, distance)
+            r, z = np.maximum(line[:, :1], 0.012), np.maximum(line[:, 1:], 0.0)
+            angle = self._half_angle(np.maximum(self.curve[:, :1], 0.012), z) * around
+            grids.append(np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, angle.shape)], axis=-1))
+        mesh = kit.heap(*grids)
+        if mesh.volume < 0:
+            mesh.invert()
+        return mesh
+
+    def _tine(self) -> list[Part]:
+        keys, s, t = self.keys, self.scale, self.plate
+        (hx, hz), (px, pz), top = self.hinge, self.tine_pin, float(self.curve[-1, 1])
+        spine_h = (0.10 if keys.shells == "open" else 0.07) * s.mean
+        half = 0.030 * s.mean + (0.02 if keys.shells == "open" else 0.0)
+        eye, lug, thick = 0.075 * s.mean + 0.02, 0.06 * s.mean + 0.03, 0.02 + 0.006 * s.mean
+        outside = kit.offset(self.curve, t)
+        spine = prism(kit.band(self.curve, t - 0.003, t + spine_h, 1), -half, half)
+        cheek = shapely.union_all(
+            [
+                hull(circle(hx, hz, eye), circle(px, pz, lug)),
+                hull(circle(px, pz, lug), shapely.Point(outside[-1]), shapely.Point(outside[-6])),
+                hull(circle(hx, hz, eye), shapely.Point(self.curve[-1]), shapely.Point(self.curve[-4])),
+            ]
+        )
+        apart = 0.06 * s.mean + 0.02
+        cheeks = [prism(cheek, o - thick / 2, o + thick / 2) for o in (-apart, apart)]
+        cross = [
+            pin(hx, hz, -apart - 0.03, apart + 0.03, 0.6 * eye),
+            pin(px, pz, -apart - 0.03, apart + 0.03, 0.5 * lug, 0.012),
+        ]
+        tip = self._tip(spine_h, half)
+        parts = [
+            kit.wrap("back", self._patch(0.0, t), BARE.shell, top=top, around=2.4 * s.x),
+            kit.wrap("lining", self._patch(-0.005, -0.0005, 0.97), BARE.lining, top=top, around=2.4 * s.x),
+            kit.wrap("spine", spine, BARE.shell, top=top, around=2.4 * s.x),
+            Part("cheeks", join(cheeks), BARE.body),
+            Part("tip", tip, BARE.lip),
+            Part("pins", join(cross), BARE.dark),
+        ]
+        if keys.shells != "open":
+            parts.append(Part("rim", self._belt(-2, 0.05 * s.mean), BARE.body))
+        if ribs := round(3 * keys.plate_work) if keys.shells != "open" else 0:
+            places = np.linspace(4, 13, ribs + 2)[1:-1].round().astype(int)
+            parts.append(Part("belts", join(self._belt(int(i), 0.035 * s.mean) for i in places), BARE.body))
+        if keys.markings:
+            parts.append(
+                Part(
+                    "mark",
+                    prism(kit.band(self.curve, t + spine_h - 0.002, t + spine_h + 0.006, 10, 14), -half, half),
+                    BARE.hazard,
+                )
+            )
+        return parts
+
+    def _belt(self, index: int, height: float) -> trimesh.Trimesh:
+        """Flat bar across a tine's back at one of the curve's points."""
+        t, line = self.plate, self.curve
+        low, high = (kit.offset(line, d)[index] for d in (t - 0.003, t + height))
+        angle = float(self._half_angle(np.maximum(line[index, :1], 0.012), line[index, 1:])[0]) * 0.96
+        around = np.linspace(-angle, angle, 7)
+        thick = np.array([0.0, 0.016 + 0.008 * self.scale.mean])
+        along = np.gradient(line, axis=0)[index]
+        along = along / np.linalg.norm(along)
+        points = []
+        for end in (low, high):
+            for depth in thick:
+                r, z = end + depth * along
+                points.append(np.stack([r * np.cos(around), r * np.sin(around), np.full(7, z)], axis=-1))
+        mesh = kit.heap(np.stack([points[2], points[3]]), np.stack([points[0], points[1]]))
+        if mesh.volume < 0:
+            mesh.invert()
+        return mesh
+
+    def _tip(self, height: float, half: float) -> trimesh.Trimesh:
+        """Cast tip on the lower end of a tine; with teeth it is longer and pointed."""
+        reach = 5 if self.keys.teeth else 4
+        line = self.curve[: reach + 1]
+        lower, upper = (
+            kit.offset(self.curve, -0.003)[: reach + 1],
+            kit.offset(self.curve, self.plate + height)[: reach + 1],
+        )
+        share = np.linspace(0.25 if self.keys.teeth else 0.5, 1.0, reach + 1)[:, None]
+        upper = lower + (upper - lower) * share
+        width = np.minimum(
+            half * (1.35 if self.keys.teeth else 1.2),
+            0.8 * np.maximum(line[:, 0], 0.012) * np.tan(np.pi / self.keys.tines),
+        )
+        low, high = (
+            np.stack(
+                [
+                    np.stack(
+                        [
+                            np.maximum(ring[:, 0], 0.012),
+                            side * width,
+                            np.maximum(ring[:, 1], 0.0 if ring is lower else 0.004),
+                        ],
+                        axis=-1,
+                    )
+                    for side in (-1, 1)
+                ],
+                axis=1,
+            )
+            for ring in (lower, upper)
+        )
+        mesh = kit.heap(high, low)
+        if mesh.volume < 0:
+            mesh.invert()
+        return mesh
+
+    def _rod(self) -> list[Part]:
+        """Rod between head and tine, closed."""
+        (ax, az), (px, pz), s = self.head_pin, self.tine_pin, self.scale.mean
+        eye, half = 0.05 * s + 0.025, 0.022 * s + 0.012
+        bar = hull(circle(ax, az, 0.6 * eye), circle(px, pz, 0.6 * eye))
+        plate = prism(shapely.union_all([bar, circle(ax, az, eye), circle(px, pz, eye)]), -half, half)
+        pins = join(pin(x, z, -half - 0.03, half + 0.03, 0.5 * eye, 0.012) for x, z in ((ax, az), (px, pz)))
+        return [Part("rod", plate, BARE.body), Part("rod_pins", pins, BARE.dark)]
+
+    def _barrel(self, cylinder: Cylinder) -> tuple[list[Part], list[Part]]:
+        """Barrel and piston rod of a hydraulic cylinder, closed: fully out."""
+        start, end = np.array(cylinder.head_pin), np.array(self.tine_pin)
+        length, s = float(np.linalg.norm(end - start)), self.scale.mean
+        shortest = min(cylinder.length_m(j) for j in np.linspace(0, MAX_JAW, 30))
+
+        def at(share: float) -> tuple[float, float, float]:
+            r, z = start + share * (end - start)
+            return float(r), 0.0, float(z)
+
+        radius = 0.055 * s + 0.02
+        reach = min(0.8 * shortest, 0.75 * length) / length
+        tube = join(
+            [
+                rod(at(0.0), at(reach), radius, 14),
+                rod(at(reach - 0.05), at(reach), 1.12 * radius, 14),
+                pin(start[0], start[1], -1.3 * radius, 1.3 * radius, radius),
+            ]
+        )
+        stem = join(
+            [rod(at(0.3 * reach), at(1.0), 0.5 * radius, 12), pin(end[0], end[1], -radius, radius, 0.9 * radius)]
+        )
+        return [Part("barrel", tube, BARE.body)], [Part("piston", stem, BARE.lip)]
+
+    # Head and lower block, round the axis.
+
+    @property
+    def _sheave_r(self) -> float:
+        return _SHEAVE_R * min(self.scale.x, self.scale.z) * 0.9
+
+    @property
+    def _sheave_y(self) -> tuple[float, ...]:
+        reach = 0.24 * self.scale.x
+        return (-reach, -reach + 0.08, reach - 0.08, reach)
+
+    @property
+    def _sheave_z(self) -> float:
+        return _CROWN[0] * self.scale.z + 0.02
+
+    def _ends(self) -> Array:
+        top = _CROWN[1] * self.scale.z
+        half = 0.17 * self.scale.x
+        height = 5.4 * self._shackle_r if self.keys.ropes == 1 else 0.42
+        return kit.ends(self.keys.ropes, half, 1.4 * half, top + height)
+
+    @property
+    def _shackle_r(self) -> float:
+        return 0.07 + 0.06 * self.scale.mean
+
+    def _head(self) -> list[Part]:
+        keys, s = self.keys, self.scale
+        low, high = (z * s.z for z in _CROWN)
+        radius, thick = 0.40 * s.x, 0.03 + 0.008 * s.mean
+        sides = 4 if keys.tines == 4 else 24
+        openings = (
+            []
+            if keys.drive == "hydraulic"
+            else [
+                shapely.box(-1.25 * self._sheave_r, y - 0.035, 1.25 * self._sheave_r, y + 0.035) for y in self._sheave_y
+            ]
+        )
+        deck = _ngon(radius, sides).difference(shapely.union_all(openings)) if openings else _ngon(radius, sides)
+        ring = _ngon(0.93 * radius, sides).difference(_ngon(0.93 * radius - thick, sides))
+        parts = [
+            Part("deck", prism(deck, high - thick, high, "z"), BARE.body),
+            Part(
+                "floor",
+                prism(_ngon(radius, sides).difference(_ngon(0.62 * radius, sides)), low, low + thick, "z"),
+                BARE.body,
+            ),
+            Part("drum", prism(ring, low, high, "z"), BARE.body),
+            Part("head_lugs", self._lugs(), BARE.body),
+        ]
+        ropes = self._ends()
+        roped = keys.drive == "ropes"
+        if keys.ropes == 1:
+            parts.append(Part("shackle", kit.shackle(high, self._shackle_r), BARE.dark))
+        else:
+            closing = kit.closing(len(ropes)) if roped else ()
+            parts += [
+                Part(
+                    f"guide_{i}" if i in closing else f"socket_{i}",
+                    kit.guide(end, 0.40) if i in closing else kit.socket(end, 0.42),
+                    BARE.dark,
+                )
+                for i, end in enumerate(ropes)
+            ]
+        if roped:
+            sheaves = join(shapes.sheave((0.0, y, self._sheave_z), self._sheave_r, 0.016) for y in self._sheave_y)
+            shaft = pin(0.0, self._sheave_z, -0.30 * s.x, 0.30 * s.x, 0.04 + 0.01 * s.mean)
+            parts += [Part("sheaves", sheaves, BARE.dark), Part("shaft", shaft, BARE.dark)]
+        else:
+            tank = prism(_ngon(0.30 * s.x, 16), high - 0.01, high + 0.16 * s.z, "z")
+            motor = shapes.block((0.05 * s.x, -0.12 * s.x, high), (0.36 * s.x, 0.12 * s.x, high + 0.10 * s.z), 0.01)
+            parts += [Part("tank", tank, BARE.body), Part("motor", motor, BARE.dark)]
+        if keys.markings:
+            at = 0.30 * radius
+            if roped:
+                parts.append(
+                    kit.plate_part(
+                        "number",
+                        (-0.8 * at, -radius * 0.86, high - 0.002),
+                        (0.8 * at, -radius * 0.86 + 0.6 * at, high + 0.010),
+                    )
+                )
+            belt = _ngon(0.93 * radius + 0.008, sides).difference(_ngon(0.93 * radius - 0.01, sides))
+            parts.append(
+                Part("belt", prism(belt, low + 0.3 * (high - low), low + 0.7 * (high - low), "z"), BARE.hazard)
+            )
+        if keys.guards:
+            corners = [(0.97 * radius * np.cos(a), 0.97 * radius * np.sin(a)) for a in np.arange(8) * np.pi / 4]
+            parts.append(Part("rail", kit.rail(corners, high, 0.5), BARE.hazard))
+        if keys.ladder:
+            parts.append(Part("ladder", kit.ladder(0.0, 0.17, radius * 0.93 + 0.05, low - 0.05, high), BARE.hazard))
+        return parts
+
+    def _lugs(self) -> trimesh.Trimesh:
+        (ax, az), s = (self.head_pin if self.keys.drive == "ropes" else self._at(*_CYLINDER_HEAD_PIN)), self.scale
+        eye, apart, thick = 0.06 * s.mean + 0.03, 0.03 * s.mean + 0.03, 0.018 + 0.006 * s.mean
+        low, high = (z * s.z for z in _CROWN)
+        foot = shapely.box(0.30 * s.x, low + 0.02, 0.38 * s.x, high - 0.03)
+        lug = hull(circle(ax, az, eye), foot)
+        one = join([prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)])
+        return join(part.mesh for a in self.azimuths for part in kit.turned([Part("lug", one, BARE.body)], a))
+
+    def _column(self) -> list[Part]:
+        """Column of a hydraulic grab, from the head down to the tines' hinges."""
+        s = self.scale
+        tube = prism(_ngon(0.17 * s.x, 20), _HINGE[1] * s.z, _CROWN[0] * s.z + 0.02, "z")
+        return [Part("column", tube, BARE.body)]
+
+    def _beam(self) -> list[Part]:
+        """Lower block with the tines' hinges, where it is in the closed grab."""
+        s, (hx, hz) = self.scale, self.hinge
+        thick, radius = 0.03 + 0.008 * s.mean, 0.62 * hx
+        hub = prism(_ngon(radius, 24), hz - 0.10 * s.z, hz + 0.08 * s.z, "z")
+        eye, apart = 0.06 * s.mean + 0.02, 0.035 * s.mean + 0.008
+        lug = hull(circle(hx, hz, eye), shapely.box(0.4 * hx, hz - 0.09 * s.z, 0.6 * hx, hz + 0.07 * s.z))
+        one = Part("lug", join([prism(lug, o - thick / 4, o + thick / 4) for o in (-apart, apart)]), BARE.body)
+        lugs = join(part.mesh for a in self.azimuths for part in kit.turned([one], a))
+        parts = [Part("hub", hub, BARE.body), Part("lugs", lugs, BARE.body)]
+        if self.keys.drive == "ropes":
+            z = hz + 0.11 * s.z
+            sheaves = join(shapes.sheave((0.0, y, z), self._sheave_r, 0.016) for y in self._sheave_y)
+            shaft = pin(0.0, z, -0.29 * s.x, 0.29 * s.x, 0.04 + 0.01 * s.mean)
+            cheek = hull(
+                circle(0.0, z, 0.6 * self._sheave_r), shapely.box(-0.5 * radius, hz, 0.5 * radius, hz + 0.05 * s.z)
+            )
+            plates = join(
+                prism(cheek, y - 0.008, y + 0.008)
+                for y in (-0.29 * s.x, 0.29 * s.x, self._sheave_y[1] + 0.06, self._sheave_y[2] - 0.06)
+            )
+            parts += [
+                Part("sheaves", sheaves, BARE.dark),
+                Part("shaft", shaft, BARE.dark),
+                Part("plates", plates, BARE.body),
+            ]
+        return parts
+
+    def _lips(self) -> dict[str, Array]:
+        """Tips of four tines, or of all three, each in its body's frame."""
+        count = self.keys.tines
+        picked = sorted({round(k * count / 4) for k in range(4)}) if count > 3 else range(3)
+        found = {}
+        for k in picked:
+            c, s = np.cos(self.azimuths[k]), np.sin(self.azimuths[k])
+            r = 0.012 - self.hinge[0]
+            found[f"tine_{k}"] = np.array([(r * c, r * s, -self.hinge[1])])
+        return found
+
+    def _heaps(self) -> Heaps:
+        if self.keys.shells == "open":
+            return lambda _cargo, _rng: ()
+        line, top = self.curve, float(self.curve[-1, 1])
+        grid = np.linspace(-1.0, 1.0, 41)
+        u, v = np.meshgrid(grid, grid, indexing="ij")
+        x, y = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)  # a square on a disc
+        rho = np.minimum(np.hypot(x, y), 1.0)
+
+        def make(cargo: str, rng: np.random.Generator) -> list[Part]:
+            made = []
+            for level in CARGO_LEVELS:
+                rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0))
+                shoulder = top * (0.28 + 0.62 * level ** (1 / 1.5))
+                edge = float(np.interp(shoulder, line[:, 1], line[:, 0])) - 2 * _CLEARANCE_M
+                r = edge * rho
+                floor = np.interp(r, np.maximum.accumulate(line[:, 0]) - _CLEARANCE_M, line[:, 1]) + _CLEARANCE_M
+                fade = 1 - rho**4
+                crest = shoulder + 0.16 * top * (1 - rho**1.7) + rough * fade
+                low = np.minimum(floor, crest - 0.02)
+                made.append(kit.heap(*(np.stack([edge * x, edge * y, z], axis=-1) for z in (crest, low))))
+            return kit.heap_parts(made, cargo)
+
+        return make
+
+
+def _ngon(radius: float, sides: int) -> shapely.Polygon:
+    """Regular polygon round the axis, of this inner radius where it has few sides."""
+    angle = (np.arange(sides) + 0.5) * 2 * np.pi / sides
+    reach = radius / np.cos(np.pi / sides)
+    return shapely.Polygon(np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=1))

@@ -1,0 +1,110 @@
+"""How jaws move that hang on a sliding beam and on arms: a slider-crank on either side, in closed form.
+
+The ropes hold the head. The beam slides below it along z; each jaw turns about a pin in the beam, and an arm, pinned to
+the head and to the jaw, keeps its length. Opening therefore moves the beam.
+
+All is in the plane of one jaw: x points from the ropes' axis towards the jaw, z up. An angle is a rotation about +y
+(x towards −z), so that a jaw opens by a negative one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the moving bodies are.
+
+    Attributes
+    ----------
+    beam_z : float
+        Height of the jaws' pins in the grab frame, m.
+    jaw_angle, arm_angle : float
+        Rotation about +y from closed, rad.
+    """
+
+    beam_z: float
+    jaw_angle: float
+    arm_angle: float
+
+
+@dataclass(frozen=True)
+class SliderCrank:
+    """Pins of a closed grab, m, in the plane of one jaw.
+
+    Attributes
+    ----------
+    hinge : tuple of 2 floats
+        The jaw's pin in the beam, (x, z), grab frame.
+    head_pin : tuple of 2 floats
+        The arm's pin in the head, (x, z), grab frame.
+    jaw_pin : tuple of 2 floats
+        The arm's pin in the jaw, (x, z), from the hinge.
+    """
+
+    hinge: tuple[float, float]
+    head_pin: tuple[float, float]
+    jaw_pin: tuple[float, float]
+
+    @cached_property
+    def _arm(self) -> tuple[float, float]:
+        """From the head's pin to the jaw's, closed."""
+        (hx, hz), (ax, az), (x, z) = self.hinge, self.head_pin, self.jaw_pin
+        return hx + x - ax, hz + z - az
+
+    @cached_property
+    def arm_m(self) -> float:
+        """Length of the arm, between its pins."""
+        return float(np.hypot(*self._arm))
+
+    def at(self, jaw: float) -> State:
+        """Solve for an opening of the jaw, rad.
+
+        Raises
+        ------
+        ValueError
+            If the arm is too short for it.
+        """
+        c, s = np.cos(jaw), np.sin(jaw)
+        x, z = self.jaw_pin
+        reach = self.hinge[0] + x * c - z * s - self.head_pin[0]
+        if abs(reach) > self.arm_m:
+            raise ValueError(f"the arm of {self.arm_m:.3f} m does not let the jaw open by {jaw:.4f} rad")
+        drop = np.sqrt(self.arm_m**2 - reach**2)
+        beam_z = self.head_pin[1] - drop - (x * s + z * c)
+        arm_angle = np.arctan2(self._arm[0], -self._arm[1]) - np.arctan2(reach, drop)
+        return State(float(beam_z), -float(jaw), float(arm_angle))
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A hydraulic cylinder between a fixed head and a jaw that is hinged to it, in the plane of the jaw, m.
+
+    Attributes
+    ----------
+    hinge, head_pin, jaw_pin : tuple of 2 floats
+        As `SliderCrank` has them.
+    """
+
+    hinge: tuple[float, float]
+    head_pin: tuple[float, float]
+    jaw_pin: tuple[float, float]
+
+    def _span(self, jaw: float) -> tuple[float, float]:
+        """From the head's pin to the jaw's."""
+        c, s = np.cos(jaw), np.sin(jaw)
+        (hx, hz), (ax, az), (x, z) = self.hinge, self.head_pin, self.jaw_pin
+        return float(hx + x * c - z * s - ax), float(hz + x * s + z * c - az)
+
+    def length_m(self, jaw: float) -> float:
+        """Distance between the pins at an opening, rad."""
+        return float(np.hypot(*self._span(jaw)))
+
+    def at(self, jaw: float) -> tuple[float, float]:
+        """Turn of the cylinder about +y from closed, rad, and how much it has been extended, m."""
+        (x0, z0), (x, z) = self._span(0.0), self._span(jaw)
+        return float(np.arctan2(x0, -z0) - np.arctan2(x, -z)), self.length_m(jaw) - self.length_m(0.0)
