@@ -58,9 +58,10 @@ ROOMY = {
         "quay, bare", "water", "yard",
     )
 }  # fmt: skip
-# Most frames show the grab; the second set teaches what none looks like, the third a grab that snow lies on.
+# Most frames show the grab, each world another one; the second set teaches what none looks like, the third a grab that
+# snow lies on.
 DETECTOR = (
-    Source("training", "training", {}, 3840, 1440, 0),
+    Source("training", "training", {"clip.clip_frames": 6}, 4800, 1440, 0),
     Source("empty", "training", CROWDED, 480, 240, 1, ROOMY),
     Source("snow", "training", {}, 960, 240, 2, SNOW),
 )

@@ -63,7 +63,8 @@ def _draw(scenario: Scenario) -> None:
     if isinstance(one.swing, Dynamic):
         settle = min(one.swing.settle_s, MOST_SETTLE_S)
         one = msgspec.structs.replace(one, swing=msgspec.structs.replace(one.swing, settle_s=settle))
-    plan, story = _plan(msgspec.json.encode((one.grab, one.jib)), one), Trajectory(one)
+    plan = _plan(msgspec.json.encode((one.grab, one.jib)), one)
+    story = Trajectory(one, plan=plan)
     for frame in range(min(one.clip.clip_frames or one.frames, one.frames, MOST_DRAWN)):
         projection = project(one, plan, story.at(frame))
         projection.meets(one.camera.width_px, one.camera.height_px)

@@ -59,14 +59,14 @@ class OrangePeel(Shaped, frozen=True, tag="orange-peel"):
 
 
 class Clamshell(Shaped, frozen=True, tag="clamshell"):
-    """A clamshell grab of two shells.
+    """A clamshell grab of two shells, whose ``profile`` is that of their backs seen along the closing line.
 
     ``top = "closed"`` gives the shells roofs against spillage. With ropes, ``arms`` is how many hold the shells to the
     head; a single rope hangs on a hook block, and a latch inside the grab works the jaws.
     """
 
     top: Literal["open", "closed"] = "open"
-    shells: Literal["round", "angular"] = "round"
+    profile: Literal["round", "angular"] = "round"
     arms: Literal[2, 4] = 4
     head: Literal["frame", "block", "round"] = "frame"
     drive: Literal["ropes", "hydraulic"] = "ropes"

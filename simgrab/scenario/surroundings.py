@@ -53,9 +53,13 @@ class Water(Tagged, frozen=True, tag="water"):
 
 
 class Clutter(Strict, frozen=True):
-    """What stands about that could be mistaken: grabs of other cranes, parked, as many as find level ground."""
+    """What stands about that could be mistaken: grabs of other cranes, parked, as many as find level ground.
+
+    Each is of one of ``kinds``, and of random size and proportions where its kind has any.
+    """
 
     other_grabs: Annotated[int, Meta(ge=0, le=4)] = 0
+    kinds: Annotated[tuple[Literal["four-rope", "clamshell", "orange-peel"], ...], Meta(min_length=1)] = ("four-rope",)
 
 
 class Light(Strict, frozen=True):

@@ -41,11 +41,12 @@ class Scene:
 
     def __init__(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
         self.variant, self.scenario = variant, variant.scenario
-        self.world = model.build(self.scenario, plan or draw_up(self.scenario, variant.number))
+        plan = plan or draw_up(self.scenario, variant.number)
+        self.world = model.build(self.scenario, plan)
         self.renderer = Renderer(self.world, self.scenario)
         self.close: Callable[[], None] = self.renderer.close
         self.camera = Camera(self.scenario)
-        self.trajectory = Trajectory(self.scenario, extensions)
+        self.trajectory = Trajectory(self.scenario, extensions, plan)
         self._metered: tuple[int, Exposure] | None = None
 
     def project(self, frame: int) -> Projection:

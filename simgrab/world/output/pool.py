@@ -136,7 +136,8 @@ def vet(recipe: Recipe, number: int = 0) -> Vetted:
     scenario = recipe.scenario
     span = scenario.clip.span(number, scenario.frames) if recipe.varies else range(scenario.frames)
     one, k = recipe.variant(span.start), scenario.camera.intrinsics
-    plan, trajectory = draw_up(one.scenario, one.number), Trajectory(one.scenario, recipe.extensions)
+    plan = draw_up(one.scenario, one.number)
+    trajectory = Trajectory(one.scenario, recipe.extensions, plan)
     seen, kept = 0, dict[int, Projection]()
     for frame in span:  # all of them: each may be impossible
         projection = project(one.scenario, plan, trajectory.at(frame))

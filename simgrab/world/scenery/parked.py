@@ -9,8 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from simgrab.geometry import rotation_z
+from simgrab.scenario import Clutter
 from simgrab.world.scenery.clearance import CELL_M, HeightMap
-from simgrab.world.scenery.grabs.four_rope import four_rope
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.design import Design
+from simgrab.world.scenery.grabs.drawn import any_of
 from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Part
 
@@ -23,26 +26,36 @@ TRIES = 200
 MOST_JAW = np.radians(40.0)
 
 
-def parked_grabs(count: int, place: Sequence[Part], *, head_height: float, rng: np.random.Generator) -> list[Part]:
-    """Stand grabs on level ground, each of its own paint, jaws and yaw.
+def parked_grabs(
+    clutter: Clutter, place: Sequence[Part], *, head_height: float, rng: np.random.Generator
+) -> list[Part]:
+    """Stand grabs on level ground, each of its own paint, jaws and yaw, and of a shape of its own.
 
     Parameters
     ----------
-    count : int
-        As many as find room.
+    clutter : Clutter
     place : sequence of Part
         In the jib frame, as the result.
     head_height : float
         Rope exit above the quay's surface, m.
     rng : numpy.random.Generator
     """
-    if not count:
+    if not clutter.other_grabs:
         return []
+    designs = [_design(clutter.kinds, rng) for _ in range(clutter.other_grabs)]
     ground = HeightMap.of((part.mesh for part in place), FARTHEST_M + 2 * FOOTPRINT_M)
     parts: list[Part] = []
-    for number, spot in zip(range(count), _spots(ground, -head_height - BELOW_QUAY_M, rng), strict=False):
-        parts += _grab(number, spot, rng)
+    for (number, design), spot in zip(
+        enumerate(designs), _spots(ground, -head_height - BELOW_QUAY_M, rng), strict=False
+    ):
+        parts += _grab(number, design, spot, rng)
     return parts
+
+
+def _design(kinds: Sequence[str], rng: np.random.Generator) -> Design:
+    """Draw a grab of one of some kinds; of a kind of fixed shape alone, nothing is drawn."""
+    kind = kinds[0] if len(kinds) == 1 else str(rng.choice(list(kinds)))
+    return design_of(any_of(kind, rng, volume_m3=(3.0, 8.0)))
 
 
 def _spots(ground: HeightMap, lowest: float, rng: np.random.Generator) -> Iterator[np.ndarray]:
@@ -60,10 +73,9 @@ def _spots(ground: HeightMap, lowest: float, rng: np.random.Generator) -> Iterat
             yield taken[-1]
 
 
-def _grab(number: int, spot: np.ndarray, rng: np.random.Generator) -> list[Part]:
+def _grab(number: int, design: Design, spot: np.ndarray, rng: np.random.Generator) -> list[Part]:
     """One grab on a spot, in the jib frame; names and materials carry its number."""
     red, green, blue = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.2, 0.95), rng.uniform(0.25, 0.9))
-    design = four_rope()
     mixed = finish(
         (red, green, blue), float(rng.random()), float(rng.random()), str(rng.choice(["coal", "ore", "grain"])), rng
     )

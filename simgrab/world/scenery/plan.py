@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -25,6 +25,7 @@ from simgrab.world.scenery.parked import parked_grabs
 from simgrab.world.trajectory.moment import GrabState, Moment
 
 CLEARANCE_M = 0.3
+MOST_LIFTS = 20  # a shorter rope swings the grab over other ground
 GRAB_REACH_M, TRAVEL_M = 16.0, 48.0  # heights are known so far from O: with swing alone, and what the crane's moves add
 COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
 
@@ -89,13 +90,29 @@ class Plan:
         placed = placed_shapes(self.grab, state.jaw, state.load)
         return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
 
+    def lifted(self, moment: Moment) -> Moment:
+        """Shorten the rope of a moment until its grab is clear of what stands below."""
+        points = self.grab_points(moment.grab)
+        for _ in range(MOST_LIFTS):
+            pose = moment.grab.jib_from_grab
+            missing = CLEARANCE_M - self._gap(moment, points @ pose[:3, :3].T + pose[:3, 3])
+            if missing <= 0:
+                break
+            grab = replace(moment.grab, rope_length=moment.grab.rope_length - missing - 0.01)
+            moment = replace(moment, grab=grab)
+        return moment
+
+    def _gap(self, moment: Moment, points_jib: Array) -> float:
+        """Least height of points (N, 3) above what stands below them, m."""
+        if moment.jib:
+            place_from_jib = np.linalg.inv(moment.jib.jib_from_place)
+            points_jib = points_jib @ place_from_jib[:3, :3].T + place_from_jib[:3, 3]
+        return self.ground.gap(points_jib)
+
     def check_clearance(self, moment: Moment, points_jib: Array) -> None:
         """Refuse a frame whose grab would stand in the ground or in the cargo heap."""
         jib, rope = moment.jib, moment.grab.rope_length
-        if jib:
-            place_from_jib = np.linalg.inv(jib.jib_from_place)
-            points_jib = points_jib @ place_from_jib[:3, :3].T + place_from_jib[:3, 3]
-        gap = self.ground.gap(points_jib)
+        gap = self._gap(moment, points_jib)
         if gap < CLEARANCE_M:
             raise ScenarioError(
                 "swing.work" if jib else "swing.rope_length_m",
@@ -125,9 +142,7 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
     if scenario.jib.head != "none":
         check_camera(np.array(scenario.camera.offset_m), jib.jib_steel(ropes))
     place = places.build(scenario.place, head_height=head_height, rng=stream(seed, number, "place"))
-    place += parked_grabs(
-        scenario.clutter.other_grabs, place, head_height=head_height, rng=stream(seed, number, "clutter.grabs")
-    )
+    place += parked_grabs(scenario.clutter, place, head_height=head_height, rng=stream(seed, number, "clutter.grabs"))
 
     def painted() -> Mapping[str, Sequence[Part]]:
         mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, number, "grab"))

@@ -43,7 +43,9 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     jaw = np.radians(value("jaw", swing.jaw_deg))
     design = design_of(scenario.grab)
     most = design.max_jaw
-    if jaw > most:
+    if swing.clamp:
+        jaw = min(jaw, most)
+    elif jaw > most:
         raise ScenarioError(
             "swing.jaw_deg",
             f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(most):g}° is possible",

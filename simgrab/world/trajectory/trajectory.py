@@ -9,6 +9,7 @@ from dataclasses import replace
 from simgrab.scenario import Iid, Scenario
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.plan import Plan
 from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.display import shown
 from simgrab.world.trajectory.moment import Moment
@@ -27,10 +28,12 @@ class Trajectory:
     scenario : Scenario
     extensions : Extensions
         With a user's own trajectory, in place of the scenario's swing.
+    plan : Plan, optional
+        Of the scenario; needed where ropes are to be shortened until the grab is clear of what stands below.
     """
 
-    def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS) -> None:
-        self._scenario, self._extensions = scenario, extensions
+    def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
+        self._scenario, self._extensions, self._plan = scenario, extensions, plan
         self._layout, self._grab = scenario.display_layout, design_of(scenario.grab)
         self._clip = -1
         self._moments: Iterator[Moment] = iter(())
@@ -48,7 +51,11 @@ class Trajectory:
             moment = self._extensions.moment(self._scenario, frame)
             return moment if moment.shown else self._with_display(moment)
         if isinstance(self._scenario.swing, Iid):
-            return self._with_display(swing.draw(self._scenario, frame))
+            moment = swing.draw(self._scenario, frame)
+            if self._scenario.swing.clamp:
+                assert self._plan is not None
+                moment = self._plan.lifted(moment)
+            return self._with_display(moment)
         # Physics alone needs it: SciPy's filters take a quarter of the time in which `render` is imported.
         from simgrab.world.trajectory.clip import ClipMotion
 

@@ -51,10 +51,10 @@ def clamshell(keys: Clamshell) -> Design:
 class _Clam:
     def __init__(self, keys: Clamshell) -> None:
         self.keys = keys
-        line = kit.curve(_CURVES[keys.shells], 60)
+        line = kit.curve(_CURVES[keys.profile], 60)
         area = 2 * float(np.trapezoid(line[:, 0], line[:, 1]))
         self.scale = s = Scale.of(keys, area * 2 * _HALF_Y)
-        self.curve = kit.curve([(x * s.x, z * s.z) for x, z in _CURVES[keys.shells]], 21)
+        self.curve = kit.curve([(x * s.x, z * s.z) for x, z in _CURVES[keys.profile]], 21)
         self.plate = 0.012 + 0.008 * s.mean
         self.half_y = _HALF_Y * s.y
         self.hinge, self.head_pin, self.shell_pin = self._at(*_HINGE), self._at(*_HEAD_PIN), self._at(*_SHELL_PIN)
