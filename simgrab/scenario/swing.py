@@ -33,8 +33,8 @@ class Iid(Tagged, frozen=True, tag="iid"):
     """Independent frames: each draws its own swing, rope length, yaw, jaws and load.
 
     A share ``absent`` of the frames shows neither grab nor ropes. A grab that is open, or of a kind that holds no bulk,
-    has no load whatever was drawn. With ``clamp``, draws that cannot be become what nearly can: jaws open as far as they
-    go, and a rope that would lower the grab into what stands below is shortened.
+    has no load whatever was drawn. With ``clamp``, impossible draws are replaced by the nearest possible: jaws open as
+    far as they go, and a rope that would lower the grab into what stands below is shortened.
     """
 
     alpha: Alpha = Alpha()

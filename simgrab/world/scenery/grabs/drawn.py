@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.scenario import Grab
-from simgrab.scenario.grab import Clamshell, FourRope, OrangePeel
+from simgrab.scenario.grab import FourRope, Grab
+from simgrab.utilities.strict import convert
 
 _RATIO = (0.8, 1.3)
 # Drive and ropes that go together, by kind.
@@ -30,7 +30,7 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
     def chance(share: float) -> bool:
         return bool(rng.random() < share)
 
-    shape = {
+    shape: dict[str, object] = {
         "volume_m3": float(rng.uniform(*volume_m3)),
         **{name: float(rng.uniform(*_RATIO)) for name in ("width", "length", "height")},
         "plate_work": float(rng.random()), "teeth": int(rng.choice([0, 0, 4, 7])),
@@ -39,14 +39,15 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
     match kind:
         case "clamshell":
             drive, ropes = _CLAMSHELL[rng.integers(len(_CLAMSHELL))]
-            return Clamshell(
-                **shape, drive=drive, ropes=ropes, arms=4 if chance(0.5) else 2, top="open" if chance(0.6) else "closed",
-                head=("frame", "block", "round")[rng.integers(3)], profile="round" if chance(0.6) else "angular",
-            )  # fmt: skip
+            shape |= {
+                "drive": drive, "ropes": ropes, "arms": 4 if chance(0.5) else 2,
+                "top": "open" if chance(0.6) else "closed", "head": ("frame", "block", "round")[rng.integers(3)],
+                "profile": "round" if chance(0.6) else "angular",
+            }  # fmt: skip
         case "orange-peel":
             drive, ropes = _ORANGE_PEEL[rng.integers(len(_ORANGE_PEEL))]
-            return OrangePeel(
-                **shape, drive=drive, ropes=ropes, tines=(4, 5, 6, 8)[rng.integers(4)],
-                shells=("closed", "half", "open")[rng.integers(3)],
-            )  # fmt: skip
-    raise ValueError(f"there is no kind of grab called {kind!r}")
+            shape |= {
+                "drive": drive, "ropes": ropes, "tines": (4, 5, 6, 8)[rng.integers(4)],
+                "shells": ("closed", "half", "open")[rng.integers(3)],
+            }  # fmt: skip
+    return convert({"model": kind, **shape}, Grab)
