@@ -105,7 +105,7 @@ def test_the_display_shows_what_was_true_a_lag_ago(lag):
         ({"swing.work.carry_rope_m": 24.0}, "swing.work", "must not be above dig_rope_m"),
         ({"swing.wind.mean_m_s": -3.0}, "swing.wind.mean_m_s", ">= 0"),
         ({"clip.frame_rate_hz": 0.0}, "clip.frame_rate_hz", "0.01"),
-        ({"swing.work": {"model": "hang", "jaw_deg": 70.0}}, "swing.work.jaw_deg", "<= 55"),
+        ({"swing.work": {"model": "hang", "jaw_deg": 95.0}}, "swing.work.jaw_deg", "<= 90"),
     ],
 )
 def test_the_impossible_is_refused_when_it_is_read(changes, key, why):

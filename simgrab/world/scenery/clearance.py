@@ -60,7 +60,7 @@ class HeightMap:
 def check_camera(centre: Array, steel: trimesh.Trimesh) -> None:
     """Refuse a camera (3,), jib frame, that is inside the jib's steel, or so near that it sees nothing else."""
     room = float(trimesh.proximity.closest_point_naive(steel, [centre])[1][0])
-    if room < LEAST_ROOM_M or _winding(steel, centre) > 0.5:
+    if room < LEAST_ROOM_M or winding(steel, centre) > 0.5:
         raise ScenarioError(
             "camera.offset_z_m",
             f"the camera at ({centre[0]:g}, {centre[1]:g}, {centre[2]:g}) m is in the jib head's steel or less than "
@@ -68,7 +68,7 @@ def check_camera(centre: Array, steel: trimesh.Trimesh) -> None:
         )
 
 
-def _winding(mesh: trimesh.Trimesh, point: Array) -> float:
+def winding(mesh: trimesh.Trimesh, point: Array) -> float:
     """How often closed meshes wind around a point: their solid angles over 4π (van Oosterom & Strackee, 1983)."""
     a, b, c = (np.asarray(mesh.triangles) - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

@@ -56,7 +56,7 @@ class _Clam:
         self.scale = s = Scale.of(keys, area * 2 * _HALF_Y)
         self.curve = kit.curve([(x * s.x, z * s.z) for x, z in _CURVES[keys.profile]], 21)
         self.plate = 0.012 + 0.008 * s.mean
-        self.half_y = _HALF_Y * s.y
+        self.half_y = _HALF_Y * s.y + self.plate
         self.hinge, self.head_pin, self.shell_pin = self._at(*_HINGE), self._at(*_HEAD_PIN), self._at(*_SHELL_PIN)
         self.far_pin = self.hinge[0] + self.shell_pin[0], self.hinge[1] + self.shell_pin[1]
         self.arm_y = (-_ARM_Y * s.y, _ARM_Y * s.y) if keys.arms == 4 or keys.drive == "hydraulic" else (0.0,)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 
 from simgrab.scenario.grab import FourRope, Grab
-from simgrab.utilities.strict import convert
 
 _RATIO = (0.8, 1.3)
 # Drive and ropes that go together, by kind.
@@ -50,4 +50,4 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
                 "drive": drive, "ropes": ropes, "tines": (4, 5, 6, 8)[rng.integers(4)],
                 "shells": ("closed", "half", "open")[rng.integers(3)],
             }  # fmt: skip
-    return convert({"model": kind, **shape}, Grab)
+    return msgspec.convert({"model": kind, **shape}, Grab)

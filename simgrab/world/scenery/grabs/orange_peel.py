@@ -31,11 +31,11 @@ MAX_JAW = np.radians(58.0)
 
 # In units of `Scale`: the tine's inside from tip to rim, and pins.
 _CURVE = ((0.0, 0.0), (0.62, 0.10), (1.02, 0.62), (0.97, 1.22))
-_HINGE = (0.30, 1.22)
-_HEAD_PIN = (0.34, 2.06)
+_HINGE = (0.30, 1.52)  # above the rims, which therefore move outwards before they move inwards
+_HEAD_PIN = (0.34, 2.36)
 _JAW_PIN = (0.60, 0.10)  # from the hinge
-_CYLINDER_HEAD_PIN = (0.26, 2.10)
-_CROWN = (1.94, 2.16)
+_CYLINDER_HEAD_PIN = (0.26, 2.40)
+_CROWN = (2.24, 2.46)
 _SHEAVE_R = 0.15
 _GAP_M = 0.005  # half the gap between closed tines
 _CLEARANCE_M = 0.02
@@ -145,7 +145,7 @@ class _Peel:
 
     def _patch(self, inner: float, outer: float, share: float = 1.0) -> trimesh.Trimesh:
         """Plate of revolution between two offsets of the curve."""
-        around = np.linspace(-share, share, 7 if self.keys.tines > 4 else 11)
+        around = np.linspace(-share, share, 9 if self.keys.tines > 4 else 13)
         grids = []
         for distance in (outer, inner):
             line = kit.offset(self.curve, distance)

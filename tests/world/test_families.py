@@ -1,0 +1,249 @@
+"""Laws of the parametric grabs: closed steel, volume, linkage, clearance, mass, ropes, cargo."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+
+from simgrab.scenario.grab import Clamshell, Grab, OrangePeel
+from simgrab.world.scenery.clearance import winding
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
+from simgrab.world.scenery.grabs.drawn import any_of
+
+KINDS = ("clamshell", "orange-peel")
+SMALL, LARGE = {"volume_m3": 3.0}, {"volume_m3": 20.0}
+EXTREMES: tuple[Grab, ...] = (
+    Clamshell(**SMALL, width=0.75, length=1.35, height=0.75, teeth=12, plate_work=1.0),
+    Clamshell(**LARGE, width=1.35, length=0.75, height=1.35, top="closed", ropes=1, head="round", plate_work=0.0),
+    Clamshell(**LARGE, width=0.75, length=0.75, height=1.35, drive="hydraulic", ropes=2, profile="angular"),
+    OrangePeel(**SMALL, width=0.75, length=0.75, height=1.35, tines=3),
+    OrangePeel(**LARGE, width=1.35, length=1.35, height=0.75, tines=8, shells="half", ropes=2),
+    OrangePeel(**LARGE, height=1.35, tines=4, shells="open", drive="hydraulic", ropes=1),
+)
+DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(6))
+GRABS = EXTREMES + DRAWN
+
+each = pytest.mark.parametrize("grab", GRABS, ids=lambda g: f"{type(g).__name__}-{GRABS.index(g)}")
+
+
+def jaws(design: Design) -> np.ndarray:
+    return np.linspace(0.0, design.max_jaw, 9)
+
+
+@cache
+def moves(grab: Grab) -> dict[str, list[np.ndarray]]:
+    """How each body has moved since the grab was closed, (4, 4), for every opening, in the grab frame."""
+    design = design_of(grab)
+    closed = design.frames(0.0)
+    found = [design.frames(float(jaw)) for jaw in jaws(design)]
+    return {b.name: [frames[b.name] @ np.linalg.inv(closed[b.name]) for frames in found] for b in design.bodies}
+
+
+def steel(grab: Grab, *stems: str, parts: tuple[str, ...] = ()) -> trimesh.Trimesh:
+    """Steel of bodies in the closed grab, by the beginnings of their names, and of some of their parts alone."""
+    design = design_of(grab)
+    frames = design.frames(0.0)
+    return trimesh.util.concatenate(
+        [
+            part.mesh.copy().apply_transform(frames[body.name])
+            for body in design.bodies
+            if not stems or body.name.startswith(stems)
+            for part in body.parts
+            if not parts or part.name in parts
+        ]
+    )
+
+
+@each
+def test_all_steel_is_closed_and_faces_outwards(grab: Grab) -> None:
+    design = design_of(grab)
+    for body in design.bodies:
+        for part in body.parts:
+            assert part.mesh.is_watertight, (body.name, part.name)
+            assert part.mesh.is_winding_consistent, (body.name, part.name)
+            assert np.isfinite(part.mesh.vertices).all()
+            assert all(piece.volume > 0 for piece in part.mesh.split()), (body.name, part.name)
+    assert sum(len(part.mesh.faces) for body in design.bodies for part in body.parts) < 45_000
+
+
+@each
+def test_the_centre_is_on_the_ropes_axis_at_half_the_height(grab: Grab) -> None:
+    design = design_of(grab)
+    low, high = steel(grab).bounds
+    assert low[2] + high[2] == pytest.approx(0.0, abs=1e-9)
+    assert len(design.terminations) == grab.ropes
+    np.testing.assert_allclose(design.terminations[:, :2].mean(axis=0), 0.0, atol=1e-12)
+    assert np.ptp(design.terminations[:, 2]) == 0
+    assert 0.5 * high[2] < design.terminations[0, 2] < high[2] + 0.3
+
+
+def room(mesh: trimesh.Trimesh, z: float) -> float:
+    """Area that steel encloses round the axis at a height, by distances to it in all directions."""
+    segments = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, z))[:, :, :2]
+    angles = (np.arange(360) + 0.31) * 2 * np.pi / 360
+    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    a, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    with np.errstate(all="ignore"):
+        across = ray[:, None, 0] * along[None, :, 1] - ray[:, None, 1] * along[None, :, 0]
+        distance = (a[:, 0] * along[:, 1] - a[:, 1] * along[:, 0])[None] / across
+        share = (a[None, :, 0] * ray[:, None, 1] - a[None, :, 1] * ray[:, None, 0]) / across
+        hit = (share >= 0) & (share <= 1) & (distance > 0)
+    nearest = np.where(hit, distance, np.inf).min(axis=1)
+    seen = np.isfinite(nearest)  # not through the gap between two tines
+    return float(np.interp(angles, angles[seen], nearest[seen], period=2 * np.pi) ** 2 @ np.full(360, np.pi / 360))
+
+
+@pytest.mark.parametrize("height", [0.75, 1.0, 1.35])
+@pytest.mark.parametrize(
+    ("grab", "stem", "parts"),
+    [
+        (Clamshell(volume_m3=4.0), "shell", ("back", "sides")),
+        (Clamshell(volume_m3=15.0, profile="angular", width=1.2), "shell", ("back", "sides")),
+        (OrangePeel(volume_m3=4.0, tines=8), "tine", ("back",)),
+        (OrangePeel(volume_m3=15.0, tines=5, width=1.2), "tine", ("back",)),
+    ],
+)
+def test_the_closed_grab_holds_its_volume(grab: Grab, stem: str, parts: tuple[str, ...], height: float) -> None:
+    grab = type(grab)(**{f: getattr(grab, f) for f in grab.__struct_fields__} | {"height": height})
+    shells = steel(grab, stem, parts=parts)
+    low, high = shells.bounds[:, 2]
+    backs = steel(grab, stem, parts=("back",))
+    rim = backs.bounds[1, 2]
+    heights, step = np.linspace(low, rim, 60, retstep=True)
+    held = step * sum(room(shells, float(z)) for z in heights[:-1] + step / 2)
+    assert held == pytest.approx(grab.volume_m3, rel=0.02)
+    assert high >= rim
+
+
+LINKS = (("arms", "shell"), ("piston", "shell"), ("rod", "tine"), ("piston", "tine"))
+
+
+@each
+def test_links_stay_on_their_pins(grab: Grab) -> None:
+    found = 0
+    for link, jaw in LINKS:
+        names = [name for name in moves(grab) if name.startswith(f"{link}_")]
+        for name in names:
+            partner = name.replace(link, jaw)
+            if partner not in moves(grab):
+                continue
+            apart = [a - b for a, b in zip(moves(grab)[name], moves(grab)[partner], strict=True)]
+            matrix, offset = (np.concatenate([m[:3, s] for m in apart]) for s in (slice(0, 3), 3))
+            pin = np.linalg.lstsq(matrix, -offset, rcond=1e-9)[0]
+            np.testing.assert_allclose(matrix @ pin, -offset, atol=1e-9)
+            assert np.linalg.norm(matrix) > 0.1, "they do not move apart"
+            pins = steel(grab, name).vertices
+            plane = np.linalg.svd(matrix)[2][:2]  # the pin lies along the axis somewhere
+            assert np.linalg.norm((pins - pin) @ plane.T, axis=1).min() < 0.12
+            found += 1
+    assert found >= 2
+
+
+@each
+def test_lips_meet_in_the_closed_grab_and_move_outwards(grab: Grab) -> None:
+    design = design_of(grab)
+    assert all(q == pytest.approx(0.0, abs=1e-12) for q in design.positions(0.0).values())
+    reach = []
+    for jaw in jaws(design):
+        frames = design.frames(float(jaw))
+        lips = np.concatenate([trimesh.transform_points(p, frames[body]) for body, p in design.lips.items()])
+        away = np.abs(lips[:, 0]) if isinstance(grab, Clamshell) else np.linalg.norm(lips[:, :2], axis=1)
+        assert np.ptp(away) < 1e-9
+        reach.append(away[0])
+    assert reach[0] < 0.03
+    assert np.all(np.diff(reach) > 0)
+    assert reach[-1] > 0.35 * np.ptp(steel(grab).vertices[:, 0])
+    for body, points in design.lips.items():
+        own = next(b for b in design.bodies if b.name == body).steel
+        assert all(np.linalg.norm(own.vertices - p, axis=1).min() < 0.15 for p in points)
+
+
+@each
+def test_jaws_stay_in_their_own_sectors(grab: Grab) -> None:
+    names = [b.name for b in design_of(grab).bodies if b.name.startswith(("tine", "shell"))]
+    closed = {name: steel(grab, name).vertices for name in names}
+    for name in names:
+        middle = closed[name].mean(axis=0)
+        azimuth = 0.0 if name == "shell_outer" else np.pi if name == "shell_inner" else np.arctan2(middle[1], middle[0])
+        across = np.array([-np.sin(azimuth), np.cos(azimuth)])
+        along = np.array([np.cos(azimuth), np.sin(azimuth)])
+        half = np.pi / len(names)
+        for move in moves(grab)[name]:
+            p = trimesh.transform_points(closed[name], move)[:, :2]
+            r, y = p @ along, np.abs(p @ across)
+            if len(names) == 2:
+                assert r.min() > -0.2  # ears reach beside the other shell's
+            else:
+                beyond = y * np.cos(half) - np.maximum(r, 0.0) * np.sin(half)  # distance past the sector's edge
+                assert beyond.max() < 0.03, name
+
+
+@each
+def test_what_slides_stays_below_the_head(grab: Grab) -> None:
+    if "beam" not in moves(grab):
+        return
+    beam, head = steel(grab, "beam").vertices, steel(grab, "head", parts=("head_body", "crown", "deck"))
+    for move in moves(grab)["beam"]:
+        assert trimesh.transform_points(beam, move)[:, 2].max() < head.bounds[0, 2]
+
+
+@each
+def test_mass_follows_the_steel_and_the_load(grab: Grab) -> None:
+    design = design_of(grab)
+    for body in design.bodies:
+        assert body.mass_kg == pytest.approx(7850 * 0.95 * sum(part.mesh.volume for part in body.parts))
+    empty = design.mass_of(0.0, 0.0)
+    assert empty.mass == pytest.approx(design.mass_kg, rel=1e-9)
+    assert 500 < empty.mass / grab.volume_m3 < 4000
+    frames = design.frames(0.0)
+    centre = sum(b.mass_kg * trimesh.transform_points([b.steel.center_mass], frames[b.name])[0] for b in design.bodies)
+    assert empty.centre_z == pytest.approx(centre[2] / design.mass_kg, abs=2e-3)
+    if design.holds_cargo:
+        full = design.mass_of(0.0, 1.0)
+        assert full.mass - empty.mass == pytest.approx(850 * grab.volume_m3, rel=1e-9)
+        assert full.centre_z < empty.centre_z
+
+
+@each
+def test_the_closing_rope_pays_out_what_the_falls_take(grab: Grab) -> None:
+    design = design_of(grab)
+    paid = [design.closing_rope_m(float(jaw)) for jaw in jaws(design)]
+    if not design.closing:
+        assert paid == [0.0] * len(paid)
+        return
+    assert paid[0] == 0.0
+    assert np.all(np.diff(paid) > 0)
+    travel = [abs(move[2, 3]) for move in moves(grab)[design.falls_to]]
+    np.testing.assert_allclose(paid, np.array(travel) * len(design.falls) / len(design.closing), rtol=0.02, atol=1e-3)
+
+
+@each
+def test_cargo_lies_inside_and_rises_with_the_fill(grab: Grab) -> None:
+    design = design_of(grab)
+    heaps = design.heaps("coal", np.random.default_rng(3))
+    if not design.holds_cargo:
+        assert not heaps
+        return
+    assert len(heaps) == len(CARGO_LEVELS)
+    shells = steel(grab, "tine", "shell", parts=("back", "sides"))
+    low, high = shells.bounds
+    rng = np.random.default_rng(0)
+    for heap in heaps:
+        assert heap.mesh.is_watertight
+        assert heap.mesh.volume > 0
+        points = rng.permutation(heap.mesh.vertices)[:60]
+        assert np.all(points > low)
+        assert np.all(points[:, :2] < high[:2])
+        assert all(abs(winding(shells, point)) < 0.5 for point in points)
+    volumes = [heap.mesh.volume for heap in heaps]
+    assert all(a < b for a, b in pairwise(volumes))
+    assert 0.6 * grab.volume_m3 < volumes[-1] < 1.25 * grab.volume_m3
+
+
+def test_designs_that_differ_in_looks_alone_are_one() -> None:
+    assert design_of(Clamshell(wear=0.1, cargo="ore")) is design_of(Clamshell(wear=0.9, paint_rgb=(0, 0, 0)))
