@@ -72,10 +72,23 @@ class Clamshell(Shaped, frozen=True, tag="clamshell"):
     drive: Literal["ropes", "hydraulic"] = "ropes"
 
 
+class Scissors(Shaped, frozen=True, tag="scissors"):
+    """A scissors grab: its shells hang on levers that cross at a pivot, and ropes draw the levers' upper ends together.
+
+    It needs two or four ropes.
+    """
+
+    top: Literal["open", "closed"] = "open"
+    profile: Literal["round", "angular"] = "round"
+
+    def check(self) -> None:  # noqa: D102
+        check_ropes(self.ropes, "ropes")
+
+
 def check_ropes(ropes: int, drive: str) -> None:
     """Refuse a single rope for jaws that a second one has to close."""
     if drive == "ropes" and ropes == 1:
-        raise ValueError('ropes must be 2 or 4, because one cannot close the grab; or set drive = "hydraulic"')
+        raise ValueError("ropes must be 2 or 4: one cannot hold the grab and close it")
 
 
-Grab = FourRope | Clamshell | OrangePeel
+Grab = FourRope | Clamshell | OrangePeel | Scissors

@@ -59,7 +59,9 @@ class Clutter(Strict, frozen=True):
     """
 
     other_grabs: Annotated[int, Meta(ge=0, le=4)] = 0
-    kinds: Annotated[tuple[Literal["four-rope", "clamshell", "orange-peel"], ...], Meta(min_length=1)] = ("four-rope",)
+    kinds: Annotated[tuple[Literal["four-rope", "clamshell", "orange-peel", "scissors"], ...], Meta(min_length=1)] = (
+        "four-rope",
+    )
 
 
 class Light(Strict, frozen=True):

@@ -182,7 +182,8 @@ def _add_grab(spec: mujoco.MjSpec, plan: Plan) -> None:
     for level, heap in enumerate(plan.heaps):
         add_parts(spec, head, [heap], group=HIDDEN, prefix=f"cargo_{level}")
     # The inner falls run down inside the closed shells, so their full length may be drawn whatever the jaws do.
-    for k, (top, bottom) in enumerate(design.falls):
+    drawn = design.falls if design.falls_from == design.bodies[0].name else ()
+    for k, (top, bottom) in enumerate(drawn):
         drop = bottom + design.frames(design.max_jaw)[design.falls_to][:3, 3] - top
         fall = ropes.rope_part(float(np.linalg.norm(drop)), f"fall_{k}", plan.ropes.radius_m)
         turn = trimesh.geometry.align_vectors([0, 0, 1], -drop)

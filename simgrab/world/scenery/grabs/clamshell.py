@@ -16,8 +16,8 @@ import trimesh
 from simgrab.geometry import Array
 from simgrab.scenario.grab import Clamshell
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
-from simgrab.world.scenery.grabs.kit import Scale
+from simgrab.world.scenery.grabs.design import Design
+from simgrab.world.scenery.grabs.shells import GAP_M, HALF_TURN, Shells, polygons
 from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
@@ -26,21 +26,13 @@ from simgrab.world.scenery.meshes.shapes import block, circle, hull, join, pin, 
 
 MAX_JAW = np.radians(57.0)
 
-# In units of `Scale`: half the closed width, the depth of the shells and half the closed width again.
-_CURVES = {
-    "round": ((0.0, 0.0), (0.43, 0.08), (0.98, 0.28), (1.0, 1.0)),
-    "angular": ((0.0, 0.0), (0.70, 0.02), (0.92, 0.35), (1.0, 1.0)),
-}
-_HALF_Y = 0.83
+# In units of `Scale`.
 _HINGE = (0.123, 1.073)
 _SHELL_PIN = (0.816, -0.024)  # from the hinge
 _HEAD_PIN = (0.448, 1.652)
 _CYLINDER_PIN = (0.20, 1.72)
 _ARM_Y = 0.66
 _GIRDER = (1.56, 1.78)
-_HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
-_GAP_M = 0.003
-_CLEARANCE_M = 0.02
 
 
 def clamshell(keys: Clamshell) -> Design:
@@ -48,37 +40,20 @@ def clamshell(keys: Clamshell) -> Design:
     return _Clam(keys).design()
 
 
-class _Clam:
+class _Clam(Shells):
+    keys: Clamshell
+
     def __init__(self, keys: Clamshell) -> None:
-        self.keys = keys
-        line = kit.curve(_CURVES[keys.profile], 60)
-        area = 2 * float(np.trapezoid(line[:, 0], line[:, 1]))
-        self.scale = s = Scale.of(keys, area * 2 * _HALF_Y)
-        self.curve = kit.curve([(x * s.x, z * s.z) for x, z in _CURVES[keys.profile]], 21)
-        self.plate = 0.012 + 0.008 * s.mean
-        self.half_y = _HALF_Y * s.y + self.plate
-        self.hinge, self.head_pin, self.shell_pin = self._at(*_HINGE), self._at(*_HEAD_PIN), self._at(*_SHELL_PIN)
+        super().__init__(keys, _HINGE)
+        s = self.scale
+        self.head_pin, self.shell_pin = self.at(*_HEAD_PIN), self.at(*_SHELL_PIN)
         self.far_pin = self.hinge[0] + self.shell_pin[0], self.hinge[1] + self.shell_pin[1]
         self.arm_y = (-_ARM_Y * s.y, _ARM_Y * s.y) if keys.arms == 4 or keys.drive == "hydraulic" else (0.0,)
         self.sheave_r = 0.10 + 0.07 * s.mean
         self.sheave_y = tuple(side * 0.34 * s.y + o for side in (-1, 1) for o in (-0.055, 0.055))
 
-    def _at(self, x: float, z: float) -> tuple[float, float]:
-        return x * self.scale.x, z * self.scale.z
-
     def design(self) -> Design:
         return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
-
-    def _pair(
-        self, name: str, parts: list[Part], parent: str, pin: tuple[float, float], origin: tuple[float, float]
-    ) -> list[Body]:
-        """Outer body, drawn about (x, z), and the inner one, half a turn away."""
-        own = kit.placed(parts, (origin[0], 0.0, origin[1]))
-        other = [part.moved(_HALF_TURN) for part in own]
-        return [
-            kit.body(f"{name}_outer", own, parent, (pin[0], 0.0, pin[1])),
-            kit.body(f"{name}_inner", other, parent, (-pin[0], 0.0, pin[1])),
-        ]
 
     def _roped(self) -> Design:
         crank = SliderCrank(self.hinge, self.head_pin, self.shell_pin)
@@ -87,8 +62,8 @@ class _Clam:
         bodies = [
             kit.body("head", self._head()),
             kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True),
-            *self._pair("shell", self._shell(), "beam", (hx, 0.0), self.hinge),
-            *self._pair("arms", self._arms(), "head", self.head_pin, self.head_pin),
+            *self.pair("shell", self._shell(), "beam", (hx, 0.0), self.hinge),
+            *self.pair("arms", self._arms(), "head", self.head_pin, self.head_pin),
         ]
 
         def positions(jaw: float) -> dict[str, float]:
@@ -104,26 +79,26 @@ class _Clam:
         falls = [((x, y, self._sheave_z), (x, y, self._beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
         return kit.assembled(
             bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
-            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self._lips(), heaps=self._heaps(),
+            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
-        cylinder = Cylinder(self.hinge, self._at(*_CYLINDER_PIN), self.shell_pin)
+        cylinder = Cylinder(self.hinge, self.at(*_CYLINDER_PIN), self.shell_pin)
         start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
         along = (end - start) / np.linalg.norm(end - start)
         axis = (float(along[0]), 0.0, float(along[1]))
         barrel, piston = self._cylinders(cylinder)
         bodies = [
             kit.body("head", [*self._head(), *self._column(), *self._beam()]),
-            *self._pair("shell", self._shell(), "head", self.hinge, self.hinge),
-            *self._pair("barrel", barrel, "head", cylinder.head_pin, cylinder.head_pin),
+            *self.pair("shell", self._shell(), "head", self.hinge, self.hinge),
+            *self.pair("barrel", barrel, "head", cylinder.head_pin, cylinder.head_pin),
         ]
         own = kit.placed(piston, (start[0], 0.0, start[1]))
         bodies += [
             kit.body("piston_outer", own, "barrel_outer", axis=axis, slides=True),
             kit.body(
                 "piston_inner",
-                [p.moved(_HALF_TURN) for p in own],
+                [p.moved(HALF_TURN) for p in own],
                 "barrel_inner",
                 axis=(-axis[0], 0.0, axis[2]),
                 slides=True,
@@ -138,107 +113,23 @@ class _Clam:
             }  # fmt: skip
 
         return kit.assembled(
-            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3, lips=self._lips(),
-            heaps=self._heaps(),
+            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3, lips=self.lips(),
+            heaps=self.heaps(),
         )  # fmt: skip
 
     # The outer shell.
 
-    def _wrap(self, name: str, mesh: trimesh.Trimesh, *, inside: bool = False) -> Part:
-        material = BARE.lining if inside else BARE.shell
-        return kit.wrap(name, mesh, material, top=float(self.curve[-1, 1]), around=2 * self.half_y)
-
     def _shell(self) -> list[Part]:
-        keys, t, hl, m = self.keys, self.plate, self.half_y, self.scale.mean
-        rib = 0.03 + 0.03 * m
-        parts = [
-            self._wrap("back", prism(kit.band(self.curve, 0.0, t), -hl, hl)),
-            self._wrap(
-                "lining", prism(kit.band(self.curve, -0.006, -0.0005), -hl + t + 0.001, hl - t - 0.001), inside=True
-            ),
-            self._wrap("sides", self._sides()),
-            Part("rim", self._rim(), BARE.body),
-            Part("lugs", self._shell_lugs(), BARE.body),
-            Part("lips", self._shell_lips(), BARE.lip),
-            Part("pins", self._shell_pins(), BARE.dark),
-        ]
-        count = round(9 * keys.plate_work)
-        if count:
-            one = prism(kit.band(self.curve, t - 0.003, t + rib, 2, 20), -0.012, 0.012)
-            parts.append(self._wrap("ribs", shapes.at_y(one, *np.linspace(-0.86 * hl, 0.86 * hl, count))))
-        if keys.plate_work > 0.3:
-            parts.append(
-                Part(
-                    "belt",
-                    prism(kit.band(self.curve, t - 0.003, t + rib - 0.005, 12, 14), -hl + 0.005, hl - 0.005),
-                    BARE.body,
-                )
-            )
-        if keys.top == "closed":
-            parts.append(Part("roof", self._roof(), BARE.body))
-        if keys.markings:
-            parts.append(
-                Part(
-                    "mark",
-                    prism(kit.band(self.curve, t - 0.002, t + 0.004, 15, 18), -0.95 * hl, -0.55 * hl),
-                    BARE.hazard,
-                )
-            )
-        return parts
+        lugs, pins = Part("lugs", self._shell_lugs(), BARE.body), Part("pins", self._shell_pins(), BARE.dark)
+        return [*self.shell(), lugs, pins]
 
-    def _outline(self) -> shapely.Polygon:
-        """Side plate: back curve, upper edge, and the ear that hangs on the pin."""
+    def outline(self) -> shapely.Polygon:
+        """Return the side plate's outline, with the ear that hangs on the pin."""
         (hx, hz), (w, top) = self.hinge, self.curve[-1]
-        hollow = (
-            []
-            if self.keys.top == "closed"
-            else [(0.86 * w, 0.99 * top), (0.66 * w, 0.90 * top), (0.40 * w, 0.87 * top), (0.22 * w, 0.99 * top)]
-        )
-        body = shapely.Polygon([*map(tuple, self.curve), *hollow, (_GAP_M, 0.99 * top)])
         ear = hull(
             circle(hx, hz, 0.08 * self.scale.mean + 0.02), shapely.box(0.05 * w, 0.84 * top, 0.28 * w, 0.88 * top)
         )
-        return shapely.union_all([body, ear]).intersection(shapely.box(_GAP_M, -1.0, 9.0, 9.0))
-
-    def _sides(self) -> trimesh.Trimesh:
-        outline, t, hl, m = self._outline(), self.plate, self.half_y, self.scale.mean
-        pieces = [prism(outline, hl - t, hl)]
-        frame = outline.difference(outline.buffer(-0.06 * m - 0.02)).intersection(
-            shapely.box(0.0, 0.1 * self.scale.z, 9, 9)
-        )
-        pieces += [prism(part, hl - 0.001, hl + 0.016) for part in _polygons(frame)]
-        w, top = self.curve[-1]
-        lines = [
-            ((0.20 * w, 0.95 * top), (0.72 * w, 0.35 * top)),
-            ((0.14 * w, 0.9 * top), (0.34 * w, 0.15 * top)),
-            ((0.30 * w, 0.75 * top), (0.94 * w, 0.62 * top)),
-        ]
-        for line in lines[: round(3 * self.keys.plate_work)]:
-            bar = shapely.LineString(line).buffer(0.012 + 0.004 * m, cap_style="flat").intersection(outline)
-            pieces += [prism(part, hl - 0.004, hl + 0.03 + 0.02 * m) for part in _polygons(bar)]
-        return shapes.mirrored_y(join(pieces))
-
-    def _rim(self) -> trimesh.Trimesh:
-        w, top = self.curve[-1]
-        deep, out = 0.08 * self.scale.mean + 0.04, 0.03 * self.scale.mean + 0.02
-        return prism(
-            rounded(shapely.box(w - 0.01, top - deep, w + self.plate + out, top), 0.01), -self.half_y, self.half_y
-        )
-
-    def _roof(self) -> trimesh.Trimesh:
-        """Roof from the rim to beside the beam."""
-        w, top = self.curve[-1]
-        inner = 0.34 * w
-        ridge = top + 0.25 * (w - inner) * 0.4
-        edge = [(w, top - 0.002), (inner, ridge)]
-        plate = shapely.LineString(edge).buffer(self.plate / 2, cap_style="flat")
-        kerb = shapely.box(inner - 0.01, ridge - 0.02, inner + 0.02, ridge + 0.08)
-        return join(
-            [
-                prism(plate, -self.half_y + self.plate, self.half_y - self.plate),
-                prism(kerb, -self.half_y + self.plate, self.half_y - self.plate),
-            ]
-        )
+        return shapely.union_all([super().outline(), ear]).intersection(shapely.box(GAP_M, -1.0, 9.0, 9.0))
 
     def _shell_lugs(self) -> trimesh.Trimesh:
         (px, pz), (w, top), m = self.far_pin, self.curve[-1], self.scale.mean
@@ -254,26 +145,6 @@ class _Clam:
         hinge = shapes.mirrored_y(pin(*self.hinge, self.half_y - 0.10, self.half_y + 0.05, 0.03 * m + 0.02, 0.02))
         return join([hinge, shapes.at_y(pin(px, pz, -apart, apart, radius, 0.014), *self.arm_y)])
 
-    def _shell_lips(self) -> trimesh.Trimesh:
-        hl, m, keys = self.half_y, self.scale.mean, self.keys
-        lip = kit.band(self.curve, -0.008, self.plate + 0.018, 0, 5)
-        pieces = [prism(lip, -hl - 0.012, hl + 0.012)]
-        flank = shapely.LineString([(0.03 * m, 0.05 * m), (0.03 * m, 0.86 * self.curve[-1, 1])]).buffer(
-            0.028 * m + 0.004, cap_style="flat"
-        )
-        side = flank.intersection(shapely.box(_GAP_M, 0, 9, 9))
-        pieces.append(shapes.mirrored_y(prism(side, hl - self.plate - 0.006, hl + 0.02)))
-        if keys.teeth:
-            pitch = 2 * hl / keys.teeth
-            tooth = shapely.Polygon(
-                [(_GAP_M, 0.10 * m), (_GAP_M, -0.09 * m), (0.05 * m, -0.05 * m), (0.13 * m, 0.06 * m)]
-            )
-            # The other shell's teeth come between: half a turn takes y to −y.
-            pieces += [
-                prism(tooth, y - 0.17 * pitch, y + 0.17 * pitch) for y in -hl + pitch * (np.arange(keys.teeth) + 0.25)
-            ]
-        return join(pieces)
-
     # Arms or cylinders, closed.
 
     def _arms(self) -> list[Part]:
@@ -287,7 +158,7 @@ class _Clam:
         arm = join(
             [
                 prism(web, -0.012, 0.012),
-                *(prism(part, -half * wide, half * wide) for part in _polygons(flange)),
+                *(prism(part, -half * wide, half * wide) for part in polygons(flange)),
                 *(pin(x, z, -half, half, 1.02 * eye) for x, z in (start, end)),
             ]
         )
@@ -451,7 +322,7 @@ class _Clam:
                 (-0.16 * s.x, edge, deck - 0.001),
                 (0.16 * s.x, edge + 0.10 * s.y, deck + 0.010),
             )
-            parts += [plate, plate.moved(_HALF_TURN, "number_inner")]
+            parts += [plate, plate.moved(HALF_TURN, "number_inner")]
         if keys.guards:
             corners = [(sx * half_x, sy * half_y) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
             parts.append(Part("rail", kit.rail(corners, deck - 0.01, 0.55), BARE.hazard))
@@ -549,7 +420,7 @@ class _Clam:
 
     def _head_lugs(self) -> trimesh.Trimesh:
         s, m = self.scale, self.scale.mean
-        x, z = self.head_pin if self.keys.drive == "ropes" else self._at(*_CYLINDER_PIN)
+        x, z = self.head_pin if self.keys.drive == "ropes" else self.at(*_CYLINDER_PIN)
         low, high = (v * s.z for v in _GIRDER)
         eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
         foot = shapely.box(0.22 * s.x, low + 0.01, 0.32 * s.x, high - 0.01)
@@ -565,43 +436,3 @@ class _Clam:
         low, high = self.hinge[1], _GIRDER[0] * s.z + 0.03
         walls = block((-0.18 * s.x, -0.52 * s.y, low), (0.18 * s.x, 0.52 * s.y, high), 0.015)
         return [Part("column", walls, BARE.body)]
-
-    def _lips(self) -> dict[str, Array]:
-        (hx, hz), hl = self.hinge, self.half_y
-        outer = np.array([(_GAP_M - hx, hl, -hz), (_GAP_M - hx, -hl, -hz)])
-        return {"shell_outer": outer, "shell_inner": (outer * (-1.0, -1.0, 1.0))[::-1]}
-
-    def _heaps(self) -> Heaps:
-        line, top = self.curve, float(self.curve[-1, 1])
-        half_y = self.half_y - self.plate - _CLEARANCE_M
-        u, v = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 37), indexing="ij")
-        heaped = 0.0 if self.keys.top == "closed" else 1.0
-
-        def make(cargo: str, rng: np.random.Generator) -> list[Part]:
-            made = []
-            for level in CARGO_LEVELS:
-                rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0))
-                shoulder = top * (0.30 + 0.52 * level)
-                edge = float(np.interp(shoulder - 0.06 * top, line[:, 1], line[:, 0])) - 2.5 * _CLEARANCE_M
-                x = edge * u
-                floor = (
-                    np.interp(np.abs(x), np.maximum.accumulate(line[:, 0]) - _CLEARANCE_M, line[:, 1]) + _CLEARANCE_M
-                )
-                fade = (1 - u**4) * (1 - v**6)
-                crest = (
-                    shoulder
-                    + (0.06 + 0.08 * heaped) * top * (1 - np.abs(u) ** 1.6) * (1 - v**2)
-                    - 0.05 * top * np.abs(v) ** 3
-                )
-                crest = crest + rough * fade
-                low = np.minimum(floor, crest - 0.02)
-                made.append(kit.heap(*(np.stack([x, half_y * v, z], axis=-1) for z in (crest, low))))
-            return kit.heap_parts(made, cargo)
-
-        return make
-
-
-def _polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    """Parts of a shape that have an area."""
-    parts = getattr(shape, "geoms", [shape])
-    return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 1e-6]

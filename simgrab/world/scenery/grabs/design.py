@@ -85,9 +85,10 @@ class Design:
     closing : sequence of int
         Which of the ropes close the jaws; the others hold the head. Empty where the jaws have a drive of their own.
     falls : ndarray, shape (k, 2, 3)
-        Pieces of the closing ropes inside the grab: upper end in the head's frame, lower end in that of ``falls_to``.
-    falls_to : str
-        Name of a body.
+        Pieces of the closing ropes inside the grab: one end in the frame of ``falls_from``, the other in that of
+        ``falls_to``.
+    falls_from, falls_to : str
+        Names of bodies. Falls from the first one, the head, are drawn; others are among the bodies' parts.
     lips : mapping of str to ndarray, shape (n, 3)
         Ends of the cutting edges, by body and in its frame, in the order of the keypoints ``lip_…``; four at most in
         all.
@@ -108,6 +109,7 @@ class Design:
     terminations: Array
     closing: Sequence[int] = ()
     falls: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    falls_from: str = ""
     falls_to: str = ""
     lips: Mapping[str, Array] = field(default_factory=dict)
     heaps: Heaps = _no_heaps
@@ -145,11 +147,16 @@ class Design:
         """Length that each closing rope has paid out, on top of a holding rope's, to open the jaws by so many rad."""
         if not len(self.falls) or not self.closing:
             return 0.0
-        opened, closed = (
-            np.linalg.norm(self.falls[:, 1] + self.frames(j)[self.falls_to][:3, 3] - self.falls[:, 0], axis=1).sum()
-            for j in (jaw, 0.0)
-        )
+        opened, closed = (self._falls_m(self.frames(j)) for j in (jaw, 0.0))
         return float(opened - closed) / len(self.closing)
+
+    def _falls_m(self, frames: Mapping[str, Array]) -> float:
+        """Length of all falls."""
+        upper, lower = (
+            trimesh.transform_points(ends, frames[body])
+            for ends, body in zip(self.falls.transpose(1, 0, 2), (self.falls_from, self.falls_to), strict=True)
+        )
+        return float(np.linalg.norm(lower - upper, axis=1).sum())
 
     def mass_of(self, jaw: float, load: float) -> Mass:
         """Mass, its centre and moments of inertia at an opening of the jaws, rad, and a fill, 0 to 1."""

@@ -50,4 +50,9 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
                 "drive": drive, "ropes": ropes, "tines": (4, 5, 6, 8)[rng.integers(4)],
                 "shells": ("closed", "half", "open")[rng.integers(3)],
             }  # fmt: skip
+        case "scissors":
+            shape |= {
+                "ropes": 4 if chance(0.6) else 2, "top": "open" if chance(0.7) else "closed",
+                "profile": "round" if chance(0.6) else "angular",
+            }  # fmt: skip
     return msgspec.convert({"model": kind, **shape}, Grab)

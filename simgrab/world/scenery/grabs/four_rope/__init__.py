@@ -71,6 +71,7 @@ def four_rope() -> Design:
         terminations=_TERMINATIONS,
         closing=(1, 3),
         falls=_reeving(),
+        falls_from="head",
         falls_to="beam",
         lips={"shell_outer": lips, "shell_inner": (lips * (-1.0, -1.0, 1.0))[::-1]},
         heaps=cargo_parts,
