@@ -1,7 +1,8 @@
-"""Make the bundled weights again, from nothing: ``python -m scripts.build_weights [--quick]``.
+"""Make the bundled weights again: ``python -m scripts.build_weights [--quick] [--from DIR]``.
 
-Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
-the same command is given again. Needs ``simgrab[train]``.
+They are trained from nothing, or with ``--from`` begin with another detector's weights, in half the time. Renders what
+is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when the same
+command is given again. Needs ``simgrab[train]``.
 """
 
 from __future__ import annotations
@@ -61,12 +62,15 @@ ROOMY = {
 # Most frames show the grab, each world another one; the second set teaches what none looks like, the third a grab that
 # snow lies on.
 DETECTOR = (
-    Source("training", "training", {"clip.clip_frames": 6}, 4800, 1440, 0),
+    Source("training", "training", {"clip.clip_frames": 6}, 3600, 1440, 0),
     Source("empty", "training", CROWDED, 480, 240, 1, ROOMY),
-    Source("snow", "training", {}, 960, 240, 2, SNOW),
+    Source("snow", "training", {}, 480, 240, 2, SNOW),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
-HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 640, 240, 3, ROOMY)
+HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 480, 240, 3, ROOMY)
+
+# Frames shown to nets that begin with trained weights, and shall learn other grabs.
+SHOWN_AGAIN = {"find": 25_000, "refine": 100_000, "settle": 80_000}
 
 READER = Source("digits", "digits", {}, 2400, 960, 0)
 
@@ -101,21 +105,22 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
     return msgspec.structs.replace(scenario, vary={**scenario.vary, varied: fewer})
 
 
-def detector(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:
+def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
     """Train the detector; returns its nets."""
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import NETS, train
 
     *datasets, hard = rendered([*DETECTOR, HARD], work, quick=quick, workers=workers)
     out = work / "detector"
-    chosen = functools.partial(recipes, quick=quick, threads=threads)
+    frames = SHOWN_AGAIN if start and not quick else None
+    chosen = functools.partial(recipes, quick=quick, started=start is not None, shown=frames, threads=threads)
     with board(shown=True) as shown:
-        train(datasets, out, chosen, hard=[hard], resume=True, watch=shown.step, report=shown.training)
+        train(datasets, out, chosen, hard=[hard], start=start, resume=True, watch=shown.step, report=shown.training)
     return [out / f"{name}.onnx" for name in NETS]
 
 
-def reader(work: Path, *, quick: bool, workers: int, threads: int) -> list[Path]:  # noqa: ARG001
-    """Train the reader, which gains nothing by a second thread; returns its net."""
+def reader(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:  # noqa: ARG001
+    """Train the reader, which gains nothing by a second thread or by others' weights; returns its net."""
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
 
     datasets = rendered([READER], work, quick=quick, workers=workers)
@@ -142,18 +147,23 @@ PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": det
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer frames, and about a fifth of the time in training.")
 @click.option("--only", type=click.Choice(list(PARTS)), help="Build one part.")
+@click.option(
+    "--from", "start", type=click.Path(path_type=Path, exists=True), help="Folder of a detector to begin with."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="[default: assets/weights; with --quick, in --work]")
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")
 @click.option("--threads", default=2, show_default=True, help="Of torch.")
-def main(quick: bool, only: str | None, out: Path | None, work: Path | None, workers: int, threads: int) -> None:
-    """Make the bundled weights again, from nothing."""
+def main(
+    quick: bool, only: str | None, start: Path | None, out: Path | None, work: Path | None, workers: int, threads: int
+) -> None:
+    """Make the bundled weights again."""
     need_torch()
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
     out = out or (work / "weights" if quick else ROOT / "assets" / "weights")
     work.mkdir(parents=True, exist_ok=True)
     for name in [only] if only else PARTS:
-        nets = PARTS[name](work, quick=quick, workers=workers, threads=threads)
+        nets = PARTS[name](work, quick=quick, start=start, workers=workers, threads=threads)
         install(nets, out)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")
 

@@ -38,6 +38,12 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     multiple=True,
     help="Dataset of negative examples for the last network; may be repeated.",
 )
+@click.option(
+    "--from",
+    "start",
+    metavar="DETECTOR",
+    help="Start from the weights of this detector: `bundled`, or a folder. Takes about 15 minutes on two cores.",
+)
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
@@ -50,9 +56,9 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, hard: tuple[Path, ...], seed: int, quick: bool, epochs: int | None,
-    batch: int | None, patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool,
-    quiet: bool,
+    datasets: tuple[Path, ...], out: Path, hard: tuple[Path, ...], start: str | None, seed: int, quick: bool,
+    epochs: int | None, batch: int | None, patience: int, device: str, threads: int, half: bool | None, resume: bool,
+    as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
@@ -63,15 +69,19 @@ def detector(
 
     check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
+    from simgrab.instrument.detect import BUNDLED, WEIGHTS
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
 
+    begin = WEIGHTS if start == BUNDLED else start
     chosen = functools.partial(
-        recipes, quick=quick, epochs=epochs, batch=batch, half=half, seed=seed, patience=patience, device=device,
-        threads=threads,
+        recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
+        patience=patience, device=device, threads=threads,
     )  # fmt: skip
     with resumable(out), board(shown=not (quiet or as_json)) as shown:
-        result = train(datasets, out, chosen, hard=hard, resume=resume, watch=shown.step, report=shown.training)
+        result = train(
+            datasets, out, chosen, hard=hard, start=begin, resume=resume, watch=shown.step, report=shown.training
+        )
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)

@@ -45,6 +45,8 @@ class Card:
         On validation data: overall, and ``by_weather``.
     judged_by : tuple of Data
         Of whose validation frames the metrics are, besides those of `data`.
+    started_from : str
+        SHA-256 of the model whose weights it began with; empty after random ones.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Card:
     seconds: float
     metrics: Mapping[str, Any]
     judged_by: tuple[Data, ...] = ()
+    started_from: str = ""
 
     def to_dict(self, model: bytes) -> dict[str, Any]:
         """Plain data, with the digest of the model's bytes, the versions and the machine."""
@@ -94,6 +97,8 @@ def machine() -> dict[str, Any]:
 
 def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
+    start = content.get("started_from")
+    began = f" It began with the weights of the model `{start[:16]}…`." if start else ""
     others = f" and of {_sets(content['judged_by'])}" if content.get("judged_by") else ""
     together = " “alone” is of this net, the rest of all the nets together." if "alone" in content["metrics"] else ""
     lines = [
@@ -103,7 +108,7 @@ def markdown(content: Mapping[str, Any]) -> str:
         "",
         f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])},"
         f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
-        f" on {content['machine']['cores']} cores. Judged by the split `val` of these{others}.{together}",
+        f" on {content['machine']['cores']} cores. Judged by the split `val` of these{others}.{together}{began}",
         "",
         "| validation | |",
         "|---|---|",

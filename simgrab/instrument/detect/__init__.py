@@ -46,4 +46,4 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     return Yolo(net)
 
 
-__all__ = ["BUNDLED", "Bundled", "Detector", "Yolo", "detector"]
+__all__ = ["BUNDLED", "WEIGHTS", "Bundled", "Detector", "Yolo", "detector"]

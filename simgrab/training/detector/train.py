@@ -19,18 +19,23 @@ from simgrab.errors import TrainingError
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
+from simgrab.instrument.net import MOST_BYTES
 from simgrab.labels import datasets
+from simgrab.rng import stream
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.settings import Recipes
+from simgrab.training.detector.start import begun
 from simgrab.training.device import named
 from simgrab.training.folder import check, claim
 from simgrab.utilities.files import scratch
+from simgrab.utilities.parse import read_bytes
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # batch of find, pictures
+_MEASURED = 128  # examples for the statistics of a net that begins with trained weights
 
 NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
@@ -57,6 +62,7 @@ def train(
     recipes: Callable[[int], Recipes],
     *,
     hard: Sequence[str | Path] = (),
+    start: str | Path | None = None,
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
@@ -74,6 +80,8 @@ def train(
     hard : sequence of paths, optional
         Datasets, mostly of no grab, that settle alone learns from: what find takes for the grab in pictures that it has
         not learned is what it will take for it at work.
+    start : path, optional
+        Folder of a trained detector whose weights the nets begin with, instead of random ones.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -85,19 +93,20 @@ def train(
     """
     out = Path(out)
     check(out, resume=resume)
+    first = _begun(start)
     sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
     frames, doubtful = Frames.of(sets), Frames.of(more)
     chosen = recipes(len(frames.train))
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
-        fitted = fit(frames, out, chosen, hard=doubtful, resume=resume, watch=watch, report=report)
+        fitted = fit(frames, out, chosen, hard=doubtful, start=start, resume=resume, watch=watch, report=report)
         for name, trained in fitted.nets.items():
             learned, others = ((*sets, *more), ()) if name == "settle" else (sets, more)
             Card(
                 name=name, task=TASKS[name], data=tuple(one.data for one in learned), examples=trained.examples,
                 recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
                 metrics={"alone": trained.figures, "best_epoch": trained.epoch} | fitted.metrics,
-                judged_by=tuple(one.data for one in others),
+                judged_by=tuple(one.data for one in others), started_from=first.get(name, ""),
             ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
 
@@ -130,24 +139,28 @@ class Fitted:
 
 
 def fit(
-    frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, resume: bool = False,
-    watch: Watch | None = None, report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+    frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, start: str | Path | None = None,
+    resume: bool = False, watch: Watch | None = None,
+    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
     hard = hard or Frames((), ())
-    digest, train_frames, val_frames = frames.digest, frames.train, frames.val
+    train_frames, val_frames = frames.train, frames.val
+    digest = frames.digest + "".join(_begun(start).values())
     for name, some in (("training", train_frames), ("validation", val_frames)):
         if not any(frame.labelled for frame in some):
             raise TrainingError(f"no {name} frame shows the grab; render more frames")
     step = watch or (lambda _: lambda _done, _total: None)
     follow = report or (lambda _: lambda _report: None)
-    folder = out / "cache" / digest[:16]
+    folder = out / "cache" / frames.digest[:16]
 
     small = [
         find.pictures(folder / f"small-{name}", some, step(f"resizing {name} images"))
         for name, some in (("train", train_frames), ("val", val_frames))
     ]
-    found = _learn(Find, find.Finding(*small), recipes.find, out / "find", digest, resume, follow("find"))
+    finding = find.Finding(*small)
+    build = _starting(Find, start, "find", finding, "pictures")
+    found = _learn(build, finding, recipes.find, out / "find", digest, resume, follow("find"))
     example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
     export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
@@ -159,7 +172,9 @@ def fit(
 
     crops = [cut(folder, "train", train_frames, small[0]), cut(folder, "val", val_frames, small[1])]
     digest += key
-    refined = _learn(Refine, refine.Refining(*crops), recipes.refine, out / "refine", digest, resume, follow("refine"))
+    refining = refine.Refining(*crops)
+    build = _starting(Refine, start, "refine", refining, "crops")
+    refined = _learn(build, refining, recipes.refine, out / "refine", digest, resume, follow("refine"))
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", {"task": REFINE})
 
@@ -170,9 +185,9 @@ def fit(
             pictures = find.pictures(aside / f"small-{name}", some, step(f"resizing hard {name} images"))
             sets.append(cut(aside, f"hard-{name}", some, pictures))
     digest += hard.digest + _digest(out / "refine.onnx")
-    start = functools.partial(settle.learner, refined.net)
     task = settle.Settling(learned, judged, refined.net)
-    settled = _learn(start, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
+    build = _starting(functools.partial(settle.learner, refined.net), start, "settle", task, "crops")
+    settled = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
     write = functools.partial(export.export, settled.net, example, ["told"])
 
     with scratch(out / "settle.onnx") as draft:  # a folder with settle.onnx in it is a detector, settings and all
@@ -188,6 +203,31 @@ def fit(
     write(out / "settle.onnx", {"task": SETTLE, "settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
     return Fitted({"find": found, "refine": refined, "settle": settled}, figures)
+
+
+def _begun(start: str | Path | None) -> dict[str, str]:
+    """SHA-256 of the nets that a training begins with, by name."""
+    if start is None:
+        return {}
+    return {
+        name: hashlib.sha256(read_bytes(Path(start) / f"{name}.onnx", TrainingError, most_bytes=MOST_BYTES)).hexdigest()
+        for name in NETS
+    }
+
+
+def _starting(
+    build: Callable[[], torch.nn.Module], start: str | Path | None, name: str, task: loop.Task, taken: str
+) -> Callable[[], torch.nn.Module]:
+    """Give what builds a net: as it is, or with the weights of a trained one."""
+    if start is None:
+        return build
+
+    def begin() -> torch.nn.Module:
+        rng = stream(0, 0, "statistics")
+        some = rng.permutation(task.examples)[:_MEASURED]
+        return begun(build, Path(start) / f"{name}.onnx", task.batch(some, rng)[taken])
+
+    return begin
 
 
 def _learn(
