@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ import numpy as np
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
-from simgrab.utilities import resources
+from simgrab.utilities import models, resources
+from simgrab.utilities.models import copied
 from simgrab.utilities.parse import parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
 from simgrab.utilities.strict import convert
@@ -63,7 +64,8 @@ def load(
         raise ScenarioError("", f"changes must be a mapping from dotted keys to values, got {type(changes).__name__}")
     data = merged(Scenario().to_dict(), _read(scene))
     for key, value in (changes or {}).items():
-        data = merged(data, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
+        change = vary.nested(key, value.item() if isinstance(value, np.generic) else value)
+        data = merged(data, _with_models(change, lambda _: Path()))
     scenario = convert(data, Scenario)
     for key in changes or {}:
         if not f"{key}.".startswith("vary."):
@@ -107,7 +109,7 @@ def _read(scene: str | Path) -> dict[str, Any]:
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix == ".json":
         return _manifest_scenario(path)
-    data = read_toml(path, _REFUSE)
+    data = _with_models(read_toml(path, _REFUSE), lambda _: path.parent)
     base = data.pop("base", None)
     if base is None:
         return data
@@ -117,7 +119,33 @@ def _read(scene: str | Path) -> dict[str, Any]:
 
 
 def _manifest_scenario(path: Path) -> dict[str, Any]:
-    return _scenario_of(read_json(path, _REFUSE), path)
+    return with_copies(_scenario_of(read_json(path, _REFUSE), path), path.parent)
+
+
+def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
+    """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
+    found: dict[str, Any] = _with_models(scenario, lambda table: dataset / copied(str(table.get("sha256"))))
+    return found
+
+
+def _with_models(data: Any, folder: Callable[[Mapping[str, Any]], Path], key: str = "") -> Any:
+    """Name models of grabs, wherever a scene's plain data have one, by file name and SHA-256 instead of by path.
+
+    ``folder`` gives what the path in a table is relative to.
+    """
+    if isinstance(data, Mapping):
+        inner = {name: _with_models(value, folder, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
+        file = data.get("file")
+        if not isinstance(file, str) or not (data.get("model") == "mesh" or key.rpartition(".")[2] == "grab"):
+            return inner
+        model = models.read(folder(data) / file, lambda problem: ScenarioError(f"{key}.file", problem))
+        stated = data.get("sha256")
+        if stated and stated != model.sha256:
+            raise ScenarioError(f"{key}.sha256", f"{file} has another content, of SHA-256 {model.sha256}")
+        return inner | {"file": model.name, "sha256": model.sha256}
+    if isinstance(data, list | tuple):
+        return [_with_models(value, folder, f"{key}.{i}") for i, value in enumerate(data)]
+    return data
 
 
 def of_manifest(manifest: Any, where: str | Path) -> Scenario:

@@ -13,7 +13,7 @@ from simgrab.scenario.camera import (
     Vibration,
 )
 from simgrab.scenario.factor import Factor, OneOf
-from simgrab.scenario.grab import Clamshell, FourRope, Grab, OrangePeel
+from simgrab.scenario.grab import Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.size import resized
@@ -58,12 +58,14 @@ __all__ = [
     "Hold",
     "Iid",
     "Image",
+    "Jaw",
     "Jib",
     "Labels",
     "Lens",
     "LensFocal",
     "LevelledMount",
     "Light",
+    "Mesh",
     "OneOf",
     "Optics",
     "OrangePeel",
@@ -72,6 +74,7 @@ __all__ = [
     "Quay",
     "RigidMount",
     "Scenario",
+    "Scissors",
     "Sensor",
     "SensorFocal",
     "Share",

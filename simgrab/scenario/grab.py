@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Annotated, Literal
 
-from simgrab.scenario.base import Cargo, Meta, Share, Tagged
+import msgspec
 
+from simgrab.errors import ScenarioError
+from simgrab.scenario.base import Cargo, Meta, Share, Strict, Tagged
+from simgrab.utilities import models
+
+Point = tuple[float, float, float]
 Ratio = Annotated[float, Meta(ge=0.75, le=1.35)]
 
 
@@ -91,4 +98,72 @@ def check_ropes(ropes: int, drive: str) -> None:
         raise ValueError("ropes must be 2 or 4: one cannot hold the grab and close it")
 
 
-Grab = FourRope | Clamshell | OrangePeel | Scissors
+class Jaw(Strict, frozen=True):
+    """A moving part of a user's own grab: a node of the file with all below it.
+
+    To open, it turns about an axis through ``hinge_m`` by ``open_deg`` (right-handed), or it slides along the axis by
+    ``stroke_m``. ``lips_m`` are ends of its cutting edge, which become keypoints.
+    """
+
+    node: Annotated[str, Meta(min_length=1, max_length=200)]
+    hinge_m: Point = (0.0, 0.0, 0.0)
+    axis: Point = (0.0, 1.0, 0.0)
+    open_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    stroke_m: float = 0.0
+    lips_m: Annotated[tuple[Point, ...], Meta(max_length=4)] = ()
+
+    def check(self) -> None:  # noqa: D102
+        if (self.open_deg == 0) == (self.stroke_m == 0):
+            raise ValueError("a jaw needs either open_deg or stroke_m")
+        if math.hypot(*self.axis) < 1e-6:
+            raise ScenarioError("axis", "must be a direction, not zero")
+
+
+class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
+    """A user's own grab, closed and empty, from a file: GLB, glTF, OBJ, PLY or STL.
+
+    A path is relative to the scene's own file. ``scale`` gives metres a unit, ``up`` the file's axis that points up
+    (``"auto"``: y in glTF, z in others), ``yaw_deg`` a turn about it. All points are then in metres, z up, from the
+    file's origin. ``centre_m`` is the grab's centre A: by default on the ropes' axis at half the height.
+    ``rope_ends_m`` are where the ropes end, by default at the top of the middle. ``mass_kg`` and ``drag_area_m2`` (drag
+    coefficient times area) are estimated from the shape unless given. With ``finish = "paint"``, or where the file has
+    no colours, the grab is painted as others are. Jaws open together, each in proportion; they need a file with named
+    nodes.
+    """
+
+    file: Annotated[str, Meta(min_length=1, max_length=4096)]
+    sha256: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
+    scale: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    yaw_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    centre_m: Point | None = None
+    ropes: Literal[1, 2, 4] = 4
+    rope_ends_m: tuple[Point, ...] = ()
+    lips_m: Annotated[tuple[Point, ...], Meta(max_length=4)] = ()
+    mass_kg: Annotated[float, Meta(ge=50, le=200_000)] | None = None
+    drag_area_m2: Annotated[float, Meta(ge=0, le=500)] | None = None
+    finish: Literal["file", "paint"] = "file"
+    jaws: Annotated[tuple[Jaw, ...], Meta(max_length=16)] = ()
+
+    def check(self) -> None:
+        """Read the file, unless it is named by its SHA-256 alone, and refuse what does not fit together."""
+        self._read()
+        if self.rope_ends_m and len(self.rope_ends_m) != self.ropes:
+            raise ScenarioError("rope_ends_m", f"{len(self.rope_ends_m)} points for {self.ropes} ropes")
+        if sum(map(len, (self.lips_m, *(jaw.lips_m for jaw in self.jaws)))) > 4:
+            raise ScenarioError("lips_m", "at most 4 keypoints in all, those of jaws included")
+        if len({jaw.node for jaw in self.jaws}) < len(self.jaws):
+            raise ScenarioError("jaws", "two of them have the same node")
+
+    def _read(self) -> None:
+        """Put the file's name for its path; where it lies is remembered."""
+        if self.sha256 and Path(self.file).name == self.file:
+            return
+        model = models.read(self.file, lambda problem: ScenarioError("file", problem))
+        if self.sha256 and self.sha256 != model.sha256:
+            raise ScenarioError("sha256", f"{self.file} has another content, of SHA-256 {model.sha256}")
+        msgspec.structs.force_setattr(self, "file", model.name)
+        msgspec.structs.force_setattr(self, "sha256", model.sha256)
+
+
+Grab = FourRope | Clamshell | OrangePeel | Scissors | Mesh

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import timedelta
+from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -17,13 +18,14 @@ from simgrab.geometry import Intrinsics
 from simgrab.layouts import Layout
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
-from simgrab.scenario.factor import Factor
-from simgrab.scenario.grab import FourRope, Grab
+from simgrab.scenario.factor import Factor, OneOf
+from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Plain, Quay, Water
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
+from simgrab.utilities import models
 
 MOST_DAYS = 366
 """Of simulated motion in a dataset."""
@@ -100,6 +102,16 @@ class Scenario(Strict, frozen=True):
         """The display's layout fitted to the picture; None where there is no display."""
         return self.display.layout_in(self.camera.width_px, self.camera.height_px)
 
+    @property
+    def models(self) -> dict[str, str]:
+        """Names of the files of users' own grabs, by SHA-256."""
+        return dict(_models([self.grab, *self.vary.values()]))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle: another process gets to know where models lie."""
+        places = {sha256: str(place) for sha256 in self.models if (place := models.place_of(sha256))}
+        return _unpickled, (msgspec.structs.astuple(self), places)
+
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""
         return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()
@@ -111,6 +123,25 @@ class Scenario(Strict, frozen=True):
     def to_toml(self) -> str:
         """Return a scene file with every key filled in."""
         return tomli_w.dumps(_without_none(self.to_dict()))
+
+
+def _unpickled(fields: tuple[Any, ...], places: Mapping[str, str]) -> Scenario:
+    for sha256, place in places.items():
+        models.remember(sha256, Path(place))
+    return Scenario(*fields)
+
+
+def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
+    """Give SHA-256 and name of all models in tables, plain or not."""
+    for value in values:
+        match value:
+            case Mesh() | {"model": "mesh"}:
+                table = msgspec.to_builtins(value)
+                yield table.get("sha256", ""), table["file"]
+            case OneOf():
+                yield from _models(value.values)
+            case dict():
+                yield from _models(value.values())
 
 
 def _without_none(value: Any) -> Any:

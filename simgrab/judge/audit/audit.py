@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
+from simgrab import scenes
 from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
@@ -119,7 +120,7 @@ def _read(path: Path) -> _Dataset:
         raise DatasetError(f"{path} holds {'an unfinished' if unfinished else 'no'} simgrab dataset")
     known = read_json(path / MANIFEST, DatasetError)
     try:
-        scenario = convert(known["scenario"], Scenario)
+        scenario = convert(scenes.with_copies(known["scenario"], path), Scenario)
     except (ValueError, KeyError, TypeError, AttributeError, SimgrabError) as problem:
         raise DatasetError(f"{path / MANIFEST}: not a simgrab manifest ({problem})") from None
     rows, schema, _ = frame_files.read_rows(path, Row)

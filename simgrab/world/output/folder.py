@@ -185,9 +185,10 @@ def finish(
     if folder is not None:
         for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
             (folder / "images" / split).mkdir(parents=True, exist_ok=True)
-    for name, data in (tables.others(splits, scenario) | {"preview.jpg": preview}).items():
+    others = tables.others(splits, scenario) | {"preview.jpg": preview}
+    for name, data in others.items():
         place.write(name, data)
-    digests = {name: place.sha256(name) for name in tables.names(splits)}
+    digests = {name: place.sha256(name) for name in {*tables.names(splits), *others}}
     place.write(MANIFEST, manifest.compose(core, rendered_by, digests))
 
 

@@ -273,7 +273,8 @@ def finish(
     known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
     dataset = ShardedDataset(store, known, tuple(sum(one.tally.splits) for one in done))
     tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
-    files = {CAMERA: tables.calibration_of(scenario).to_toml().encode(), PREVIEW: preview.of(tiles)}
+    camera = tables.calibration_of(scenario).to_toml().encode()
+    files = {CAMERA: camera, PREVIEW: preview.of(tiles)} | tables.grabs(scenario)
     for name, data in files.items():
         store.write(name, data)
         digests[name] = hashlib.sha256(data).hexdigest()

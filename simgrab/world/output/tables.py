@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import io
 import json
 import shutil
@@ -20,9 +21,11 @@ import pyarrow.parquet as pq
 from pycocotools import mask as coco_mask
 
 from simgrab.calibration import Calibration
+from simgrab.errors import ScenarioError
 from simgrab.labels import arrays as labels
 from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
 from simgrab.scenario import Scenario
+from simgrab.utilities import models
 
 _GROUP_ROWS = 1024  # of a Parquet table, in memory at once
 _SPOOLED = 2**20  # bytes of annotations in memory
@@ -293,11 +296,21 @@ class Tables:
 
 def others(splits: Sequence[str], scenario: Scenario) -> dict[str, bytes]:
     """Write what stands beside the tables of a dataset with frames in these splits, by name."""
-    return {"data.yaml": yolo_yaml(splits), "camera.toml": calibration_of(scenario).to_toml().encode()}
+    camera = calibration_of(scenario).to_toml().encode()
+    return {"data.yaml": yolo_yaml(splits), "camera.toml": camera} | grabs(scenario)
+
+
+def grabs(scenario: Scenario) -> dict[str, bytes]:
+    """Copy the files of users' own grabs, by their names in a dataset."""
+    found: dict[str, bytes] = {}
+    for sha256, name in scenario.models.items():
+        model = models.recall(sha256, name, functools.partial(ScenarioError, "grab.file"))
+        found |= {f"{models.copied(sha256)}/{file}": data for file, data in model.files.items()}
+    return found
 
 
 def names(splits: Sequence[str]) -> list[str]:
-    """Name the files, besides pictures and YOLO's, of a dataset with frames in these splits."""
+    """Name the tables, and what always lies beside them, of a dataset with frames in these splits."""
     return [
         "labels.parquet", "data.yaml", "camera.toml", "preview.jpg",
         *(f"annotations/instances_{split}.json" for split in SPLITS), *map(metadata_name, splits),

@@ -178,7 +178,7 @@ def _add_grab(spec: mujoco.MjSpec, plan: Plan) -> None:
         bodies[own.name].add_joint(name=own.name, type=slide if own.slides else hinge, axis=own.axis)
     for own in design.bodies:
         add_parts(spec, bodies[own.name], plan.bodies[own.name], group=GRAB, prefix=own.name)
-        _set_inertia(bodies[own.name], own.steel, own.mass_kg)
+        _set_inertia(bodies[own.name], own.solid, own.mass_kg)
     for level, heap in enumerate(plan.heaps):
         add_parts(spec, head, [heap], group=HIDDEN, prefix=f"cargo_{level}")
     # The inner falls run down inside the closed shells, so their full length may be drawn whatever the jaws do.

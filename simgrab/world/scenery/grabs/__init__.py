@@ -7,11 +7,12 @@ from functools import lru_cache
 import msgspec
 
 from simgrab.scenario import Grab
-from simgrab.scenario.grab import Clamshell, FourRope, Looks, OrangePeel, Scissors
+from simgrab.scenario.grab import Clamshell, FourRope, Looks, Mesh, OrangePeel, Scissors
 from simgrab.world.scenery.grabs.clamshell import clamshell
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.grabs.orange_peel import orange_peel
+from simgrab.world.scenery.grabs.own import own
 from simgrab.world.scenery.grabs.scissors import scissors
 
 _ANY = Looks()
@@ -34,3 +35,5 @@ def _design(grab: Grab) -> Design:
             return orange_peel(grab)
         case Scissors():
             return scissors(grab)
+        case Mesh():
+            return own(grab)

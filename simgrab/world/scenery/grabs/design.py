@@ -22,6 +22,7 @@ from simgrab.world.scenery.meshes.part import Part
 
 #: Fills of the closed grab for which there is a heap.
 CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
+FLAT_M = 0.005  # thickness below which a body without a volume counts as flat
 AIR_DRAG = 1.3  # drag coefficient of a body of plates and bars
 
 
@@ -57,6 +58,16 @@ class Body:
     def steel(self) -> trimesh.Trimesh:
         """All parts as one mesh."""
         return trimesh.util.concatenate([part.mesh for part in self.parts])
+
+    @cached_property
+    def solid(self) -> trimesh.Trimesh:
+        """What the mass is spread over: the steel, or its convex hull where that is not closed, or its box if flat."""
+        if self.steel.is_watertight:
+            return self.steel
+        if min(self.steel.extents) < FLAT_M:
+            low, high = self.steel.bounds
+            return trimesh.creation.box(bounds=[low - FLAT_M, high + FLAT_M])
+        return self.steel.convex_hull
 
 
 Heaps = Callable[[str, np.random.Generator], Sequence[Part]]
@@ -168,7 +179,7 @@ class Design:
             return self.weight
         heaps = dict(zip(CARGO_LEVELS, self.heaps("coal", np.random.default_rng(0)), strict=False))
         jaws = np.linspace(0.0, self.max_jaw, 5).tolist() if self.max_jaw else [0.0]
-        bodies = [(body.name, body.steel, body.mass_kg) for body in self.bodies]
+        bodies = [(body.name, body.solid, body.mass_kg) for body in self.bodies]
         return weighed(
             [(jaw, [(steel, mass, frames[name]) for name, steel, mass in bodies])
              for jaw, frames in ((jaw, self.frames(jaw)) for jaw in jaws)],

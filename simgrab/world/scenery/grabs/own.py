@@ -1,0 +1,356 @@
+"""A user's own grab, from a file of a 3-D model."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+from trimesh.visual.material import PBRMaterial, SimpleMaterial
+
+from simgrab.errors import ScenarioError, SimgrabError, first_line
+from simgrab.geometry import Array, rotation_z
+from simgrab.scenario.grab import Mesh
+from simgrab.utilities import models
+from simgrab.utilities.models import MOST_FACES, Model
+from simgrab.utilities.parse import shown
+from simgrab.world.scenery.grabs import kit
+from simgrab.world.scenery.grabs.design import Body, Design
+from simgrab.world.scenery.meshes.paint import BARE
+from simgrab.world.scenery.meshes.part import Material, Part, Texture
+
+LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
+MOST_TEXTURE_PX = 4096
+PLATE_M = 0.012  # of steel that is drawn as a surface without thickness
+MOST_COLOURS = 24  # of faces; of more, the mean is taken
+_APART_M = 0.02  # of the mean of the rope ends and A, seen from above
+_UP = {  # file axes to z up, by the axis that points up: rows are the file's axes
+    "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)), "-x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One geometry of a model, where it stands in the file's frame: metres, z up.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        One, or one for each colour of its faces.
+    nodes : tuple of str
+        Names of the node that shows it and of all above that.
+    closed : bool
+        Whether it is watertight, and so has a volume.
+    volume_m3, area_m2 : float
+        Of the steel; the volume is 0 where it is not closed.
+    """
+
+    parts: tuple[Part, ...]
+    nodes: tuple[str, ...]
+    closed: bool
+    volume_m3: float
+    area_m2: float
+
+    @property
+    def vertices(self) -> Array:
+        """Of all parts, shape (n, 3)."""
+        return np.concatenate([np.asarray(part.mesh.vertices) for part in self.parts])
+
+
+def own(keys: Mesh) -> Design:
+    """Return the design of a user's own grab.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is none, cannot be a grab, or lacks a node.
+    """
+    return design(keys, pieces(keys, models.recall(keys.sha256, keys.file, _refuse)))
+
+
+def design(keys: Mesh, found: list[Piece]) -> Design:
+    """Make a design of the pieces of a model."""
+    points = np.concatenate([piece.vertices for piece in found])
+    low, high = points.min(axis=0), points.max(axis=0)
+    _check_size(high - low, keys.scale)
+    ends = _rope_ends(keys, low, high)
+    centre = np.array([*ends[:, :2].mean(axis=0), (low[2] + high[2]) / 2]) if keys.centre_m is None else keys.centre_m
+    apart = float(np.linalg.norm(ends[:, :2].mean(axis=0) - np.asarray(centre)[:2]))
+    if apart > _APART_M:
+        raise ScenarioError(
+            "grab.rope_ends_m", f"their middle lies {apart:.2f} m beside centre_m, seen from above; the ropes' axis "
+            "runs through A",
+        )  # fmt: skip
+    if ends[:, 2].min() <= np.asarray(centre)[2]:
+        raise ScenarioError("grab.rope_ends_m", "must lie above the grab's centre")
+    bodies = _bodies(keys, found, np.asarray(centre))
+    most = max((abs(math.radians(jaw.open_deg)) for jaw in keys.jaws), default=0.0)
+
+    def positions(opening: float) -> Mapping[str, float]:
+        share = opening / most if most else 0.0
+        return {f"jaw_{i}": share * (jaw.stroke_m or math.radians(jaw.open_deg)) for i, jaw in enumerate(keys.jaws)}
+
+    lips = {"head": np.array(keys.lips_m) - centre} if keys.lips_m else {}
+    lips |= {f"jaw_{i}": np.array(jaw.lips_m) - jaw.hinge_m for i, jaw in enumerate(keys.jaws) if jaw.lips_m}
+    return Design(bodies, positions, most, ends - centre, lips=lips, drag_area_m2=keys.drag_area_m2)
+
+
+def _refuse(problem: str) -> SimgrabError:
+    return ScenarioError("grab.file", problem)
+
+
+def _check_size(size: Array, scale: float) -> None:
+    longest = float(size.max())
+    stated = " × ".join(f"{side:.3g}" for side in size)
+    if not LEAST_SIDE_M <= longest <= MOST_SIDE_M:
+        likely = {unit: s for unit, s in UNITS.items() if 3 * LEAST_SIDE_M <= longest / scale * s <= MOST_SIDE_M}
+        fits = [f"{unit} (scale = {s:g})" for unit, s in likely.items()]
+        hint = f"; it would fit in {' or '.join(fits)}" if fits else ""
+        raise ScenarioError("grab.scale", f"the grab would be {stated} m; its longest side must be "
+                            f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m{hint}")  # fmt: skip
+    if size.min() < 1e-3:
+        raise ScenarioError("grab.file", f"the grab would be flat: {stated} m")
+
+
+#: Metres a unit.
+UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048, "metres": 1.0, "kilometres": 1e3}
+
+
+def _rope_ends(keys: Mesh, low: Array, high: Array) -> Array:
+    """Where ropes end in the file's frame, counter-clockwise seen from above."""
+    if keys.rope_ends_m:
+        ends = np.array(keys.rope_ends_m)
+        about = ends[:, :2] - ends[:, :2].mean(axis=0)
+        order = np.argsort(np.mod(np.arctan2(about[:, 1], about[:, 0]), 2 * np.pi), kind="stable")
+        return np.asarray(ends[order])
+    middle = (low + high) / 2 if keys.centre_m is None else np.array(keys.centre_m)
+    half = (high - low) / 2
+    return kit.ends(keys.ropes, 0.2 * half[0], 0.35 * half[1], float(high[2])) + [middle[0], middle[1], 0.0]
+
+
+def _bodies(keys: Mesh, found: list[Piece], centre: Array) -> list[Body]:
+    moving = {jaw.node: i for i, jaw in enumerate(keys.jaws)}
+    known = sorted({node for piece in found for node in piece.nodes})
+    for i, jaw in enumerate(keys.jaws):
+        if jaw.node not in known:
+            names = ", ".join(shown(name) for name in known[:12]) + (", …" if len(known) > 12 else "")
+            raise ScenarioError(f"grab.jaws.{i}.node", f"the file shows no node {shown(jaw.node)}; it has {names}")
+    groups: dict[int, list[Piece]] = {i: [] for i in range(-1, len(keys.jaws))}
+    for piece in found:
+        groups[next((moving[node] for node in piece.nodes if node in moving), -1)].append(piece)
+    for i, group in groups.items():
+        if not group:
+            what = f"grab.jaws.{i}.node" if i >= 0 else "grab.jaws"
+            raise ScenarioError(
+                what, "nothing belongs to it" if i >= 0 else "all of the file is jaws: none holds the ropes"
+            )
+    masses = _masses(keys, groups)
+    bodies = [Body("head", masses[-1], _moved(groups[-1], centre))]
+    for i, jaw in enumerate(keys.jaws):
+        hinge = np.array(jaw.hinge_m)
+        axis = np.array(jaw.axis) / math.hypot(*jaw.axis)
+        pin, along = (tuple(float(v) for v in vector) for vector in (hinge - centre, axis))
+        bodies.append(
+            Body(f"jaw_{i}", masses[i], _moved(groups[i], hinge), "head", pin, along, slides=bool(jaw.stroke_m))  # type: ignore[arg-type]
+        )
+    return bodies
+
+
+def _moved(group: list[Piece], origin: Array) -> list[Part]:
+    return kit.placed([part for piece in group for part in piece.parts], origin.tolist())
+
+
+def steel_kg(piece: Piece) -> float:
+    """Mass of a piece as of steel: of its volume where it is closed, else of plates of `PLATE_M`."""
+    return kit.STEEL_KG_M3 * (piece.volume_m3 if piece.closed else PLATE_M * piece.area_m2)
+
+
+def _masses(keys: Mesh, groups: Mapping[int, list[Piece]]) -> dict[int, float]:
+    """Mass of the bodies, by the jaw's number and -1 for the head."""
+    own_kg = {i: max(sum(map(steel_kg, group)), 1.0) for i, group in groups.items()}
+    factor = 1.0 if keys.mass_kg is None else keys.mass_kg / sum(own_kg.values())
+    return {i: factor * kg for i, kg in own_kg.items()}
+
+
+def pieces(keys: Mesh, model: Model) -> list[Piece]:
+    """Read a model's geometries.
+
+    Raises
+    ------
+    ScenarioError
+        If it cannot be read, or holds what no grab can be of.
+    """
+    scene = _parsed(model, {"split_objects": True} if model.format == "obj" else {})
+    turn = np.eye(4)
+    up = ("y" if model.format in ("glb", "gltf") else "z") if keys.up == "auto" else keys.up
+    turn[:3, :3] = keys.scale * rotation_z(math.radians(keys.yaw_deg)) @ np.array(_UP[up], float)
+    shown_by = [(node, *scene.graph.get(node)) for node in sorted(scene.graph.nodes_geometry)]
+    total = sum(len(getattr(scene.geometry[name], "faces", ())) for _, _, name in shown_by)
+    if total > MOST_FACES:
+        raise _refuse(f"{model.name}: has {total} triangles; the limit is {MOST_FACES}: simplify it")
+    looks = _Looks(keys)
+    found = []
+    for node, matrix, name in shown_by:
+        mesh = scene.geometry[name]
+        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+            continue  # points and lines
+        piece = _piece(mesh, turn @ matrix, _above(scene, node), looks, f"{model.name}: {shown(name)}")
+        if piece:
+            found.append(piece)
+    if not found:
+        raise _refuse(f"{model.name}: shows no triangles")
+    return found
+
+
+def _parsed(model: Model, options: dict[str, Any]) -> trimesh.Scene:
+    others = {name: data for name, data in model.files.items() if name != model.name}
+    try:
+        with _quiet():
+            return trimesh.load_scene(
+                io.BytesIO(model.files[model.name]), file_type=model.format, resolver=others, process=False, **options
+            )
+    except MemoryError:
+        raise _refuse(f"{model.name}: takes more memory than there is") from None
+    except Exception as problem:  # whatever trimesh and what it uses run into
+        raise _refuse(f"{model.name}: is not a valid {model.format.upper()} file ({first_line(problem)})") from None
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep trimesh from logging what is raised as well."""
+    log = logging.getLogger("trimesh")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+def _above(scene: trimesh.Scene, node: str) -> tuple[str, ...]:
+    parents, names = scene.graph.transforms.parents, [node]
+    while names[-1] in parents and parents[names[-1]] not in names:
+        names.append(parents[names[-1]])
+    return tuple(map(str, names))
+
+
+def _piece(mesh: trimesh.Trimesh, pose: Array, nodes: tuple[str, ...], looks: _Looks, what: str) -> Piece | None:
+    if not np.isfinite(mesh.vertices).all() or not np.isfinite(pose).all():
+        raise _refuse(f"{what} has coordinates that are not finite numbers")
+    shape = mesh.copy(include_visual=False)
+    shape.apply_transform(pose)
+    kept = np.asarray(shape.area_faces) > 1e-12
+    if not kept.any():
+        return None
+    closed_shape = shape.copy()
+    closed_shape.update_faces(kept)
+    closed_shape.merge_vertices(merge_tex=True, merge_norm=True)
+    closed = bool(closed_shape.is_watertight and closed_shape.is_winding_consistent)
+    volume = float(closed_shape.volume) if closed else 0.0
+    parts = []
+    for number, (faces, material, uv) in enumerate(looks.of(mesh)):
+        chosen = kept & faces
+        if not chosen.any():
+            continue
+        own_faces = np.asarray(shape.faces)[chosen]
+        used, inverse = np.unique(own_faces, return_inverse=True)
+        vertices, triangles = np.asarray(shape.vertices)[used], inverse.reshape(-1, 3)
+        own_uv = None if uv is None else uv[used]
+        if closed and volume < 0:
+            triangles = triangles[:, ::-1]
+        elif not closed:  # drawn from either side
+            triangles = np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
+            vertices = np.concatenate([vertices, vertices])
+            own_uv = None if own_uv is None else np.concatenate([own_uv, own_uv])
+        parts.append(
+            Part(f"{nodes[0]}/{number}", trimesh.Trimesh(vertices, triangles, process=False), material, own_uv)
+        )
+    if not parts:
+        return None
+    return Piece(tuple(parts), nodes, closed, abs(volume), float(closed_shape.area))
+
+
+_Look = tuple[NDArray[np.bool_], Material, Array | None]
+
+
+class _Looks:
+    """Materials of a model's meshes; each is made once."""
+
+    def __init__(self, keys: Mesh) -> None:
+        self._painted = keys.finish == "paint"
+        self._made: dict[object, Material] = {}
+
+    def of(self, mesh: trimesh.Trimesh) -> Iterator[_Look]:
+        """Give which faces have which material, and texture coordinates of the vertices."""
+        every = np.ones(len(mesh.faces), bool)
+        visual = mesh.visual
+        if self._painted or not visual.defined:
+            yield every, BARE.body, None
+        elif visual.kind == "texture":
+            uv = None if visual.uv is None else np.asarray(visual.uv, float)
+            if uv is not None and (uv.shape != (len(mesh.vertices), 2) or not np.isfinite(uv).all()):
+                uv = None
+            yield every, self._material(visual.material, textured=uv is not None), uv
+        else:
+            yield from self._coloured(np.asarray(visual.face_colors)[:, :3], every)
+
+    def _coloured(self, colours: Array, every: NDArray[np.bool_]) -> Iterator[_Look]:
+        unique, index = np.unique(colours, axis=0, return_inverse=True)
+        if len(unique) > MOST_COLOURS:
+            unique, index = colours.mean(axis=0, keepdims=True), np.zeros(len(every), int)
+        for i, colour in enumerate(unique):
+            key = tuple(float(c) / 255 for c in colour)
+            yield index.ravel() == i, self._named(key, key, None, 0.2, 0.2), None
+
+    def _material(self, material: Any, *, textured: bool) -> Material:
+        specular, shininess, picture, colour = 0.2, 0.2, None, (1.0, 1.0, 1.0)
+        if isinstance(material, PBRMaterial):
+            picture = material.baseColorTexture
+            colour = _colour(material.baseColorFactor)
+            metal = 1.0 if material.metallicFactor is None else float(material.metallicFactor)
+            rough = 1.0 if material.roughnessFactor is None else float(material.roughnessFactor)
+            specular, shininess = 0.1 + 0.3 * min(max(metal, 0.0), 1.0), 1.0 - min(max(rough, 0.05), 1.0)
+        elif isinstance(material, SimpleMaterial):
+            picture = material.image
+            colour = (1.0, 1.0, 1.0) if picture is not None else _colour(material.diffuse)
+        texture = _texture(picture) if textured and picture is not None else None
+        if material not in self._made:
+            self._made[material] = self._named(len(self._made), colour, texture, specular, shininess)
+        return self._made[material]
+
+    def _named(
+        self, key: object, rgb: tuple[float, ...], texture: Texture | None, specular: float, shininess: float
+    ) -> Material:
+        if key not in self._made:
+            name = f"own_{len(self._made)}"
+            self._made[key] = Material(name, (*rgb, 1.0), texture, specular=specular, shininess=shininess)  # type: ignore[arg-type]
+        return self._made[key]
+
+
+def _colour(value: Any) -> tuple[float, float, float]:
+    """Red, green and blue in [0, 1] of a colour in bytes or shares; white where there is none."""
+    with suppress(TypeError, ValueError):
+        rgb = np.asarray(value, float).ravel()[:3]
+        if rgb.shape == (3,) and np.isfinite(rgb).all():
+            share = rgb / 255.0 if np.asarray(value).dtype.kind in "ui" or rgb.max() > 1.0 else rgb
+            return tuple(float(c) for c in np.clip(share, 0.0, 1.0))  # type: ignore[return-value]
+    return 1.0, 1.0, 1.0
+
+
+def _texture(picture: Image.Image) -> Texture:
+    if max(picture.size) > MOST_TEXTURE_PX:
+        raise _refuse(f"a texture of {picture.size[0]} × {picture.size[1]} px; at most {MOST_TEXTURE_PX} px a side")
+    try:
+        return np.ascontiguousarray(np.asarray(picture.convert("RGB"), np.uint8))
+    except Exception as problem:  # Pillow's decoders raise whatever they run into
+        raise _refuse(f"a texture cannot be read ({first_line(problem)})") from None
