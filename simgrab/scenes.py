@@ -16,7 +16,7 @@ from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
 from simgrab.utilities import models, resources
 from simgrab.utilities.models import copied
-from simgrab.utilities.parse import parse_value, read_json, read_toml, shown
+from simgrab.utilities.parse import Refuse, parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
 from simgrab.utilities.strict import convert
 
@@ -65,7 +65,7 @@ def load(
     data = merged(Scenario().to_dict(), _read(scene))
     for key, value in (changes or {}).items():
         change = vary.nested(key, value.item() if isinstance(value, np.generic) else value)
-        data = merged(data, _with_models(change, lambda _: Path()))
+        data = merged(data, _with_models(change, lambda table, _: Path(table["file"])))
     scenario = convert(data, Scenario)
     for key in changes or {}:
         if not f"{key}.".startswith("vary."):
@@ -109,7 +109,9 @@ def _read(scene: str | Path) -> dict[str, Any]:
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix == ".json":
         return _manifest_scenario(path)
-    data = _with_models(read_toml(path, _REFUSE), lambda _: path.parent)
+    data = _with_models(
+        read_toml(path, _REFUSE), lambda table, refuse: models.inside(path.parent, table["file"], refuse)
+    )
     base = data.pop("base", None)
     if base is None:
         return data
@@ -124,27 +126,32 @@ def _manifest_scenario(path: Path) -> dict[str, Any]:
 
 def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
-    found: dict[str, Any] = _with_models(scenario, lambda table: dataset / copied(str(table.get("sha256"))))
+
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> Path:
+        return models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
+
+    found: dict[str, Any] = _with_models(scenario, copy)
     return found
 
 
-def _with_models(data: Any, folder: Callable[[Mapping[str, Any]], Path], key: str = "") -> Any:
+def _with_models(data: Any, locate: Callable[[Mapping[str, Any], Refuse], Path], key: str = "") -> Any:
     """Name models of grabs, wherever a scene's plain data have one, by file name and SHA-256 instead of by path.
 
-    ``folder`` gives what the path in a table is relative to.
+    ``locate`` gives the path of a table's file.
     """
     if isinstance(data, Mapping):
-        inner = {name: _with_models(value, folder, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
+        inner = {name: _with_models(value, locate, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
         file = data.get("file")
         if not isinstance(file, str) or not (data.get("model") == "mesh" or key.rpartition(".")[2] == "grab"):
             return inner
-        model = models.read(folder(data) / file, lambda problem: ScenarioError(f"{key}.file", problem))
+        refuse = functools.partial(ScenarioError, f"{key}.file")
+        model = models.read(locate(data, refuse), refuse)
         stated = data.get("sha256")
         if stated and stated != model.sha256:
             raise ScenarioError(f"{key}.sha256", f"{file} has another content, of SHA-256 {model.sha256}")
         return inner | {"file": model.name, "sha256": model.sha256}
     if isinstance(data, list | tuple):
-        return [_with_models(value, folder, f"{key}.{i}") for i, value in enumerate(data)]
+        return [_with_models(value, locate, f"{key}.{i}") for i, value in enumerate(data)]
     return data
 
 

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from simgrab import scenario, scenes
 from simgrab.errors import ScenarioError
@@ -94,11 +95,13 @@ def texts(node, path=""):
     return ({path} if free else set()).union(*(texts(value, f"{path}.{key}") for key, value in node.items()))
 
 
-def test_a_scene_names_no_file(tmp_path):
+def test_a_scene_names_no_file_but_a_grab_in_its_folder(tmp_path):
     places = {path.removeprefix(".$defs.") for path in texts(scenario.schema())}
     assert places == {
         "Display.properties.layout.anyOf",  # bundled, tested below
         "Display.properties.start",  # a time
+        "Jaw.properties.node",  # of a grab's file
+        "Mesh.properties.file",  # tested below
         "OneOf.properties.names.items",  # what a choice is called
         "Scenario.properties.base",  # bundled, tested below
         "Scenario.properties.description",
@@ -110,6 +113,17 @@ def test_a_scene_names_no_file(tmp_path):
         (tmp_path / "other.toml").write_text(line, encoding="utf-8")
         with pytest.raises(ScenarioError, match=r"base: .*no bundled scene"):
             scenes.load(tmp_path / "other.toml")
+    (tmp_path / "inner").mkdir()
+    for file in ("a.stl", "inner/a.stl"):
+        trimesh.creation.box((2, 2, 2)).export(tmp_path / file)
+    (tmp_path / "inner" / "link.stl").symlink_to(tmp_path / "a.stl")
+    other = tmp_path / "inner" / "other.toml"
+    for file in ("../a.stl", str(tmp_path / "a.stl"), "link.stl", "../inner/../a.stl"):
+        other.write_text(f'[grab]\nmodel = "mesh"\nfile = "{file}"', encoding="utf-8")
+        with pytest.raises(ScenarioError, match=r"grab\.file: .*outside its folder"):
+            scenes.load(other)
+    other.write_text('[grab]\nmodel = "mesh"\nfile = "a.stl"', encoding="utf-8")
+    assert scenes.load(other).grab.file == "a.stl"
     layout = ASSETS / "osd" / "two-by-four.toml"
     for name in (layout, "../osd/two-by-four"):
         with pytest.raises(ScenarioError, match="layout must be one of"):

@@ -122,7 +122,7 @@ class Jaw(Strict, frozen=True):
 class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
     """A user's own grab, closed and empty, from a file: GLB, glTF, OBJ, PLY or STL.
 
-    A path is relative to the scene's own file. ``scale`` gives metres a unit, ``up`` the file's axis that points up
+    The file lies in the folder of the scene's own file or below. ``scale`` gives metres a unit, ``up`` the file's axis that points up
     (``"auto"``: y in glTF, z in others), ``yaw_deg`` a turn about it. All points are then in metres, z up, from the
     file's origin. ``centre_m`` is the grab's centre A: by default on the ropes' axis at half the height.
     ``rope_ends_m`` are where the ropes end, by default at the top of the middle. ``mass_kg`` and ``drag_area_m2`` (drag

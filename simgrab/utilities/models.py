@@ -116,8 +116,7 @@ def read(path: str | Path, refuse: Refuse) -> Model:
             if len(files) >= MOST_FILES:
                 raise refuse(f"{path.name}: refers to more than {MOST_FILES - 1} other files")
             left = MOST_BYTES - sum(map(len, files.values()))
-            inside = _inside(path.parent, name, found, refuse)
-            files[found] = read_bytes(inside, about, most_bytes=left)
+            files[found] = read_bytes(inside(path.parent, found, about), about, most_bytes=left)
             waiting.append(found)
     model = Model(path.name, files)
     _check_counts(model, _about(path.name, refuse))
@@ -129,15 +128,15 @@ def _about(name: str, refuse: Refuse) -> Refuse:
     return lambda problem: refuse(f"{name}: {problem}")
 
 
-def _inside(folder: Path, name: str, found: str, refuse: Refuse) -> Path:
-    """Resolve a reference, which may not leave the folder, by links neither."""
+def inside(folder: Path, found: str, refuse: Refuse) -> Path:
+    """Resolve the name of a file that may not leave a folder, by links neither."""
     target = folder / found
     try:
         leaves = not target.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):  # a NUL byte, a loop of links
         leaves = True
     if leaves or os.path.isabs(found) or "\\" in found:  # noqa: PTH117
-        raise refuse(f"{name}: refers to {shown(found)}, which is outside its folder")
+        raise refuse(f"refers to {shown(found)}, which is outside its folder")
     return target
 
 
