@@ -11,8 +11,8 @@ from simgrab.scenario.grab import Clamshell, FourRope, Looks, Mesh, OrangePeel, 
 from simgrab.world.scenery.grabs.clamshell import clamshell
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.four_rope import four_rope
+from simgrab.world.scenery.grabs.from_file import from_file
 from simgrab.world.scenery.grabs.orange_peel import orange_peel
-from simgrab.world.scenery.grabs.own import own
 from simgrab.world.scenery.grabs.scissors import scissors
 
 _ANY = Looks()
@@ -36,4 +36,4 @@ def _design(grab: Grab) -> Design:
         case Scissors():
             return scissors(grab)
         case Mesh():
-            return own(grab)
+            return from_file(grab)

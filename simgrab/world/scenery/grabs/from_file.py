@@ -67,7 +67,7 @@ class Piece:
         return np.concatenate([np.asarray(part.mesh.vertices) for part in self.parts])
 
 
-def own(keys: Mesh) -> Design:
+def from_file(keys: Mesh) -> Design:
     """Return the design of a user's own grab.
 
     Raises

@@ -1,0 +1,242 @@
+"""What simgrab understands of a user's own grab, and what looks wrong with it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import mujoco
+import numpy as np
+import trimesh
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.geometry import Array
+from simgrab.pages import html
+from simgrab.scenario import Mesh, Scenario
+from simgrab.utilities import models
+from simgrab.utilities.files import write
+from simgrab.utilities.pictures import encode
+from simgrab.world import gl
+from simgrab.world.scenery.grabs.design import Design
+from simgrab.world.scenery.grabs.from_file import PLATE_M, Piece, design, pieces
+from simgrab.world.scenery.model import GRAB, ROPE, build
+from simgrab.world.scenery.plan import draw_up
+from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
+
+USUAL_SIDES_M, USUAL_KG = (1.2, 7.0), (500.0, 40_000.0)
+MANY_FACES = 150_000
+_ASIDE = 0.05  # share of the width by which the centre of mass may lie beside the ropes' axis
+_FAR_M = 0.15  # a rope's end so far from any steel ends in the air
+_TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
+PAGE, PICTURE = "grab.html", "turntable.jpg"
+
+
+@dataclass(frozen=True, eq=False)
+class Understood:
+    """A user's own grab as simgrab reads it.
+
+    Attributes
+    ----------
+    facts : sequence of (str, str)
+        What was understood: a name and its value with units.
+    doubts : sequence of str
+        What looks wrong, a sentence each.
+    turntable : ndarray, shape (H, W, 3), uint8
+        RGB: closed from all sides, then from below and above, and open where it opens.
+    """
+
+    facts: Sequence[tuple[str, str]]
+    doubts: Sequence[str]
+    turntable: NDArray[np.uint8]
+
+    def save(self, folder: Path, name: str) -> None:
+        """Write the page and the picture into a folder."""
+        jpeg = encode(self.turntable[..., ::-1], "jpeg", 90)
+        folder.mkdir(parents=True, exist_ok=True)
+        write(folder / PICTURE, jpeg)
+        write(folder / PAGE, html.page("grab.html", name=name, found=self, jpeg=jpeg).encode())
+
+
+def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scenario:
+    """Give a scene with a user's own grab: a mesh file, or a scene file whose ``[grab]`` is one.
+
+    Parameters
+    ----------
+    file : str or Path
+    changes : dict, optional
+        Dotted keys to values, as for `simgrab.load`.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    path = Path(file)
+    if path.suffix.lower() in (".toml", ".json"):
+        scene = scenes.load(path, changes)
+    else:
+        scene = scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(path)}} | (changes or {}))
+    if not isinstance(scene.grab, Mesh):
+        raise ScenarioError("grab.model", f'{path} has no grab of model = "mesh"')
+    return scene
+
+
+def check(scene: Scenario) -> Understood:
+    """Read a scene's own grab, look for what is likely wrong, and render it from all sides.
+
+    Raises
+    ------
+    ScenarioError
+        If it cannot be a grab at all.
+    """
+    keys = scene.grab
+    assert isinstance(keys, Mesh)
+    model = models.recall(keys.sha256, keys.file, functools.partial(ScenarioError, "grab.file"))
+    found = pieces(keys, model)
+    made = design(keys, found)
+    return Understood(_facts(keys, model, found, made), _doubts(keys, found, made), turntable(scene))
+
+
+def _extent(design: Design) -> tuple[Array, Array]:
+    frames = design.frames(0.0)
+    points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in design.bodies])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _metres(values: Sequence[float] | Array) -> str:
+    return ", ".join(f"{value:.3f}" for value in values)
+
+
+def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) -> list[tuple[str, str]]:
+    low, high = _extent(made)
+    width, length, height = high - low
+    mass = made.mass_of(0.0, 0.0)
+    up = (
+        ("y" if model.format in ("glb", "gltf") else "z") + " (the format's usual one)"
+        if keys.up == "auto"
+        else keys.up
+    )
+    others = sorted(set(model.files) - {model.name})
+    closed = sum(piece.closed for piece in parts)
+    materials = {one.material.name: one.material for piece in parts for one in piece.parts}
+    textured = sum(material.texture is not None for material in materials.values())
+    painted = "body" in materials
+    facts = [
+        ("file", f"{model.name}, {sum(map(len, model.files.values())) / 1e6:.1f} MB, SHA-256 {model.sha256}"),
+        ("refers to", ", ".join(others) or "no other file"),
+        ("scale, up", f"{keys.scale:g} m a unit; {up} points up; turned by {keys.yaw_deg:g}°"),
+        ("size", f"{width:.2f} m across the jaws × {length:.2f} m along them × {height:.2f} m high"),
+        ("triangles", f"{sum(len(one.mesh.faces) for piece in parts for one in piece.parts):,}"),
+        ("pieces", f"{len(parts)}, of which {closed} are closed; the others are drawn from both sides"),
+        ("nodes", ", ".join(sorted({piece.nodes[0] for piece in parts})[:20])),
+        ("materials", f"{len(materials)}, of which {textured} with a texture"
+                      + ("; paint_rgb, wear and residue apply" if painted else "")),
+        ("centre A", f"at half the height on the ropes' axis: {_metres([-low[2]])} m above the lowest point"
+                     if keys.centre_m is None else f"given: {_metres(keys.centre_m)} m from the file's origin"),
+        ("ropes", f"{keys.ropes}, ending at "
+                  + "; ".join(f"({_metres(end)})" for end in made.terminations)
+                  + " m from A" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
+        ("jaws", "; ".join(f"{jaw.node}: {f'{jaw.open_deg:g}°' if jaw.open_deg else f'{jaw.stroke_m:g} m'}"
+                           for jaw in keys.jaws) or "none: swing.jaw_deg must be 0, or swing.clamp = true"),
+        ("keypoints", f"{len(made.terminations)} rope ends, {sum(map(len, made.lips.values()))} lip ends"),
+        ("mass", f"{mass.mass:,.0f} kg" + ("" if keys.mass_kg else
+                 f" (estimated: closed pieces as solid steel, others as {1e3 * PLATE_M:g} mm plates)")),
+        ("moments of inertia", f"{_metres([i / 1e3 for i in mass.inertia])} t m² about the centre of mass, "
+                               f"{mass.centre_z:+.2f} m from A"),
+        ("wind", f"Cd·A = {made.cd_a_m2:.1f} m²" + ("" if keys.drag_area_m2 is not None else " (from the outline)")),
+    ]  # fmt: skip
+    return facts
+
+
+def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
+    low, high = _extent(made)
+    size = high - low
+    found = []
+    if not USUAL_SIDES_M[0] <= size.max() <= USUAL_SIDES_M[1]:
+        found.append(f"The longest side is {size.max():.2f} m; grabs have {USUAL_SIDES_M[0]} to {USUAL_SIDES_M[1]} m: "
+                     "check scale.")  # fmt: skip
+    if size[2] < 0.35 * size[:2].max():
+        found.append("It is much lower than wide: check up.")
+    holes = [piece for piece in parts if not piece.closed]
+    if holes:
+        area = sum(piece.area_m2 for piece in holes) / sum(piece.area_m2 for piece in parts)
+        names = ", ".join(piece.nodes[0] for piece in holes[:6]) + (", …" if len(holes) > 6 else "")
+        found.append(f"{len(holes)} of {len(parts)} pieces have holes ({area:.0%} of the surface): {names}.")
+    faces = sum(len(one.mesh.faces) for piece in parts for one in piece.parts)
+    if faces > MANY_FACES:
+        found.append(f"{faces:,} triangles take long to draw; {MANY_FACES:,} are plenty at these distances.")
+    frames = made.frames(0.0)
+    steel = trimesh.util.concatenate([b.steel.copy().apply_transform(frames[b.name]) for b in made.bodies])
+    for i, end in enumerate(made.terminations):
+        nearest = trimesh.triangles.closest_point(steel.triangles, np.tile(end, (len(steel.faces), 1)))
+        distance = float(np.linalg.norm(nearest - end, axis=1).min())
+        if distance > _FAR_M:
+            found.append(f"Rope {i} ends {distance:.2f} m from any steel: give rope_ends_m.")
+    if made.terminations[:, 2].min() < low[2] + 0.6 * size[2]:
+        found.append("The ropes end in the lower part: check up and rope_ends_m.")
+    kg = np.array([body.mass_kg for body in made.bodies])
+    centres = np.array([trimesh.transform_points([b.solid.center_mass], frames[b.name])[0] for b in made.bodies])
+    aside = (kg @ centres / kg.sum())[:2]
+    if np.abs(aside).max() > _ASIDE * size[:2].max():
+        found.append(f"The centre of mass lies {_metres(aside)} m (x, y) beside the ropes' axis: it would hang askew. "
+                     "Give rope_ends_m or centre_m.")  # fmt: skip
+    if not USUAL_KG[0] <= kg.sum() <= USUAL_KG[1]:
+        found.append(f"A mass of {kg.sum():,.0f} kg is unusual: give mass_kg.")
+    if not any(map(len, made.lips.values())):
+        found.append("There are no keypoints but the rope ends: lips_m gives others.")
+    if keys.jaws and math.isclose(made.max_jaw, 0.0):
+        found.append("Jaws that only slide have no opening in degrees: give one of them open_deg.")
+    return found
+
+
+def turntable(scene: Scenario) -> NDArray[np.uint8]:
+    """Render a scene's grab from its sides, above and below, and open; RGB, shape (H, W, 3)."""
+    bare = scenes.load("quay-day", {"place": {"model": "plain"}, "image.shadow_map_px": 0, "seed": scene.seed})
+    staged = replace(bare, grab=scene.grab, jib=scene.jib)
+    plan = draw_up(staged)
+    low, high = _extent(plan.grab)
+    world = build(staged, plan, textured=True)
+    data = mujoco.MjData(world.model)
+    reach = float(np.linalg.norm(high - low))
+    views = [(360.0 * i / _AZIMUTHS + 25.0, -18.0, 0.0) for i in range(_AZIMUTHS)]
+    views += [(25.0, -75.0, 0.0), (25.0, 30.0, 0.0)]
+    if plan.grab.max_jaw:
+        views += [(25.0, -18.0, 1.0), (115.0, -18.0, 1.0)]
+    tiles = []
+    world.model.vis.global_.offwidth = world.model.vis.global_.offheight = _TILE
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = 0
+    option.geomgroup[[GRAB, ROPE]] = 1
+    with gl.offscreen(world.model, _TILE, _TILE) as context:
+        for azimuth, elevation, opening in views:
+            state = GrabState(0.0, 0.0, _ROPE_M, 0.0, opening * plan.grab.max_jaw, 0.0)
+            world.pose(data, Moment(0, state, Tilt(0.0, 0.0, 0.0), 0.0))
+            camera = mujoco.MjvCamera()
+            camera.lookat[:] = (0.0, 0.0, -_ROPE_M)
+            camera.distance, camera.azimuth, camera.elevation = 1.45 * reach, azimuth, elevation
+            tiles.append(_drawn(world.model, data, camera, option, context.context))
+    while len(tiles) % 4:
+        tiles.append(np.full_like(tiles[0], 235))
+    return np.concatenate([np.concatenate(tiles[i : i + 4], axis=1) for i in range(0, len(tiles), 4)])
+
+
+def _drawn(
+    model: mujoco.MjModel, data: mujoco.MjData, camera: mujoco.MjvCamera, option: mujoco.MjvOption,
+    context: mujoco.MjrContext,
+) -> NDArray[np.uint8]:  # fmt: skip
+    scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
+    mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
+    view = mujoco.MjrRect(0, 0, _TILE, _TILE)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    mujoco.mjr_render(view, scene, context)
+    picture, depth = np.empty((_TILE, _TILE, 3), np.uint8), np.empty((_TILE, _TILE), np.float32)
+    mujoco.mjr_readPixels(picture, depth, view, context)
+    picture[(depth <= 0.0) | (depth >= 1.0)] = 235  # nothing was drawn there, whichever end is far
+    framed = np.ascontiguousarray(picture[::-1])
+    return cv2.rectangle(framed, (0, 0), (_TILE - 1, _TILE - 1), (200, 200, 200), 1)
