@@ -7,6 +7,7 @@ A scenario names a model by the SHA-256 of its content; where it lies on this ma
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import os
@@ -185,6 +186,37 @@ def gltf(kind: str, data: bytes, refuse: Refuse) -> dict[str, Any]:
     if needed:
         raise refuse(f"needs the glTF extension {shown(needed)}: export it without compression")
     return content
+
+
+def pictures(model: Model, refuse: Refuse) -> Iterator[bytes]:
+    """Give all textures of a model, as they lie in its files."""
+    about = _about(model.name, refuse)
+    for name, data in model.files.items():
+        if name.rpartition(".")[2].lower() in ("png", "jpg", "jpeg", "bmp", "tif", "tiff", "tga", "webp", "gif"):
+            yield data
+    if model.format not in ("glb", "gltf"):
+        return
+    data = model.files[model.name]
+    content = gltf(model.format, data, about)
+    views, buffers = _tables(content, "bufferViews", about), _tables(content, "buffers", about)
+    for entry in _tables(content, "images", about):
+        uri, view = entry.get("uri"), entry.get("bufferView")
+        try:
+            if isinstance(uri, str) and uri.startswith("data:"):
+                yield base64.b64decode(uri.partition(",")[2])
+            elif view is not None:
+                named = buffers[views[view]["buffer"]].get("uri")
+                if named is None:
+                    chunk = 20 + int.from_bytes(data[12:16], "little")
+                    whole = data[chunk + 8 :]
+                elif named.startswith("data:"):
+                    whole = base64.b64decode(named.partition(",")[2])
+                else:
+                    whole = model.files[unquote(named)]
+                start = views[view].get("byteOffset", 0)
+                yield whole[start : start + views[view]["byteLength"]]
+        except (LookupError, TypeError, ValueError, AttributeError):
+            raise about("a texture lies nowhere in its buffers") from None
 
 
 def _tables(content: Mapping[str, Any], name: str, refuse: Refuse) -> list[dict[str, Any]]:

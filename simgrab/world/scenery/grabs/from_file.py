@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
 
 LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
+FARTHEST_M = 1e6
 MOST_TEXTURE_PX = 4096
 PLATE_M = 0.012  # of steel that is drawn as a surface without thickness
 MOST_COLOURS = 24  # of faces; of more, the mean is taken
@@ -190,6 +192,8 @@ def pieces(keys: Mesh, model: Model) -> list[Piece]:
     ScenarioError
         If it cannot be read, or holds what no grab can be of.
     """
+    for picture in models.pictures(model, _refuse):
+        _check_texture(picture, model.name)
     scene = _parsed(model, {"split_objects": True} if model.format == "obj" else {})
     turn = np.eye(4)
     up = ("y" if model.format in ("glb", "gltf") else "z") if keys.up == "auto" else keys.up
@@ -227,12 +231,14 @@ def _parsed(model: Model, options: dict[str, Any]) -> trimesh.Scene:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep trimesh from logging what is raised as well."""
+    """Keep trimesh from logging what is raised as well, and NumPy from warning of what is refused later."""
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     finally:
         log.setLevel(level)
 
@@ -249,6 +255,8 @@ def _piece(mesh: trimesh.Trimesh, pose: Array, nodes: tuple[str, ...], looks: _L
         raise _refuse(f"{what} has coordinates that are not finite numbers")
     shape = mesh.copy(include_visual=False)
     shape.apply_transform(pose)
+    if np.abs(shape.vertices).max() > FARTHEST_M:
+        raise _refuse(f"{what} reaches {np.abs(shape.vertices).max():.3g} m from the origin: check scale")
     kept = np.asarray(shape.area_faces) > 1e-12
     if not kept.any():
         return None
@@ -316,7 +324,7 @@ class _Looks:
         specular, shininess, picture, colour = 0.2, 0.2, None, (1.0, 1.0, 1.0)
         if isinstance(material, PBRMaterial):
             picture = material.baseColorTexture
-            colour = _colour(material.baseColorFactor)
+            colour = _displayed(_colour(material.baseColorFactor))
             metal = 1.0 if material.metallicFactor is None else float(material.metallicFactor)
             rough = 1.0 if material.roughnessFactor is None else float(material.roughnessFactor)
             specular, shininess = 0.1 + 0.3 * min(max(metal, 0.0), 1.0), 1.0 - min(max(rough, 0.05), 1.0)
@@ -347,9 +355,26 @@ def _colour(value: Any) -> tuple[float, float, float]:
     return 1.0, 1.0, 1.0
 
 
+def _displayed(linear: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Turn linear shares, as glTF's factors are, into sRGB, as its textures are."""
+    value = np.asarray(linear)
+    shown = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+    return tuple(float(c) for c in shown)  # type: ignore[return-value]
+
+
+def _check_texture(data: bytes, name: str) -> None:
+    """Refuse a picture by its header, before it is decoded."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of bombs
+            size = Image.open(io.BytesIO(data)).size
+    except Exception as problem:  # Pillow's decoders raise whatever they run into
+        raise _refuse(f"{name}: a texture cannot be read ({first_line(problem)})") from None
+    if max(size) > MOST_TEXTURE_PX:
+        raise _refuse(f"{name}: a texture of {size[0]} × {size[1]} px; at most {MOST_TEXTURE_PX} px a side")
+
+
 def _texture(picture: Image.Image) -> Texture:
-    if max(picture.size) > MOST_TEXTURE_PX:
-        raise _refuse(f"a texture of {picture.size[0]} × {picture.size[1]} px; at most {MOST_TEXTURE_PX} px a side")
     try:
         return np.ascontiguousarray(np.asarray(picture.convert("RGB"), np.uint8))
     except Exception as problem:  # Pillow's decoders raise whatever they run into

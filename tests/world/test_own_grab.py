@@ -1,0 +1,381 @@
+"""A user's own grab from a file: what is read, how it moves, what is refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import resource
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+from PIL import Image
+
+from simgrab import scenes
+from simgrab.cli import cli
+from simgrab.errors import ScenarioError
+from simgrab.judge import own_grab
+from simgrab.judge.audit.audit import audit
+from simgrab.scenario import Mesh
+from simgrab.utilities import models
+from simgrab.world.output.dataset import render
+from simgrab.world.scenery.grabs import design_of
+
+YELLOW = (230, 180, 20, 255)
+
+
+def texture() -> Image.Image:
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[:, :] = YELLOW[:3]
+    picture[::8] = (20, 20, 20)
+    return Image.fromarray(picture)
+
+
+def tongs() -> trimesh.Scene:
+    """A beam with two hooks below it, z up, metres: 2.4 × 0.6 × 1.6."""
+    made = trimesh.Scene()
+    beam = trimesh.creation.box((2.4, 0.6, 0.4))
+    beam.apply_translation((0, 0, 1.4))
+    uv = np.asarray(beam.vertices)[:, :2]
+    made.add_geometry(beam, node_name="Beam", geom_name="Beam")
+    beam.visual = trimesh.visual.TextureVisuals(uv, trimesh.visual.material.PBRMaterial(
+        name="paint", baseColorTexture=texture(), metallicFactor=0.0, roughnessFactor=0.6))  # fmt: skip
+    for name, side in (("HookLeft", -1), ("HookRight", 1)):
+        leg = trimesh.creation.box((0.2, 0.5, 1.2))
+        leg.apply_translation((side * 0.9, 0, 0.6))
+        leg.visual = trimesh.visual.TextureVisuals(
+            material=trimesh.visual.material.PBRMaterial(name=name, baseColorFactor=YELLOW)
+        )
+        made.add_geometry(leg, node_name=name, geom_name=name)
+    return made
+
+
+def y_up(scene: trimesh.Scene) -> trimesh.Scene:
+    turned = scene.copy()
+    turned.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    return turned
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The tongs in five formats."""
+    folder = tmp_path_factory.mktemp("tongs")
+    y_up(tongs()).export(folder / "a.glb")
+    (folder / "gltf").mkdir()
+    for name, data in trimesh.exchange.gltf.export_gltf(y_up(tongs())).items():
+        (folder / "gltf" / ("a.gltf" if name == "model.gltf" else name)).write_bytes(data)
+    (folder / "obj").mkdir()
+    tongs().export(folder / "obj" / "a.obj", mtl_name="a.mtl")
+    tongs().to_mesh().export(folder / "a.ply")
+    tongs().to_mesh().export(folder / "a.stl")
+    return {
+        "glb": folder / "a.glb", "gltf": folder / "gltf" / "a.gltf", "obj": folder / "obj" / "a.obj",
+        "ply": folder / "a.ply", "stl": folder / "a.stl",
+    }  # fmt: skip
+
+
+JAWS = (
+    {"node": "HookLeft", "hinge_m": (-0.9, 0.0, 1.2), "open_deg": 20.0, "lips_m": ((-0.8, 0.2, 0.0),)},
+    {"node": "HookRight", "hinge_m": (0.9, 0.0, 1.2), "open_deg": -30.0},
+)
+
+
+def vertices(design, opening=0.0):
+    frames = design.frames(opening)
+    return {b.name: trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in design.bodies}
+
+
+@pytest.mark.parametrize("kind", ["glb", "gltf", "obj", "ply", "stl"])
+def test_every_format_gives_the_same_grab(files, kind):
+    design = design_of(Mesh(file=str(files[kind])))
+    low, high = (f(np.concatenate(list(vertices(design).values())), axis=0) for f in (np.min, np.max))
+    np.testing.assert_allclose(low, (-1.2, -0.3, -0.8), atol=1e-6)
+    np.testing.assert_allclose(high, (1.2, 0.3, 0.8), atol=1e-6)
+    steel = 2.4 * 0.6 * 0.4 + 2 * 0.2 * 0.5 * 1.2
+    assert design.mass_of(0.0, 0.0).mass == pytest.approx(7850 * steel, rel=1e-6)
+    materials = {part.material.name: part.material for body in design.bodies for part in body.parts}
+    if kind in ("glb", "gltf", "obj"):
+        textures = [m.texture for m in materials.values() if m.texture is not None]
+        assert [t.shape for t in textures] == [(64, 64, 3)]
+        assert tuple(textures[0][1, 1]) == YELLOW[:3]
+        plain = np.array(YELLOW[:3]) / 255
+        shown = plain if kind == "obj" else [0.954, 0.857, 0.310]  # glTF's factors are linear
+        assert any(np.allclose(m.rgba[:3], shown, atol=0.01) for m in materials.values())
+    if kind == "stl":
+        assert set(materials) == {"body"}  # painted as ours are
+
+
+def test_mass_properties_are_those_of_the_shape(files):
+    mass = design_of(Mesh(file=str(files["glb"]), mass_kg=1000.0)).mass_of(0.0, 0.0)
+    beam, leg = 2.4 * 0.6 * 0.4, 0.2 * 0.5 * 1.2
+    shares = np.array([beam, leg, leg]) / (beam + 2 * leg)
+    heights = np.array([1.4, 0.6, 0.6]) - 0.8
+    assert mass.mass == pytest.approx(1000.0)
+    assert mass.centre_z == pytest.approx(shares @ heights)
+    about_z = 1000 * (shares[0] * (2.4**2 + 0.6**2) / 12 + 2 * shares[1] * ((0.2**2 + 0.5**2) / 12 + 0.9**2))
+    assert mass.inertia[2] == pytest.approx(about_z)
+
+
+@pytest.mark.parametrize(
+    ("up", "matrix"),
+    [
+        ("z", np.eye(3)), ("-z", np.diag([1, -1, -1])), ("y", [[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
+        ("-y", [[1, 0, 0], [0, 0, -1], [0, 1, 0]]), ("x", [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
+        ("-x", [[0, 0, -1], [0, 1, 0], [1, 0, 0]]),
+    ],
+)  # fmt: skip
+def test_the_axis_that_points_up_and_the_unit(tmp_path, up, matrix):
+    """``matrix`` takes z up to the file's axes."""
+    lying = tongs().to_mesh()
+    lying.apply_transform(np.block([[1000 * np.asarray(matrix, float), np.zeros((3, 1))], [np.zeros(3), 1.0]]))
+    lying.export(tmp_path / "a.stl")
+    design = design_of(Mesh(file=str(tmp_path / "a.stl"), up=up, scale=0.001))
+    points = vertices(design)["head"]
+    np.testing.assert_allclose(np.ptp(points, axis=0), (2.4, 0.6, 1.6), atol=1e-5)
+    top = points[points[:, 2] > 0.79]
+    assert np.ptp(top[:, 0]) == pytest.approx(2.4, abs=1e-5)  # the beam, not the hooks
+
+
+def test_a_mirror_in_the_file_leaves_the_steel_outside_out(tmp_path):
+    scene = trimesh.Scene()
+    box = trimesh.creation.box((1, 1, 1))
+    scene.add_geometry(box, node_name="a", transform=np.diag([-1.0, 1, 1, 1]))
+    scene.export(tmp_path / "a.glb")
+    body = design_of(Mesh(file=str(tmp_path / "a.glb"))).bodies[0]
+    assert body.steel.volume == pytest.approx(1.0)
+
+
+def test_jaws_turn_about_their_hinges_in_proportion(files):
+    design = design_of(Mesh(file=str(files["glb"]), jaws=JAWS))
+    assert [body.name for body in design.bodies] == ["head", "jaw_0", "jaw_1"]
+    assert np.degrees(design.max_jaw) == pytest.approx(30.0)
+    closed, half = vertices(design), vertices(design, design.max_jaw / 2)
+    np.testing.assert_array_equal(closed["head"], half["head"])
+    for name, hinge, degrees in (("jaw_0", (-0.9, 0, 0.4), 10.0), ("jaw_1", (0.9, 0, 0.4), -15.0)):
+        a = np.radians(degrees)
+        turn = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+        np.testing.assert_allclose(half[name], (closed[name] - hinge) @ turn.T + hinge, atol=1e-12)
+    np.testing.assert_allclose(design.lips["jaw_0"], [(0.1, 0.2, -1.2)], atol=1e-12)
+
+
+def test_jaws_slide(files):
+    jaws = (JAWS[0], {"node": "HookRight", "axis": (2.0, 0.0, 0.0), "stroke_m": 0.4})
+    design = design_of(Mesh(file=str(files["glb"]), jaws=jaws))
+    moved = vertices(design, design.max_jaw)["jaw_1"] - vertices(design)["jaw_1"]
+    np.testing.assert_allclose(moved, np.broadcast_to((0.4, 0, 0), moved.shape), atol=1e-12)
+
+
+def test_ropes_end_where_they_are_said_to_and_the_centre_lies_below(files):
+    ends = ((0.6, -0.1, 1.7), (0.4, 0.3, 1.7), (0.2, 0.1, 1.7), (0.4, -0.3, 1.7))
+    design = design_of(Mesh(file=str(files["glb"]), rope_ends_m=ends))
+    np.testing.assert_allclose(design.terminations[:, :2].mean(axis=0), 0.0, atol=1e-12)
+    around = np.unwrap(np.arctan2(design.terminations[:, 1], design.terminations[:, 0]))
+    assert np.all(np.diff(around) > 0)  # counter-clockwise, so that ropes do not cross
+    assert vertices(design)["head"][:, 0].min() == pytest.approx(-1.6)
+    given = design_of(Mesh(file=str(files["glb"]), rope_ends_m=ends, centre_m=(0.4, 0.0, 0.5)))
+    np.testing.assert_allclose(given.terminations[:, 2], 1.2, atol=1e-12)
+
+
+def test_open_surfaces_are_seen_from_both_sides(tmp_path):
+    sheet = trimesh.creation.box((2, 2, 2))
+    sheet.update_faces(np.arange(len(sheet.faces)) > 1)
+    sheet.export(tmp_path / "a.stl")
+    body = design_of(Mesh(file=str(tmp_path / "a.stl"))).bodies[0]
+    assert len(body.steel.faces) == 20
+    assert body.steel.area_faces @ body.steel.face_normals == pytest.approx(np.zeros(3))
+    assert body.mass_kg == pytest.approx(7850 * 0.012 * 20.0)
+    assert body.solid.volume == pytest.approx(8.0)
+
+
+def test_a_dataset_keeps_a_copy_and_is_made_again_from_it(files, tmp_path):
+    scene = tmp_path / "scene.toml"
+    (tmp_path / "obj").mkdir()
+    for file in files["obj"].parent.iterdir():
+        (tmp_path / "obj" / file.name).write_bytes(file.read_bytes())
+    scene.write_text(
+        'base = "quay-day"\nframes = 3\n[grab]\nmodel = "mesh"\nfile = "obj/a.obj"\n[swing]\nclamp = true', "utf-8"
+    )
+    scenario = scenes.load(scene, size=(640, 360))
+    render(scenario, tmp_path / "one", workers=2)
+    manifest = json.loads((tmp_path / "one" / "manifest.json").read_text())
+    (copy,) = {name.rpartition("/")[0] for name in manifest["files"] if name.startswith("grabs/")}
+    assert {p.name for p in (tmp_path / "one" / copy).iterdir()} == {p.name for p in files["obj"].parent.iterdir()}
+    assert str(tmp_path) not in json.dumps(manifest)
+    (tmp_path / "obj" / "a.obj").unlink()  # what was named is gone, the copy is not
+    models._places.clear()
+    assert not audit(tmp_path / "one").findings
+    render(tmp_path / "one" / "manifest.json", tmp_path / "two", workers=1)
+    for name in manifest["files"]:
+        assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+    next((tmp_path / "one" / copy).glob("*.png")).write_bytes(b"")
+    with pytest.raises(ScenarioError, match=r"grab\.sha256"):
+        scenes.load(tmp_path / "one" / "manifest.json")
+
+
+def test_several_own_grabs_vary_within_a_dataset(files, tmp_path):
+    values = [{"model": "mesh", "file": str(files[kind])} for kind in ("glb", "stl")] + [{"model": "four-rope"}]
+    scenario = scenes.load(
+        "quay-day", {"vary": {"grab": {"dist": "one-of", "values": values}}, "clip.clip_frames": 1, "frames": 8,
+                     "swing.clamp": True}, size=(320, 180),
+    )  # fmt: skip
+    assert sorted(scenario.models.values()) == ["a.glb", "a.stl"]
+    render(scenario, tmp_path / "out", workers=2)
+    assert len(list((tmp_path / "out" / "grabs").iterdir())) == 2
+    assert not audit(tmp_path / "out").findings
+
+
+def test_what_a_file_is_now_must_be_what_it_was(tmp_path):
+    path = tmp_path / "a.stl"
+    trimesh.creation.box((1.9, 2, 2)).export(path)
+    keys = Mesh(file=str(path))
+    with pytest.raises(ScenarioError, match="another content"):
+        Mesh(file=str(path), sha256="0" * 64)
+    trimesh.creation.box((2, 2, 2)).export(path)
+    with pytest.raises(ScenarioError, match="has changed since"):
+        design_of(keys)
+
+
+# What is wrong with a file, and what is said of it.
+
+
+def glb(content: dict, binary: bytes = b"") -> bytes:
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if binary:
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def box_stl(**changes: float) -> bytes:
+    box = trimesh.creation.box((2, 2, 2))
+    data = bytearray(box.export(file_type="stl"))
+    for offset, value in changes.items():
+        struct.pack_into("<f", data, int(offset[1:]), value)
+    return bytes(data)
+
+
+def png_bomb() -> bytes:
+    """A PNG of 30,000 × 30,000 px in few bytes."""
+    file = io.BytesIO()
+    Image.new("1", (30_000, 30_000)).save(file, "png")
+    return file.getvalue()
+
+
+def textured(picture: bytes) -> bytes:
+    data = trimesh.exchange.gltf.export_glb(y_up(tongs()))
+    length = struct.unpack("<I", data[12:16])[0]
+    content, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+    content["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(picture)})
+    content["images"] = [{"bufferView": len(content["bufferViews"]) - 1, "mimeType": "image/png"}]
+    binary += picture + bytes(-len(picture) % 4)
+    content["buffers"] = [{"byteLength": len(binary)}]
+    return glb(content, binary)
+
+
+def tetra(**accessor: object) -> dict:
+    return {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"componentType": 5126, "type": "VEC3", "count": 3} | accessor],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36}],
+    }  # fmt: skip
+
+
+HOSTILE = {
+    "empty.glb": (b"", "not a GLB file"),
+    "truncated.glb": (trimesh.exchange.gltf.export_glb(y_up(tongs()))[:900], "truncated"),
+    "cut.glb": (trimesh.exchange.gltf.export_glb(y_up(tongs()))[:-400], "truncated"),
+    "truncated.stl": (box_stl()[:-30], "truncated"),
+    "nan.stl": (box_stl(o96=float("nan")), "not finite"),
+    "infinite.stl": (box_stl(o96=float("inf")), "not finite"),
+    "far.stl": (box_stl(o96=1e30), "check scale"),
+    "flat.stl": (trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)], process=False).export(file_type="stl"),
+                 "shows no triangles"),
+    "counted.stl": (bytes(80) + struct.pack("<I", 10_000_000) + bytes(50), "truncated"),
+    "many.stl": (bytes(80) + struct.pack("<I", 600_000) + bytes(50 * 600_000), "600000 triangles"),
+    "counted.ply": (b"ply\nformat binary_little_endian 1.0\nelement vertex 10000000000\nproperty float x\n"
+                    b"element face 3\nproperty list uchar int vertex_indices\nend_header\n", "states a list"),
+    "words.ply": (b"ply\nformat ascii 1.0\nelement vertex many\nend_header\n", "number of elements"),
+    "truncated.ply": (tongs().to_mesh().export(file_type="ply")[:700], "not a valid PLY|no triangles"),
+    "many.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 10_000_000, "MiB|triangles"),
+    "index.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 900\n", "not a valid OBJ|no triangles"),
+    "outside.obj": (b"mtllib ../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
+    "absolute.obj": (b"mtllib /etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
+    "web.gltf": (json.dumps(tetra() | {"buffers": [{"byteLength": 36, "uri": "https://example.org/a.bin"}]}).encode(),
+                 "not a file of its folder"),
+    "passwd.gltf": (json.dumps(tetra() | {"buffers": [{"byteLength": 36, "uri": "..%2f..%2fetc/passwd"}]}).encode(),
+                    "outside its folder"),
+    "deep.gltf": (b"[" * 200_000, "not valid JSON"),
+    "draco.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_draco_mesh_compression"]}).encode(), "extension"),
+    "counted.gltf": (json.dumps(tetra(count=10**12)).encode(), "states a list"),
+    "minus.gltf": (json.dumps(tetra(count=-3)).encode(), "number of elements"),
+    "loop.glb": (glb(tetra(bufferView=0) | {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]},
+                     np.arange(9, dtype="<f4").tobytes()), "no triangles"),
+    "bomb.glb": (textured(png_bomb()), "texture|px"),
+    "notapicture.glb": (textured(b"\x89PNG\r\n\x1a\n" + bytes(40)), "texture cannot be read"),
+    "grab.fbx": (b"Kaydara", "must end in one of"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused_in_one_line_within_memory(name, tmp_path):
+    data, said = HOSTILE[name]
+    (tmp_path / name).write_bytes(data)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ScenarioError, match=said) as caught:
+        design_of(Mesh(file=str(tmp_path / name)))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1000
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1_000_000  # KiB
+
+
+def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
+    with pytest.raises(ScenarioError, match=r"grab\.scale: .*2\.4e\+03 × 600.*it would fit in metres \(scale = 1\)"):
+        design_of(Mesh(file=str(files["stl"]), scale=1000.0))
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"rope_ends_m": ((0, 0, 2),)}, "1 points for 4 ropes"),
+        ({"ropes": 1, "rope_ends_m": ((0, 0, -2),)}, "above the grab's centre"),
+        ({"ropes": 1, "rope_ends_m": ((0.5, 0, 2),), "centre_m": (0, 0, 0.5)}, "0.50 m beside"),
+        ({"jaws": ({"node": "Hook", "open_deg": 5},)}, "no node 'Hook'; it has 'Beam', 'HookLeft'"),
+        ({"jaws": ({"node": "HookLeft"},)}, "either open_deg or stroke_m"),
+        ({"jaws": ({"node": "HookLeft", "open_deg": 5, "axis": (0, 0, 0)},)}, "must be a direction"),
+        ({"jaws": tuple({"node": n, "open_deg": 5} for n in ("Beam", "HookLeft", "HookRight"))}, "all of the file is"),
+        ({"jaws": ({"node": "HookLeft", "open_deg": 5},) * 2}, "the same node"),
+        ({"lips_m": ((0, 0, 0),) * 5}, "length"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_together_is_refused(files, keys, said):
+    with pytest.raises(ScenarioError, match=said):
+        design_of(Mesh(file=str(files["glb"]), **keys))
+
+
+def test_the_check_shows_what_was_understood_and_what_looks_wrong(files, tmp_path):
+    run = CliRunner().invoke(cli, ["grab", "check", str(files["glb"]), "--out", str(tmp_path / "out")])
+    assert run.exit_code == 0, run.output
+    assert "HookLeft" in run.output
+    assert "no keypoints" in run.output
+    page = (tmp_path / "out" / own_grab.PAGE).read_text(encoding="utf-8")
+    assert "data:image/jpeg" in page
+    picture = np.asarray(Image.open(tmp_path / "out" / own_grab.PICTURE))
+    yellow = np.abs(picture.astype(float) @ [1, -1.28, 0]).clip(0, 255) < 30
+    assert (yellow & (picture[..., 2] < 90) & (picture[..., 0] > 120)).mean() > 0.01
+
+
+def test_the_check_doubts_what_lies_on_its_side_or_is_too_small(tmp_path):
+    flat = trimesh.creation.box((3.0, 3.0, 0.5))
+    flat.export(tmp_path / "a.stl")
+    found = own_grab.check(own_grab.scene_of(tmp_path / "a.stl"))
+    assert any("check up" in doubt for doubt in found.doubts)
+    aside = trimesh.util.concatenate([trimesh.creation.box((3, 1, 0.2)), trimesh.creation.box((0.5, 1, 2))])
+    aside.vertices[8:, 0] += 1.2
+    aside.export(tmp_path / "b.stl")
+    small = own_grab.check(own_grab.scene_of(tmp_path / "b.stl", {"grab.scale": 0.3}))
+    assert any("hang askew" in doubt for doubt in small.doubts)
+    assert any("check scale" in doubt for doubt in small.doubts)
