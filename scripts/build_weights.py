@@ -63,11 +63,11 @@ ROOMY = {
 # snow lies on.
 DETECTOR = (
     Source("training", "training", {"clip.clip_frames": 6}, 3600, 1440, 0),
-    Source("empty", "training", CROWDED, 480, 240, 1, ROOMY),
-    Source("snow", "training", {}, 480, 240, 2, SNOW),
+    Source("empty", "training", CROWDED, 240, 240, 1, ROOMY),
+    Source("snow", "training", {}, 240, 240, 2, SNOW),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
-HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 480, 240, 3, ROOMY)
+HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY)
 
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 25_000, "refine": 100_000, "settle": 80_000}

@@ -12,6 +12,7 @@ from simgrab.scenario import Scenario
 from simgrab.scenario.factor import JOINT
 
 EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
+FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
@@ -34,7 +35,7 @@ def cargoes(scene: Scenario) -> set[str]:
 
 
 def test_there_is_an_exam_for_each_weather():
-    assert set(EXAMS) == {f"exam-{weather}" for weather in WEATHERS}
+    assert set(EXAMS) == {f"exam-{name}" for name in (*WEATHERS, *(f"family-{family}" for family in FAMILIES))}
     assert len({load(name).seed for name in [*EXAMS, "training"]}) == len(EXAMS) + 1
     learned = {source.seed for source in (*build_weights.DETECTOR, build_weights.HARD, build_weights.READER)}
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
@@ -66,3 +67,25 @@ def test_an_exam_is_a_test_set_of_many_worlds_and_a_third_lacks_the_grab(name):
     exam = load(name)
     assert (exam.frames, exam.clip.count(exam.frames), exam.splits.test) == (1500, 100, 1.0)
     assert exam.swing.absent == pytest.approx(1 / 3, abs=1e-3)
+
+
+def kinds(scene: Scenario) -> set[str]:
+    """Kinds of grabs that hang in a scene."""
+    return {value["model"] for value in values(scene, "grab")}
+
+
+def test_training_never_draws_the_exams_kind_of_grab_or_size():
+    training = load("training")
+    assert kinds(load("exam-family-scissors")) == {"scissors"}
+    assert kinds(training) == {"four-rope", "clamshell", "orange-peel"}
+    assert {kind for drawn in values(training, "clutter.kinds") for kind in drawn} == kinds(training)
+    assert kinds(load("exam-family-known")) == kinds(training) - {"four-rope"}
+    largest = training.vary["grab.volume_m3"].support()[1]
+    assert load("exam-family-large").vary["grab.volume_m3"].support()[0] > largest
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_grabs_of_other_kinds_stand_about_in_a_family_exam(family):
+    exam = load(f"exam-family-{family}")
+    assert all(len(drawn) == 4 for drawn in values(exam, "clutter.kinds"))
+    assert max(values(exam, "clutter.other_grabs")) > 1
