@@ -25,7 +25,7 @@ from simgrab.instrument.run.runs import write
 from simgrab.judge.evaluate import detection
 from simgrab.labels import datasets
 
-_WIDTH = 172  # columns of text
+_WIDTH = 196  # columns of text
 
 
 def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, Any]:
@@ -84,12 +84,27 @@ def _found(name: str, groups: dict[str, Any]) -> Table:
 def _centres(groups: dict[str, Any]) -> Table:
     table = _table(
         "grab centre: distance, signed means ± their standard error, and those of a perfect box's centre",
-        ("", "frames", "width px", "median px", "95 % px", "u px", "v px", "outwards px", "%", "box px", "box %"),
+        (
+            "",
+            "frames",
+            "width px",
+            "median px",
+            "95 % px",
+            "median of diagonal",
+            "95 %",
+            "u px",
+            "v px",
+            "outwards px",
+            "%",
+            "box px",
+            "box %",
+        ),
     )
     for group, c in groups.items():
         if c["frames"]:
             table.add_row(
                 group, str(c["frames"]), _n(c["width_px"], 0), _n(c["median_px"], 2), _n(c["p95_px"], 2),
+                f"{c['median_of_diagonal']:.2%}", f"{c['p95_of_diagonal']:.2%}",
                 *(f"{c[f'{k}_mean_px']:+.2f} ± {c[f'{k}_se_px']:.2f}" for k in ("u", "v", "radial")),
                 f"{100 * c['radial_mean_share']:+.2f}", f"{c['box_radial_mean_px']:+.2f}",
                 f"{100 * c['box_radial_mean_share']:+.2f}",

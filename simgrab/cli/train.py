@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from simgrab.cli._options import FOLDER, PATH
-from simgrab.cli._progress import board
+from simgrab.cli._progress import board, drawing
 from simgrab.cli._resume import resumable
 from simgrab.text import printable
 
@@ -30,8 +30,14 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 
 
 @command.command()
-@click.argument("datasets", nargs=-1, required=True, type=PATH)
+@click.argument("datasets", nargs=-1, type=PATH)
 @click.option("--out", type=FOLDER, required=True, help="New folder for networks, cards, checkpoints.")
+@click.option(
+    "--grab",
+    type=PATH,
+    help="Your own grab: a model, or a scene file with it. Frames of it are rendered into OUT-frames.",
+)
+@click.option("--frames", type=click.IntRange(40, 1_000_000), default=720, show_default=True, help="Of --grab.")
 @click.option(
     "--hard",
     type=PATH,
@@ -56,19 +62,24 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, hard: tuple[Path, ...], start: str | None, seed: int, quick: bool,
-    epochs: int | None, batch: int | None, patience: int, device: str, threads: int, half: bool | None, resume: bool,
-    as_json: bool, quiet: bool,
+    datasets: tuple[Path, ...], out: Path, grab: Path | None, frames: int, hard: tuple[Path, ...], start: str | None,
+    seed: int, quick: bool, epochs: int | None, batch: int | None, patience: int, device: str, threads: int,
+    half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
-    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
+    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card. With
+    --from bundled --grab FILE, the bundled detector learns your own grab in about half an hour on two cores.
     """
     from simgrab.training import need_torch
     from simgrab.training.folder import check
 
+    if not datasets and grab is None:
+        raise click.UsageError("give DATASETS, or --grab")
     check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
+    if grab is not None:
+        datasets = (*datasets, _frames_of(grab, out, frames, seed, shown=not (quiet or as_json)))
     from simgrab.instrument.detect import BUNDLED, WEIGHTS
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
@@ -85,6 +96,19 @@ def detector(
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
+
+
+def _frames_of(file: Path, out: Path, frames: int, seed: int, *, shown: bool) -> Path:
+    """Render frames of a user's own grab beside the nets, or what is missing of them."""
+    from simgrab.judge import own_grab
+    from simgrab.training.detector.own_grab import scene_of
+    from simgrab.world.output.dataset import render
+
+    grab = own_grab.grab_of(file)
+    path = out.with_name(f"{out.name}-frames")
+    with drawing("drawing frames", shown=shown) as (progress, checking):
+        render(scene_of(grab, frames=frames, seed=seed), path, resume=True, progress=progress, checking=checking)
+    return path
 
 
 @command.command()

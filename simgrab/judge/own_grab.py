@@ -87,6 +87,13 @@ def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scen
     return scene
 
 
+def grab_of(file: str | Path) -> Mesh:
+    """Give the grab of `scene_of`."""
+    grab = scene_of(file).grab
+    assert isinstance(grab, Mesh)
+    return grab
+
+
 def check(scene: Scenario) -> Understood:
     """Read a scene's own grab, look for what is likely wrong, and render it from all sides.
 

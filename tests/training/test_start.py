@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 
 import numpy as np
 import pytest
+import trimesh
+from click.testing import CliRunner
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
+from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import WEIGHTS  # noqa: E402
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
+from simgrab.labels import datasets  # noqa: E402
+from simgrab.scenario import Mesh, variants  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.nets import Find, Refine  # noqa: E402
+from simgrab.training.detector.own_grab import scene_of  # noqa: E402
 from simgrab.training.detector.start import begun  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 
@@ -67,6 +74,7 @@ def tiny(frames):
 def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path):
     found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS)
     assert found.metrics["recall"] > 0.5  # which random weights would not reach in a step
+    assert found.metrics["before"]["frames"] == found.metrics["frames"]
     for name in NETS:
         card = json.loads((tmp_path / "out" / f"{name}.json").read_text())
         assert card["started_from"] == json.loads((WEIGHTS / f"{name}.json").read_text())["model_sha256"]
@@ -78,3 +86,29 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
     assert not (tmp_path / "other").exists()
     with pytest.raises(TrainingError, match="another"):
         train([dataset], tmp_path / "out", tiny, resume=True)
+
+
+def test_a_detector_learns_a_users_own_grab(tmp_path):
+    """The command, with as few frames and epochs as it takes."""
+    trimesh.creation.icosphere(subdivisions=3, radius=1.3).export(tmp_path / "ball.stl")
+    run = CliRunner().invoke(cli, [
+        "train", "detector", "--from", "bundled", "--grab", str(tmp_path / "ball.stl"), "--frames", "40",
+        "--epochs", "1", "--threads", "1", "--out", str(tmp_path / "out"), "--json",
+    ])  # fmt: skip
+    assert run.exit_code == 0, run.output
+    known = datasets.read(tmp_path / "out-frames")
+    assert len(known.rows) == 40
+    assert len({row.variant for row in known.rows}) == 10
+    assert known.scenario.grab.file == "ball.stl"
+    assert (tmp_path / "out" / "settle.onnx").exists()
+    before = CliRunner().invoke(cli, ["train", "detector", "--out", str(tmp_path / "none")])
+    assert before.exit_code == 2
+    assert "give DATASETS, or --grab" in before.output
+
+
+def test_frames_of_an_own_grab_vary_all_but_the_grab(tmp_path):
+    trimesh.creation.box((2, 2, 2)).export(tmp_path / "box.stl")
+    scene = scene_of(Mesh(file=str(tmp_path / "box.stl")))
+    assert {one.scenario.grab.file for one, _ in itertools.islice(variants(scene), 5)} == {"box.stl"}
+    assert len({one.scenario.place for one, _ in itertools.islice(variants(scene), 20)}) > 3
+    assert len({one.scenario.grab.paint_rgb for one, _ in itertools.islice(variants(scene), 20)}) > 3

@@ -214,9 +214,10 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``median_px`` and ``p95_px`` of the distance; signed means in u, v and radially (away from the principal point)
-        with their standard errors, by worlds (of one world alone, by frames); the same means in shares of the width,
-        which is the box's longer side; and ``box_radial_…``: what the centre of a perfect box would be off by.
+        ``median_px`` and ``p95_px`` of the distance, and ``…_of_diagonal`` in shares of the box's diagonal; signed
+        means in u, v and radially (away from the principal point) with their standard errors, by worlds (of one world
+        alone, by frames); the same means in shares of the width, which is the box's longer side; and ``box_radial_…``:
+        what the centre of a perfect box would be off by.
     """
     kept = [c for c in hits if c.truth.grab_u_px is not None]
     if not kept:
@@ -226,6 +227,7 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
     boxes = np.array([_box(c) for c in kept])
     of_box = (boxes[:, :2] + boxes[:, 2:]) / 2 - truth
     width = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
+    diagonal = np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1)
     outward = truth - [(c.truth.cx_px, c.truth.cy_px) for c in kept]
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
     along, of_box_along = (error * outward).sum(axis=1), (of_box * outward).sum(axis=1)
@@ -235,6 +237,8 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
         "median_px": float(np.median(distance)),
         "p95_px": float(np.quantile(distance, 0.95)),
         "median_share": float(np.median(distance / width)),
+        "median_of_diagonal": float(np.median(distance / diagonal)),
+        "p95_of_diagonal": float(np.quantile(distance / diagonal, 0.95)),
         "width_px": float(np.median(width)),
     }
     for name, values in (("u", error[:, 0]), ("v", error[:, 1]), ("radial", along), ("box_radial", of_box_along)):

@@ -136,6 +136,7 @@ class Fitted:
 
     nets: dict[str, loop.Trained]
     metrics: dict[str, Any]
+    """With ``before``, those of the detector that it started with, where there is one."""
 
 
 def fit(
@@ -202,6 +203,11 @@ def fit(
     trust = evaluate.trust(seen)
     write(out / "settle.onnx", {"task": SETTLE, "settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
+    if start is not None:
+        before = evaluate.watch(
+            Bundled(Path(start)), [*val_frames, *hard.val], step("detecting with the first weights")
+        )
+        figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
     return Fitted({"find": found, "refine": refined, "settle": settled}, figures)
 
 
