@@ -48,7 +48,8 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     elif jaw > most:
         raise ScenarioError(
             "swing.jaw_deg",
-            f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(most):g}° is possible",
+            f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(most):g}° is possible; "
+            "swing.clamp = true opens jaws as far as they go",
         )
     gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
     load = value("load", swing.load)
