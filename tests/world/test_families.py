@@ -9,11 +9,19 @@ import numpy as np
 import pytest
 import trimesh
 
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.scenario import Clutter, Scenario
 from simgrab.scenario.grab import Clamshell, Grab, OrangePeel, Scissors
 from simgrab.world.scenery.clearance import winding
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
 from simgrab.world.scenery.grabs.drawn import any_of
+from simgrab.world.scenery.meshes.part import Material, Part
+from simgrab.world.scenery.parked import parked_grabs
+from simgrab.world.scenery.plan import CLEARANCE_M, draw_up
+from simgrab.world.trajectory import iid
+from simgrab.world.trajectory.trajectory import Trajectory
 
 KINDS = ("clamshell", "orange-peel", "scissors")
 SMALL, LARGE = {"volume_m3": 3.0}, {"volume_m3": 20.0}
@@ -285,3 +293,49 @@ def test_levers_pass_beside_each_other(grab: Scissors) -> None:
     spans.sort(key=lambda span: span[0])
     assert len(spans) == 4
     assert all(a[1] < b[0] for a, b in pairwise(spans))
+
+
+@pytest.mark.parametrize("model", ["clamshell", "orange-peel", "scissors"])
+def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
+    changes = {
+        "grab": {"model": model, "volume_m3": 12.0}, "frames": 12, "seed": 4,
+        "swing.jaw_deg": {"dist": "choice", "values": [0.0, 89.0], "weights": [1, 1]}, "swing.load": {"dist": "choice", "values": [1.0], "weights": [1]},
+        "swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 34.0},
+    }  # fmt: skip
+    free = scenes.load("quay-day", changes)
+    clamped = scenes.load("quay-day", changes | {"swing.clamp": True})
+    plan = draw_up(clamped)
+    asked, given = ([iid.draw(scene, frame) for frame in range(12)] for scene in (replace_jaw(free), clamped))
+    moments = [Trajectory(clamped, plan=plan).at(frame) for frame in range(12)]
+    with pytest.raises(ScenarioError, match=r"swing\.clamp = true"):
+        [iid.draw(free, frame) for frame in range(12)]
+    lifted = 0
+    for before, alone, moment in zip(asked, given, moments, strict=True):
+        assert alone.grab.jaw in (0.0, plan.grab.max_jaw)
+        assert (alone.grab.jaw == 0.0) == (alone.grab.load == 1.0)  # open jaws hold nothing
+        assert alone.grab.alpha == before.grab.alpha
+        assert alone.grab.rope_length == before.grab.rope_length
+        assert moment.grab.rope_length <= alone.grab.rope_length
+        points = trimesh.transform_points(plan.grab_points(moment.grab), moment.grab.jib_from_grab)
+        assert plan.ground.gap(points) >= CLEARANCE_M
+        lifted += moment.grab.rope_length < alone.grab.rope_length
+    assert 0 < lifted < 12
+
+
+def replace_jaw(scene: Scenario) -> Scenario:
+    """The same draws, but for the jaws."""
+    return scenes.load("quay-day", {**scene.to_dict(), "swing.jaw_deg": {"dist": "choice", "values": [0.0], "weights": [1]}})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_grabs_of_a_kind_stand_about_whole_and_on_the_ground(kind: str) -> None:
+    place = [Part("ground", trimesh.creation.box((200.0, 200.0, 2.0)), Material("ground"))]
+    clutter = Clutter(other_grabs=4, kinds=(kind,))
+    for seed in range(3):
+        parts = parked_grabs(clutter, place, head_height=0.0, rng=np.random.default_rng(seed))
+        numbers = {part.name.partition("/")[0] for part in parts}
+        assert len(numbers) == 4
+        for number in numbers:
+            own = np.concatenate([p.mesh.vertices for p in parts if p.name.startswith(f"{number}/")])
+            assert own[:, 2].min() == pytest.approx(1.0, abs=1e-9)
+            assert 1.5 < np.ptp(own[:, 2]) < 8.0

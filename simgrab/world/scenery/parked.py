@@ -80,7 +80,7 @@ def _grab(number: int, design: Design, spot: np.ndarray, rng: np.random.Generato
         (red, green, blue), float(rng.random()), float(rng.random()), str(rng.choice(["coal", "ore", "grain"])), rng
     )
     bodies = {body.name: mixed.on(body.parts) for body in design.bodies}
-    frames = design.frames(float(rng.uniform(0, MOST_JAW)))
+    frames = design.frames(min(float(rng.uniform(0, MOST_JAW)), design.max_jaw))
     lowest = min(part.moved(frames[body]).mesh.bounds[0, 2] for body, parts in bodies.items() for part in parts)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation_z(rng.uniform(0, 2 * np.pi)), spot - (0.0, 0.0, lowest)
