@@ -299,7 +299,8 @@ def test_levers_pass_beside_each_other(grab: Scissors) -> None:
 def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
     changes = {
         "grab": {"model": model, "volume_m3": 12.0}, "frames": 12, "seed": 4,
-        "swing.jaw_deg": {"dist": "choice", "values": [0.0, 89.0], "weights": [1, 1]}, "swing.load": {"dist": "choice", "values": [1.0], "weights": [1]},
+        "swing.jaw_deg": {"dist": "choice", "values": [0.0, 89.0], "weights": [1, 1]},
+        "swing.load": {"dist": "choice", "values": [1.0], "weights": [1]},
         "swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 34.0},
     }  # fmt: skip
     free = scenes.load("quay-day", changes)
@@ -324,7 +325,8 @@ def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
 
 def replace_jaw(scene: Scenario) -> Scenario:
     """The same draws, but for the jaws."""
-    return scenes.load("quay-day", {**scene.to_dict(), "swing.jaw_deg": {"dist": "choice", "values": [0.0], "weights": [1]}})
+    shut = {"dist": "choice", "values": [0.0], "weights": [1]}
+    return scenes.load("quay-day", {**scene.to_dict(), "swing.jaw_deg": shut})
 
 
 @pytest.mark.parametrize("kind", KINDS)
