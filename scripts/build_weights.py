@@ -70,7 +70,7 @@ DETECTOR = (
 HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY)
 
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
-SHOWN_AGAIN = {"find": 20_000, "refine": 80_000, "settle": 60_000}
+SHOWN_AGAIN = {"find": 40_000, "refine": 120_000, "settle": 100_000}
 
 READER = Source("digits", "digits", {}, 2400, 960, 0)
 
