@@ -15,7 +15,7 @@ from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
 from simgrab.utilities import models, resources
-from simgrab.utilities.models import copied
+from simgrab.utilities.models import Model, copied
 from simgrab.utilities.parse import Refuse, parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
 from simgrab.utilities.strict import convert
@@ -65,7 +65,7 @@ def load(
     data = merged(Scenario().to_dict(), _read(scene))
     for key, value in (changes or {}).items():
         change = vary.nested(key, value.item() if isinstance(value, np.generic) else value)
-        data = merged(data, _with_models(change, lambda table, _: Path(table["file"])))
+        data = merged(data, _with_models(change, lambda table, refuse: models.read(table["file"], refuse)))
     scenario = convert(data, Scenario)
     for key in changes or {}:
         if not f"{key}.".startswith("vary."):
@@ -109,9 +109,11 @@ def _read(scene: str | Path) -> dict[str, Any]:
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix == ".json":
         return _manifest_scenario(path)
-    data = _with_models(
-        read_toml(path, _REFUSE), lambda table, refuse: models.inside(path.parent, table["file"], refuse)
-    )
+
+    def beside(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        return models.read(models.inside(path.parent, table["file"], refuse), refuse)
+
+    data = _with_models(read_toml(path, _REFUSE), beside)
     base = data.pop("base", None)
     if base is None:
         return data
@@ -127,37 +129,65 @@ def _manifest_scenario(path: Path) -> dict[str, Any]:
 def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
 
-    def copy(table: Mapping[str, Any], refuse: Refuse) -> Path:
-        return models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        return models.read(
+            models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse), refuse
+        )
 
     found: dict[str, Any] = _with_models(scenario, copy)
     return found
 
 
-def _with_models(data: Any, locate: Callable[[Mapping[str, Any], Refuse], Path], key: str = "") -> Any:
+def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], key: str = "") -> Any:
     """Name models of grabs, wherever a scene's plain data have one, by file name and SHA-256 instead of by path.
 
-    ``locate`` gives the path of a table's file.
+    ``read`` gives the model of a table.
     """
     if isinstance(data, Mapping):
-        inner = {name: _with_models(value, locate, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
+        inner = {name: _with_models(value, read, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
         file = data.get("file")
-        if not isinstance(file, str) or not (data.get("model") == "mesh" or key.rpartition(".")[2] == "grab"):
+        if not isinstance(file, str) or not (data.get("model") == "mesh" or key == "grab"):
             return inner
         refuse = functools.partial(ScenarioError, f"{key}.file")
-        model = models.read(locate(data, refuse), refuse)
+        model = read(data, refuse)
         stated = data.get("sha256")
         if stated and stated != model.sha256:
             raise ScenarioError(f"{key}.sha256", f"{file} has another content, of SHA-256 {model.sha256}")
         return inner | {"file": model.name, "sha256": model.sha256}
     if isinstance(data, list | tuple):
-        return [_with_models(value, locate, f"{key}.{i}") for i, value in enumerate(data)]
+        return [_with_models(value, read, f"{key}.{i}") for i, value in enumerate(data)]
     return data
 
 
-def of_manifest(manifest: Any, where: str | Path) -> Scenario:
-    """Build the scenario that a manifest holds; ``where`` begins the error line."""
-    scenario = convert(merged(Scenario().to_dict(), _scenario_of(manifest, where)), Scenario)
+def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], bytes]) -> Scenario:
+    """Build the scenario that a manifest holds.
+
+    Parameters
+    ----------
+    manifest : object
+        Plain data.
+    where : str or Path
+        Begins the error line.
+    read : callable
+        Gives a file of the dataset, by its name, of at most so many bytes.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    data = _scenario_of(manifest, where)
+    listed = manifest.get("files")
+
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        folder = f"{copied(str(table.get('sha256')))}/"
+        names = [name.removeprefix(folder) for name in listed or () if name.startswith(folder)]
+        left, files = models.MOST_BYTES, dict[str, bytes]()
+        for name in names[: models.MOST_FILES]:
+            files[name] = read(f"{folder}{name}", left)
+            left -= len(files[name])
+        return models.of_files(table["file"], files, refuse)
+
+    scenario = convert(merged(Scenario().to_dict(), _with_models(data, copy)), Scenario)
     vary.check(scenario)
     return scenario
 

@@ -37,7 +37,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     type=PATH,
     help="Your own grab: a model, or a scene file with it. Frames of it are rendered into OUT-frames.",
 )
-@click.option("--frames", type=click.IntRange(40, 1_000_000), default=720, show_default=True, help="Of --grab.")
+@click.option("--frames", type=click.IntRange(40, 1_000_000), help="Frames of --grab.  [default: 720]")
 @click.option(
     "--hard",
     type=PATH,
@@ -50,7 +50,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     metavar="DETECTOR",
     help="Start from the weights of this detector: `bundled`, or a folder. Takes about 15 minutes on two cores.",
 )
-@click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
+@click.option("--seed", default=0, show_default=True, help="Seed of weights, order, augmentation and frames.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
 @click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the others]")
@@ -62,7 +62,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, grab: Path | None, frames: int, hard: tuple[Path, ...], start: str | None,
+    datasets: tuple[Path, ...], out: Path, grab: Path | None, frames: int | None, hard: tuple[Path, ...], start: str | None,
     seed: int, quick: bool, epochs: int | None, batch: int | None, patience: int, device: str, threads: int,
     half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
@@ -76,15 +76,24 @@ def detector(
 
     if not datasets and grab is None:
         raise click.UsageError("give DATASETS, or --grab")
+    if frames is not None and grab is None:
+        raise click.UsageError("--frames belongs to --grab")
     check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
-    if grab is not None:
-        datasets = (*datasets, _frames_of(grab, out, frames, seed, shown=not (quiet or as_json)))
-    from simgrab.instrument.detect import BUNDLED, WEIGHTS
+    from simgrab.instrument.detect import BUNDLED, WEIGHTS, Bundled
+    from simgrab.labels.datasets import read
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
+    from simgrab.training.device import named
 
     begin = WEIGHTS if start == BUNDLED else start
+    if grab is not None:  # frames take minutes: what can be refused is refused before
+        named(device)
+        if begin is not None:
+            Bundled(Path(begin))
+        for dataset in (*datasets, *hard):
+            read(dataset)
+        datasets = (*datasets, _frames_of(grab, out.absolute(), frames, seed, shown=not (quiet or as_json)))
     chosen = functools.partial(
         recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
         patience=patience, device=device, threads=threads,
@@ -98,16 +107,18 @@ def detector(
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
 
-def _frames_of(file: Path, out: Path, frames: int, seed: int, *, shown: bool) -> Path:
+def _frames_of(file: Path, out: Path, frames: int | None, seed: int, *, shown: bool) -> Path:
     """Render frames of a user's own grab beside the nets, or what is missing of them."""
     from simgrab.judge import own_grab
-    from simgrab.training.detector.own_grab import scene_of
+    from simgrab.training.detector.own_grab import FRAMES, scene_of
     from simgrab.world.output.dataset import render
 
     grab = own_grab.grab_of(file)
     path = out.with_name(f"{out.name}-frames")
     with drawing("drawing frames", shown=shown) as (progress, checking):
-        render(scene_of(grab, frames=frames, seed=seed), path, resume=True, progress=progress, checking=checking)
+        render(
+            scene_of(grab, frames=frames or FRAMES, seed=seed), path, resume=True, progress=progress, checking=checking
+        )
     return path
 
 

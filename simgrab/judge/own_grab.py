@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from simgrab.pages import html
 from simgrab.scenario import Mesh, Scenario
 from simgrab.utilities import models
 from simgrab.utilities.files import write
+from simgrab.utilities.parse import shown
 from simgrab.utilities.pictures import encode
 from simgrab.world import gl
 from simgrab.world.scenery.grabs.design import Design
@@ -49,7 +49,7 @@ class Understood:
     doubts : sequence of str
         What looks wrong, a sentence each.
     turntable : ndarray, shape (H, W, 3), uint8
-        RGB: closed from all sides, then from below and above, and open where it opens.
+        RGB: closed from all sides, then from above and below, and open where it opens.
     """
 
     facts: Sequence[tuple[str, str]]
@@ -107,7 +107,8 @@ def check(scene: Scenario) -> Understood:
     model = models.recall(keys.sha256, keys.file, functools.partial(ScenarioError, "grab.file"))
     found = pieces(keys, model)
     made = design(keys, found)
-    return Understood(_facts(keys, model, found, made), _doubts(keys, found, made), turntable(scene))
+    missing = [f"The texture {shown(name)} is not there." for name in model.missing]
+    return Understood(_facts(keys, model, found, made), missing + _doubts(found, made), turntable(scene))
 
 
 def _extent(design: Design) -> tuple[Array, Array]:
@@ -161,7 +162,7 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
     return facts
 
 
-def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
+def _doubts(parts: list[Piece], made: Design) -> list[str]:
     low, high = _extent(made)
     size = high - low
     found = []
@@ -197,8 +198,6 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
         found.append(f"A mass of {kg.sum():,.0f} kg is unusual: give mass_kg.")
     if not any(map(len, made.lips.values())):
         found.append("There are no keypoints but the rope ends: lips_m gives others.")
-    if keys.jaws and math.isclose(made.max_jaw, 0.0):
-        found.append("Jaws that only slide have no opening in degrees: give one of them open_deg.")
     return found
 
 

@@ -311,7 +311,10 @@ class ShardedDataset(Sequence[LabelledFrame]):
         """The scenario that it was rendered from, with every default filled in."""
         from simgrab import scenes
 
-        return scenes.of_manifest(_read_manifest(self.store), f"{self.store.url}/{MANIFEST}")
+        def read(name: str, most_bytes: int) -> bytes:
+            return self.store.read(name, most_bytes=most_bytes)
+
+        return scenes.of_manifest(_read_manifest(self.store), f"{self.store.url}/{MANIFEST}", read)
 
     def is_labelled(self, row: Row) -> bool:
         """Whether detection labels hold a box for the row."""

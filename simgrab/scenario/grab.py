@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
-
-import msgspec
+from typing import Annotated, Any, Literal
 
 from simgrab.errors import ScenarioError
 from simgrab.scenario.base import Cargo, Meta, Share, Strict, Tagged
@@ -145,25 +143,31 @@ class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
     finish: Literal["file", "paint"] = "file"
     jaws: Annotated[tuple[Jaw, ...], Meta(max_length=16)] = ()
 
+    @classmethod
+    def of(cls, path: str | Path, **keys: Any) -> Mesh:
+        """Read a model; ``keys`` are the other fields.
+
+        Raises
+        ------
+        ScenarioError
+            If it cannot be read, or the keys do not fit.
+        """
+        model = models.read(path, lambda problem: ScenarioError("file", problem))
+        return cls(file=model.name, sha256=model.sha256, **keys)
+
     def check(self) -> None:
-        """Read the file, unless it is named by its SHA-256 alone, and refuse what does not fit together."""
-        self._read()
+        """Refuse what does not fit together."""
+        # A scene of a stranger becomes such a table too: no file is opened here.
+        if not self.sha256 or Path(self.file).name != self.file:
+            raise ScenarioError("file", "a model is read by simgrab.load, from a scene's own folder, or by Mesh.of")
         if self.rope_ends_m and len(self.rope_ends_m) != self.ropes:
             raise ScenarioError("rope_ends_m", f"{len(self.rope_ends_m)} points for {self.ropes} ropes")
         if sum(map(len, (self.lips_m, *(jaw.lips_m for jaw in self.jaws)))) > 4:
             raise ScenarioError("lips_m", "at most 4 keypoints in all, those of jaws included")
         if len({jaw.node for jaw in self.jaws}) < len(self.jaws):
             raise ScenarioError("jaws", "two of them have the same node")
-
-    def _read(self) -> None:
-        """Put the file's name for its path; where it lies is remembered."""
-        if self.sha256 and Path(self.file).name == self.file:
-            return
-        model = models.read(self.file, lambda problem: ScenarioError("file", problem))
-        if self.sha256 and self.sha256 != model.sha256:
-            raise ScenarioError("sha256", f"{self.file} has another content, of SHA-256 {model.sha256}")
-        msgspec.structs.force_setattr(self, "file", model.name)
-        msgspec.structs.force_setattr(self, "sha256", model.sha256)
+        if self.jaws and not any(jaw.open_deg for jaw in self.jaws):
+            raise ScenarioError("jaws", "at least one needs open_deg, by which the opening is measured")
 
 
 Grab = FourRope | Clamshell | OrangePeel | Scissors | Mesh

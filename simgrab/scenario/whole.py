@@ -6,7 +6,6 @@ import hashlib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import timedelta
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -18,7 +17,7 @@ from simgrab.geometry import Intrinsics
 from simgrab.layouts import Layout
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
-from simgrab.scenario.factor import Factor, OneOf
+from simgrab.scenario.factor import JOINT, Factor, OneOf
 from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
@@ -76,6 +75,9 @@ class Scenario(Strict, frozen=True):
                 "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
             )
         self._check_display()
+        for key in self.vary:
+            if any(part in ("grab.file", "grab.sha256") for part in key.split(JOINT)):
+                raise ScenarioError(f"vary.{key}", "a model's file varies with its table: use [vary.grab]")
         if self.vary and not self.clip.clip_frames:
             raise ScenarioError("clip.clip_frames", "vary draws new values for each clip: set clip.clip_frames")
 
@@ -103,14 +105,14 @@ class Scenario(Strict, frozen=True):
         return self.display.layout_in(self.camera.width_px, self.camera.height_px)
 
     @property
-    def models(self) -> dict[str, str]:
-        """Names of the files of users' own grabs, by SHA-256."""
-        return dict(_models([self.grab, *self.vary.values()]))
+    def models(self) -> tuple[models.Model, ...]:
+        """Models of users' own grabs that are known in this process."""
+        named = dict.fromkeys(_models([self.grab, *self.vary.values()]))
+        return tuple(model for name, sha256 in named if (model := models.find(sha256, name)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle: another process gets to know where models lie."""
-        places = {sha256: str(place) for sha256 in self.models if (place := models.place_of(sha256))}
-        return _unpickled, (msgspec.structs.astuple(self), places)
+        """Pickle with the models, so that another process, or machine, knows them."""
+        return _unpickled, (msgspec.structs.astuple(self), [(one.name, dict(one.files)) for one in self.models])
 
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""
@@ -125,19 +127,20 @@ class Scenario(Strict, frozen=True):
         return tomli_w.dumps(_without_none(self.to_dict()))
 
 
-def _unpickled(fields: tuple[Any, ...], places: Mapping[str, str]) -> Scenario:
-    for sha256, place in places.items():
-        models.remember(sha256, Path(place))
+def _unpickled(fields: tuple[Any, ...], known: Iterable[tuple[str, dict[str, bytes]]]) -> Scenario:
+    for name, files in known:
+        models.remember(models.Model(name, models.Files(files)))
     return Scenario(*fields)
 
 
 def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
-    """Give SHA-256 and name of all models in tables, plain or not."""
+    """Give name and SHA-256 of all models in tables, plain or not."""
     for value in values:
         match value:
-            case Mesh() | {"model": "mesh"}:
-                table = msgspec.to_builtins(value)
-                yield table.get("sha256", ""), table["file"]
+            case Mesh():
+                yield value.file, value.sha256
+            case {"file": str(file), "sha256": str(sha256)}:
+                yield file, sha256
             case OneOf():
                 yield from _models(value.values)
             case dict():

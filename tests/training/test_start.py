@@ -108,7 +108,7 @@ def test_a_detector_learns_a_users_own_grab(tmp_path):
 
 def test_frames_of_an_own_grab_vary_all_but_the_grab(tmp_path):
     trimesh.creation.box((2, 2, 2)).export(tmp_path / "box.stl")
-    scene = scene_of(Mesh(file=str(tmp_path / "box.stl")))
+    scene = scene_of(Mesh.of(tmp_path / "box.stl"))
     assert {one.scenario.grab.file for one, _ in itertools.islice(variants(scene), 5)} == {"box.stl"}
     assert len({one.scenario.place for one, _ in itertools.islice(variants(scene), 20)}) > 3
     assert len({one.scenario.grab.paint_rgb for one, _ in itertools.islice(variants(scene), 20)}) > 3

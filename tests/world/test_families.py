@@ -252,6 +252,12 @@ def test_the_closing_rope_pays_out_what_the_falls_take(grab: Grab) -> None:
             [design.frames(float(j))[f"reeving_{side}"][0, 3] for side in ("outer", "inner")] for j in jaws(design)
         ]
         travel = np.ptp(blocks, axis=1) - np.ptp(blocks[0])
+        frames = [design.frames(float(j)) for j in jaws(design)]
+        ends = [trimesh.transform_points(design.leads[:, 1], f["shell_outer"]) for f in frames]
+        leads = np.linalg.norm(np.array(ends) - design.leads[:, 0], axis=2)
+        assert leads.shape[1] == len(design.closing)
+        assert np.all(leads > 0.3)
+        paid = paid - (leads - leads[0]).mean(axis=1)
     else:
         travel = [abs(move[2, 3]) for move in moves(grab)[design.falls_to]]
     np.testing.assert_allclose(paid, np.array(travel) * len(design.falls) / len(design.closing), rtol=0.02, atol=1e-3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import resource
 import struct
 
@@ -11,16 +12,19 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from msgspec.structs import replace
 from PIL import Image
 
+import simgrab
 from simgrab import scenes
 from simgrab.cli import cli
 from simgrab.errors import ScenarioError
 from simgrab.judge import own_grab
 from simgrab.judge.audit.audit import audit
-from simgrab.scenario import Mesh
+from simgrab.scenario import Jaw, Mesh
 from simgrab.utilities import models
 from simgrab.world.output.dataset import render
+from simgrab.world.output.export import export
 from simgrab.world.scenery.grabs import design_of
 
 YELLOW = (230, 180, 20, 255)
@@ -77,8 +81,8 @@ def files(tmp_path_factory):
 
 
 JAWS = (
-    {"node": "HookLeft", "hinge_m": (-0.9, 0.0, 1.2), "open_deg": 20.0, "lips_m": ((-0.8, 0.2, 0.0),)},
-    {"node": "HookRight", "hinge_m": (0.9, 0.0, 1.2), "open_deg": -30.0},
+    Jaw(node="HookLeft", hinge_m=(-0.9, 0.0, 1.2), open_deg=20.0, lips_m=((-0.8, 0.2, 0.0),)),
+    Jaw(node="HookRight", hinge_m=(0.9, 0.0, 1.2), open_deg=-30.0),
 )
 
 
@@ -89,7 +93,7 @@ def vertices(design, opening=0.0):
 
 @pytest.mark.parametrize("kind", ["glb", "gltf", "obj", "ply", "stl"])
 def test_every_format_gives_the_same_grab(files, kind):
-    design = design_of(Mesh(file=str(files[kind])))
+    design = design_of(Mesh.of(files[kind]))
     low, high = (f(np.concatenate(list(vertices(design).values())), axis=0) for f in (np.min, np.max))
     np.testing.assert_allclose(low, (-1.2, -0.3, -0.8), atol=1e-6)
     np.testing.assert_allclose(high, (1.2, 0.3, 0.8), atol=1e-6)
@@ -108,7 +112,7 @@ def test_every_format_gives_the_same_grab(files, kind):
 
 
 def test_mass_properties_are_those_of_the_shape(files):
-    mass = design_of(Mesh(file=str(files["glb"]), mass_kg=1000.0)).mass_of(0.0, 0.0)
+    mass = design_of(Mesh.of(files["glb"], mass_kg=1000.0)).mass_of(0.0, 0.0)
     beam, leg = 2.4 * 0.6 * 0.4, 0.2 * 0.5 * 1.2
     shares = np.array([beam, leg, leg]) / (beam + 2 * leg)
     heights = np.array([1.4, 0.6, 0.6]) - 0.8
@@ -131,7 +135,7 @@ def test_the_axis_that_points_up_and_the_unit(tmp_path, up, matrix):
     lying = tongs().to_mesh()
     lying.apply_transform(np.block([[1000 * np.asarray(matrix, float), np.zeros((3, 1))], [np.zeros(3), 1.0]]))
     lying.export(tmp_path / "a.stl")
-    design = design_of(Mesh(file=str(tmp_path / "a.stl"), up=up, scale=0.001))
+    design = design_of(Mesh.of(tmp_path / "a.stl", up=up, scale=0.001))
     points = vertices(design)["head"]
     np.testing.assert_allclose(np.ptp(points, axis=0), (2.4, 0.6, 1.6), atol=1e-5)
     top = points[points[:, 2] > 0.79]
@@ -143,12 +147,12 @@ def test_a_mirror_in_the_file_leaves_the_steel_outside_out(tmp_path):
     box = trimesh.creation.box((1, 1, 1))
     scene.add_geometry(box, node_name="a", transform=np.diag([-1.0, 1, 1, 1]))
     scene.export(tmp_path / "a.glb")
-    body = design_of(Mesh(file=str(tmp_path / "a.glb"))).bodies[0]
+    body = design_of(Mesh.of(tmp_path / "a.glb")).bodies[0]
     assert body.steel.volume == pytest.approx(1.0)
 
 
 def test_jaws_turn_about_their_hinges_in_proportion(files):
-    design = design_of(Mesh(file=str(files["glb"]), jaws=JAWS))
+    design = design_of(Mesh.of(files["glb"], jaws=JAWS))
     assert [body.name for body in design.bodies] == ["head", "jaw_0", "jaw_1"]
     assert np.degrees(design.max_jaw) == pytest.approx(30.0)
     closed, half = vertices(design), vertices(design, design.max_jaw / 2)
@@ -160,21 +164,75 @@ def test_jaws_turn_about_their_hinges_in_proportion(files):
     np.testing.assert_allclose(design.lips["jaw_0"], [(0.1, 0.2, -1.2)], atol=1e-12)
 
 
+def test_a_jaw_below_a_jaw_moves_with_it(tmp_path):
+    scene = trimesh.Scene()
+    for name, parent, x in (("beam", None, 0.0), ("Arm", None, 1.0), ("Tip", "Arm", 1.0)):
+        box = trimesh.creation.box((0.5, 0.5, 0.5))
+        pose = trimesh.transformations.translation_matrix((x, 0, 0))
+        scene.add_geometry(box, node_name=name, geom_name=name, parent_node_name=parent, transform=pose)
+    scene.export(tmp_path / "a.glb")
+    jaws = tuple(
+        Jaw(node=n, hinge_m=(x, 0.0, 0.0), axis=(0, 0, 1), open_deg=40.0) for n, x in (("Tip", 1.6), ("Arm", 0.4))
+    )
+    design = design_of(Mesh.of(tmp_path / "a.glb", up="z", jaws=jaws, centre_m=(0, 0, 0), ropes=1,
+                               rope_ends_m=((0, 0, 1),)))  # fmt: skip
+    frames = design.frames(design.max_jaw)
+    a = np.radians(40.0)
+    np.testing.assert_allclose(frames["jaw_1"][:3, 3], (0.4, 0, 0), atol=1e-12)
+    np.testing.assert_allclose(frames["jaw_0"][:3, 3], (0.4 + 1.2 * np.cos(a), 1.2 * np.sin(a), 0), atol=1e-12)
+    np.testing.assert_allclose(frames["jaw_0"][:2, 0], (np.cos(2 * a), np.sin(2 * a)), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["glb", "obj", "ply", "stl"])
+def test_mass_is_that_of_the_steel_however_the_file_splits_it(tmp_path, kind):
+    """An L of two boxes that share an edge, one of them inside out, as a soup of triangles."""
+    boxes = [trimesh.creation.box((1, 1, 1)), trimesh.creation.box((1, 1, 0.5))]
+    boxes[1].apply_translation((1, 0, 0.75))
+    boxes[1].invert()
+    soup = trimesh.util.concatenate(boxes)
+    soup.unmerge_vertices()
+    if kind == "glb":
+        soup.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    soup.export(tmp_path / f"a.{kind}")
+    keys = Mesh.of(tmp_path / f"a.{kind}", ropes=1, rope_ends_m=((0, 0, 1.0),))
+    mass = design_of(keys).mass_of(0.0, 0.0)
+    assert mass.mass == pytest.approx(7850 * 1.5, rel=1e-6)
+    assert mass.centre_z == pytest.approx((1.0 * 0 + 0.5 * 0.75) / 1.5 - 0.25, abs=1e-6)
+    parts = np.concatenate([p.mesh.triangles for b in design_of(keys).bodies for p in b.parts])
+    assert np.einsum("ij,ij->", parts[:, 0], np.cross(parts[:, 1], parts[:, 2])) / 6 == pytest.approx(1.5)  # outwards
+
+
+def test_names_in_ordinary_obj_files(tmp_path):
+    (tmp_path / "pictures").mkdir()
+    texture().save(tmp_path / "pictures" / "my tex.png")
+    box = trimesh.creation.box((2, 2, 2))
+    v = "".join(f"v {x} {y} {z}\n" for x, y, z in box.vertices) + "vt 0 0\nvt 1 0\nvt 1 1\n"
+    f = "".join(f"f {a + 1}/1 {b + 1}/2 {c + 1}/3\n" for a, b, c in box.faces)
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{v}usemtl paint\n{f}")
+    (tmp_path / "a.mtl").write_text("newmtl paint\nKd 1 1 1\nmap_Kd pictures\\my tex.png\nmap_Bump none.png\n")
+    keys = Mesh.of(tmp_path / "a.obj")
+    (material,) = {part.material.name: part.material for part in design_of(keys).bodies[0].parts}.values()
+    assert material.texture is not None
+    (tmp_path / "a.mtl").write_text("newmtl paint\nKd 1 0 0\nmap_Kd gone.png\n")
+    found = own_grab.check(own_grab.scene_of(tmp_path / "a.obj"))
+    assert any("gone.png" in doubt for doubt in found.doubts)
+
+
 def test_jaws_slide(files):
-    jaws = (JAWS[0], {"node": "HookRight", "axis": (2.0, 0.0, 0.0), "stroke_m": 0.4})
-    design = design_of(Mesh(file=str(files["glb"]), jaws=jaws))
+    jaws = (JAWS[0], Jaw(node="HookRight", axis=(2.0, 0.0, 0.0), stroke_m=0.4))
+    design = design_of(Mesh.of(files["glb"], jaws=jaws))
     moved = vertices(design, design.max_jaw)["jaw_1"] - vertices(design)["jaw_1"]
     np.testing.assert_allclose(moved, np.broadcast_to((0.4, 0, 0), moved.shape), atol=1e-12)
 
 
 def test_ropes_end_where_they_are_said_to_and_the_centre_lies_below(files):
     ends = ((0.6, -0.1, 1.7), (0.4, 0.3, 1.7), (0.2, 0.1, 1.7), (0.4, -0.3, 1.7))
-    design = design_of(Mesh(file=str(files["glb"]), rope_ends_m=ends))
+    design = design_of(Mesh.of(files["glb"], rope_ends_m=ends))
     np.testing.assert_allclose(design.terminations[:, :2].mean(axis=0), 0.0, atol=1e-12)
     around = np.unwrap(np.arctan2(design.terminations[:, 1], design.terminations[:, 0]))
     assert np.all(np.diff(around) > 0)  # counter-clockwise, so that ropes do not cross
     assert vertices(design)["head"][:, 0].min() == pytest.approx(-1.6)
-    given = design_of(Mesh(file=str(files["glb"]), rope_ends_m=ends, centre_m=(0.4, 0.0, 0.5)))
+    given = design_of(Mesh.of(files["glb"], rope_ends_m=ends, centre_m=(0.4, 0.0, 0.5)))
     np.testing.assert_allclose(given.terminations[:, 2], 1.2, atol=1e-12)
 
 
@@ -182,11 +240,11 @@ def test_open_surfaces_are_seen_from_both_sides(tmp_path):
     sheet = trimesh.creation.box((2, 2, 2))
     sheet.update_faces(np.arange(len(sheet.faces)) > 1)
     sheet.export(tmp_path / "a.stl")
-    body = design_of(Mesh(file=str(tmp_path / "a.stl"))).bodies[0]
+    body = design_of(Mesh.of(tmp_path / "a.stl")).bodies[0]
     assert len(body.steel.faces) == 20
     assert body.steel.area_faces @ body.steel.face_normals == pytest.approx(np.zeros(3))
     assert body.mass_kg == pytest.approx(7850 * 0.012 * 20.0)
-    assert body.solid.volume == pytest.approx(8.0)
+    assert body.solid.center_mass[2] == pytest.approx(body.steel.triangles_center[:10] @ [0, 0, 1] @ np.full(10, 0.1))
 
 
 def test_a_dataset_keeps_a_copy_and_is_made_again_from_it(files, tmp_path):
@@ -204,7 +262,7 @@ def test_a_dataset_keeps_a_copy_and_is_made_again_from_it(files, tmp_path):
     assert {p.name for p in (tmp_path / "one" / copy).iterdir()} == {p.name for p in files["obj"].parent.iterdir()}
     assert str(tmp_path) not in json.dumps(manifest)
     (tmp_path / "obj" / "a.obj").unlink()  # what was named is gone, the copy is not
-    models._places.clear()
+    models._known.clear()
     assert not audit(tmp_path / "one").findings
     render(tmp_path / "one" / "manifest.json", tmp_path / "two", workers=1)
     for name in manifest["files"]:
@@ -229,12 +287,87 @@ def test_several_own_grabs_vary_within_a_dataset(files, tmp_path):
 def test_what_a_file_is_now_must_be_what_it_was(tmp_path):
     path = tmp_path / "a.stl"
     trimesh.creation.box((1.9, 2, 2)).export(path)
-    keys = Mesh(file=str(path))
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'[grab]\nmodel = "mesh"\nfile = "a.stl"\nsha256 = "{"0" * 64}"', "utf-8")
     with pytest.raises(ScenarioError, match="another content"):
-        Mesh(file=str(path), sha256="0" * 64)
-    trimesh.creation.box((2, 2, 2)).export(path)
-    with pytest.raises(ScenarioError, match="has changed since"):
-        design_of(keys)
+        scenes.load(scene)
+    keys = Mesh.of(path)
+    path.unlink()  # what was read is kept
+    assert design_of(keys).bodies[0].steel.volume == pytest.approx(1.9 * 4)
+    with pytest.raises(ScenarioError, match="not known here"):
+        design_of(replace(keys, sha256="0" * 64))
+
+
+def test_no_table_opens_a_file_by_itself(tmp_path):
+    """A stranger's scene may hold any table, wherever tables may be."""
+    (tmp_path / "own").mkdir()
+    for path in (tmp_path / "secret.stl", tmp_path / "own" / "a.stl"):
+        trimesh.creation.box((2, 2, 2)).export(path)
+    secret = str(tmp_path / "secret.stl")
+    with pytest.raises(ScenarioError, match=r"is read by simgrab\.load"):
+        Mesh(file=secret)
+    scene, head = (
+        tmp_path / "own" / "scene.toml",
+        'clip = { clip_frames = 1 }\n[grab]\nmodel = "mesh"\nfile = "a.stl"\n',
+    )
+    for text, said in (
+        (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ file = "{secret}", sha256 = "" }}]', r"is read by simgrab\.load"),
+        (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ model = "mesh", file = "{secret}" }}]', "outside its folder"),
+        (f'[vary."grab.file"]\ndist = "one-of"\nvalues = ["{secret}"]', "varies with its table"),
+        (f'[vary."grab.file+grab.scale"]\ndist = "one-of"\nvalues = [{{ "grab.file" = "{secret}", "grab.scale" = 1 }}]',
+         "varies with its table"),
+    ):  # fmt: skip
+        scene.write_text(head + text, "utf-8")
+        with pytest.raises(ScenarioError, match=said):
+            scenes.load(scene)
+
+
+def test_equal_files_of_two_names_keep_their_names(files, tmp_path):
+    for name in ("a.stl", "z.stl"):
+        (tmp_path / name).write_bytes(files["stl"].read_bytes())
+    grabs = [{"model": "mesh", "file": str(tmp_path / name)} for name in ("a.stl", "z.stl")]
+    changes = {"frames": 1, "swing.clamp": True}
+    first, _ = (scenes.load("quay-day", changes | {"grab": grab}, size=(320, 180)) for grab in grabs)
+    render(first, tmp_path / "out", workers=1)
+    assert scenes.load(tmp_path / "out" / "manifest.json").grab.file == "a.stl"
+
+
+def test_another_process_and_machine_know_the_model(files, tmp_path):
+    path = tmp_path / "a.stl"
+    path.write_bytes(files["stl"].read_bytes())
+    values = [{"model": "mesh", "file": str(file)} for file in (path, files["obj"])]
+    changes = {"vary": {"grab": {"dist": "one-of", "values": values}}, "clip.clip_frames": 1}
+    scenario = scenes.load("quay-day", changes)
+    sent = pickle.dumps(scenario)
+    path.unlink()
+    models._known.clear()
+    received = pickle.loads(sent)
+    assert received == scenario
+    assert [one.name for one in received.models] == ["a.stl", "a.obj"]
+
+
+@pytest.mark.parametrize("kind", ["yolo", "simgrab", "webdataset"])
+def test_exports_and_shards_keep_the_copy(files, tmp_path, kind):
+    scenario = scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(files["obj"])}, "frames": 2,
+                                        "swing.clamp": True}, size=(320, 180))  # fmt: skip
+    url = f"file://{tmp_path}/shards"
+    render(scenario, url, workers=1)
+    models._known.clear()
+    export(url, f"file://{tmp_path}/out", format=kind)
+    models._known.clear()
+    found = simgrab.open(tmp_path / "out") if kind == "simgrab" else simgrab.open(url)
+    assert found.scenario.models[0].sha256 == scenario.grab.sha256
+    models._known.clear()
+    again = scenes.load(tmp_path / "out" / "manifest.json")
+    assert again.models[0].files == scenario.models[0].files
+
+
+def test_a_video_keeps_the_copy(files, tmp_path):
+    scenario = scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(files["glb"])}, "frames": 3,
+                                        "swing.clamp": True}, size=(320, 180))  # fmt: skip
+    simgrab.render_video(scenario, tmp_path / "a.mp4", workers=1)
+    models._known.clear()
+    assert scenes.load(tmp_path / "a.manifest.json").models[0].name == "a.glb"
 
 
 # What is wrong with a file, and what is said of it.
@@ -297,10 +430,13 @@ HOSTILE = {
     "counted.stl": (bytes(80) + struct.pack("<I", 10_000_000) + bytes(50), "truncated"),
     "many.stl": (bytes(80) + struct.pack("<I", 600_000) + bytes(50 * 600_000), "600000 triangles"),
     "counted.ply": (b"ply\nformat binary_little_endian 1.0\nelement vertex 10000000000\nproperty float x\n"
-                    b"element face 3\nproperty list uchar int vertex_indices\nend_header\n", "states a list"),
+                    b"element face 3\nproperty list uchar int vertex_indices\nend_header\n",
+                    "states 10000000000 vertices"),
     "words.ply": (b"ply\nformat ascii 1.0\nelement vertex many\nend_header\n", "number of elements"),
     "truncated.ply": (tongs().to_mesh().export(file_type="ply")[:700], "not a valid PLY|no triangles"),
-    "many.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 10_000_000, "MiB|triangles"),
+    "many.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 3_000_000, "3000000 triangles"),
+    "lines.obj": (b"ab\n" * 5_000_000, "lines"),
+    "large.obj": (bytes(70_000_000), "64"),
     "index.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 900\n", "not a valid OBJ|no triangles"),
     "outside.obj": (b"mtllib ../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
     "absolute.obj": (b"mtllib /etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
@@ -309,11 +445,16 @@ HOSTILE = {
     "passwd.gltf": (json.dumps(tetra() | {"buffers": [{"byteLength": 36, "uri": "..%2f..%2fetc/passwd"}]}).encode(),
                     "outside its folder"),
     "deep.gltf": (b"[" * 200_000, "not valid JSON"),
-    "draco.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_draco_mesh_compression"]}).encode(), "extension"),
-    "counted.gltf": (json.dumps(tetra(count=10**12)).encode(), "states a list"),
+    "chain.gltf": (json.dumps(tetra() | {"nodes": [{"children": [i + 1]} for i in range(900)]}).encode(), "deep"),
+    "crowd.gltf": (json.dumps(tetra(count=900_000) | {"nodes": [{"mesh": 0}] * 1000}).encode(), "300000000 triangles"),
+    "climb.obj": (b"mtllib ../../up/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
+    "draco.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_draco_mesh_compression"]}).encode(),
+                   "without compression"),
+    "other.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_texture_transform"]}).encode(), "not supported"),
+    "counted.gltf": (json.dumps(tetra(count=10**12)).encode(), "triangles or more"),
     "minus.gltf": (json.dumps(tetra(count=-3)).encode(), "number of elements"),
     "loop.glb": (glb(tetra(bufferView=0) | {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]},
-                     np.arange(9, dtype="<f4").tobytes()), "no triangles"),
+                     np.arange(9, dtype="<f4").tobytes()), "circle"),
     "bomb.glb": (textured(png_bomb()), "texture|px"),
     "notapicture.glb": (textured(b"\x89PNG\r\n\x1a\n" + bytes(40)), "texture cannot be read"),
     "grab.fbx": (b"Kaydara", "must end in one of"),
@@ -326,7 +467,7 @@ def test_hostile_files_are_refused_in_one_line_within_memory(name, tmp_path):
     (tmp_path / name).write_bytes(data)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ScenarioError, match=said) as caught:
-        design_of(Mesh(file=str(tmp_path / name)))
+        design_of(Mesh.of(tmp_path / name))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 1000
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1_000_000  # KiB
@@ -334,7 +475,7 @@ def test_hostile_files_are_refused_in_one_line_within_memory(name, tmp_path):
 
 def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
     with pytest.raises(ScenarioError, match=r"grab\.scale: .*2\.4e\+03 × 600.*it would fit in metres \(scale = 1\)"):
-        design_of(Mesh(file=str(files["stl"]), scale=1000.0))
+        design_of(Mesh.of(files["stl"], scale=1000.0))
 
 
 @pytest.mark.parametrize(
@@ -345,6 +486,7 @@ def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
         ({"ropes": 1, "rope_ends_m": ((0.5, 0, 2),), "centre_m": (0, 0, 0.5)}, "0.50 m beside"),
         ({"jaws": ({"node": "Hook", "open_deg": 5},)}, "no node 'Hook'; it has 'Beam', 'HookLeft'"),
         ({"jaws": ({"node": "HookLeft"},)}, "either open_deg or stroke_m"),
+        ({"jaws": ({"node": "HookLeft", "stroke_m": 0.3},)}, "at least one needs open_deg"),
         ({"jaws": ({"node": "HookLeft", "open_deg": 5, "axis": (0, 0, 0)},)}, "must be a direction"),
         ({"jaws": tuple({"node": n, "open_deg": 5} for n in ("Beam", "HookLeft", "HookRight"))}, "all of the file is"),
         ({"jaws": ({"node": "HookLeft", "open_deg": 5},) * 2}, "the same node"),
@@ -353,7 +495,7 @@ def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
 )  # fmt: skip
 def test_what_cannot_be_together_is_refused(files, keys, said):
     with pytest.raises(ScenarioError, match=said):
-        design_of(Mesh(file=str(files["glb"]), **keys))
+        design_of(scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(files["glb"]), **keys}}).grab)
 
 
 def test_the_check_shows_what_was_understood_and_what_looks_wrong(files, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import itertools
 import json
 import math
@@ -149,7 +150,11 @@ def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
     ):
         yield lambda row: labels.add(msgspec.structs.asdict(row))
     store.write("camera.toml", tables.calibration_of(source.scenario).to_toml().encode())
-    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, {}))
+    copies = tables.grabs(source.scenario)
+    for name, data in copies.items():
+        store.write(name, data)
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in copies.items()}
+    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, digests))
 
 
 @contextlib.contextmanager

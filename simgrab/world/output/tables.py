@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import functools
 import io
 import json
 import shutil
@@ -21,7 +20,6 @@ import pyarrow.parquet as pq
 from pycocotools import mask as coco_mask
 
 from simgrab.calibration import Calibration
-from simgrab.errors import ScenarioError
 from simgrab.labels import arrays as labels
 from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
 from simgrab.scenario import Scenario
@@ -303,9 +301,8 @@ def others(splits: Sequence[str], scenario: Scenario) -> dict[str, bytes]:
 def grabs(scenario: Scenario) -> dict[str, bytes]:
     """Copy the files of users' own grabs, by their names in a dataset."""
     found: dict[str, bytes] = {}
-    for sha256, name in scenario.models.items():
-        model = models.recall(sha256, name, functools.partial(ScenarioError, "grab.file"))
-        found |= {f"{models.copied(sha256)}/{file}": data for file, data in model.files.items()}
+    for model in scenario.models:
+        found |= {f"{models.copied(model.sha256)}/{name}": data for name, data in model.files.items()}
     return found
 
 

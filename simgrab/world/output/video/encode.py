@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.labels.truth import Truth
+from simgrab.utilities import files
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import Frame
 from simgrab.world.gl import Fingerprint
@@ -90,6 +91,10 @@ def encode_clip(
             tick()
     with writing(videos.path):
         videos.draft(clip, ".camera.toml").write_text(tables.calibration_of(scenario).to_toml(), encoding="utf-8")
+        for name, data in tables.grabs(scenario).items():  # the same beside every clip
+            copy = videos.path.parent / name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            files.write(copy, data)
         whole = manifest.compose(core | {"coder": _coder(coder.x264)}, rendered_by, _digests(videos, clip))
         videos.draft(clip, MANIFEST).write_bytes(whole)
         videos.put_in_place(clip)

@@ -22,7 +22,6 @@ from simgrab.world.scenery.meshes.part import Part
 
 #: Fills of the closed grab for which there is a heap.
 CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
-FLAT_M = 0.005  # thickness below which a body without a volume counts as flat
 AIR_DRAG = 1.3  # drag coefficient of a body of plates and bars
 
 
@@ -44,6 +43,8 @@ class Body:
     axis : tuple of 3 floats
         Unit vector that it turns about or slides along, in its own frame.
     slides : bool
+    own_solid : Trimesh, optional
+        What the mass is spread over, where parts are not closed.
     """
 
     name: str
@@ -53,21 +54,17 @@ class Body:
     pin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
     slides: bool = False
+    own_solid: trimesh.Trimesh | None = None
 
     @cached_property
     def steel(self) -> trimesh.Trimesh:
         """All parts as one mesh."""
         return trimesh.util.concatenate([part.mesh for part in self.parts])
 
-    @cached_property
+    @property
     def solid(self) -> trimesh.Trimesh:
-        """What the mass is spread over: the steel, or its convex hull where that is not closed, or its box if flat."""
-        if self.steel.is_watertight:
-            return self.steel
-        if min(self.steel.extents) < FLAT_M:
-            low, high = self.steel.bounds
-            return trimesh.creation.box(bounds=[low - FLAT_M, high + FLAT_M])
-        return self.steel.convex_hull
+        """What the mass is spread over evenly: closed surfaces, which may overlap."""
+        return self.steel if self.own_solid is None else self.own_solid
 
 
 Heaps = Callable[[str, np.random.Generator], Sequence[Part]]
@@ -98,6 +95,9 @@ class Design:
     falls : ndarray, shape (k, 2, 3)
         Pieces of the closing ropes inside the grab: one end in the frame of ``falls_from``, the other in that of
         ``falls_to``.
+    leads : ndarray, shape (m, 2, 3)
+        Pieces of the closing ropes between the head and the falls, one each: one end in the head's frame, the other in
+        that of ``falls_from``. None where the falls begin in the head.
     falls_from, falls_to : str
         Names of bodies. Falls from the first one, the head, are drawn; others are among the bodies' parts.
     lips : mapping of str to ndarray, shape (n, 3)
@@ -120,6 +120,7 @@ class Design:
     terminations: Array
     closing: Sequence[int] = ()
     falls: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    leads: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     falls_from: str = ""
     falls_to: str = ""
     lips: Mapping[str, Array] = field(default_factory=dict)
@@ -162,12 +163,17 @@ class Design:
         return float(opened - closed) / len(self.closing)
 
     def _falls_m(self, frames: Mapping[str, Array]) -> float:
-        """Length of all falls."""
-        upper, lower = (
-            trimesh.transform_points(ends, frames[body])
-            for ends, body in zip(self.falls.transpose(1, 0, 2), (self.falls_from, self.falls_to), strict=True)
-        )
-        return float(np.linalg.norm(lower - upper, axis=1).sum())
+        """Length of all falls and leads."""
+        pieces = [(self.falls, self.falls_from, self.falls_to), (self.leads, self.bodies[0].name, self.falls_from)]
+        total = 0.0
+        for ends, *bodies in pieces:
+            if len(ends):
+                first, last = (
+                    trimesh.transform_points(points, frames[body])
+                    for points, body in zip(ends.transpose(1, 0, 2), bodies, strict=True)
+                )
+                total += float(np.linalg.norm(last - first, axis=1).sum())
+        return total
 
     def mass_of(self, jaw: float, load: float) -> Mass:
         """Mass, its centre and moments of inertia at an opening of the jaws, rad, and a fill, 0 to 1."""

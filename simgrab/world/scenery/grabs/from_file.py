@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import itertools
 import logging
 import math
 import warnings
@@ -30,11 +32,13 @@ from simgrab.world.scenery.meshes.part import Material, Part, Texture
 
 LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
 FARTHEST_M = 1e6
+TEXTURES = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
 MOST_TEXTURE_PX = 4096
+MOST_PIXELS = 4 * MOST_TEXTURE_PX**2  # of all textures
 PLATE_M = 0.012  # of steel that is drawn as a surface without thickness
-MOST_COLOURS = 24  # of faces; of more, the mean is taken
+MOST_COLOURS = 24  # of faces; more are brought together
 _APART_M = 0.02  # of the mean of the rope ends and A, seen from above
-_UP = {  # file axes to z up, by the axis that points up: rows are the file's axes
+_UP = {  # by the file's axis that points up: rows are our axes, z up, in those of the file
     "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
     "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)), "-x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
@@ -52,16 +56,17 @@ class Piece:
     nodes : tuple of str
         Names of the node that shows it and of all above that.
     closed : bool
-        Whether it is watertight, and so has a volume.
-    volume_m3, area_m2 : float
-        Of the steel; the volume is 0 where it is not closed.
+        Whether all of it is watertight.
+    area_m2 : float
+    solid : Trimesh
+        The steel: what is closed as it is, and plates of `PLATE_M` where it is not.
     """
 
     parts: tuple[Part, ...]
     nodes: tuple[str, ...]
     closed: bool
-    volume_m3: float
     area_m2: float
+    solid: trimesh.Trimesh
 
     @property
     def vertices(self) -> Array:
@@ -148,40 +153,46 @@ def _bodies(keys: Mesh, found: list[Piece], centre: Array) -> list[Body]:
             names = ", ".join(shown(name) for name in known[:12]) + (", …" if len(known) > 12 else "")
             raise ScenarioError(f"grab.jaws.{i}.node", f"the file shows no node {shown(jaw.node)}; it has {names}")
     groups: dict[int, list[Piece]] = {i: [] for i in range(-1, len(keys.jaws))}
+    above: dict[int, int] = {}  # the jaw that a jaw hangs on, by number; -1 for the head
     for piece in found:
-        groups[next((moving[node] for node in piece.nodes if node in moving), -1)].append(piece)
+        chain = [moving[node] for node in piece.nodes if node in moving]
+        groups[chain[0] if chain else -1].append(piece)
+        above |= dict(itertools.pairwise([*chain, -1]))
     for i, group in groups.items():
         if not group:
-            what = f"grab.jaws.{i}.node" if i >= 0 else "grab.jaws"
-            raise ScenarioError(
-                what, "nothing belongs to it" if i >= 0 else "all of the file is jaws: none holds the ropes"
-            )
-    masses = _masses(keys, groups)
-    bodies = [Body("head", masses[-1], _moved(groups[-1], centre))]
-    for i, jaw in enumerate(keys.jaws):
-        hinge = np.array(jaw.hinge_m)
-        axis = np.array(jaw.axis) / math.hypot(*jaw.axis)
-        pin, along = (tuple(float(v) for v in vector) for vector in (hinge - centre, axis))
-        bodies.append(
-            Body(f"jaw_{i}", masses[i], _moved(groups[i], hinge), "head", pin, along, slides=bool(jaw.stroke_m))  # type: ignore[arg-type]
-        )
-    return bodies
+            if i < 0:
+                raise ScenarioError("grab.jaws", "all of the file is jaws: nothing is left that the ropes hold")
+            raise ScenarioError(f"grab.jaws.{i}.node", "all that it shows belongs to other jaws")
+    solids = {i: trimesh.util.concatenate([piece.solid for piece in group]) for i, group in groups.items()}
+    total = sum(kit.STEEL_KG_M3 * float(solid.volume) for solid in solids.values())
+    per_m3 = kit.STEEL_KG_M3 * (1.0 if keys.mass_kg is None else keys.mass_kg / total)
+    made = {-1: Body("head", per_m3 * float(solids[-1].volume), _moved(groups[-1], centre),
+                     own_solid=_shifted(solids[-1], centre))}  # fmt: skip
+    while len(made) < len(groups):
+        for i, jaw in enumerate(keys.jaws):
+            if i in made or above[i] not in made:
+                continue
+            hinge = np.array(jaw.hinge_m)
+            base = centre if above[i] < 0 else np.array(keys.jaws[above[i]].hinge_m)
+            axis = np.array(jaw.axis) / math.hypot(*jaw.axis)
+            made[i] = Body(
+                f"jaw_{i}", per_m3 * float(solids[i].volume), _moved(groups[i], hinge), made[above[i]].name,
+                _point(hinge - base), _point(axis), slides=bool(jaw.stroke_m), own_solid=_shifted(solids[i], hinge),
+            )  # fmt: skip
+    return list(made.values())
+
+
+def _point(vector: Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in vector)
+    return x, y, z
 
 
 def _moved(group: list[Piece], origin: Array) -> list[Part]:
     return kit.placed([part for piece in group for part in piece.parts], origin.tolist())
 
 
-def steel_kg(piece: Piece) -> float:
-    """Mass of a piece as of steel: of its volume where it is closed, else of plates of `PLATE_M`."""
-    return kit.STEEL_KG_M3 * (piece.volume_m3 if piece.closed else PLATE_M * piece.area_m2)
-
-
-def _masses(keys: Mesh, groups: Mapping[int, list[Piece]]) -> dict[int, float]:
-    """Mass of the bodies, by the jaw's number and -1 for the head."""
-    own_kg = {i: max(sum(map(steel_kg, group)), 1.0) for i, group in groups.items()}
-    factor = 1.0 if keys.mass_kg is None else keys.mass_kg / sum(own_kg.values())
-    return {i: factor * kg for i, kg in own_kg.items()}
+def _shifted(solid: trimesh.Trimesh, origin: Array) -> trimesh.Trimesh:
+    return solid.copy().apply_translation(-origin)
 
 
 def pieces(keys: Mesh, model: Model) -> list[Piece]:
@@ -192,8 +203,11 @@ def pieces(keys: Mesh, model: Model) -> list[Piece]:
     ScenarioError
         If it cannot be read, or holds what no grab can be of.
     """
+    pixels = 0
     for picture in models.pictures(model, _refuse):
-        _check_texture(picture, model.name)
+        pixels += _pixels(picture, model.name)
+        if pixels > MOST_PIXELS:
+            raise _refuse(f"{model.name}: its textures have more than {MOST_PIXELS} pixels together")
     scene = _parsed(model, {"split_objects": True} if model.format == "obj" else {})
     turn = np.eye(4)
     up = ("y" if model.format in ("glb", "gltf") else "z") if keys.up == "auto" else keys.up
@@ -217,7 +231,7 @@ def pieces(keys: Mesh, model: Model) -> list[Piece]:
 
 
 def _parsed(model: Model, options: dict[str, Any]) -> trimesh.Scene:
-    others = {name: data for name, data in model.files.items() if name != model.name}
+    others = models.Files({name: data for name, data in model.files.items() if name != model.name})
     try:
         with _quiet():
             return trimesh.load_scene(
@@ -245,7 +259,7 @@ def _quiet() -> Iterator[None]:
 
 def _above(scene: trimesh.Scene, node: str) -> tuple[str, ...]:
     parents, names = scene.graph.transforms.parents, [node]
-    while names[-1] in parents and parents[names[-1]] not in names:
+    while names[-1] in parents and len(names) <= models.MOST_LEVELS + 2:
         names.append(parents[names[-1]])
     return tuple(map(str, names))
 
@@ -260,23 +274,21 @@ def _piece(mesh: trimesh.Trimesh, pose: Array, nodes: tuple[str, ...], looks: _L
     kept = np.asarray(shape.area_faces) > 1e-12
     if not kept.any():
         return None
-    closed_shape = shape.copy()
-    closed_shape.update_faces(kept)
-    closed_shape.merge_vertices(merge_tex=True, merge_norm=True)
-    closed = bool(closed_shape.is_watertight and closed_shape.is_winding_consistent)
-    volume = float(closed_shape.volume) if closed else 0.0
+    merged = trimesh.Trimesh(shape.vertices, np.asarray(shape.faces)[kept], process=False)
+    merged.merge_vertices(merge_tex=True, merge_norm=True)
+    solid, closed, outwards = _solid(merged)
     parts = []
+    turned = np.asarray(shape.faces).copy()
+    turned[np.flatnonzero(kept)[~outwards]] = turned[np.flatnonzero(kept)[~outwards], ::-1]
     for number, (faces, material, uv) in enumerate(looks.of(mesh)):
         chosen = kept & faces
         if not chosen.any():
             continue
-        own_faces = np.asarray(shape.faces)[chosen]
+        own_faces = turned[chosen]
         used, inverse = np.unique(own_faces, return_inverse=True)
         vertices, triangles = np.asarray(shape.vertices)[used], inverse.reshape(-1, 3)
         own_uv = None if uv is None else uv[used]
-        if closed and volume < 0:
-            triangles = triangles[:, ::-1]
-        elif not closed:  # drawn from either side
+        if not closed:  # drawn from either side
             triangles = np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
             vertices = np.concatenate([vertices, vertices])
             own_uv = None if own_uv is None else np.concatenate([own_uv, own_uv])
@@ -285,7 +297,37 @@ def _piece(mesh: trimesh.Trimesh, pose: Array, nodes: tuple[str, ...], looks: _L
         )
     if not parts:
         return None
-    return Piece(tuple(parts), nodes, closed, abs(volume), float(closed_shape.area))
+    return Piece(tuple(parts), nodes, closed, float(merged.area), solid)
+
+
+def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.bool_]]:
+    """Give the steel of a mesh, whether all of it is closed, and which faces look outwards, as far as can be told.
+
+    Pieces that touch nowhere are judged each by itself.
+    """
+    labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
+    outwards, solids, closed = np.ones(len(mesh.faces), bool), [], True
+    order = np.argsort(labels, kind="stable")
+    for own_faces in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+        one = trimesh.Trimesh(mesh.vertices, mesh.faces[own_faces], process=False)
+        if one.is_watertight and one.is_winding_consistent:
+            if one.volume < 0:
+                outwards[own_faces] = False
+                one.invert()
+            solids.append(one)
+        else:
+            closed = False
+            solids.append(_plates(one))
+    return trimesh.util.concatenate(solids), closed, outwards
+
+
+def _plates(sheet: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Give every triangle the thickness `PLATE_M`."""
+    corners, normals = np.asarray(sheet.triangles), np.asarray(sheet.face_normals)[:, None, :] * PLATE_M / 2
+    vertices = np.concatenate([corners + normals, corners - normals], axis=1).reshape(-1, 3)
+    prism = np.array([(0, 1, 2), (5, 4, 3), (0, 3, 4), (0, 4, 1), (1, 4, 5), (1, 5, 2), (2, 5, 3), (2, 3, 0)])
+    faces = (prism[None] + 6 * np.arange(len(corners))[:, None, None]).reshape(-1, 3)
+    return trimesh.Trimesh(vertices, faces, process=False)
 
 
 _Look = tuple[NDArray[np.bool_], Material, Array | None]
@@ -297,6 +339,7 @@ class _Looks:
     def __init__(self, keys: Mesh) -> None:
         self._painted = keys.finish == "paint"
         self._made: dict[object, Material] = {}
+        self._textures: dict[bytes, Texture] = {}
 
     def of(self, mesh: trimesh.Trimesh) -> Iterator[_Look]:
         """Give which faces have which material, and texture coordinates of the vertices."""
@@ -310,12 +353,13 @@ class _Looks:
                 uv = None
             yield every, self._material(visual.material, textured=uv is not None), uv
         else:
-            yield from self._coloured(np.asarray(visual.face_colors)[:, :3], every)
+            yield from self._coloured(np.asarray(visual.face_colors)[:, :3])
 
-    def _coloured(self, colours: Array, every: NDArray[np.bool_]) -> Iterator[_Look]:
+    def _coloured(self, colours: Array) -> Iterator[_Look]:
         unique, index = np.unique(colours, axis=0, return_inverse=True)
         if len(unique) > MOST_COLOURS:
-            unique, index = colours.mean(axis=0, keepdims=True), np.zeros(len(every), int)
+            fewer = Image.fromarray(colours.astype(np.uint8)[None]).quantize(MOST_COLOURS, dither=Image.Dither.NONE)
+            unique, index = np.unique(np.asarray(fewer.convert("RGB"))[0], axis=0, return_inverse=True)
         for i, colour in enumerate(unique):
             key = tuple(float(c) / 255 for c in colour)
             yield index.ravel() == i, self._named(key, key, None, 0.2, 0.2), None
@@ -331,10 +375,16 @@ class _Looks:
         elif isinstance(material, SimpleMaterial):
             picture = material.image
             colour = (1.0, 1.0, 1.0) if picture is not None else _colour(material.diffuse)
-        texture = _texture(picture) if textured and picture is not None else None
-        if material not in self._made:
-            self._made[material] = self._named(len(self._made), colour, texture, specular, shininess)
-        return self._made[material]
+        shown = picture if textured else None
+        key = (id(material), shown is None)
+        if key not in self._made:
+            texture = None if shown is None else self._texture(shown)
+            self._made[key] = self._named(key, colour, texture, specular, shininess)
+        return self._made[key]
+
+    def _texture(self, picture: Image.Image) -> Texture:
+        texture = _texture(picture)  # materials that share a picture get one of their own each
+        return self._textures.setdefault(hashlib.blake2b(texture.data).digest(), texture)
 
     def _named(
         self, key: object, rgb: tuple[float, ...], texture: Texture | None, specular: float, shininess: float
@@ -362,16 +412,17 @@ def _displayed(linear: tuple[float, float, float]) -> tuple[float, float, float]
     return tuple(float(c) for c in shown)  # type: ignore[return-value]
 
 
-def _check_texture(data: bytes, name: str) -> None:
-    """Refuse a picture by its header, before it is decoded."""
+def _pixels(data: bytes, name: str) -> int:
+    """Read a picture's size from its header; refuses one that is too large before it is decoded."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of bombs
-            size = Image.open(io.BytesIO(data)).size
+            size = Image.open(io.BytesIO(data), formats=TEXTURES).size
     except Exception as problem:  # Pillow's decoders raise whatever they run into
         raise _refuse(f"{name}: a texture cannot be read ({first_line(problem)})") from None
     if max(size) > MOST_TEXTURE_PX:
         raise _refuse(f"{name}: a texture of {size[0]} × {size[1]} px; at most {MOST_TEXTURE_PX} px a side")
+    return size[0] * size[1]
 
 
 def _texture(picture: Image.Image) -> Texture:

@@ -92,6 +92,7 @@ def assembled(
     volume_m3: float,
     closing: Sequence[int] = (),
     falls: Array | None = None,
+    leads: Array | None = None,
     between: tuple[str, str] = ("head", "beam"),
     lips: Mapping[str, Array] | None = None,
     heaps: Heaps,
@@ -99,7 +100,7 @@ def assembled(
     """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
 
     Heights of the head, of what is pinned to it, of terminations, ends of falls in the head and heaps are above z = 0.
-    ``between`` names the bodies in whose frames falls end.
+    ``between`` names the bodies in whose frames falls end; ``leads`` go from the head to the first of them.
     """
     falls = np.zeros((0, 2, 3)) if falls is None else falls
     rough = Design(bodies, positions, max_jaw, terminations)
@@ -121,6 +122,7 @@ def assembled(
     return replace(
         rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips or {},
         falls=falls + [down if body == head.name else np.zeros(3) for body in between],
+        leads=np.zeros((0, 2, 3)) if leads is None else leads + [down, np.zeros(3)],
         falls_from=between[0], falls_to=between[1],
         heaps=lowered, cargo_kg=volume_m3 * CARGO_KG_M3,
     )  # fmt: skip

@@ -88,9 +88,13 @@ class _Scissors(Shells):
 
         ropes = self._ends()
         falls = np.array([[(gx, y, gz), (-gx, y, gz)] for y in self.rope_y])
+        # From its guide in the yoke, a closing rope comes down to the outer lever's block.
+        closing = kit.closing(len(ropes))
+        leads = np.array([[ropes[i] - (0.0, 0.0, 0.43), (gx, float(np.sign(ropes[i][1])) * self.rope_y[-1], gz)]
+                          for i in closing])  # fmt: skip
         return kit.assembled(
-            bodies, positions, self.max_jaw, ropes, volume_m3=self.keys.volume_m3, closing=kit.closing(len(ropes)),
-            falls=falls, between=("shell_outer", "shell_inner"), lips=self.lips(), heaps=self.heaps(),
+            bodies, positions, self.max_jaw, ropes, volume_m3=self.keys.volume_m3, closing=closing,
+            falls=falls, leads=leads, between=("shell_outer", "shell_inner"), lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip
 
     def _lever(self) -> list[Part]:
