@@ -62,9 +62,9 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, grab: Path | None, frames: int | None, hard: tuple[Path, ...], start: str | None,
-    seed: int, quick: bool, epochs: int | None, batch: int | None, patience: int, device: str, threads: int,
-    half: bool | None, resume: bool, as_json: bool, quiet: bool,
+    datasets: tuple[Path, ...], out: Path, grab: Path | None, frames: int | None, hard: tuple[Path, ...],
+    start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None, patience: int, device: str,
+    threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 

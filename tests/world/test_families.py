@@ -35,7 +35,7 @@ EXTREMES: tuple[Grab, ...] = (
     Scissors(**SMALL, width=1.35, length=0.75, height=0.75, ropes=2, top="closed"),
     Scissors(**LARGE, width=0.75, length=1.35, height=1.35, teeth=12, plate_work=1.0),
 )
-DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(6))
+DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(4))
 GRABS = EXTREMES + DRAWN
 
 each = pytest.mark.parametrize("grab", GRABS, ids=lambda g: f"{type(g).__name__}-{GRABS.index(g)}")
