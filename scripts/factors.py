@@ -113,7 +113,10 @@ def _distribution(one: Distribution) -> Callable[[float], float]:
 def report(scenario: Scenario, table: Mapping[str, Array] | None = None) -> list[Line]:
     """Compare a scenario's draws with its distributions, and report a dataset's boxes where there is one."""
     every = list(variants(scenario))
-    lines = [factor(key, asked, [one.drawn[key] for one, _ in every]) for key, asked in sorted(scenario.vary.items())]
+    lines = []
+    for key, asked in sorted(scenario.vary.items()):
+        drawn = [one.drawn[key] for one, _ in every if key in one.drawn]  # not where the kind drawn has no such key
+        lines += [factor(key, asked, drawn)] if drawn else []
     if isinstance(scenario.swing, Iid):
         lines += _swings([(one, swing.draw(one.scenario, frame)) for one, span in every for frame in span])
     if table:

@@ -16,7 +16,7 @@ from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
 from simgrab.utilities import models, resources
 from simgrab.utilities.models import Model, copied
-from simgrab.utilities.parse import Refuse, parse_value, read_json, read_toml, shown
+from simgrab.utilities.parse import MOST_LEVELS, Refuse, parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
 from simgrab.utilities.strict import convert
 
@@ -143,6 +143,8 @@ def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], 
 
     ``read`` gives the model of a table.
     """
+    if key.count(".") > MOST_LEVELS:
+        return data  # refused later
     if isinstance(data, Mapping):
         inner = {name: _with_models(value, read, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
         file = data.get("file")

@@ -172,7 +172,7 @@ def test_a_scene_without_any_grab_is_refused():
 def test_other_grabs_stand_on_level_ground_out_of_the_way(place):
     cluttered = small_scene(place={"model": place}, clutter__other_grabs=3)
     bare = build(cluttered.place, head_height=28.0, rng=stream(0, 0, "place"))
-    parts = parked_grabs(3, bare, head_height=28.0, rng=stream(0, 0, "clutter.grabs"))
+    parts = parked_grabs(cluttered.clutter, bare, head_height=28.0, rng=stream(0, 0, "clutter.grabs"))
     assert len({p.name for p in parts}) == len(parts)
     ground = HeightMap.of((p.mesh for p in bare), 20.0)
     numbers = {p.name.split("/")[0] for p in parts}

@@ -14,7 +14,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
         "labelled_worlds", "missed_worlds", "empty_worlds", "false_worlds", "jitter_px",
     ),
     "detection.centre": (
-        "frames", "median_px", "p95_px", "median_share", "width_px",
+        "frames", "median_px", "p95_px", "median_share", "median_of_diagonal", "p95_of_diagonal", "width_px",
         *(f"{way}_{name}" for way in ("u", "v", "radial", "box_radial") for name in _MEAN),
     ),
     "detection.coverage": ("centre",),
