@@ -84,22 +84,9 @@ def _found(name: str, groups: dict[str, Any]) -> Table:
 def _centres(groups: dict[str, Any]) -> Table:
     table = _table(
         "grab centre: distance, signed means ± their standard error, and those of a perfect box's centre",
-        (
-            "",
-            "frames",
-            "width px",
-            "median px",
-            "95 % px",
-            "median of diagonal",
-            "95 %",
-            "u px",
-            "v px",
-            "outwards px",
-            "%",
-            "box px",
-            "box %",
-        ),
-    )
+        ("", "frames", "width px", "median px", "95 % px", "median of diagonal", "95 %", "u px", "v px", "outwards px",
+         "%", "box px", "box %"),
+    )  # fmt: skip
     for group, c in groups.items():
         if c["frames"]:
             table.add_row(

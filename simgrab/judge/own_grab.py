@@ -25,7 +25,7 @@ from simgrab.utilities.parse import shown
 from simgrab.utilities.pictures import encode
 from simgrab.world import gl
 from simgrab.world.scenery.grabs.design import Design
-from simgrab.world.scenery.grabs.from_file import PLATE_M, Piece, design, pieces
+from simgrab.world.scenery.grabs.from_file import PLATE_M, Piece, design, pieces, usual_up
 from simgrab.world.scenery.model import GRAB, ROPE, build
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
@@ -125,11 +125,7 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
     low, high = _extent(made)
     width, length, height = high - low
     mass = made.mass_of(0.0, 0.0)
-    up = (
-        ("y" if model.format in ("glb", "gltf") else "z") + " (the format's usual one)"
-        if keys.up == "auto"
-        else keys.up
-    )
+    up = f"{usual_up(model)} (the format's usual one)" if keys.up == "auto" else keys.up
     others = sorted(set(model.files) - {model.name})
     closed = sum(piece.closed for piece in parts)
     materials = {one.material.name: one.material for piece in parts for one in piece.parts}

@@ -1,7 +1,7 @@
 """Files of 3-D models: the bytes of one and of all that it refers to, read before anything parses them.
 
 A model may name other files: buffers and textures of glTF, material libraries of OBJ and their textures. They are read
-from the model's own folder and from nowhere else, and whoever parses the model is given these bytes and no others.
+from the model's own folder and from nowhere else, and the parser is given these bytes and no others.
 A scenario names a model by its file's name and the SHA-256 of its content; the bytes are kept here, in the process.
 """
 

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.utilities.srgb import decoded, encoded
+
 Light = NDArray[np.float32]  # linear, 0 or more, 1 = the picture's white
 Picture = NDArray[np.uint8]
 
@@ -13,16 +15,8 @@ BT709 = np.array([0.2126, 0.7152, 0.0722], np.float32)  # luminance of linear re
 _LEVELS = 65535  # the darkest 8-bit step, 1/(255·12.92), is 20 of these
 
 
-def _decode(value: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-
-
-def _encode(light: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
-
-
-_TO_LINEAR = _decode(np.arange(256) / 255).astype(np.float32)
-_TO_DISPLAY = (255 * _encode(np.arange(_LEVELS + 1) / _LEVELS)).round().astype(np.uint8)
+_TO_LINEAR = decoded(np.arange(256) / 255).astype(np.float32)
+_TO_DISPLAY = (255 * encoded(np.arange(_LEVELS + 1) / _LEVELS)).round().astype(np.uint8)
 
 
 def to_linear(rgb: Picture) -> Light:

@@ -25,6 +25,7 @@ from simgrab.scenario.grab import Mesh
 from simgrab.utilities import models
 from simgrab.utilities.models import MOST_FACES, Model
 from simgrab.utilities.parse import shown
+from simgrab.utilities.srgb import encoded
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import Body, Design
 from simgrab.world.scenery.meshes.paint import BARE
@@ -210,7 +211,7 @@ def pieces(keys: Mesh, model: Model) -> list[Piece]:
             raise _refuse(f"{model.name}: its textures have more than {MOST_PIXELS} pixels together")
     scene = _parsed(model, {"split_objects": True} if model.format == "obj" else {})
     turn = np.eye(4)
-    up = ("y" if model.format in ("glb", "gltf") else "z") if keys.up == "auto" else keys.up
+    up = usual_up(model) if keys.up == "auto" else keys.up
     turn[:3, :3] = keys.scale * rotation_z(math.radians(keys.yaw_deg)) @ np.array(_UP[up], float)
     shown_by = [(node, *scene.graph.get(node)) for node in sorted(scene.graph.nodes_geometry)]
     total = sum(len(getattr(scene.geometry[name], "faces", ())) for _, _, name in shown_by)
@@ -230,12 +231,17 @@ def pieces(keys: Mesh, model: Model) -> list[Piece]:
     return found
 
 
+def usual_up(model: Model) -> str:
+    """Give the axis that points up in files of a model's format."""
+    return "y" if model.format in ("glb", "gltf") else "z"
+
+
 def _parsed(model: Model, options: dict[str, Any]) -> trimesh.Scene:
     others = models.Files({name: data for name, data in model.files.items() if name != model.name})
     try:
         with _quiet():
             return trimesh.load_scene(
-                io.BytesIO(model.files[model.name]), file_type=model.format, resolver=others, process=False, **options
+                io.BytesIO(model.data), file_type=model.format, resolver=others, process=False, **options
             )
     except MemoryError:
         raise _refuse(f"{model.name}: takes more memory than there is") from None
@@ -301,7 +307,7 @@ def _piece(mesh: trimesh.Trimesh, pose: Array, nodes: tuple[str, ...], looks: _L
 
 
 def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.bool_]]:
-    """Give the steel of a mesh, whether all of it is closed, and which faces look outwards, as far as can be told.
+    """Give the steel of a mesh, whether all of it is closed, and which faces look outwards, where that is known.
 
     Pieces that touch nowhere are judged each by itself.
     """
@@ -368,7 +374,8 @@ class _Looks:
         specular, shininess, picture, colour = 0.2, 0.2, None, (1.0, 1.0, 1.0)
         if isinstance(material, PBRMaterial):
             picture = material.baseColorTexture
-            colour = _displayed(_colour(material.baseColorFactor))
+            # glTF's factors are linear, its textures are not.
+            colour = _point(encoded(np.array(_colour(material.baseColorFactor))))
             metal = 1.0 if material.metallicFactor is None else float(material.metallicFactor)
             rough = 1.0 if material.roughnessFactor is None else float(material.roughnessFactor)
             specular, shininess = 0.1 + 0.3 * min(max(metal, 0.0), 1.0), 1.0 - min(max(rough, 0.05), 1.0)
@@ -403,13 +410,6 @@ def _colour(value: Any) -> tuple[float, float, float]:
             share = rgb / 255.0 if np.asarray(value).dtype.kind in "ui" or rgb.max() > 1.0 else rgb
             return tuple(float(c) for c in np.clip(share, 0.0, 1.0))  # type: ignore[return-value]
     return 1.0, 1.0, 1.0
-
-
-def _displayed(linear: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Turn linear shares, as glTF's factors are, into sRGB, as its textures are."""
-    value = np.asarray(linear)
-    shown = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
-    return tuple(float(c) for c in shown)  # type: ignore[return-value]
 
 
 def _pixels(data: bytes, name: str) -> int:
