@@ -23,7 +23,7 @@ from simgrab.scenario.grab import Grab
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.drawn import any_of
 
-KINDS = ("four-rope", "clamshell", "orange-peel", "scissors")
+KINDS = ("four-rope", "clamshell", "orange-peel", "scissors", "assembled")
 TILES, COLUMNS, SIDE_PX = 24, 6, 320
 ROPES_M = (8.0, 35.0)
 VOLUMES_M3 = (3.0, 20.0)

@@ -13,11 +13,11 @@ from simgrab.scenario.camera import (
     Vibration,
 )
 from simgrab.scenario.factor import Factor, OneOf
-from simgrab.scenario.grab import Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
+from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.size import resized
-from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Place, Plain, Quay, RandomPlace, Water
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
     ROPE_LENGTH_RANGE_M,
@@ -39,6 +39,7 @@ __all__ = [
     "MOST_ALPHA_DEG",
     "ROPE_LENGTH_RANGE_M",
     "Alpha",
+    "Assembled",
     "AutoExposure",
     "Camera",
     "Cargo",
@@ -70,8 +71,10 @@ __all__ = [
     "Optics",
     "OrangePeel",
     "PixelFocal",
+    "Place",
     "Plain",
     "Quay",
+    "RandomPlace",
     "RigidMount",
     "Scenario",
     "Scissors",

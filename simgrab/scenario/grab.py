@@ -96,6 +96,17 @@ def check_ropes(ropes: int, drive: str) -> None:
         raise ValueError("ropes must be 2 or 4: one cannot hold the grab and close it")
 
 
+class Assembled(Looks, frozen=True, tag="assembled"):
+    """A grab of no real kind, put together at random: for training a detector on more shapes than there are kinds.
+
+    Every ``shape`` gives another one. ``volume_m3`` gives its size, about that of a clamshell that holds so much.
+    """
+
+    shape: Share = 0.5
+    volume_m3: Annotated[float, Meta(ge=3, le=20)] = 6.0
+    ropes: Literal[1, 2, 4] = 4
+
+
 class Jaw(Strict, frozen=True):
     """A moving part of a user's own grab: a node of the file with all below it.
 
@@ -170,4 +181,4 @@ class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
             raise ScenarioError("jaws", "at least one needs open_deg, by which the opening is measured")
 
 
-Grab = FourRope | Clamshell | OrangePeel | Scissors | Mesh
+Grab = FourRope | Clamshell | OrangePeel | Scissors | Assembled | Mesh

@@ -26,6 +26,10 @@ class Plain(Tagged, frozen=True, tag="plain"):
     """An empty concrete yard: quick to build, nothing to distract."""
 
 
+class RandomPlace(Tagged, frozen=True, tag="random"):
+    """A ground of random pictures, with random solids standing about: for training a detector on more than places."""
+
+
 class Quay(Tagged, frozen=True, tag="quay"):
     """Quay apron: rails, markings, a bulk pile, and a hopper or truck to dump into."""
 
@@ -52,6 +56,10 @@ class Water(Tagged, frozen=True, tag="water"):
     chop: Share = 0.3
 
 
+Place = Quay | Hold | Water | Plain | RandomPlace
+Kind = Literal["four-rope", "clamshell", "orange-peel", "scissors", "assembled"]
+
+
 class Clutter(Strict, frozen=True):
     """What stands about that could be mistaken: grabs of other cranes, parked, as many as find level ground.
 
@@ -59,9 +67,7 @@ class Clutter(Strict, frozen=True):
     """
 
     other_grabs: Annotated[int, Meta(ge=0, le=4)] = 0
-    kinds: Annotated[tuple[Literal["four-rope", "clamshell", "orange-peel", "scissors"], ...], Meta(min_length=1)] = (
-        "four-rope",
-    )
+    kinds: Annotated[tuple[Kind, ...], Meta(min_length=1)] = ("four-rope",)
 
 
 class Light(Strict, frozen=True):

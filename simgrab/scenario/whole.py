@@ -21,7 +21,7 @@ from simgrab.scenario.factor import JOINT, Factor, OneOf
 from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
-from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Plain, Quay, Water
+from simgrab.scenario.surroundings import Clutter, Jib, Light, Place, Quay
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
 from simgrab.utilities import models
@@ -45,7 +45,7 @@ class Scenario(Strict, frozen=True):
     swing: Iid | Dynamic = Iid()
     grab: Grab = FourRope()
     jib: Jib = Jib()
-    place: Quay | Hold | Water | Plain = Quay()
+    place: Place = Quay()
     clutter: Clutter = Clutter()
     light: Light = Light()
     optics: Optics = Optics()

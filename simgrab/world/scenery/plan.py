@@ -191,10 +191,18 @@ def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
     hull = trimesh.Trimesh(corners, triangles, process=False).convex_hull
     if straight:
         return np.asarray(hull.vertices)
-    points = trimesh.remesh.subdivide_to_size(corners, triangles, max_edge=COVER_SPACING_M, max_iter=20)[0]
-    points = np.unique(points.round(6), axis=0)
     normals, on_plane = np.asarray(hull.face_normals), np.asarray(hull.triangles)[:, 0]
-    outside = np.full(len(points), -np.inf)
-    for normal, offset in zip(normals, np.einsum("ij,ij->i", normals, on_plane), strict=True):
-        np.maximum(outside, points @ normal - offset, out=outside)
-    return np.asarray(points[outside > -COVER_DEPTH_M])
+    planes = list(zip(normals, np.einsum("ij,ij->i", normals, on_plane), strict=True))
+
+    def outside(points: Array) -> Array:
+        """How far points lie outside the hull; below 0 inside."""
+        far = np.full(len(points), -np.inf)
+        for normal, offset in planes:
+            np.maximum(far, points @ normal - offset, out=far)
+        return far
+
+    # The distance is convex: no point of a triangle lies farther out than its outermost corner.
+    near = outside(corners)[triangles].max(axis=1) > -COVER_DEPTH_M
+    points = trimesh.remesh.subdivide_to_size(corners, triangles[near], max_edge=COVER_SPACING_M, max_iter=20)[0]
+    points = np.unique(points.round(6), axis=0)
+    return np.asarray(points[outside(points) > -COVER_DEPTH_M])

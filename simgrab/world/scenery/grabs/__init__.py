@@ -7,7 +7,8 @@ from functools import lru_cache
 import msgspec
 
 from simgrab.scenario import Grab
-from simgrab.scenario.grab import Clamshell, FourRope, Looks, Mesh, OrangePeel, Scissors
+from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Looks, Mesh, OrangePeel, Scissors
+from simgrab.world.scenery.grabs.assembled import assembled
 from simgrab.world.scenery.grabs.clamshell import clamshell
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.four_rope import four_rope
@@ -35,5 +36,7 @@ def _design(grab: Grab) -> Design:
             return orange_peel(grab)
         case Scissors():
             return scissors(grab)
+        case Assembled():
+            return assembled(grab)
         case Mesh():
             return from_file(grab)

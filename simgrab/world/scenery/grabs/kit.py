@@ -69,6 +69,16 @@ def body(
     return Body(name, mass, parts, parent, pin, axis, slides=slides)
 
 
+def hinged(
+    name: str, parts: Sequence[Part], parent: str, azimuth: float, pin: tuple[float, float],
+    origin: tuple[float, float],
+) -> Body:  # fmt: skip
+    """Make a body whose parts are drawn in the plane y = 0, about a pin at (r, z), turned to its azimuth."""
+    c, s = float(np.cos(azimuth)), float(np.sin(azimuth))
+    own = placed(turned(parts, azimuth), (origin[0] * c, origin[0] * s, origin[1]))
+    return body(name, own, parent, (pin[0] * c, pin[0] * s, pin[1]), (-s, c, 0.0))
+
+
 def placed(parts: Sequence[Part], origin: Sequence[float]) -> list[Part]:
     """Move parts from the closed grab into the frame of a body whose origin is there."""
     pose = np.eye(4)
@@ -265,6 +275,33 @@ def band(
     ring = np.concatenate([offset(line, inner)[cut], offset(line, outer)[cut][::-1]])
     ring[:, 0] = np.maximum(ring[:, 0], 0.003)
     return shapely.Polygon(ring)
+
+
+def petal(
+    line: NDArray[np.float64], inner: float, outer: float, half_angle: Callable[[Array, Array], Array], around: Array
+) -> trimesh.Trimesh:
+    """Return a plate of revolution between two offsets of a line (r, z).
+
+    Parameters
+    ----------
+    line : ndarray, shape (n, 2)
+    inner, outer : float
+        Offsets, m.
+    half_angle : callable
+        From radii and heights, both of shape (n, 1), to half of the angle that the plate covers there, rad.
+    around : ndarray, shape (m,)
+        Where the plate has points, in shares of that angle.
+    """
+    grids = []
+    for distance in (outer, inner):
+        at = offset(line, distance)
+        r, z = np.maximum(at[:, :1], 0.012), np.maximum(at[:, 1:], 0.0)
+        angle = half_angle(np.maximum(line[:, :1], 0.012), z) * around
+        grids.append(np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, angle.shape)], axis=-1))
+    mesh = heap(*grids)
+    if mesh.volume < 0:
+        mesh.invert()
+    return mesh
 
 
 def cargo_material(cargo: str) -> Material:

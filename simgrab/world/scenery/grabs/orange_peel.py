@@ -9,8 +9,6 @@ All is drawn in the plane of one tine, (r, z), with its tip at z = 0, and turned
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import shapely
 import trimesh
@@ -19,7 +17,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.scenario.grab import OrangePeel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design, Heaps
 from simgrab.world.scenery.grabs.kit import Scale
 from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
 from simgrab.world.scenery.meshes import shapes
@@ -74,9 +72,9 @@ class _Peel:
             ),
         ]
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(self._hinged(f"tine_{k}", self._tine(), "beam", azimuth, (hx, 0.0), (hx, hz)))
+            bodies.append(kit.hinged(f"tine_{k}", self._tine(), "beam", azimuth, (hx, 0.0), (hx, hz)))
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(self._hinged(f"rod_{k}", self._rod(), "head", azimuth, (px, pz), (px, pz)))
+            bodies.append(kit.hinged(f"rod_{k}", self._rod(), "head", azimuth, (px, pz), (px, pz)))
         count = self.keys.tines
 
         def positions(jaw: float) -> dict[str, float]:
@@ -102,10 +100,10 @@ class _Peel:
         along = end / np.linalg.norm(end)
         bodies = [kit.body("head", [*self._head(), *self._column(), *self._beam()])]
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(self._hinged(f"tine_{k}", self._tine(), "head", azimuth, (hx, hz), (hx, hz)))
+            bodies.append(kit.hinged(f"tine_{k}", self._tine(), "head", azimuth, (hx, hz), (hx, hz)))
         barrel, piston = self._barrel(cylinder)
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(self._hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
+            bodies.append(kit.hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
             c, s = np.cos(azimuth), np.sin(azimuth)
             axis = (float(along[0] * c), float(along[0] * s), float(along[1]))
             own = kit.placed(kit.turned(piston, azimuth), (px * c, px * s, pz))
@@ -122,15 +120,6 @@ class _Peel:
             lips=self._lips(), heaps=self._heaps(),
         )  # fmt: skip
 
-    def _hinged(
-        self, name: str, parts: Sequence[Part], parent: str, azimuth: float, pin: tuple[float, float],
-        origin: tuple[float, float],
-    ) -> Body:  # fmt: skip
-        """Body whose parts are drawn in the plane y = 0, about a pin at (r, z), turned to its azimuth."""
-        c, s = float(np.cos(azimuth)), float(np.sin(azimuth))
-        own = kit.placed(kit.turned(parts, azimuth), (origin[0] * c, origin[0] * s, origin[1]))
-        return kit.body(name, own, parent, (pin[0] * c, pin[0] * s, pin[1]), (-s, c, 0.0))
-
     # The tine, in the plane y = 0.
 
     def _half_angle(self, r: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,16 +135,7 @@ class _Peel:
     def _patch(self, inner: float, outer: float, share: float = 1.0) -> trimesh.Trimesh:
         """Plate of revolution between two offsets of the curve."""
         around = np.linspace(-share, share, 9 if self.keys.tines > 4 else 13)
-        grids = []
-        for distance in (outer, inner):
-            line = kit.offset(self.curve, distance)
-            r, z = np.maximum(line[:, :1], 0.012), np.maximum(line[:, 1:], 0.0)
-            angle = self._half_angle(np.maximum(self.curve[:, :1], 0.012), z) * around
-            grids.append(np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, angle.shape)], axis=-1))
-        mesh = kit.heap(*grids)
-        if mesh.volume < 0:
-            mesh.invert()
-        return mesh
+        return kit.petal(self.curve, inner, outer, self._half_angle, around)
 
     def _tine(self) -> list[Part]:
         keys, s, t = self.keys, self.scale, self.plate

@@ -6,7 +6,7 @@ Jib frame: origin O, the centroid of the rope exits; x outboard, z up. All steel
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 import shapely
@@ -35,18 +35,28 @@ _LENS = Material("jib_lens", rgba=(0.92, 0.93, 0.88, 1.0), specular=0.9, shinine
 def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
     """Return the parts of a jib head for these ropes in the jib frame."""
     dark = Material("jib_dark", texture=textures.load("grease"), tile_m=0.6, specular=0.35)
+    beam, *rest = _same_for_all()
     return (
         Part("cheeks", _cheeks(ropes), _PAINT),
         Part("guards", _guards(ropes), _YELLOW),
-        Part("trunk", trunk(), _PAINT),
+        beam,
         Part("sheaves", _sheaves(ropes), dark),
         Part("shafts", _shafts(ropes), dark),
+        *rest,
+        *_rope_runs(ropes),
+    )
+
+
+@cache
+def _same_for_all() -> tuple[Part, ...]:
+    """Return the parts that no rope changes, the trunk first."""
+    return (
+        Part("trunk", trunk(), _PAINT),
         Part("platform", platform_frame(), _PAINT),
         Part("grating", platform_grating(), _ZINC),
         Part("bracket", bracket(), _ZINC),
         Part("floodlights", floodlights(), _LAMP),
         Part("lenses", lenses(), _LENS),
-        *_rope_runs(ropes),
     )
 
 

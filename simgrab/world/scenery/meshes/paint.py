@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -165,11 +166,15 @@ def _masks(rng: np.random.Generator) -> tuple[Picture, Picture, Picture]:
     return masks[..., 0], masks[..., 1], masks[..., 2]
 
 
+@cache
 def _picture(name: str) -> Picture:
+    """Give a bundled texture, in [0, 1]; not to be written to."""
     image = textures.load(name)
     if image.shape[:2] != (_SIZE, _SIZE):
         image = np.asarray(cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA), np.uint8)
-    return np.asarray(image, float) / 255.0
+    picture = np.asarray(image, float) / 255.0
+    picture.setflags(write=False)
+    return picture
 
 
 def _step(value: Picture, edge: Picture | float, width: float, *, below: bool = False) -> Picture:

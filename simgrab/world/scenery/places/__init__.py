@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.scenario import Hold, Plain, Quay, Water
+from simgrab.scenario import Hold, Place, Plain, Quay, RandomPlace
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.places.hold import hold
 from simgrab.world.scenery.places.plain import plain
 from simgrab.world.scenery.places.quay import quay
+from simgrab.world.scenery.places.scattered import scattered
 from simgrab.world.scenery.places.water import water
 
 
-def build(place: Quay | Hold | Water | Plain, *, head_height: float, rng: np.random.Generator) -> list[Part]:
+def build(place: Place, *, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Build a place.
 
     Parameters
     ----------
-    place : Quay, Hold, Water or Plain
+    place : Place
     head_height : float
         Rope exit above the quay's surface, metres.
     rng : numpy.random.Generator
@@ -34,4 +35,6 @@ def build(place: Quay | Hold | Water | Plain, *, head_height: float, rng: np.ran
         return hold(place, head_height=head_height, rng=rng)
     if isinstance(place, Plain):
         return plain(head_height=head_height)
+    if isinstance(place, RandomPlace):
+        return scattered(head_height=head_height, rng=rng)
     return water(place, head_height=head_height, rng=rng)
