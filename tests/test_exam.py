@@ -14,6 +14,7 @@ from simgrab.scenario.factor import JOINT
 EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
 FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
+LEARNED = ("training", "training-shapes")
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
 load = cache(scenes.load)
@@ -50,9 +51,10 @@ def test_what_weights_are_built_of_can_be_drawn(quick):
             assert len(values(drawn, key)) == len(names) < len(values(load(source.scene), key))
 
 
+@pytest.mark.parametrize("learned", LEARNED)
 @pytest.mark.parametrize("name", EXAMS)
-def test_an_exam_shares_no_paint_cargo_place_or_display_with_training(name):
-    exam, training = load(name), load("training")
+def test_an_exam_shares_no_paint_cargo_place_or_display_with_training(name, learned):
+    exam, training = load(name), load(learned)
     paints = product(values(exam, "grab.paint_rgb"), values(training, "grab.paint_rgb"))
     assert min(np.linalg.norm(np.subtract(a, b)) for a, b in paints) > LEAST_APART
     assert not cargoes(exam) & cargoes(training)
@@ -74,12 +76,13 @@ def kinds(scene: Scenario) -> set[str]:
     return {value["model"] for value in values(scene, "grab")}
 
 
-def test_training_never_draws_the_exams_kind_of_grab_or_size():
-    training = load("training")
+@pytest.mark.parametrize(("learned", "more"), [(LEARNED[0], set()), (LEARNED[1], {"assembled"})])
+def test_training_never_draws_the_exams_kind_of_grab_or_size(learned, more):
+    training = load(learned)
     assert kinds(load("exam-family-scissors")) == {"scissors"}
-    assert kinds(training) == {"four-rope", "clamshell", "orange-peel"}
+    assert kinds(training) == {"four-rope", "clamshell", "orange-peel"} | more
     assert {kind for drawn in values(training, "clutter.kinds") for kind in drawn} == kinds(training)
-    assert kinds(load("exam-family-known")) == kinds(training) - {"four-rope"}
+    assert kinds(load("exam-family-known")) == kinds(training) - {"four-rope"} - more
     largest = training.vary["grab.volume_m3"].support()[1]
     assert load("exam-family-large").vary["grab.volume_m3"].support()[0] > largest
 

@@ -146,8 +146,8 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
                       for s in (-1, 1) for a, b in ((1, 1), (0.1, 0.9))]  # fmt: skip
             return steel.join([*legs, *braces])
         case _:
-            points = rng.uniform(-0.5, 0.5, (14, 3)) * size + (0.0, 0.0, z / 2)
-            return steel.convex(points)
+            points = rng.uniform(-0.5, 0.5, (14, 3)) * size
+            return steel.convex(points - (0.0, 0.0, points[:, 2].min()))
 
 
 def _coat(number: int, rng: np.random.Generator) -> Material:
