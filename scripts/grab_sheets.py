@@ -29,6 +29,12 @@ ROPES_M = (8.0, 35.0)
 VOLUMES_M3 = (3.0, 20.0)
 
 
+def drawn(kind: str) -> list[Grab]:
+    """Draw the grabs of a sheet."""
+    rng = np.random.default_rng(0)
+    return [any_of(kind, rng, VOLUMES_M3) for _ in range(TILES)]
+
+
 def sheet(grabs: list[Grab]) -> NDArray[np.uint8]:
     """Render grabs, each with a longer rope and wider jaws than the one before; BGR."""
     tiles = []
@@ -74,11 +80,9 @@ def main(kinds: tuple[str, ...], out: Path) -> None:
     """Draw sheets of KINDS, which may be scene files; of all kinds where none is given."""
     out.mkdir(parents=True, exist_ok=True)
     for kind in kinds or KINDS:
-        rng = np.random.default_rng(0)
         known = kind in KINDS
-        grabs = [any_of(kind, rng, VOLUMES_M3) if known else scenes.load(kind).grab for _ in range(TILES)]
         path = out / f"{kind if known else Path(kind).stem}.jpg"
-        cv2.imwrite(str(path), sheet(grabs))
+        cv2.imwrite(str(path), sheet(drawn(kind) if known else [scenes.load(kind).grab] * TILES))
         click.echo(path)
 
 

@@ -1,4 +1,4 @@
-"""Draw the pictures of the README: a frame of each place and weather, worlds of `training`, a contact sheet.
+"""Draw the pictures of README and docs: a frame of each place and weather, worlds of `training`, sheets.
 
 python -m scripts.make_pictures
 """
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgrab
+from scripts import grab_sheets
 from simgrab.utilities.pictures import encode, read
 from simgrab.world.output.preview import captioned
 
@@ -46,6 +47,12 @@ def training() -> None:
     (DOCS / "training.jpg").write_bytes(encode(np.vstack(rows), "jpeg", 82))
 
 
+def assembled() -> None:
+    """Draw the sheet of assembled grabs, smaller."""
+    sheet = _reduced(grab_sheets.sheet(grab_sheets.drawn("assembled")), 1200)
+    (DOCS / "assembled.jpg").write_bytes(encode(sheet, "jpeg", 82))
+
+
 def contact_sheet() -> None:
     """Render the README's command and keep its preview, smaller."""
     scenario = simgrab.load("quay-day", {"camera.beta_deg": 5.0, "swing.alpha.sigma_deg": 2.0, "frames": 16})
@@ -64,4 +71,5 @@ if __name__ == "__main__":
     scenes(SHOWN, "scenes.jpg")
     scenes(WEATHERS, "weather.jpg")
     training()
+    assembled()
     contact_sheet()
