@@ -60,7 +60,7 @@ ROOMY = {
         "quay, bare", "water", "yard",
     )
 }  # fmt: skip
-SHAPES = 7  # sets of grabs put together at random
+SHAPES = 6  # sets of grabs put together at random
 # Real kinds in places as they are; and, in sets of which each can be resumed by itself, a shape of its own in each
 # frame. Nets see less than half of these frames' pixels: more of them are rendered in the same time at half the size.
 DETECTOR = (

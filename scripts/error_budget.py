@@ -1,6 +1,6 @@
 """Render clips, measure them by the bundled instrument, and print what limits the angle in each.
 
-    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm,alarm] [--work runs/budget]
+    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm,alarm] [--grab SCENE] [--work runs/budget]
 
 Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states
 an offset that errs by 5 cm per coordinate. What was rendered is kept; an interrupted call goes on where it was.
@@ -22,12 +22,13 @@ from rich.table import Table
 from simgrab import calibration, scenes
 from simgrab.calibration import Calibration
 from simgrab.cli._progress import bar
-from simgrab.instrument.pipeline import bundled
+from simgrab.instrument.pipeline import assemble
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.table import text
 from simgrab.rng import stream
+from simgrab.scenario import Grab
 from simgrab.world.output.dataset import render
 
 OFFSET_SD_M = 0.05
@@ -52,15 +53,20 @@ CLIPS: dict[str, tuple[str, Mapping[str, Any]]] = {
 }
 
 
-def budget(name: str, out: Path, settings: Mapping[str, Any], workers: int) -> dict[str, Any]:
+def budget(
+    name: str, out: Path, settings: Mapping[str, Any], workers: int, grab: Grab | None = None, detector: str = "bundled"
+) -> dict[str, Any]:
     """Render one clip, or what is missing of it, measure and evaluate."""
     scene, changes = CLIPS[name]
     settings = {**changes, **settings}
+    scenario = scenes.load(scene, settings)
+    if grab:
+        scenario = msgspec.structs.replace(scenario, grab=grab)
     with bar(f"drawing {name}", shown=True) as progress:
-        render(scenes.load(scene, settings), out, workers=workers, resume=True, progress=progress)
+        render(scenario, out, workers=workers, resume=True, progress=progress)
     camera = measured_offset(calibration.load(out / "camera.toml"), settings["seed"])
     source = open_source(out)
-    found = evaluate(measure(source, camera, bundled(), source=source.name), out).to_dict()
+    found = evaluate(measure(source, camera, assemble(detector=detector), source=source.name), out).to_dict()
     out.with_suffix(".json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     return found
 
@@ -116,9 +122,13 @@ def _deg(row: Mapping[str, Any]) -> str:
 @click.option("--rate", default=3.0, show_default=True, help="Frames a second.")
 @click.option("--only", help="Names of clips, with commas between them (a name's own commas left out).")
 @click.option("--seed", default=11, show_default=True)
+@click.option("--grab", help="Scene whose grab hangs there, in place of the usual one.")
+@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder.")
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/budget"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
-def main(minutes: float, rate: float, only: str | None, seed: int, work: Path, workers: int) -> None:
+def main(
+    minutes: float, rate: float, only: str | None, seed: int, grab: str | None, detector: str, work: Path, workers: int
+) -> None:
     """Print the error budgets."""
     wanted = {name.strip() for name in only.split(",")} if only else None
     names = [name for name in CLIPS if wanted is None or name.replace(",", "") in wanted]
@@ -126,7 +136,8 @@ def main(minutes: float, rate: float, only: str | None, seed: int, work: Path, w
         raise click.UsageError(f"--only: one of these is no clip: {', '.join(sorted(wanted))}")
     work.mkdir(parents=True, exist_ok=True)
     settings = {"frames": round(60 * minutes * rate), "clip.frame_rate_hz": rate, "seed": seed}
-    show({name: budget(name, work / folder(name), settings, workers) for name in names})
+    hung = scenes.load(grab).grab if grab else None
+    show({name: budget(name, work / folder(name), settings, workers, hung, detector) for name in names})
 
 
 if __name__ == "__main__":
