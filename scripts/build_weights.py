@@ -114,7 +114,8 @@ def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threa
     *datasets, hard = rendered([*DETECTOR, HARD], work, quick=quick, workers=workers)
     out = work / "detector"
     frames = SHOWN_AGAIN if start and not quick else None
-    chosen = functools.partial(recipes, quick=quick, started=start is not None, shown=frames, threads=threads)
+    # At the full rate, even after trained weights: there is much that these have not learned.
+    chosen = functools.partial(recipes, quick=quick, shown=frames, threads=threads)
     with board(shown=True) as shown:
         train(datasets, out, chosen, hard=[hard], start=start, resume=True, watch=shown.step, report=shown.training)
     return [out / f"{name}.onnx" for name in NETS]
