@@ -1,8 +1,8 @@
 """Make the bundled weights again: ``python -m scripts.build_weights [--quick] [--from DIR]``.
 
-They are trained from nothing, or with ``--from`` begin with another detector's weights, in half the time. Renders what
-is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when the same
-command is given again. Needs ``simgrab[train]``.
+They are trained from nothing, or with ``--from`` begin with another detector's weights, in four fifths of the training
+time. Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on
+when the same command is given again. Needs ``simgrab[train]``.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ ROOT = Path(__file__).parents[1]
 class Source:
     """A dataset to render: a scene, what differs from it, how many frames (and how many in a hurry), and the seed.
 
-    ``kept`` names the weathers and places that a scene of many is kept to, each by the key that varies it. With
-    ``size`` the images are smaller, and show the same.
+    ``kept`` names the places that a scene of many is kept to, each by the key that varies it. ``size``
+    is the image size, px; the field of view stays.
     """
 
     name: str
@@ -60,12 +60,13 @@ ROOMY = {
         "quay, bare", "water", "yard",
     )
 }  # fmt: skip
-SHAPES = 6  # sets of grabs put together at random
-# Real kinds in places as they are; and, in sets of which each can be resumed by itself, a shape of its own in each
-# frame. Nets see less than half of these frames' pixels: more of them are rendered in the same time at half the size.
+SHAPE_SETS = 6
+# Real kinds in real places; and random shapes, another one in each frame, in several sets, each of which is resumed by
+# itself. Nets see less than half of the pixels: at half the size more frames are rendered in the same time. Sets of one
+# seed have the same cameras and weather, and the same split.
 DETECTOR = (
     Source("training", "training", {"clip.clip_frames": 3}, 1500, 480, 0),
-    *(Source(f"shapes-{seed}", "training-shapes", {}, 500, 120, seed, size=(960, 540)) for seed in range(SHAPES)),
+    *(Source(f"shapes-{seed}", "training-shapes", {}, 500, 120, seed, size=(960, 540)) for seed in range(SHAPE_SETS)),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
 HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY)
@@ -114,7 +115,7 @@ def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threa
     *datasets, hard = rendered([*DETECTOR, HARD], work, quick=quick, workers=workers)
     out = work / "detector"
     frames = SHOWN_AGAIN if start and not quick else None
-    # At the full rate, even after trained weights: there is much that these have not learned.
+    # At the full learning rate, even after trained weights: there is much that these have not learned.
     chosen = functools.partial(recipes, quick=quick, shown=frames, threads=threads)
     with board(shown=True) as shown:
         train(datasets, out, chosen, hard=[hard], start=start, resume=True, watch=shown.step, report=shown.training)

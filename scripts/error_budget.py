@@ -1,6 +1,6 @@
-"""Render clips, measure them by the bundled instrument, and print what limits the angle in each.
+"""Render clips, measure them by the bundled instrument or another detector, and print what limits the angle in each.
 
-    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm,alarm] [--grab SCENE] [--work runs/budget]
+    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm,alarm] [--grab SCENE] [--detector FOLDER]
 
 Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states
 an offset that errs by 5 cm per coordinate. What was rendered is kept; an interrupted call goes on where it was.
@@ -60,7 +60,7 @@ def budget(
     scene, changes = CLIPS[name]
     settings = {**changes, **settings}
     scenario = scenes.load(scene, settings)
-    if grab:
+    if grab is not None:
         scenario = msgspec.structs.replace(scenario, grab=grab)
     with bar(f"drawing {name}", shown=True) as progress:
         render(scenario, out, workers=workers, resume=True, progress=progress)
@@ -123,7 +123,7 @@ def _deg(row: Mapping[str, Any]) -> str:
 @click.option("--only", help="Names of clips, with commas between them (a name's own commas left out).")
 @click.option("--seed", default=11, show_default=True)
 @click.option("--grab", help="Scene whose grab hangs there, in place of the usual one.")
-@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder.")
+@click.option("--detector", default="bundled", show_default=True, help="Folder of a trained detector.")
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/budget"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
 def main(
@@ -136,8 +136,8 @@ def main(
         raise click.UsageError(f"--only: one of these is no clip: {', '.join(sorted(wanted))}")
     work.mkdir(parents=True, exist_ok=True)
     settings = {"frames": round(60 * minutes * rate), "clip.frame_rate_hz": rate, "seed": seed}
-    hung = scenes.load(grab).grab if grab else None
-    show({name: budget(name, work / folder(name), settings, workers, hung, detector) for name in names})
+    other_grab = scenes.load(grab).grab if grab else None
+    show({name: budget(name, work / folder(name), settings, workers, other_grab, detector) for name in names})
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ Each sheet has 24 random grabs of a kind, with ropes of 8 to 35 m; a scene file 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 import cv2
@@ -20,10 +20,11 @@ from simgrab.cli import main as run
 from simgrab.labels import arrays as labels
 from simgrab.scenario import Scenario
 from simgrab.scenario.grab import Grab
+from simgrab.scenario.surroundings import Kind
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.drawn import any_of
 
-KINDS = ("four-rope", "clamshell", "orange-peel", "scissors", "assembled")
+KINDS = get_args(Kind)
 TILES, COLUMNS, SIDE_PX = 24, 6, 320
 ROPES_M = (8.0, 35.0)
 VOLUMES_M3 = (3.0, 20.0)

@@ -1,4 +1,4 @@
-"""Draw the pictures of README and docs: a frame of each place and weather, worlds of `training`, sheets.
+"""Render the pictures of README and docs: a frame of each place and weather, worlds of `training`, sheets.
 
 python -m scripts.make_pictures
 """
@@ -47,8 +47,8 @@ def training() -> None:
     (DOCS / "training.jpg").write_bytes(encode(np.vstack(rows), "jpeg", 82))
 
 
-def assembled() -> None:
-    """Draw the sheet of assembled grabs, smaller."""
+def assembled_grabs() -> None:
+    """Render the sheet of assembled grabs, smaller."""
     sheet = _reduced(grab_sheets.sheet(grab_sheets.drawn("assembled")), 1200)
     (DOCS / "assembled.jpg").write_bytes(encode(sheet, "jpeg", 82))
 
@@ -71,5 +71,5 @@ if __name__ == "__main__":
     scenes(SHOWN, "scenes.jpg")
     scenes(WEATHERS, "weather.jpg")
     training()
-    assembled()
+    assembled_grabs()
     contact_sheet()

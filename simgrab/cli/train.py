@@ -37,7 +37,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     type=PATH,
     help="Your own grab: a model, or a scene file with it. Frames of it are rendered into OUT-frames.",
 )
-@click.option("--frames", type=click.IntRange(40, 1_000_000), help="Frames of --grab.  [default: 720]")
+@click.option("--frames", type=click.IntRange(40, 1_000_000), help="Frames of --grab.  [default: 960]")
 @click.option(
     "--hard",
     type=PATH,

@@ -97,9 +97,9 @@ def check_ropes(ropes: int, drive: str) -> None:
 
 
 class Assembled(Looks, frozen=True, tag="assembled"):
-    """A grab of no real kind, put together at random: for training a detector on more shapes than there are kinds.
+    """A grab of no real kind, put together at random, for training a detector.
 
-    Every ``shape`` gives another one. ``volume_m3`` gives its size, about that of a clamshell that holds so much.
+    Every ``shape`` gives another one. ``volume_m3`` scales its size; it is not what the grab holds.
     """
 
     shape: Share = 0.5

@@ -27,7 +27,7 @@ class Plain(Tagged, frozen=True, tag="plain"):
 
 
 class RandomPlace(Tagged, frozen=True, tag="random"):
-    """A ground of random pictures, with random solids standing about: for training a detector on more than places."""
+    """Level ground with random textures and random solids on it, for domain randomisation."""
 
 
 class Quay(Tagged, frozen=True, tag="quay"):

@@ -23,7 +23,7 @@ from simgrab.labels import datasets  # noqa: E402
 from simgrab.scenario import Mesh, variants  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.nets import Find, Refine  # noqa: E402
-from simgrab.training.detector.own_grab import scene_of  # noqa: E402
+from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
 from simgrab.training.detector.start import begun  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 
@@ -109,6 +109,8 @@ def test_a_detector_learns_a_users_own_grab(tmp_path):
 def test_frames_of_an_own_grab_vary_all_but_the_grab(tmp_path):
     trimesh.creation.box((2, 2, 2)).export(tmp_path / "box.stl")
     scene = scene_of(Mesh.of(tmp_path / "box.stl"))
+    assert (scene.camera.width_px, scene.camera.height_px) == SIZE
+    assert f"[default: {FRAMES}]" in CliRunner().invoke(cli, ["train", "detector", "--help"], terminal_width=200).output
     assert {one.scenario.grab.file for one, _ in itertools.islice(variants(scene), 5)} == {"box.stl"}
     assert len({one.scenario.place for one, _ in itertools.islice(variants(scene), 20)}) > 3
     assert len({one.scenario.grab.paint_rgb for one, _ in itertools.islice(variants(scene), 20)}) > 3

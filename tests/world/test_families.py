@@ -12,7 +12,7 @@ import trimesh
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Clutter, Scenario
-from simgrab.scenario.grab import Clamshell, Grab, OrangePeel, Scissors
+from simgrab.scenario.grab import Assembled, Clamshell, Grab, OrangePeel, Scissors
 from simgrab.world.scenery.clearance import winding
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
@@ -37,8 +37,14 @@ EXTREMES: tuple[Grab, ...] = (
 )
 DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(4))
 GRABS = EXTREMES + DRAWN
+RANDOM = tuple(Assembled(shape=i / 18, volume_m3=3 + i, ropes=(1, 2, 4)[i % 3]) for i in range(18))
 
-each = pytest.mark.parametrize("grab", GRABS, ids=lambda g: f"{type(g).__name__}-{GRABS.index(g)}")
+
+def of_each(grabs: tuple[Grab, ...]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("grab", grabs, ids=lambda g: f"{type(g).__name__}-{grabs.index(g)}")
+
+
+each, each_and_random = of_each(GRABS), of_each(GRABS + RANDOM)
 
 
 def jaws(design: Design) -> np.ndarray:
@@ -69,7 +75,7 @@ def steel(grab: Grab, *stems: str, parts: tuple[str, ...] = ()) -> trimesh.Trime
     )
 
 
-@each
+@each_and_random
 def test_all_steel_is_closed_and_faces_outwards(grab: Grab) -> None:
     design = design_of(grab)
     for body in design.bodies:
@@ -81,7 +87,7 @@ def test_all_steel_is_closed_and_faces_outwards(grab: Grab) -> None:
     assert sum(len(part.mesh.faces) for body in design.bodies for part in body.parts) < 45_000
 
 
-@each
+@each_and_random
 def test_the_centre_is_on_the_ropes_axis_at_half_the_height(grab: Grab) -> None:
     design = design_of(grab)
     low, high = steel(grab).bounds

@@ -9,7 +9,7 @@ from simgrab.scenario import Mesh, Scenario
 from simgrab.scenario.factor import JOINT
 
 FRAMES, CLIP_FRAMES = 960, 4  # 240 worlds
-SIZE = (960, 540)  # the nets see fewer pixels than that of nearly every grab
+SIZE = (960, 540)  # the nets' crops of nearly every grab have fewer pixels still
 _PAINT = ("grab.paint_rgb", "grab.wear", "grab.residue")
 
 

@@ -201,8 +201,8 @@ def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
             np.maximum(far, points @ normal - offset, out=far)
         return far
 
-    # The distance is convex: no point of a triangle lies farther out than its outermost corner.
-    near = outside(corners)[triangles].max(axis=1) > -COVER_DEPTH_M
+    # The distance is convex: no point of a triangle lies farther out than its outermost corner. Rounding moves less.
+    near = outside(corners)[triangles].max(axis=1) > -COVER_DEPTH_M - 1e-6
     points = trimesh.remesh.subdivide_to_size(corners, triangles[near], max_edge=COVER_SPACING_M, max_iter=20)[0]
     points = np.unique(points.round(6), axis=0)
     return np.asarray(points[outside(points) > -COVER_DEPTH_M])

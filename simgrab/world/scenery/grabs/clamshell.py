@@ -77,7 +77,7 @@ class _Clam(Shells):
         ropes = self._ends()
         r = 0.9 * self.sheave_r
         falls = [((x, y, self._sheave_z), (x, y, self._beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
-        return kit.assembled(
+        return kit.standing(
             bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
             closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip
@@ -112,7 +112,7 @@ class _Clam(Shells):
                 "piston_outer": out, "piston_inner": out,
             }  # fmt: skip
 
-        return kit.assembled(
+        return kit.standing(
             bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3, lips=self.lips(),
             heaps=self.heaps(),
         )  # fmt: skip
@@ -267,12 +267,8 @@ class _Clam(Shells):
     def _deck_z(self) -> float:
         return _GIRDER[1] * self.scale.z + 0.02
 
-    @property
-    def _shackle_r(self) -> float:
-        return 0.07 + 0.06 * self.scale.mean
-
     def _ends(self) -> Array:
-        height = 5.4 * self._shackle_r if self.keys.ropes == 1 else 0.42
+        height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
         return kit.ends(self.keys.ropes, max(0.9 * self.sheave_r, 0.14), 0.34 * self.scale.y, self._deck_z + height)
 
     def _head(self) -> list[Part]:
@@ -283,12 +279,9 @@ class _Clam(Shells):
         ropes = self._ends()
         closing = kit.closing(len(ropes)) if keys.drive == "ropes" else ()
         if keys.ropes == 1:
-            foot = block(
-                (-0.7 * self._shackle_r, -0.7 * self._shackle_r, deck - 0.05),
-                (0.7 * self._shackle_r, 0.7 * self._shackle_r, deck + 0.01),
-                0.01,
-            )
-            parts.append(Part("shackle", join([kit.shackle(deck, self._shackle_r), foot]), BARE.dark))
+            radius = kit.shackle_radius(s.mean)
+            foot = block((-0.7 * radius, -0.7 * radius, deck - 0.05), (0.7 * radius, 0.7 * radius, deck + 0.01), 0.01)
+            parts.append(Part("shackle", join([kit.shackle(deck, radius), foot]), BARE.dark))
         for i, end in enumerate(ropes if keys.ropes > 1 else []):
             name = "guide" if i in closing else "socket"
             parts.append(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import msgspec
 import numpy as np
 
-from simgrab.scenario.grab import Assembled, FourRope, Grab
+from simgrab.scenario.grab import FourRope, Grab
 
 _RATIO = (0.8, 1.3)
 # Drive and ropes that go together, by kind.
@@ -29,9 +27,9 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
     if kind == "four-rope":
         return FourRope()
     if kind == "assembled":
-        counts: tuple[Literal[1, 2, 4], ...] = (4, 2, 1)
-        count = counts[rng.integers(3)]
-        return Assembled(shape=float(rng.random()), volume_m3=float(rng.uniform(*volume_m3)), ropes=count)
+        ropes = (4, 2, 1)[rng.integers(3)]
+        keys = {"shape": float(rng.random()), "volume_m3": float(rng.uniform(*volume_m3)), "ropes": ropes}
+        return msgspec.convert({"model": kind, **keys}, Grab)
 
     def chance(share: float) -> bool:
         return bool(rng.random() < share)

@@ -73,7 +73,18 @@ def hinged(
     name: str, parts: Sequence[Part], parent: str, azimuth: float, pin: tuple[float, float],
     origin: tuple[float, float],
 ) -> Body:  # fmt: skip
-    """Make a body whose parts are drawn in the plane y = 0, about a pin at (r, z), turned to its azimuth."""
+    """Make a body that turns about a horizontal pin.
+
+    Parameters
+    ----------
+    name, parent : str
+    parts : sequence of Part
+        Where they are in the closed grab, at azimuth 0.
+    azimuth : float
+        To which they are turned about z, rad.
+    pin, origin : tuple of 2 floats
+        The pin (r, z) at azimuth 0, m: in the parent's frame, and in the closed grab.
+    """
     c, s = float(np.cos(azimuth)), float(np.sin(azimuth))
     own = placed(turned(parts, azimuth), (origin[0] * c, origin[0] * s, origin[1]))
     return body(name, own, parent, (pin[0] * c, pin[0] * s, pin[1]), (-s, c, 0.0))
@@ -93,7 +104,7 @@ def turned(parts: Sequence[Part], azimuth: float) -> list[Part]:
     return [part.moved(pose) for part in parts]
 
 
-def assembled(
+def standing(
     bodies: Sequence[Body],
     positions: Callable[[float], Mapping[str, float]],
     max_jaw: float,
@@ -190,8 +201,7 @@ def guide(end: Array, height: float) -> trimesh.Trimesh:
     ]
     ring = [(0.045, -0.055), (0.115, -0.02), (0.125, 0.02), (0.118, 0.022), (0.108, -0.01), (0.035, -0.042)]
     mouth = trimesh.creation.revolve(np.array([*ring, ring[0]]), sections=16)
-    if mouth.volume < 0:
-        mouth.invert()
+    shapes.outward(mouth)
     mouth.apply_translation((x, y, z - 0.03))
     return join([*plates, mouth])
 
@@ -210,6 +220,11 @@ def shackle(z: float, radius: float) -> trimesh.Trimesh:
     )
     wheel = shapes.sheave((0.0, 0.0, z + 4.2 * radius), 1.15 * radius, 0.018)
     return join([stem, bow, block, wheel])
+
+
+def shackle_radius(size: float) -> float:
+    """Return the radius of a `shackle` for a grab of a size, in units of its kind's proportions, m."""
+    return 0.07 + 0.06 * size
 
 
 def _on_bow(angle: float, radius: float, z: float) -> tuple[float, float, float]:
@@ -277,18 +292,41 @@ def band(
     return shapely.Polygon(ring)
 
 
+def tips(stem: str, azimuths: Sequence[float], hinge: tuple[float, float]) -> dict[str, Array]:
+    """Return the tips of four tines, or of all three, each in its body's frame, shape (1, 3).
+
+    Parameters
+    ----------
+    stem : str
+        Bodies are called ``stem_0``, ``stem_1`` ….
+    azimuths : sequence of float
+        Of all tines, rad.
+    hinge : tuple of 2 floats
+        In the closed grab, (r, z), m.
+    """
+    count = len(azimuths)
+    picked = sorted({round(k * count / 4) for k in range(4)}) if count > 3 else range(3)
+    found = {}
+    for k in picked:
+        c, s = np.cos(azimuths[k]), np.sin(azimuths[k])
+        r = 0.012 - hinge[0]
+        found[f"{stem}_{k}"] = np.array([(r * c, r * s, -hinge[1])])
+    return found
+
+
 def petal(
     line: NDArray[np.float64], inner: float, outer: float, half_angle: Callable[[Array, Array], Array], around: Array
 ) -> trimesh.Trimesh:
-    """Return a plate of revolution between two offsets of a line (r, z).
+    """Return a closed plate of revolution between two offsets of a line (r, z), m, about azimuth 0.
 
     Parameters
     ----------
     line : ndarray, shape (n, 2)
     inner, outer : float
-        Offsets, m.
+        Offsets to the right-hand side, seen along the line, m.
     half_angle : callable
-        From radii and heights, both of shape (n, 1), to half of the angle that the plate covers there, rad.
+        From the line's radii and the heights of the offset line, both of shape (n, 1), to half of the angle that the
+        plate covers there, rad.
     around : ndarray, shape (m,)
         Where the plate has points, in shares of that angle.
     """
@@ -298,10 +336,7 @@ def petal(
         r, z = np.maximum(at[:, :1], 0.012), np.maximum(at[:, 1:], 0.0)
         angle = half_angle(np.maximum(line[:, :1], 0.012), z) * around
         grids.append(np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, angle.shape)], axis=-1))
-    mesh = heap(*grids)
-    if mesh.volume < 0:
-        mesh.invert()
-    return mesh
+    return shapes.outward(heap(*grids))
 
 
 def cargo_material(cargo: str) -> Material:

@@ -88,9 +88,10 @@ class _Peel:
             for x in (-self._sheave_r, self._sheave_r)
             for y in self._sheave_y
         ]
-        return kit.assembled(
+        return kit.standing(
             bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
-            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self._lips(), heaps=self._heaps(),
+            closing=kit.closing(len(ropes)), falls=np.array(falls),
+            lips=kit.tips("tine", self.azimuths, self.hinge), heaps=self._heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
@@ -115,9 +116,9 @@ class _Peel:
             turns = {f"tine_{k}": -jaw for k in range(count)} | {f"barrel_{k}": angle for k in range(count)}
             return turns | {f"piston_{k}": out for k in range(count)}
 
-        return kit.assembled(
+        return kit.standing(
             bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3,
-            lips=self._lips(), heaps=self._heaps(),
+            lips=kit.tips("tine", self.azimuths, self.hinge), heaps=self._heaps(),
         )  # fmt: skip
 
     # The tine, in the plane y = 0.
@@ -196,10 +197,7 @@ class _Peel:
             for depth in thick:
                 r, z = end + depth * along
                 points.append(np.stack([r * np.cos(around), r * np.sin(around), np.full(7, z)], axis=-1))
-        mesh = kit.heap(np.stack([points[2], points[3]]), np.stack([points[0], points[1]]))
-        if mesh.volume < 0:
-            mesh.invert()
-        return mesh
+        return shapes.outward(kit.heap(np.stack([points[2], points[3]]), np.stack([points[0], points[1]])))
 
     def _tip(self, height: float, half: float) -> trimesh.Trimesh:
         """Cast tip on the lower end of a tine; with teeth it is longer and pointed."""
@@ -232,10 +230,7 @@ class _Peel:
             )
             for ring in (lower, upper)
         )
-        mesh = kit.heap(high, low)
-        if mesh.volume < 0:
-            mesh.invert()
-        return mesh
+        return shapes.outward(kit.heap(high, low))
 
     def _rod(self) -> list[Part]:
         """Rod between head and tine, closed."""
@@ -288,12 +283,8 @@ class _Peel:
     def _ends(self) -> Array:
         top = _CROWN[1] * self.scale.z
         half = 0.17 * self.scale.x
-        height = 5.4 * self._shackle_r if self.keys.ropes == 1 else 0.42
+        height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
         return kit.ends(self.keys.ropes, half, 1.4 * half, top + height)
-
-    @property
-    def _shackle_r(self) -> float:
-        return 0.07 + 0.06 * self.scale.mean
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale
@@ -322,7 +313,7 @@ class _Peel:
         ropes = self._ends()
         roped = keys.drive == "ropes"
         if keys.ropes == 1:
-            parts.append(Part("shackle", kit.shackle(high, self._shackle_r), BARE.dark))
+            parts.append(Part("shackle", kit.shackle(high, kit.shackle_radius(self.scale.mean)), BARE.dark))
         else:
             closing = kit.closing(len(ropes)) if roped else ()
             parts += [
@@ -404,17 +395,6 @@ class _Peel:
                 Part("plates", plates, BARE.body),
             ]
         return parts
-
-    def _lips(self) -> dict[str, Array]:
-        """Tips of four tines, or of all three, each in its body's frame."""
-        count = self.keys.tines
-        picked = sorted({round(k * count / 4) for k in range(4)}) if count > 3 else range(3)
-        found = {}
-        for k in picked:
-            c, s = np.cos(self.azimuths[k]), np.sin(self.azimuths[k])
-            r = 0.012 - self.hinge[0]
-            found[f"tine_{k}"] = np.array([(r * c, r * s, -self.hinge[1])])
-        return found
 
     def _heaps(self) -> Heaps:
         if self.keys.shells == "open":

@@ -92,7 +92,7 @@ class _Scissors(Shells):
         closing = kit.closing(len(ropes))
         leads = np.array([[ropes[i] - (0.0, 0.0, 0.43), (gx, float(np.sign(ropes[i][1])) * self.rope_y[-1], gz)]
                           for i in closing])  # fmt: skip
-        return kit.assembled(
+        return kit.standing(
             bodies, positions, self.max_jaw, ropes, volume_m3=self.keys.volume_m3, closing=closing,
             falls=falls, leads=leads, between=("shell_outer", "shell_inner"), lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip

@@ -110,5 +110,5 @@ class Cylinder:
         return float(np.arctan2(x0, -z0) - np.arctan2(x, -z))
 
     def at(self, jaw: float) -> tuple[float, float]:
-        """Turn of the cylinder, and how much it has been extended from closed, m."""
+        """Turn of the cylinder about +y from closed, rad, and how much it has been extended, m."""
         return self.turn(jaw), self.length_m(jaw) - self.length_m(0.0)

@@ -32,6 +32,13 @@ def solid(vertices: ArrayLike, faces: ArrayLike) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.asarray(vertices, float), np.asarray(faces), process=False)
 
 
+def outward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Turn the faces of a closed mesh outwards, in place, where they face inwards."""
+    if mesh.volume < 0:
+        mesh.invert()
+    return mesh
+
+
 def convex(points: ArrayLike) -> trimesh.Trimesh:
     """Return the convex hull of points, shape (n, 3)."""
     mesh: trimesh.Trimesh = trimesh.convex.convex_hull(np.asarray(points, float))
@@ -93,8 +100,7 @@ def disc(outline: Sequence[tuple[float, float]], centre: ArrayLike, sections: in
     """Turn a closed (radius, offset) outline about the y axis through ``centre``."""
     ring = np.array([*outline, outline[0]], float)
     mesh = trimesh.creation.revolve(ring, sections=sections)
-    if mesh.volume < 0:
-        mesh.invert()
+    outward(mesh)
     p = np.asarray(mesh.vertices)
     return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
 

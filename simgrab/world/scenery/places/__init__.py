@@ -9,7 +9,7 @@ from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.places.hold import hold
 from simgrab.world.scenery.places.plain import plain
 from simgrab.world.scenery.places.quay import quay
-from simgrab.world.scenery.places.scattered import scattered
+from simgrab.world.scenery.places.random_place import random_place
 from simgrab.world.scenery.places.water import water
 
 
@@ -36,5 +36,5 @@ def build(place: Place, *, head_height: float, rng: np.random.Generator) -> list
     if isinstance(place, Plain):
         return plain(head_height=head_height)
     if isinstance(place, RandomPlace):
-        return scattered(head_height=head_height, rng=rng)
+        return random_place(head_height=head_height, rng=rng)
     return water(place, head_height=head_height, rng=rng)

@@ -156,8 +156,7 @@ def _guide_frame(x: float, y: float) -> trimesh.Trimesh:
     ends = [block((x + o - 0.008, y - 0.10, 1.42), (x + o + 0.008, y + 0.10, 1.60), 0.003) for o in (-0.112, 0.112)]
     funnel = [(0.045, 1.585), (0.115, 1.62), (0.125, 1.66), (0.118, 1.662), (0.108, 1.63), (0.035, 1.598)]
     mouth = trimesh.creation.revolve(np.array([*funnel, funnel[0]]), sections=16)
-    if mouth.volume < 0:
-        mouth.invert()
+    shapes.outward(mouth)
     mouth.apply_translation((x, y, 0.0))
     return join([*plates, *ends, mouth])
 

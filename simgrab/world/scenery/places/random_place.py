@@ -1,4 +1,7 @@
-"""A ground of random pictures with random solids on it, as domain randomisation has them (Tobin et al. 2017)."""
+"""Level ground with random textures and random solids on it: domain randomisation (Tobin et al. 2017).
+
+Ground and solids may have any colour, and any of the bundled textures, those of all cargoes included.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.utilities.resources import ASSETS
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes as steel
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
@@ -20,10 +22,15 @@ SPAN_M = 64.0  # of the ground's picture, which repeats
 _PIXELS = 2048
 _MOST_SOLIDS = 22
 _NEAREST_M, _FARTHEST_M = 1.5, 17.0  # from the vertical through O
-_NEAR_M, _LOW_M = 7.0, 1.6  # solids nearer than the first are no higher than the second: the grab hangs above them
+_NEAR_M, _LOW_M = 7.0, 1.6  # solids centred nearer than the first are no higher than the second: the grab hangs there
+# Not what the folder holds: random draws count them.
+_TEXTURES = (
+    "bauxite", "coal", "concrete", "deck", "grain", "grease", "hullplate", "ore", "rope", "rust", "sulphur", "tanktop",
+    "water", "wear", "worn_steel",
+)  # fmt: skip
 
 
-def scattered(*, head_height: float, rng: np.random.Generator) -> list[Part]:
+def random_place(*, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Build the place, in the jib frame: level ground ``head_height`` metres below the rope exit, and what is on it."""
     paint = np.random.default_rng(rng.integers(2**63))  # of its own, so that shapes are the same unpainted
     slab = trimesh.creation.box((2 * HALF_WIDTH_M, 2 * HALF_WIDTH_M, THICKNESS_M))
@@ -55,9 +62,8 @@ def _picture(rng: np.random.Generator) -> Texture:
 
 def _tiled(rng: np.random.Generator) -> Texture:
     """Repeat a bundled texture at a random size and tint, or two of them beside each other."""
-    names = sorted(path.stem for path in (ASSETS / "textures").glob("*.jpg"))
     layers = []
-    for name in rng.choice(names, 2, replace=False):
+    for name in rng.choice(_TEXTURES, 2, replace=False):
         side = int(2 ** rng.uniform(6.5, 10.5))
         tile = cv2.resize(textures.load(str(name)), (side, side), interpolation=cv2.INTER_AREA)
         tint = rng.uniform(0.5, 1.3, 3) * rng.uniform(0.6, 1.3)
@@ -128,8 +134,8 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
             return steel.block((-x / 2, -y / 2, 0), (x / 2, y / 2, z), 0.02)
         case 2:
             ring = np.array([(0.01, 0), (x / 2, 0), (x / 2 * rng.uniform(0.3, 1.0), z), (0.01, z), (0.01, 0)])
-            mesh = trimesh.creation.revolve(ring, sections=int(rng.choice([5, 6, 8, 20])))
-            return steel.solid(mesh.vertices, mesh.faces if mesh.volume > 0 else np.asarray(mesh.faces)[:, ::-1])
+            mesh = steel.outward(trimesh.creation.revolve(ring, sections=int(rng.choice([5, 6, 8, 20]))))
+            return steel.solid(mesh.vertices, mesh.faces)
         case 3:
             lies = min(x, z) / 2
             return shapes.bar((0, -y / 2, lies), (0, y / 2, lies), lies, sides=16)
@@ -155,8 +161,7 @@ def _coat(number: int, rng: np.random.Generator) -> Material:
     specular = float(rng.uniform(0, 0.5))
     if rng.random() < 0.5 or not textures.painting():
         return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), specular=specular)
-    names = sorted(path.stem for path in (ASSETS / "textures").glob("*.jpg"))
-    picture = cv2.resize(textures.load(str(rng.choice(names))), (256, 256), interpolation=cv2.INTER_AREA)
+    picture = cv2.resize(textures.load(str(rng.choice(_TEXTURES))), (256, 256), interpolation=cv2.INTER_AREA)
     red, green, blue = (0.4 + 0.6 * v for v in (red, green, blue))
     return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), texture=np.asarray(picture, np.uint8),
                     tile_m=float(rng.uniform(1, 8)), specular=specular)  # fmt: skip

@@ -1,0 +1,94 @@
+"""Grabs put together at random from parts of no real kind: a detector that learns them does not learn one kind.
+
+Each has a head on ropes, something that joins it to what hangs below, and there a closed vessel, two shells, or tines
+round the axis, of plates or of bars. Jaws turn about hinges in the head; struts between head and jaws follow them.
+There is no reeving: the jaws open by themselves.
+
+All is drawn closed, with the lowest point at z = 0.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+
+import numpy as np
+
+from simgrab.geometry import Array
+from simgrab.rng import stream
+from simgrab.scenario.grab import Assembled
+from simgrab.world.scenery.grabs import kit
+from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
+from simgrab.world.scenery.grabs.assembled.head import head, middle, rope_ends
+from simgrab.world.scenery.grabs.assembled.jaws import jaw, strut, vessel
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.shells import GAP_M
+from simgrab.world.scenery.meshes.part import Part
+
+_SHAPES = 2**53  # distinct numbers from 0 to 1
+_CLEARANCE_M = 0.03
+
+
+def assembled(keys: Assembled) -> Design:
+    """Return the design of a grab that is put together at random."""
+    chance = Chance(stream(round(keys.shape * _SHAPES), 0, "assembled"))
+    d = Dimensions.draw(keys, chance)
+    steel = [*middle(d, chance), *head(d, chance, keys.ropes)]
+    azimuths = [2 * np.pi * k / d.count for k in range(d.count)]
+    bodies: list[Body] = []
+    positions: dict[str, Callable[[float], float]] = {}
+    if d.count:
+        parts, found = jaw(d, chance), strut(d, chance)
+        for k, azimuth in enumerate(azimuths):
+            bodies.append(kit.hinged(f"jaw_{k}", parts, "head", azimuth, d.hinge, d.hinge))
+            positions[f"jaw_{k}"] = operator.neg
+            if found:
+                bars, cylinder = found
+                at = cylinder.head_pin
+                bodies.append(kit.hinged(f"strut_{k}", bars, "head", azimuth, at, at))
+                positions[f"strut_{k}"] = cylinder.turn
+        max_jaw = float(np.radians(chance.share(25.0, 55.0)))
+    else:
+        steel += vessel(d, chance)
+        max_jaw = 0.0
+    return kit.standing(
+        [kit.body("head", steel), *bodies], lambda opening: {name: at(opening) for name, at in positions.items()},
+        max_jaw, rope_ends(d, keys.ropes), volume_m3=keys.volume_m3, lips=_lips(d, azimuths), heaps=_heaps(d),
+    )  # fmt: skip
+
+
+def _lips(d: Dimensions, azimuths: list[float]) -> dict[str, Array]:
+    """Return ends of two shells' edges, or tips of tines, each in its body's frame; none of a vessel."""
+    (hx, hz), half = d.hinge, d.half_y
+    if d.count != 2:
+        return kit.tips("jaw", azimuths, d.hinge) if d.count else {}
+    outer = np.array([(GAP_M - hx, half, -hz), (GAP_M - hx, -half, -hz)])
+    return {"jaw_0": outer, "jaw_1": (outer * (-1.0, -1.0, 1.0))[::-1]}
+
+
+def _heaps(d: Dimensions) -> Heaps:
+    """Return what makes heaps between closed jaws of plates."""
+    if not (d.count and d.plates):
+        return lambda _cargo, _rng: ()
+    u, v = np.meshgrid(np.linspace(-1, 1, 33), np.linspace(-1, 1, 33), indexing="ij")
+    if d.count > 2:
+        u, v = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)  # a square on a disc
+    along = d.half_y - 0.06
+    r, z = np.maximum.accumulate(d.curve[:, 0]), np.maximum.accumulate(d.curve[:, 1])
+
+    def make(cargo: str, rng: np.random.Generator) -> list[Part]:
+        made = []
+        for level in CARGO_LEVELS:
+            shoulder = d.depth * (0.3 + 0.55 * level)
+            edge = float(np.interp(shoulder, z, r)) - 2.5 * _CLEARANCE_M
+            x, y = edge * u, (along if d.count == 2 else edge) * v
+            out = np.hypot(u, v) if d.count > 2 else np.maximum(np.abs(u), np.abs(v))
+            rho = np.hypot(x, y) if d.count > 2 else np.abs(x)
+            floor = np.interp(rho, r - _CLEARANCE_M, z) + _CLEARANCE_M
+            rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0)) * (1 - out**4)
+            crest = shoulder + 0.14 * d.depth * (1 - out**1.7) + rough
+            low = np.minimum(floor, crest - 0.02)
+            made.append(kit.heap(*(np.stack([x, y, at], axis=-1) for at in (crest, low))))
+        return kit.heap_parts(made, cargo)
+
+    return make
