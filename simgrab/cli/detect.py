@@ -19,7 +19,7 @@ from simgrab.text import printable
     "name",
     default="bundled",
     show_default=True,
-    help="Or a folder of `train detector`, or a YOLO's .onnx.",
+    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
 )
 @click.option("--out", type=FILE, help="Table of detections, .parquet or .csv.")
 @click.option("--json", "as_json", is_flag=True, help="Print one line of JSON for each image: the row of the table.")

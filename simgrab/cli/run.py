@@ -41,7 +41,10 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--camera", type=PATH, help="Camera TOML.  [default: that beside or in SOURCE]")
 @click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the results.")
 @click.option(
-    "--detector", default="bundled", show_default=True, help="Or a folder of `train detector`, or a YOLO's .onnx."
+    "--detector",
+    default="bundled",
+    show_default=True,
+    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
 )
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
 @click.option(

@@ -48,7 +48,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     "--from",
     "start",
     metavar="DETECTOR",
-    help="Start from the weights of this detector: `bundled`, or a folder. Takes about 15 minutes on two cores.",
+    help="Start from the weights of this detector: bundled, any-grab, or a folder. Takes about 15 minutes.",
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order, augmentation and frames.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
@@ -68,8 +68,8 @@ def detector(
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
-    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card. With
-    --from bundled --grab FILE, the bundled detector learns your own grab in about half an hour on two cores.
+    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
+    --from any-grab --grab FILE trains on rendered frames of your own grab, half an hour on two cores.
     """
     from simgrab.training import need_torch
     from simgrab.training.folder import check
@@ -80,17 +80,17 @@ def detector(
         raise click.UsageError("--frames belongs to --grab")
     check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
-    from simgrab.instrument.detect import BUNDLED, WEIGHTS, Bundled
+    from simgrab.instrument.detect import Bundled, located
     from simgrab.labels.datasets import read
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
     from simgrab.training.device import named
 
-    begin = WEIGHTS if start == BUNDLED else start
+    begin = None if start is None else located(start)
     if grab is not None:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:
-            Bundled(Path(begin))
+            Bundled(begin)
         for dataset in (*datasets, *hard):
             read(dataset)
         datasets = (*datasets, _frames_of(grab, out.absolute(), frames, seed, shown=not (quiet or as_json)))
@@ -111,14 +111,14 @@ def _frames_of(file: Path, out: Path, frames: int | None, seed: int, *, shown: b
     """Render frames of a user's own grab beside the nets, or what is missing of them."""
     from simgrab.judge import own_grab
     from simgrab.training.detector.own_grab import FRAMES, scene_of
+    from simgrab.world.extensions import Recipe
     from simgrab.world.output.dataset import render
+    from simgrab.world.output.pool import automatic
 
-    grab = own_grab.grab_of(file)
-    path = out.with_name(f"{out.name}-frames")
-    with drawing("drawing frames", shown=shown) as (progress, checking):
-        render(
-            scene_of(grab, frames=frames or FRAMES, seed=seed), path, resume=True, progress=progress, checking=checking
-        )
+    scene = scene_of(own_grab.grab_of(file), frames=frames or FRAMES, seed=seed)
+    path, (workers, _) = out.with_name(f"{out.name}-frames"), automatic(Recipe(scene))
+    with drawing("rendering frames", shown=shown) as (progress, checking):
+        render(scene, path, workers=workers, resume=True, progress=progress, checking=checking)
     return path
 
 

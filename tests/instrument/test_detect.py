@@ -5,7 +5,7 @@ import pytest
 from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect import Bundled, Yolo, detector
+from simgrab.instrument.detect import SHIPPED, Bundled, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
 from simgrab.instrument.detect.bundled import SETTLE, Settings, Trust, peaks, read
 from simgrab.instrument.detect.patches import (
@@ -125,9 +125,9 @@ def bright(size=(1080, 1920), at=(705, 405), half=24):  # fills the cell of find
 
 
 def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("simgrab.instrument.detect.WEIGHTS", tmp_path)
-    with pytest.raises(DetectorError, match=r"build_weights --only detector"):
-        detector()
+    monkeypatch.setitem(SHIPPED, "any-grab", tmp_path)
+    with pytest.raises(DetectorError, match=r"any-grab.*build_weights"):
+        detector("any-grab")
 
 
 def test_centres_are_drawn_in_by_what_validation_showed(tmp_path):

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect.bundled import BUNDLED, FIND, REFINE, SETTLE, WEIGHTS, Bundled
+from simgrab.instrument.detect.bundled import ANY_GRAB, BUNDLED, FIND, REFINE, SETTLE, SHIPPED, WEIGHTS, Bundled
 from simgrab.instrument.detect.contract import Detector
 from simgrab.instrument.detect.yolo import Yolo
 from simgrab.instrument.net import open_net
@@ -18,8 +18,8 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     Parameters
     ----------
     name : str or path
-        ``"bundled"``, a folder with three nets as `simgrab train detector` writes them, or a
-        YOLO's ``.onnx`` file.
+        ``"bundled"`` for the default four-rope grab, ``"any-grab"`` for grabs of all kinds, a folder with three nets as
+        `simgrab train detector` writes them, or a YOLO's ``.onnx`` file.
 
     Raises
     ------
@@ -32,11 +32,11 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     >>> detector()(np.zeros((1080, 1920, 3), np.uint8)).status
     'none'
     """
-    path = WEIGHTS if name == BUNDLED else Path(name)
-    if name == BUNDLED and not (path / "find.onnx").exists():
+    path = located(name)
+    if name in SHIPPED and not (path / "find.onnx").exists():
         raise DetectorError(
-            "no detector's weights are bundled: make them by `python -m scripts.build_weights --only detector`, "
-            "or name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
+            f"no weights are bundled for {name!r}: make them by `python -m scripts.build_weights`, or name a folder "
+            "that `simgrab train detector` wrote, or a YOLO's .onnx"
         )
     if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
         return Bundled(path)
@@ -46,4 +46,9 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     return Yolo(net)
 
 
-__all__ = ["BUNDLED", "WEIGHTS", "Bundled", "Detector", "Yolo", "detector"]
+def located(name: str | Path) -> Path:
+    """Return the folder of a detector that simgrab comes with, by its name, or the path itself."""
+    return SHIPPED.get(str(name), Path(name))
+
+
+__all__ = ["ANY_GRAB", "BUNDLED", "SHIPPED", "WEIGHTS", "Bundled", "Detector", "Yolo", "detector", "located"]

@@ -41,7 +41,10 @@ from simgrab.records.observations import Detection
 from simgrab.utilities.resources import ASSETS
 from simgrab.utilities.strict import Checked, convert
 
-BUNDLED, WEIGHTS = "bundled", ASSETS / "weights"
+WEIGHTS = ASSETS / "weights"
+BUNDLED, ANY_GRAB = "bundled", "any-grab"
+#: Folders of the detectors that simgrab comes with, by name.
+SHIPPED = {BUNDLED: WEIGHTS, ANY_GRAB: WEIGHTS / ANY_GRAB}
 # Tasks that the files' metadata names.
 FIND, REFINE, SETTLE = "find-grab", "refine-grab", "settle-grab"
 _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
@@ -162,7 +165,7 @@ class Bundled:
     Attributes
     ----------
     name : str
-        What it is called in reports: ``"bundled"``, or the folder's name.
+        What it is called in reports: a name in `SHIPPED`, or the folder's.
 
     Raises
     ------

@@ -59,7 +59,8 @@ def detect(
     ----------
     source : str or path
     detector : str, path or Detector
-        ``"bundled"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open detector.
+        ``"bundled"``, ``"any-grab"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open
+        detector.
     progress : callable, optional
         Called with (pictures done, pictures in all).
 
