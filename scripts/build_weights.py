@@ -49,7 +49,7 @@ class Source:
 
 # Other cranes' grabs are what is taken for the grab: they stand where there is room, and still, so that few frames are
 # of a world.
-CROWDED = {
+CROWDED: dict[str, Any] = {
     "swing.absent": 0.9,
     "clip.clip_frames": 4,
     "vary": {"clutter.other_grabs": {"values": [1, 2, 3, 4], "weights": [1, 2, 2, 3]}},
@@ -60,16 +60,27 @@ ROOMY = {
         "quay, bare", "water", "yard",
     )
 }  # fmt: skip
-SHAPE_SETS = 6
+SHAPE_SETS, HALF = 6, (960, 540)
 # Real kinds in real places; and random shapes, another one in each frame, in several sets, each of which is resumed by
 # itself. Nets see less than half of the pixels: at half the size more frames are rendered in the same time. Sets of one
 # seed have the same cameras and weather, and the same split.
 DETECTOR = (
     Source("training", "training", {"clip.clip_frames": 3}, 1500, 480, 0),
-    *(Source(f"shapes-{seed}", "training-shapes", {}, 500, 120, seed, size=(960, 540)) for seed in range(SHAPE_SETS)),
+    *(Source(f"shapes-{seed}", "training-shapes", {}, 500, 120, seed, size=HALF) for seed in range(SHAPE_SETS)),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
-HARD = Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY)
+ANY_KIND = {"values": [["four-rope", "clamshell", "orange-peel", "assembled"]], "weights": [1]}
+HARD = (
+    Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY),
+    Source(
+        "hard-shapes", "training-shapes", CROWDED | {"clip.clip_frames": 1}, 420, 120, 21, size=HALF
+    ),
+    Source(
+        "hard-places", "training",
+        CROWDED | {"clip.clip_frames": 2, "vary": CROWDED["vary"] | {"clutter.kinds": ANY_KIND}}, 300, 120, 22, ROOMY,
+        size=HALF,
+    ),
+)  # fmt: skip
 
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
@@ -112,13 +123,14 @@ def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threa
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import NETS, train
 
-    *datasets, hard = rendered([*DETECTOR, HARD], work, quick=quick, workers=workers)
+    every = rendered([*DETECTOR, *HARD], work, quick=quick, workers=workers)
+    datasets, hard = every[: len(DETECTOR)], every[len(DETECTOR) :]
     out = work / "detector"
     frames = SHOWN_AGAIN if start and not quick else None
     # At the full learning rate, even after trained weights: there is much that these have not learned.
     chosen = functools.partial(recipes, quick=quick, shown=frames, threads=threads)
     with board(shown=True) as shown:
-        train(datasets, out, chosen, hard=[hard], start=start, resume=True, watch=shown.step, report=shown.training)
+        train(datasets, out, chosen, hard=hard, start=start, resume=True, watch=shown.step, report=shown.training)
     return [out / f"{name}.onnx" for name in NETS]
 
 

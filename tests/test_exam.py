@@ -38,13 +38,13 @@ def cargoes(scene: Scenario) -> set[str]:
 def test_there_is_an_exam_for_each_weather():
     assert set(EXAMS) == {f"exam-{name}" for name in (*WEATHERS, *(f"family-{family}" for family in FAMILIES))}
     assert len({load(name).seed for name in EXAMS} | {load("training").seed}) == len(EXAMS) + 1
-    learned = {source.seed for source in (*build_weights.DETECTOR, build_weights.HARD, build_weights.READER)}
+    learned = {source.seed for source in (*build_weights.DETECTOR, *build_weights.HARD, build_weights.READER)}
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
 
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_what_weights_are_built_of_can_be_drawn(quick):
-    for source in (*build_weights.DETECTOR, build_weights.HARD, build_weights.READER):
+    for source in (*build_weights.DETECTOR, *build_weights.HARD, build_weights.READER):
         drawn = build_weights.scenario(source, quick=quick)
         assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)
         for key, names in source.kept.items():
