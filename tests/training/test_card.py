@@ -31,6 +31,6 @@ def test_a_card_says_what_it_is_of(tmp_path):
     assert "“alone” is of this net" in markdown(content)
 
 
-@pytest.mark.parametrize("card", sorted(WEIGHTS.glob("*.json")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("card", sorted(WEIGHTS.rglob("*.json")), ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_the_bundled_cards_are_both_of_one_training(card):
     assert card.with_suffix(".md").read_text(encoding="utf-8") == markdown(json.loads(card.read_text(encoding="utf-8")))
