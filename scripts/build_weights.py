@@ -72,9 +72,7 @@ DETECTOR = (
 ANY_KIND = {"values": [["four-rope", "clamshell", "orange-peel", "assembled"]], "weights": [1]}
 HARD = (
     Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY),
-    Source(
-        "hard-shapes", "training-shapes", CROWDED | {"clip.clip_frames": 1}, 420, 120, 21, size=HALF
-    ),
+    Source("hard-shapes", "training-shapes", CROWDED | {"clip.clip_frames": 1}, 420, 120, 21, size=HALF),
     Source(
         "hard-places", "training",
         CROWDED | {"clip.clip_frames": 2, "vary": CROWDED["vary"] | {"clutter.kinds": ANY_KIND}}, 300, 120, 22, ROOMY,

@@ -33,10 +33,10 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     'none'
     """
     path = located(name)
-    if name in SHIPPED and not (path / "find.onnx").exists():
+    if path in SHIPPED.values() and not (path / "find.onnx").exists():
         raise DetectorError(
-            f"no weights are bundled for {name!r}: make them by `python -m scripts.build_weights`, or name a folder "
-            "that `simgrab train detector` wrote, or a YOLO's .onnx"
+            f"no weights are bundled for {name!r}: make them by `python -m scripts.build_weights --only detector`, or "
+            "name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
         )
     if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
         return Bundled(path)
@@ -47,8 +47,8 @@ def detector(name: str | Path = BUNDLED) -> Detector:
 
 
 def located(name: str | Path) -> Path:
-    """Return the folder of a detector that simgrab comes with, by its name, or the path itself."""
-    return SHIPPED.get(str(name), Path(name))
+    """Return the folder of a detector that simgrab comes with, by its name, or else the path itself."""
+    return SHIPPED[name] if isinstance(name, str) and name in SHIPPED else Path(name)
 
 
 __all__ = ["ANY_GRAB", "BUNDLED", "SHIPPED", "WEIGHTS", "Bundled", "Detector", "Yolo", "detector", "located"]

@@ -35,11 +35,11 @@ _LENS = Material("jib_lens", rgba=(0.92, 0.93, 0.88, 1.0), specular=0.9, shinine
 def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
     """Return the parts of a jib head for these ropes in the jib frame."""
     dark = Material("jib_dark", texture=textures.load("grease"), tile_m=0.6, specular=0.35)
-    beam, *rest = _same_for_all()
+    fixed_trunk, *rest = _fixed_parts()
     return (
         Part("cheeks", _cheeks(ropes), _PAINT),
         Part("guards", _guards(ropes), _YELLOW),
-        beam,
+        fixed_trunk,
         Part("sheaves", _sheaves(ropes), dark),
         Part("shafts", _shafts(ropes), dark),
         *rest,
@@ -48,7 +48,7 @@ def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
 
 
 @cache
-def _same_for_all() -> tuple[Part, ...]:
+def _fixed_parts() -> tuple[Part, ...]:
     """Return the parts that no rope changes, the trunk first."""
     return (
         Part("trunk", trunk(), _PAINT),
