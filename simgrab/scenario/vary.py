@@ -118,7 +118,7 @@ def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:
         yield variant(scenario, 0), range(scenario.frames)
         return
     for clip in range(scenario.clip.count(scenario.frames)):
-        span = scenario.clip.span(clip, scenario.frames)
+        span = scenario.span(clip)
         yield variant(scenario, span.start), span
 
 

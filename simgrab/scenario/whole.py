@@ -99,6 +99,10 @@ class Scenario(Strict, frozen=True):
         except OverflowError:
             raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
 
+    def span(self, clip: int) -> range:
+        """Frames of one clip, in order; the last clip may be shorter."""
+        return self.clip.span(clip, self.frames)
+
     @property
     def display_layout(self) -> Layout | None:
         """The display's layout fitted to the picture; None where there is no display."""

@@ -83,7 +83,11 @@ class FrameGenerator:
     plan : Plan, optional
         Of the first variant, where it was drawn up already.
     projections : mapping of int to Projection, optional
-        Of frames that were projected already; only where nothing varies.
+        Of frames that were projected already.
+
+    Attributes
+    ----------
+    projections : mapping of int to Projection
 
     Examples
     --------
@@ -96,7 +100,7 @@ class FrameGenerator:
         self, recipe: Recipe | Scenario, plan: Plan | None = None, projections: Mapping[int, Projection] | None = None
     ) -> None:
         self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
-        self._projections = projections or {}
+        self.projections: Mapping[int, Projection] = projections or {}
         self._scene = self._build(0, plan) if plan else None
 
     @property
@@ -134,7 +138,7 @@ class FrameGenerator:
         ScenarioError
             If it cannot be: naming frame and key.
         """
-        return self._projections.get(frame) or self.scene(frame).project(frame)
+        return self.projections.get(frame) or self.scene(frame).project(frame)
 
     def frame(self, frame: int, *, full: bool = False) -> Frame:
         """Make one frame.
@@ -299,8 +303,8 @@ class FrameDataset(Generic[T]):
     @property
     def clips(self) -> tuple[range, ...]:
         """Numbers of the frames of each clip."""
-        clip, frames = self.scenario.clip, self.scenario.frames
-        return tuple(clip.span(number, frames) for number in range(clip.count(frames)))
+        scenario = self.scenario
+        return tuple(map(scenario.span, range(scenario.clip.count(scenario.frames))))
 
     def __len__(self) -> int:
         return self.scenario.frames

@@ -29,6 +29,7 @@ LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
 PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
 PASSES = "1"  # version of `simgrab.world.camera.passes`: a change of a pixel there raises it
 REUSE = "SIMGRAB_REUSE"  # environment variable: 0 draws every picture whole
+LLVMPIPE_THREADS = "LP_NUM_THREADS"  # environment variable of Mesa's
 _GL_OUT_OF_MEMORY = "0x505"
 _EGL_EXTENSIONS = 0x3055
 
@@ -154,6 +155,13 @@ class Fingerprint:
         """First 16 hexadecimal digits of a SHA-256 over all fields that are not empty."""
         fields = filter(None, (self.renderer, self.version, self.mujoco, self.passes))
         return hashlib.sha256("\n".join(fields).encode()).hexdigest()[:16]
+
+
+def threads(number: int | None) -> dict[str, str]:
+    """Environment variables by which software OpenGL draws with so many threads, unless the user chose a number."""
+    if number is None or LLVMPIPE_THREADS in os.environ:
+        return {}
+    return {LLVMPIPE_THREADS: str(number if number > 1 else 0)}  # 0 draws in the thread that calls
 
 
 def reuses() -> bool:

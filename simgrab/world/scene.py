@@ -67,7 +67,9 @@ class Scene:
         renderer, moment = self.renderer, projection.moment
         stored = self.scenario.image.stores_buffers  # the scenario alone decides what labels and effects are made of
         whole = renderer.view(moment) if full or stored else None
-        view = whole if stored else renderer.coarse_view(moment) if self.camera.wants_view else None
+        view = whole if stored or (self.camera.wants_view and not renderer.has_lens) else None
+        if view is None and self.camera.wants_view:
+            view = renderer.coarse_view(moment)  # without a lens the same as the whole view
         still = renderer.still_view(moment) if self.camera.wants_view and not (stored and renderer.has_lens) else None
         visibility = NONE_VISIBLE
         if labelled:
@@ -92,7 +94,7 @@ class Scene:
 
     def _exposure_before(self, frame: int) -> Exposure | None:
         clip = self.scenario.clip
-        begin, before = clip.span(clip.of(frame), self.scenario.frames).start, None
+        begin, before = self.scenario.span(clip.of(frame)).start, None
         if self._metered and begin <= self._metered[0] < frame:
             begin, before = self._metered[0] + 1, self._metered[1]
         for earlier in range(begin, frame):

@@ -137,7 +137,7 @@ def _render(
             if videos and clips:
                 drawn = _film(videos, clips, folder, known, missing, workers, progress)
             elif cluster is not None:
-                drawn = _fetch(folder, recipe, missing, cluster, progress)
+                drawn = _fetch(folder, recipe, known, missing, cluster, progress)
             else:
                 drawn = _draw(folder, recipe, known, missing, workers, progress)
             with closing(drawn):
@@ -161,22 +161,26 @@ def _draw(
     work_on = functools.partial(pool.map_items, recipe, known, workers=workers)
     if not recipe.varies:
         report = pool.report(progress, scenario.frames - len(missing), scenario.frames)
-        return work_on(missing, functools.partial(_store, folder), unit="frame", progress=report)
+        return work_on(missing, functools.partial(_store, folder), unit="frame", frames=lambda n: (n,), progress=report)
     clips = sorted(set(map(scenario.clip.of, missing)))
     report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
-    return work_on(clips, functools.partial(_store_clip, folder), unit="clip", progress=report)
+    work = functools.partial(_store_clip, folder)
+    return work_on(clips, work, unit="clip", frames=scenario.span, progress=report)
 
 
 def _fetch(
-    folder: Folder, recipe: Recipe, missing: Sequence[int], cluster: str, progress: Progress | None
-) -> Generator[Fingerprint, None, None]:
+    folder: Folder, recipe: Recipe, known: pool.Vetted | None, missing: Sequence[int], cluster: str,
+    progress: Progress | None,
+) -> Generator[Fingerprint, None, None]:  # fmt: skip
     """Let a cluster render missing frames, and store them here: its machines need not share a file system."""
     scenario, each = recipe.scenario, MOST_FETCHED
     if recipe.varies and scenario.clip.clip_frames:
         each = min(each, scenario.clip.clip_frames)  # so that a task builds one world
     tasks = [tuple(group) for _, group in groupby(missing, key=lambda frame: frame // each)]
     report = pool.report(progress, scenario.frames - len(missing), scenario.frames)
-    drawn = pool.map_items(recipe, None, tasks, _made, workers=1, cluster=cluster, unit="frames", progress=report)
+    drawn = pool.map_items(
+        recipe, known, tasks, _made, workers=1, cluster=cluster, unit="frames", frames=iter, progress=report
+    )
     with closing(drawn):
         for frames in drawn:
             for frame in frames:
@@ -193,7 +197,7 @@ def _made(generator: FrameGenerator, frames: tuple[int, ...], tick: Tick) -> lis
 
 
 def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
-    return sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
+    return sum(len(scenario.span(clip)) for clip in clips)
 
 
 def _store(folder: Folder, generator: FrameGenerator, frame: int, tick: Tick) -> Fingerprint:
@@ -205,7 +209,7 @@ def _store(folder: Folder, generator: FrameGenerator, frame: int, tick: Tick) ->
 
 def _store_clip(folder: Folder, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
     """Make the missing frames of a clip, whose world is built once."""
-    for frame in generator.scenario.clip.span(clip, generator.scenario.frames):
+    for frame in generator.scenario.span(clip):
         if folder.has(frame):
             tick()
         else:
@@ -227,7 +231,9 @@ def _film(
     clips = sorted({*unfinished, *map(clip.of, missing)})
     report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
     work = ClipWork(videos, folder)
-    return pool.map_items(videos.recipe, known, clips, work, workers=workers, unit="clip", progress=report)
+    return pool.map_items(
+        videos.recipe, known, clips, work, workers=workers, unit="clip", frames=scenario.span, progress=report
+    )
 
 
 def _same(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:

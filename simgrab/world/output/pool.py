@@ -6,13 +6,16 @@ import contextlib
 import functools
 import itertools
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
+
+import cv2
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
 from simgrab.utilities import machine
 from simgrab.utilities.cluster import ClusterPool, open_pool
 from simgrab.utilities.processes import pickled, tick
+from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
@@ -134,7 +137,7 @@ def vet(recipe: Recipe, number: int = 0) -> Vetted:
         Of the variant: of its clip.
     """
     scenario = recipe.scenario
-    span = scenario.clip.span(number, scenario.frames) if recipe.varies else range(scenario.frames)
+    span = scenario.span(number) if recipe.varies else range(scenario.frames)
     one, k = recipe.variant(span.start), scenario.camera.intrinsics
     plan = draw_up(one.scenario, one.number)
     trajectory = Trajectory(one.scenario, recipe.extensions, plan)
@@ -152,8 +155,8 @@ def vetted(
 ) -> Vetted | None:
     """Refuse, before anything is rendered, a recipe with an impossible frame or whose camera never sees the grab.
 
-    Returns what of the one world need not be worked out again, or None where there are many: those are planned for
-    nothing else, among the workers, and ``checking`` is called with how many are done, and how many there are.
+    Where there are many worlds, workers check them, and ``checking`` is called with how many are done, and how many
+    there are. Returns what need not be worked out again.
     """
     scenario = recipe.scenario
     if not recipe.varies:
@@ -163,17 +166,28 @@ def vetted(
     clips = range(scenario.clip.count(scenario.frames))
     done = report(checking, 0, len(clips))
     with contextlib.closing(
-        map_items(recipe, None, clips, _vet, workers=workers, cluster=cluster, unit="world", progress=done)
-    ) as counts:
-        refuse_unseen(scenario.frames, sum(counts))
-    return None
+        map_items(
+            recipe, None, clips, _vet, workers=workers, cluster=cluster, unit="world", frames=no_frames, progress=done
+        )
+    ) as each:
+        seen, kept = 0, dict[int, Projection]()
+        for one in each:
+            seen += one.seen
+            kept |= itertools.islice(one.projections.items(), MOST_PROJECTIONS - len(kept))
+        refuse_unseen(scenario.frames, seen)
+    return Vetted(seen, None, kept)
 
 
-def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> int:
+def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> Vetted:
     with textures.unpainted():
-        seen = vet(generator.recipe, clip).seen
+        found = vet(generator.recipe, clip)
     tick()
-    return seen
+    return replace(found, plan=None)
+
+
+def no_frames(_item: object) -> Iterable[int]:
+    """Frames of an item of which none was projected before."""
+    return ()
 
 
 def refuse_unseen(frames: int, seen: int) -> None:
@@ -215,6 +229,7 @@ def map_items(
     *,
     workers: int,
     unit: str,
+    frames: Callable[[Item], Iterable[int]],
     progress: Callable[[int], None],
     cluster: str | None = None,
 ) -> Generator[T, None, None]:
@@ -234,6 +249,8 @@ def map_items(
         Processes. The software renderer uses every core already, so more than one gains little there.
     unit : str
         What an item is: a frame, a clip, a shard or a world.
+    frames : callable
+        Numbers of an item's frames.
     progress : callable
         Called with the frames done so far, and with all of them before the last item is yielded.
     cluster : str, optional
@@ -245,9 +262,16 @@ def map_items(
         If processes die of an item again and again. What work raises is raised as it is.
     """
     if workers > 1 or cluster is not None:
-        setup = functools.partial(_open, recipe)
-        with open_pool(workers, cluster, setup=setup, memory_bytes=memory_bytes(recipe), silent_s=SILENT_S) as pool:
-            done = pool.map(functools.partial(_serve, work), items, name=lambda item: f"{unit} {item}", ticked=progress)
+        threads = max(1, machine.cores() // workers) if cluster is None else None
+        with open_pool(
+            workers, cluster, setup=functools.partial(_open, recipe, threads), memory_bytes=memory_bytes(recipe),
+            environment=gl.threads(threads), silent_s=SILENT_S,
+        ) as pool:  # fmt: skip
+            found = known.projections if known else {}
+            orders = ((item, {n: found[n] for n in frames(item) if n in found}) for item in items)
+            done = pool.map(
+                functools.partial(_serve, work), orders, name=lambda order: f"{unit} {order[0]}", ticked=progress
+            )
             with contextlib.closing(done):
                 yield from done
         return
@@ -261,14 +285,17 @@ def map_items(
 _generator: FrameGenerator | None = None
 
 
-def _open(recipe: Recipe) -> None:
-    """Open the generator of a process that serves a recipe."""
+def _open(recipe: Recipe, threads: int | None) -> None:
+    """Open the generator of a process that serves a recipe, with so many threads to compute and to draw in."""
     global _generator
+    if threads is not None:
+        cv2.setNumThreads(threads)
     if _generator is not None:  # of a cluster's process, which serves one recipe after another
         _generator.close()
     _generator = FrameGenerator(recipe)
 
 
-def _serve(work: Callable[[FrameGenerator, Item, Tick], T], item: Item) -> T:
+def _serve(work: Callable[[FrameGenerator, Item, Tick], T], order: tuple[Item, dict[int, Projection]]) -> T:
     assert _generator is not None
+    item, _generator.projections = order
     return work(_generator, item, tick)

@@ -366,8 +366,9 @@ def render(
     if missing or remaining:
         report = pool.report(progress, scenario.frames - made, scenario.frames)
         rendering = pool.map_items(
-            recipe, known, missing, output.make, workers=workers, cluster=cluster, unit="shard", progress=report
-        )
+            recipe, known, missing, output.make, workers=workers, cluster=cluster, unit="shard", frames=output.span,
+            progress=report,
+        )  # fmt: skip
         with contextlib.closing(rendering):
             for one in rendering:
                 rendered_by = pool.same_renderer(one.rendered_by, rendered_by, url)

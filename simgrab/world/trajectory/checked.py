@@ -27,7 +27,7 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
         raise ValueError("time and jib must be given together")
     clip, rate = scenario.clip.of(frame), scenario.clip.frame_rate_hz
     if moment.time is not None:
-        due = (frame - scenario.clip.span(clip, scenario.frames).start) / rate
+        due = (frame - scenario.span(clip).start) / rate
         _within("time", moment.time, due - 0.499 / rate, due + 0.499 / rate)
     design = design_of(scenario.grab)
     now = _instant(moment, design)

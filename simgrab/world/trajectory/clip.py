@@ -45,7 +45,7 @@ class ClipMotion:
         self._interval = period / self._per_frame
         self._steps = math.ceil(self._interval / MOST_STEP_S)
         self._settle = math.ceil(self._swing.settle_s / period)  # frames before the first
-        self._first = scenario.clip.span(clip, scenario.frames).start  # frame
+        self._first = scenario.span(clip).start  # frame
         self._layout = scenario.display_layout
 
     def __iter__(self) -> Iterator[Moment]:

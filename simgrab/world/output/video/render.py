@@ -122,13 +122,15 @@ def render_clips(
     clips = videos.unfinished(resume=resume)
     if clips or videos.partial.exists():
         known = pool.vetted(recipe, workers, checking)
-        ahead = scenario.frames - sum(len(scenario.clip.span(clip, scenario.frames)) for clip in clips)
+        ahead = scenario.frames - sum(len(scenario.span(clip)) for clip in clips)
         report = pool.report(progress, ahead, scenario.frames)
         work = ClipWork(videos, None)
         with (
             videos.claim(),
             closing(
-                pool.map_items(recipe, known, clips, work, workers=workers, unit="clip", progress=report)
+                pool.map_items(
+                    recipe, known, clips, work, workers=workers, unit="clip", frames=scenario.span, progress=report
+                )
             ) as summary,
         ):
             for _ in summary:
@@ -152,7 +154,7 @@ class ClipWork:
 
     def __call__(self, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
         """Make the clip's frames, each once."""
-        span = generator.scenario.clip.span(clip, generator.scenario.frames)
+        span = generator.scenario.span(clip)
         rendered_by = generator.scene(span.start).renderer.fingerprint
         if not self.videos.is_finished(clip):
             self._refuse_other_renderers(rendered_by)
