@@ -10,7 +10,7 @@ import pytest
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
 
-# What a reader sees: each figure with its size, and whether the page fits the window.
+# What a reader sees: each figure with its size, whether the page fits a window and a phone, what screen readers lack.
 _PROBE = """<script>addEventListener("load", () => {
   %s
   const figures = [...document.querySelectorAll("figure svg, figure img")].map((e) => {
@@ -18,7 +18,17 @@ _PROBE = """<script>addEventListener("load", () => {
     return { kind: e.tagName.toLowerCase(), whole: e.tagName !== "IMG" || e.naturalWidth > 0,
       size: [box.width, box.height], texts: e.querySelectorAll("text, g[id*=text]").length };
   });
-  document.title = JSON.stringify({ figures, wide: document.documentElement.scrollWidth > innerWidth,
+  // As on a phone: what is wider than the window scrolls by itself.
+  document.body.style.width = "340px";
+  const right = document.body.getBoundingClientRect().right + 1;
+  const phone = [...document.querySelectorAll("main *")]
+    .filter((e) => !e.closest(".wide, script") && e.getBoundingClientRect().right > right)
+    .map((e) => e.outerHTML.slice(0, 80));
+  document.body.style.width = "";
+  const unnamed = [...document.querySelectorAll("svg:not([role=img][aria-label]), img:not([alt]), th:not([scope])")]
+    .map((e) => e.outerHTML.slice(0, 80));
+  document.title = JSON.stringify({ figures, phone, unnamed,
+    wide: document.documentElement.scrollWidth > innerWidth,
     extra: typeof extra === "undefined" ? null : extra });
 });</script>"""
 
@@ -45,4 +55,6 @@ def shown(text, folder, script=""):
         assert figure["size"][1] > 80
         assert figure["kind"] == "img" or figure["texts"] > 4
     assert not told["wide"]
+    assert told["phone"] == []
+    assert told["unnamed"] == []
     return told

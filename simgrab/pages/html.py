@@ -12,19 +12,19 @@ import re
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from simgrab.pages.plots import Figure, rc_context
 from simgrab.text import printable
 
 
-def svg(figure: Figure, name: str) -> Markup:
-    """Write a figure as SVG; its ids begin with ``name``, as figures share a page."""
+def svg(figure: Figure, name: str, label: str) -> Markup:
+    """Write a figure as SVG that screen readers call by a label; its ids begin with ``name``: figures share a page."""
     buffer = io.StringIO()
     with rc_context({"svg.hashsalt": name}):  # else its ids are other ones in every process
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
-    text = text[text.index("<svg") :]
+    text = f'<svg role="img" aria-label="{escape(printable(label))}"' + text[text.index("<svg") + len("<svg") :]
     text = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', text)
     return Markup(re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", text))
 

@@ -436,12 +436,12 @@ def test_the_report_opens_in_a_browser_and_takes_the_operators_word(alarmed, tmp
     text = page(alarmed, {alarmed.events[0].peak: jpeg.tobytes(), int(np.nanargmax(alarmed.alpha)): jpeg.tobytes()})
     told = shown(text, tmp_path, """
       document.querySelector("input[value=true]").click();
-      const extra = { told: document.getElementById("told").textContent, first: events[0].confirmed };
+      const extra = { count: document.getElementById("count").textContent, first: events[0].confirmed };
     """)  # fmt: skip
     assert sorted(figure["kind"] for figure in told["figures"]) == ["img"] * 2 + ["svg"] * 4
     assert told["extra"]["first"] == "true"
     n = len(alarmed.events)
-    assert told["extra"]["told"] == ("all confirmed" if n == 1 else f"{n - 1} of {n} not yet confirmed")
+    assert told["extra"]["count"] == ("all confirmed" if n == 1 else f"{n - 1} of {n} not yet confirmed")
 
 
 @needs_chromium

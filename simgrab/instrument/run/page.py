@@ -24,7 +24,7 @@ def page(run: Run, stills: Mapping[int, bytes]) -> str:
         stills=stills,
         most_stills=MOST_STILLS,
         figures=figures,
-        held=held(run),
+        facts=held(run),
         alarms=alarms(run.events),
         largest=int(np.nanargmax(run.alpha)) if np.isfinite(run.alpha).any() else None,
         head=HEAD,

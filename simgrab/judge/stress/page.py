@@ -83,12 +83,12 @@ def _section(finding: Finding) -> dict[str, Any]:
         lead += "; " + ", ".join(f"{k}: {v} replications" for k, v in study.fewer.items())
     if study.kind == "convergence":
         figure = convergence_figures.draw(summary)
-        drawn = [("", svg(figure, study.name), convergence_figures.sentences(summary))]
+        drawn = [("", svg(figure, study.name, study.title), convergence_figures.sentences(summary))]
     else:
         drawn = [
             (
                 title,
-                svg(figures.draw(summary, points), f"{study.name}-{i}"),
+                svg(figures.draw(summary, points), f"{study.name}-{i}", title or study.title),
                 [sentence(summary, points) for sentence in figures.SENTENCES],
             )
             for i, (title, points) in enumerate(figures.slices(summary))
