@@ -119,6 +119,10 @@ class StressError(InvalidError):
     """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""
 
 
+class BenchError(InvalidError):
+    """A season, an entry or a score file of SwingBench that cannot be read, or does not keep to the format."""
+
+
 class ExtensionError(SimgrabError):
     """A user's own randomiser, trajectory or effect that is not found, raises, or returns what no frame can be."""
 

@@ -1,0 +1,110 @@
+"""`simgrab bench`: methods on the same clips, by the same scorer."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from simgrab import scenes
+from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER, NEW_FOLDER, PATH
+from simgrab.text import printable
+
+TRACKS = click.Choice(["picture", "picture+rope"])
+quiet_option = click.option("--quiet", is_flag=True, help="Print errors only.")
+
+
+@click.group(name="bench")
+def command() -> None:
+    """Compare methods on SwingBench: the same clips, and a scorer with a version."""
+
+
+@command.command()
+@click.option("--out", type=FOLDER, required=True, help="Folder of the season: clips, and the truth apart from them.")
+@click.option("--season", "name", default="open", show_default=True, help="Its name.")
+@click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True, help="Secret in a hidden season.")
+@click.option("--salt", default="", help="Text that hides the seed behind the commitment.")
+@click.option("--full", is_flag=True, help="All 144 clips in place of the nightly 12.")
+@click.option("--frames", type=click.IntRange(2, 100_000), default=540, show_default=True, help="Frames of each clip.")
+@click.option("--size", callback=lambda _c, _o, text: scenes.parse_size(text), default="960x540", show_default=True)
+@click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: one a core]")
+@quiet_option
+def prepare(
+    out: Path, name: str, seed: int, salt: str, full: bool, frames: int, size: tuple[int, int], workers: int | None,
+    quiet: bool,
+) -> None:  # fmt: skip
+    """Render a season. Interrupted, the same command continues it."""
+    from simgrab.cli._progress import bar
+    from simgrab.judge.bench.files import prepare
+    from simgrab.judge.bench.season import Season
+    from simgrab.utilities import machine
+
+    season = Season(name, "full" if full else "nightly", frames, *size, seed, salt)
+    with bar("rendering", shown=not quiet, unit="clips") as progress:
+        prepare(season, out, workers=workers or machine.cores(), progress=progress)
+    if not quiet:
+        click.echo(printable(f"commitment to seed and salt: {season.commitment}"))
+
+
+@command.command()
+@click.argument("season", type=PATH)
+@click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the entry.")
+@click.option("--instrument", default="bundled", show_default=True, help="Or a pipeline, as package.module:factory.")
+@click.option("--method", default="", help="Name in the table.  [default: the instrument's]")
+@click.option("--track", type=TRACKS, default="picture+rope", show_default=True, help="What it looks at.")
+@quiet_option
+def run(season: Path, out: Path, instrument: str, method: str, track: str, quiet: bool) -> None:
+    """Let an instrument measure the clips of SEASON, and write its entry. It never reads the truth."""
+    from simgrab.cli._progress import bar
+    from simgrab.instrument.run.subject import open_instrument
+    from simgrab.judge.bench.entry import run
+
+    sys.path.insert(0, str(Path.cwd()))  # a pipeline lies where one works
+    with bar("measuring", shown=not quiet, unit="clips") as progress:
+        run(season, out, open_instrument(instrument), track, method=method, progress=progress)
+
+
+@command.command()
+@click.argument("season", type=PATH)
+@click.argument("entry", type=PATH)
+def check(season: Path, entry: Path) -> None:
+    """Check the format of an ENTRY for SEASON. Exit status: 0 right, 1 wrong, with a line for each problem."""
+    from simgrab.judge.bench.entry import problems
+    from simgrab.judge.bench.files import season_of, targets
+
+    found = problems(entry, season_of(season).name, targets(season))
+    for problem in found:
+        click.echo(printable(problem))
+    if not found:
+        click.echo("the format is right")
+    sys.exit(1 if found else 0)
+
+
+@command.command()
+@click.argument("season", type=PATH)
+@click.argument("entries", nargs=-1, type=PATH)
+@click.option("--out", type=FILE, help="CSV file for the scores.")
+@click.option("--page", type=FILE, help="HTML page for them.")
+@quiet_option
+def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path | None, quiet: bool) -> None:
+    """Score ENTRIES for SEASON. Three more are made from the truth and test the scorer."""
+    from rich.console import Console
+
+    from simgrab.judge.bench import board
+    from simgrab.judge.bench.entry import read
+    from simgrab.judge.bench.files import season_of, targets
+    from simgrab.judge.bench.score import score
+    from simgrab.pages.terminal import table
+
+    found, known = season_of(season), targets(season)
+    scores = score([read(entry, found.name, known) for entry in entries], known)
+    board.save(scores, found, csv_file=out, page=page)
+    if not quiet:
+        console = Console()
+        columns = range(len(board.HEAD))
+        made = table(board.rows(scores), board.HEAD)
+        for i in columns[3:]:
+            made.columns[i].justify = "right"
+        console.print(made)
+        console.print(board.NOTE, highlight=False)

@@ -1,0 +1,278 @@
+"""What a method enters: one CSV file for each clip, and what it says of itself.
+
+``entry.json`` has ``method``, ``track`` and ``season``. ``CLIP.csv`` has the columns of `COLUMNS` and a row for each
+frame of the clip, in order. Nothing else lies in the folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, get_args
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab import calibration
+from simgrab.errors import BenchError
+from simgrab.geometry import Array
+from simgrab.instrument.alarm import probability
+from simgrab.instrument.contract import Instrument, Measurement, Status
+from simgrab.instrument.run.run import measure
+from simgrab.instrument.source import open_source
+from simgrab.judge.bench.files import CLIPS, Target, clips_of
+from simgrab.utilities.destination import check_new_folder, writing
+from simgrab.utilities.files import write
+from simgrab.utilities.parse import read_json, read_text
+from simgrab.utilities.strict import Checked, convert
+
+Meta = msgspec.Meta
+TRACKS = ("picture", "picture+rope")
+COLUMNS = ("clip", "frame", "status", "alpha_deg", "low_deg", "high_deg", "time_s")
+ABOUT = "entry.json"
+MOST_BYTES = 64_000_000
+MOST_PROBLEMS = 20  # that are listed of one entry
+
+
+class About(Checked, frozen=True):
+    """What a method says of itself.
+
+    Attributes
+    ----------
+    method : str
+    track : str
+        What it looked at: "picture" (the picture without the display), "picture+rope" (the rope length on the display
+        too).
+    season : str
+        Name of the season.
+    description : str
+    """
+
+    error = BenchError
+
+    method: Annotated[str, Meta(min_length=1, max_length=100)]
+    track: str
+    season: str
+    description: Annotated[str, Meta(max_length=1000)] = ""
+
+    def check(self) -> None:  # noqa: D102
+        if self.track not in TRACKS:
+            raise ValueError(f"track: must be one of {', '.join(TRACKS)}, got {self.track!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """A method's answers for the n frames of a clip.
+
+    Attributes
+    ----------
+    status : tuple of n str
+    alpha, low, high : ndarray, shape (n,)
+        Angle and ends of its 95 % interval, rad; NaN where there is none.
+    seconds : ndarray, shape (n,)
+        Computing time of each frame, s.
+    """
+
+    status: tuple[str, ...]
+    alpha: Array
+    low: Array
+    high: Array
+    seconds: Array
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Frames with an angle, shape (n,)."""
+        return np.isfinite(self.alpha)
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """Status, angle and probability of danger (`simgrab.instrument.alarm.probability`) of each frame."""
+        chance = probability(self.alpha, self.low, self.high)
+        return tuple(
+            Measurement(status="ok", alpha=alpha, danger=danger)
+            if status == "ok"
+            else Measurement(status=status, reason="-")  # type: ignore[arg-type]  # checked when it was read
+            for status, alpha, danger in zip(self.status, self.alpha.tolist(), chance.tolist(), strict=True)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A method's answers for all clips, by name."""
+
+    about: About
+    clips: dict[str, Answers]
+
+
+def run(
+    folder: Path, out: Path, instrument: Instrument, track: str, *, method: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> None:  # fmt: skip
+    """Let an instrument measure a season's clips, and write an entry. It is given videos and camera files alone.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a prepared season, of which ``clips`` is read.
+    out : Path
+        New folder.
+    instrument : Instrument
+    track : str
+        One of `TRACKS`.
+    method : str
+        Name in the table; the instrument's unless given.
+    progress : callable, optional
+        Called with (clips done, clips in all).
+
+    Raises
+    ------
+    BenchError, SourceError, InstrumentError
+    """
+    check_new_folder(out, BenchError)
+    about = About(method or instrument.name, track, str(read_json(folder / CLIPS / "season.json", BenchError)["name"]))
+    names, files = clips_of(folder), dict[str, str]()
+    for count, name in enumerate(names, 1):
+        video = folder / CLIPS / f"{name}.mp4"
+        begun = time.perf_counter()
+        found = measure(
+            open_source(video), calibration.load(video.with_suffix(".camera.toml")), instrument, source=name
+        )
+        each = (time.perf_counter() - begun) / len(found.measurements)
+        files[f"{name}.csv"] = written(name, found.measurements, each)
+        if progress:
+            progress(count, len(names))
+    with writing(out, BenchError):
+        out.mkdir(parents=True)
+        for file, text in files.items():
+            write(out / file, text.encode())
+        write(out / ABOUT, json.dumps(msgspec.to_builtins(about), indent=1).encode() + b"\n")
+
+
+def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> str:
+    """Write a clip's CSV file; angles to a millionth of a degree."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for frame, m in enumerate(measurements):
+        angles = ("" if a is None else f"{math.degrees(a):.6f}" for a in (m.alpha, m.alpha_low, m.alpha_high))
+        table.writerow([clip, frame, m.status, *angles, f"{seconds:.6f}"])
+    return text.getvalue()
+
+
+def read(folder: Path, season: str, targets: Sequence[Target]) -> Entry:
+    """Read an entry, and check its format.
+
+    Raises
+    ------
+    BenchError
+        In one line the first of its problems, and how many there are; see `problems`.
+    """
+    entry, found = _read(folder, season, targets)
+    if found:
+        more = f" (and {len(found) - 1} more; see simgrab bench check)" if len(found) > 1 else ""
+        raise BenchError(f"{found[0]}{more}")
+    assert entry is not None
+    return entry
+
+
+def problems(folder: Path, season: str, targets: Sequence[Target]) -> list[str]:
+    """List what is wrong with an entry's format: file, line and what is right; empty where nothing is."""
+    return _read(folder, season, targets)[1]
+
+
+def _read(folder: Path, season: str, targets: Sequence[Target]) -> tuple[Entry | None, list[str]]:
+    found, clips, about = list[str](), dict[str, Answers](), None
+    try:
+        about = convert(read_json(folder / ABOUT, BenchError), About, BenchError, folder / ABOUT)
+        if about.season != season:
+            found.append(f"{folder / ABOUT}: season {about.season!r}; these clips are of season {season!r}")
+    except BenchError as problem:
+        found.append(str(problem))
+    wanted = {f"{target.clip}.csv": target for target in targets}
+    strange = sorted(path.name for path in folder.glob("*") if path.name not in {*wanted, ABOUT})
+    found += [f"{folder / name}: not a file of this season" for name in strange]
+    for file, target in wanted.items():
+        try:
+            clips[target.clip] = _answers(folder / file, target)
+        except BenchError as problem:
+            found.append(str(problem))
+        if len(found) > MOST_PROBLEMS:
+            break
+    return (None if found or about is None else Entry(about, clips)), found
+
+
+def _answers(path: Path, target: Target) -> Answers:
+    """Read one clip's answers.
+
+    Raises
+    ------
+    BenchError
+        At the first line that does not keep to the format.
+    """
+    text = read_text(path, BenchError, most_bytes=MOST_BYTES)
+    lines = csv.reader(io.StringIO(text), strict=True)
+    rows = list[tuple[str, float, float, float, float]]()
+    number = 0
+    try:
+        for number, line in enumerate(lines, 1):
+            if number == 1:
+                if tuple(line) != COLUMNS:
+                    raise ValueError(f"the header must be {','.join(COLUMNS)}")
+            else:
+                rows.append(_row(line, target.clip, number - 2, len(target.times)))
+    except (ValueError, csv.Error) as problem:
+        raise BenchError(f"{path}, line {number or 1}: {problem}") from None
+    if len(rows) != len(target.times):
+        raise BenchError(f"{path}: {len(rows)} frames; the clip has {len(target.times)}, and each needs a row")
+    status, *numbers = zip(*rows, strict=True)
+    alpha, low, high, seconds = (np.array(column, float) for column in numbers)
+    return Answers(status, np.deg2rad(alpha), np.deg2rad(low), np.deg2rad(high), seconds)
+
+
+def _row(line: list[str], clip: str, frame: int, count: int) -> tuple[str, float, float, float, float]:
+    if len(line) != len(COLUMNS):
+        raise ValueError(f"{len(line)} columns; {len(COLUMNS)} are required")
+    if line[0] != clip:
+        raise ValueError(f"clip {line[0]!r} in the file of {clip!r}")
+    if frame >= count:
+        raise ValueError(f"the clip has only {count} frames")
+    if line[1] != str(frame):
+        raise ValueError(f"frame {line[1]!r}; {frame} is due: every frame once, in order")
+    status = line[2]
+    if status not in get_args(Status):
+        raise ValueError(f"status {status!r}; it must be one of {', '.join(get_args(Status))}")
+    alpha, low, high = (_number(text, name) for text, name in zip(line[3:6], COLUMNS[3:6], strict=True))
+    seconds = _number(line[6], COLUMNS[6])
+    if (status == "ok") == math.isnan(alpha):
+        raise ValueError("alpha_deg is required with status ok, and empty otherwise")
+    if status != "ok" and not (math.isnan(low) and math.isnan(high)):
+        raise ValueError("an interval is only allowed with status ok")
+    if math.isnan(low) != math.isnan(high):
+        raise ValueError("low_deg and high_deg must both be given or both be empty")
+    if not math.isnan(alpha) and not 0 <= alpha <= 90:
+        raise ValueError(f"alpha_deg must lie between 0 and 90, got {alpha:g}")
+    if low > high:
+        raise ValueError(f"low_deg, {low:g}, is above high_deg, {high:g}")
+    if math.isnan(seconds) or seconds < 0:
+        raise ValueError("time_s must be 0 or more")
+    return status, alpha, low, high, seconds
+
+
+def _number(text: str, name: str) -> float:
+    """Read a number; NaN where the cell is empty."""
+    if not text:
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{name} must be a number or empty, got {text!r:.40}") from None
+    if not math.isfinite(value):
+        raise ValueError(f"{name} must be finite, got {text!r:.40}")
+    return value
