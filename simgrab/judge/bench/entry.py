@@ -219,16 +219,13 @@ def _answers(path: Path, target: Target) -> Answers:
     text = read_text(path, BenchError, most_bytes=MOST_BYTES)
     lines = csv.reader(io.StringIO(text), strict=True)
     rows = list[tuple[str, float, float, float, float]]()
-    number = 0
     try:
-        for number, line in enumerate(lines, 1):
-            if number == 1:
-                if tuple(line) != COLUMNS:
-                    raise ValueError(f"the header must be {','.join(COLUMNS)}")
-            else:
-                rows.append(_row(line, target.clip, number - 2, len(target.times)))
+        if tuple(next(lines, ())) != COLUMNS:
+            raise ValueError(f"the header must be {','.join(COLUMNS)}")
+        for frame, line in enumerate(lines):
+            rows.append(_row(line, target.clip, frame, len(target.times)))
     except (ValueError, csv.Error) as problem:
-        raise BenchError(f"{path}, line {number or 1}: {problem}") from None
+        raise BenchError(f"{path}, line {max(lines.line_num, 1)}: {problem}") from None
     if len(rows) != len(target.times):
         raise BenchError(f"{path}: {len(rows)} frames; the clip has {len(target.times)}, and each needs a row")
     status, *numbers = zip(*rows, strict=True)
