@@ -119,6 +119,14 @@ def test_entries_that_differ_surely_have_other_ranks_and_those_that_do_not_share
     assert ranks == {"better": 1, "twin": 1, "worse": 3}
 
 
+def test_an_entry_that_is_better_in_some_clips_alone_shares_the_rank():
+    even = off_by(0.6, name="even")
+    mixed = Entry(About("mixed", "picture", "open"), off_by(0.05).clips | {"c": off_by(2.5).clips["c"]})
+    found = [s for s in score([even, mixed], TARGETS) if not s.sanity]
+    assert [s.about.method for s in found] == ["mixed", "even"]
+    assert [s.rank for s in found] == [1, 1]
+
+
 def test_scores_are_the_same_to_the_last_digit():
     entries = [off_by(0.3), off_by(0.6, name="other")]
     texts = {board.table(score(entries, TARGETS), Season()) for _ in range(2)}
