@@ -23,28 +23,29 @@ def command() -> None:
 @command.command()
 @click.option("--out", type=FOLDER, required=True, help="Folder of the season: clips, and the truth apart from them.")
 @click.option("--season", "name", default="open", show_default=True, help="Its name.")
-@click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True, help="Secret in a hidden season.")
-@click.option("--salt", default="", help="Text that hides the seed behind the commitment.")
+@click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True, help="Seed of all clips.")
+@click.option("--hidden", is_flag=True, help="Draw a secret seed and salt, to be published when the season ends.")
 @click.option("--full", is_flag=True, help="All 144 clips in place of the nightly 12.")
 @click.option("--frames", type=click.IntRange(2, 100_000), default=540, show_default=True, help="Frames of each clip.")
 @click.option("--size", callback=lambda _c, _o, text: scenes.parse_size(text), default="960x540", show_default=True)
 @click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: one a core]")
 @quiet_option
 def prepare(
-    out: Path, name: str, seed: int, salt: str, full: bool, frames: int, size: tuple[int, int], workers: int | None,
-    quiet: bool,
+    out: Path, name: str, seed: int, hidden: bool, full: bool, frames: int, size: tuple[int, int],
+    workers: int | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Render a season. Interrupted, the same command continues it."""
     from simgrab.cli._progress import bar
-    from simgrab.judge.bench.files import prepare
+    from simgrab.judge.bench.files import hidden_like, prepare
     from simgrab.judge.bench.season import Season
-    from simgrab.utilities import machine
 
-    season = Season(name, "full" if full else "nightly", frames, *size, seed, salt)
+    season = Season(name, "full" if full else "nightly", frames, *size, seed)
+    if hidden:
+        season = hidden_like(season, out)
     with bar("rendering", shown=not quiet, unit="clips") as progress:
-        prepare(season, out, workers=workers or machine.cores(), progress=progress)
+        prepare(season, out, workers=workers, progress=progress)
     if not quiet:
-        click.echo(printable(f"commitment to seed and salt: {season.commitment}"))
+        click.echo(printable(f"commitment: {season.commitment}"))
 
 
 @command.command()
@@ -69,15 +70,19 @@ def run(season: Path, out: Path, instrument: str, method: str, track: str, quiet
 @click.argument("season", type=PATH)
 @click.argument("entry", type=PATH)
 def check(season: Path, entry: Path) -> None:
-    """Check the format of an ENTRY for SEASON. Exit status: 0 right, 1 wrong, with a line for each problem."""
-    from simgrab.judge.bench.entry import problems
-    from simgrab.judge.bench.files import season_of, targets
+    """Check the format of an ENTRY for SEASON, of which it reads the clips alone.
 
-    found = problems(entry, season_of(season).name, targets(season))
+    Exit status: 0 valid, 1 invalid, with a line for each problem.
+    """
+    from simgrab.judge.bench.entry import problems
+    from simgrab.judge.bench.files import published
+
+    known = published(season)
+    found = problems(entry, known.name, known.clips)
     for problem in found:
         click.echo(printable(problem))
     if not found:
-        click.echo("the format is right")
+        click.echo("valid")
     sys.exit(1 if found else 0)
 
 
@@ -88,17 +93,17 @@ def check(season: Path, entry: Path) -> None:
 @click.option("--page", type=FILE, help="HTML page for them.")
 @quiet_option
 def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path | None, quiet: bool) -> None:
-    """Score ENTRIES for SEASON. Three more are made from the truth and test the scorer."""
+    """Score ENTRIES for SEASON. Three more are computed from the truth and test the scorer."""
     from rich.console import Console
 
     from simgrab.judge.bench import board
     from simgrab.judge.bench.entry import read
-    from simgrab.judge.bench.files import season_of, targets
+    from simgrab.judge.bench.files import published, season_of, targets
     from simgrab.judge.bench.score import score
     from simgrab.pages.terminal import table
 
-    found, known = season_of(season), targets(season)
-    scores = score([read(entry, found.name, known) for entry in entries], known)
+    found, frames = season_of(season), published(season).clips
+    scores = score([read(entry, found.name, frames) for entry in entries], targets(season))
     board.save(scores, found, csv_file=out, page=page)
     if not quiet:
         console = Console()

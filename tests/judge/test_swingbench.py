@@ -4,6 +4,7 @@ import csv
 import json
 import math
 
+import av
 import msgspec
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from simgrab.errors import BenchError
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.bench import board, entry, season
 from simgrab.judge.bench.entry import About, Answers, Entry
-from simgrab.judge.bench.files import Target, targets
+from simgrab.judge.bench.files import Target, hidden_like, published, season_of, targets
 from simgrab.judge.bench.score import THRESHOLDS_DEG, recall, sanity, score
 from simgrab.judge.bench.season import Season
 
@@ -24,7 +25,11 @@ def target(name="a", n=90, peak_deg=12.0, phase=0.0):
     return Target(name, times, np.deg2rad(np.abs(peak_deg * np.sin(2 * np.pi * times / 8 + phase))))
 
 
-TARGETS = (target("a"), target("b", 60, 5.0, 1.0), target("c", 40, 11.0, 2.0))
+TARGETS = (
+    target("a"), target("b", 60, 5.0, 1.0), target("c", 40, 11.0, 2.0),
+    *(target(name, 50, 6.0, phase) for phase, name in enumerate("defgh")),
+)  # fmt: skip
+FRAMES = {t.clip: len(t.times) for t in TARGETS}
 
 
 def off_by(error_deg, targets=TARGETS, width_deg=0.2, name="method"):
@@ -63,10 +68,11 @@ def test_every_clip_is_a_scenario_as_its_name_says():
         assert scene.display_layout is not None
 
 
-def test_the_commitment_hides_seed_and_salt_and_binds_to_both():
-    one = Season("autumn", seed=5, salt="a").commitment
-    assert len({one, Season("autumn", seed=6, salt="a").commitment, Season("autumn", seed=5, salt="b").commitment}) == 3
-    assert one == Season("autumn", "full", seed=5, salt="a").commitment
+def test_the_commitment_binds_to_everything_that_a_season_is():
+    one = Season("autumn", seed=5, salt="a")
+    changes = ({"seed": 6}, {"salt": "b"}, {"frames": 541}, {"subset": "full"}, {"width_px": 1920}, {"name": "winter"})
+    others = [msgspec.structs.replace(one, **change) for change in changes]
+    assert len({season.commitment for season in (one, *others)}) == 7
 
 
 def test_the_truth_scores_everything_and_the_others_made_from_it_what_they_must():
@@ -121,10 +127,51 @@ def test_entries_that_differ_surely_have_other_ranks_and_those_that_do_not_share
 
 def test_an_entry_that_is_better_in_some_clips_alone_shares_the_rank():
     even = off_by(0.6, name="even")
-    mixed = Entry(About("mixed", "picture", "open"), off_by(0.05).clips | {"c": off_by(2.5).clips["c"]})
+    worse = {name: off_by(2.5).clips[name] for name in "cde"}
+    mixed = Entry(About("mixed", "picture", "open"), off_by(0.05).clips | worse)
     found = [s for s in score([even, mixed], TARGETS) if not s.sanity]
     assert [s.about.method for s in found] == ["mixed", "even"]
     assert [s.rank for s in found] == [1, 1]
+
+
+def test_tracks_are_ranked_apart():
+    rope = Entry(About("rope", "picture+rope", "open"), off_by(0.05).clips)
+    found = [s for s in score([rope, off_by(1.2)], TARGETS) if not s.sanity]
+    assert [(s.about.method, s.rank) for s in found] == [("method", 1), ("rope", 1)]
+
+
+def test_ranks_follow_the_average_recall():
+    entries = [off_by(error, name=f"{error}") for error in (0.05, 0.15, 0.25, 0.4, 0.6, 0.9)]
+    found = [s for s in score(entries, TARGETS) if not s.sanity]
+    assert [s.rank for s in found] == [1, 2, 3, 4, 5, 6]
+    recalls = [s.figures["average_recall"].value for s in found]
+    assert recalls == sorted(recalls, reverse=True)
+
+
+def test_clips_without_a_grab_are_not_scored():
+    empty = Target("empty", TARGETS[0].times, np.full(90, np.nan))
+    entry = off_by(0.3, (*TARGETS, empty))
+    one, other = (score([entry], t)[0] for t in (TARGETS, (*TARGETS, empty)))
+    assert one.figures == other.figures
+    assert other.clips == len(TARGETS)
+    with pytest.raises(BenchError, match="no frame"):
+        score([entry], [empty])
+
+
+def test_alarms_that_are_due_missed_false_and_late():
+    def with_alarm(add_deg, delay=0):
+        answers = off_by(0.0, width_deg=0.0).clips
+        alpha = answers["a"].alpha + np.deg2rad(add_deg)
+        alpha = np.concatenate([np.zeros(delay), alpha[: len(alpha) - delay]])
+        changed = Answers(answers["a"].status, alpha, alpha, alpha, answers["a"].seconds)
+        return score([Entry(About("m", "picture", "open"), answers | {"a": changed})], TARGETS)[0].figures
+
+    plain, low, late = with_alarm(0.0), with_alarm(-4.0), with_alarm(0.0, delay=3)
+    assert plain["alarms_due"].value > plain["alarms_missed"].value == 0
+    assert low["alarms_missed"].value == 1
+    assert late["alarm_delay_frames"].value > plain["alarm_delay_frames"].value == 0
+    high = score([off_by(6.0)], TARGETS)[0].figures
+    assert high["alarms_false"].value > 0
 
 
 def test_scores_are_the_same_to_the_last_digit():
@@ -138,6 +185,7 @@ def test_scores_are_the_same_to_the_last_digit():
 def entered(folder):
     """Write a right entry for `TARGETS`."""
     folder.mkdir()
+    (folder / ".DS_Store").touch()
     about = About("<b>method</b>", "picture", "open")
     (folder / "entry.json").write_text(json.dumps(msgspec.to_builtins(about)))
     for t in TARGETS:
@@ -149,7 +197,7 @@ def entered(folder):
 
 
 def test_what_is_written_is_read_back(tmp_path):
-    found = entry.read(entered(tmp_path / "e"), "open", TARGETS)
+    found = entry.read(entered(tmp_path / "e"), "open", FRAMES)
     answers = found.clips["b"]
     assert answers.status[2] == "missed"
     assert math.isnan(answers.alpha[2])
@@ -200,11 +248,11 @@ def test_a_bad_file_is_refused_by_its_line(tmp_path, what):
     lines = file.read_text().splitlines()
     edit(lines)
     file.write_text("\n".join(lines) + "\n")
-    (problem,) = entry.problems(tmp_path / "e", "open", TARGETS)
+    (problem,) = entry.problems(tmp_path / "e", "open", FRAMES)
     assert "a.csv" in problem
     assert words in problem
     with pytest.raises(BenchError, match=r"a\.csv"):
-        entry.read(tmp_path / "e", "open", TARGETS)
+        entry.read(tmp_path / "e", "open", FRAMES)
 
 
 def test_all_problems_of_an_entry_are_listed(tmp_path):
@@ -213,7 +261,7 @@ def test_all_problems_of_an_entry_are_listed(tmp_path):
     (folder / "b.csv").write_bytes(b"\xff\xfe")
     (folder / "notes.txt").write_text("")
     (folder / "entry.json").write_text('{"method": "m", "track": "lidar", "season": "open"}')
-    found = entry.problems(folder, "open", TARGETS)
+    found = entry.problems(folder, "open", FRAMES)
     assert len(found) == 4
     for words in (
         "track: must be one of picture, picture+rope, got 'lidar'",
@@ -223,7 +271,7 @@ def test_all_problems_of_an_entry_are_listed(tmp_path):
     ):
         assert any(words in problem for problem in found)
     other = entered(tmp_path / "other")
-    assert "season 'open'; these clips are of season 'autumn'" in entry.problems(other, "autumn", TARGETS)[0]
+    assert "season 'open'; these clips are of season 'autumn'" in entry.problems(other, "autumn", FRAMES)[0]
 
 
 class Still:
@@ -238,6 +286,7 @@ class Still:
 @pytest.mark.slow
 def test_a_season_from_the_command_line(tmp_path, monkeypatch):
     monkeypatch.setattr(season, "nightly", lambda: season.full()[:1])
+    monkeypatch.setattr("simgrab.judge.bench.files.MOST_ATTEMPTS", 1)
     place, out = str(tmp_path / "season"), tmp_path / "entry"
     prepare = [
         "bench",
@@ -259,19 +308,30 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
         assert result.exit_code == status, result.output
         return result.output
 
-    assert Season(seed=4).commitment in call(*prepare)
+    assert Season(frames=3, width_px=480, height_px=270, seed=4).commitment in call(*prepare)
     assert "holds another season" in str(CliRunner().invoke(cli, [*prepare[:-1], "5"]).exception)
+    assert "961" in str(CliRunner().invoke(cli, ["bench", "prepare", "--out", "other", "--size", "961x540"]).exception)
     (clip,) = (t.clip for t in targets(tmp_path / "season"))
     video = tmp_path / "season" / "clips" / f"{clip}.mp4"
     before = video.stat().st_mtime_ns
     call(*prepare)  # what is finished is left as it is
     assert video.stat().st_mtime_ns == before
-    shown = "".join(path.read_text() for path in (tmp_path / "season" / "clips").glob("*.[jct]s*"))
-    assert "seed" not in shown
-    assert "beta" not in shown
+    work = tmp_path / "season" / ".work"
+    work.mkdir()  # as when it is interrupted while files move
+    (tmp_path / "season" / "truth" / f"{clip}.manifest.json").rename(work / f"{clip}.manifest.json")
+    call(*prepare)
+    assert video.stat().st_mtime_ns == before
+    public = [path for path in video.parent.iterdir() if path.suffix != ".mp4"]
+    assert {path.name for path in public} == {f"{clip}.camera.toml", "season.json", "targets.csv"}
+    for word in ("seed", "salt", "beta", "tilt", "alpha"):
+        assert word not in "".join(path.read_text() for path in public)
+    with av.open(str(video)) as film:
+        assert set(film.metadata) <= {"major_brand", "minor_version", "compatible_brands", "encoder"}
     monkeypatch.setattr("simgrab.instrument.run.subject.open_instrument", lambda _name: Still())
     call("bench", "run", place, "--out", out, "--track", "picture")
-    assert "right" in call("bench", "check", place, out)
+    (tmp_path / "season" / "truth").rename(tmp_path / "secret")  # which methods and entrants do not have
+    assert "valid" in call("bench", "check", place, out)
+    (tmp_path / "secret").rename(tmp_path / "season" / "truth")
     call("bench", "score", place, out, "--out", tmp_path / "s.csv", "--page", tmp_path / "s.html")
     rows = list(csv.DictReader((tmp_path / "s.csv").read_text().splitlines()))
     assert [(row["method"], row["answered"]) for row in rows[:2]] == [
@@ -284,4 +344,23 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
     secret = tmp_path / "season" / "truth" / "season.json"
     secret.write_text(secret.read_text().replace('"seed": 4', '"seed": 5'))
     with pytest.raises(BenchError, match="commits to"):
-        targets(tmp_path / "season")
+        season_of(tmp_path / "season")
+    secret.write_text(secret.read_text().replace('"seed": 5', '"seed": 4'))
+    season_of(tmp_path / "season")
+    public = tmp_path / "season" / "clips" / "season.json"
+    for name, words in (("../x", "clips"), ("a/b", "clips")):
+        plain = json.loads(public.read_text()) | {"clips": {name: 3}}
+        (tmp_path / "season" / "clips" / "season.json").write_text(json.dumps(plain))
+        with pytest.raises(BenchError, match=words):
+            published(tmp_path / "season")
+    public.write_text("[]")
+    with pytest.raises(BenchError, match="table"):
+        published(tmp_path / "season")
+
+
+def test_a_hidden_season_keeps_its_secrets_when_it_is_continued(tmp_path):
+    first = hidden_like(Season("autumn"), tmp_path)
+    assert first != hidden_like(Season("autumn"), tmp_path)
+    (tmp_path / "truth").mkdir()
+    (tmp_path / "truth" / "season.json").write_text(json.dumps(msgspec.to_builtins(first)))
+    assert hidden_like(Season("autumn"), tmp_path) == first

@@ -14,34 +14,35 @@ from simgrab.utilities.destination import writing
 from simgrab.utilities.files import write
 
 HEAD = (
-    "rank", "method", "track", "average recall (%)", "answered (%)", "RMSE (°)", "95 % (°)", "at 10° (°)",
-    "coverage (%)", "alarms missed", "false", "delay (frames)", "ms a frame",
+    "method", "track", "rank", "average recall (%)", "answered (%)", "RMSE (°)", "95 % (°)", "at 10° (°)",
+    "coverage (%)", "width (°)", "alarms missed", "false", "delay (frames)", "ms a frame",
 )  # fmt: skip
 _FIGURES = {
     "average_recall": (100, 1), "answered": (100, 1), "rmse_deg": (1, 3), "p95_deg": (1, 3), "at_10_deg": (1, 3),
-    "coverage": (100, 1), "alarms_missed": (1, 0), "alarms_false": (1, 0), "alarm_delay_frames": (1, 1),
-    "ms_per_frame": (1, 1),
+    "coverage": (100, 1), "width_deg": (1, 3), "alarms_due": (1, 0), "alarms_missed": (1, 0), "alarms_false": (1, 0),
+    "alarm_delay_frames": (1, 1), "ms_per_frame": (1, 1),
 }  # fmt: skip
 NOTE = (
     "Average recall: the mean over errors of "
     + ", ".join(f"{t:g}" for t in THRESHOLDS_DEG)
     + "° of the share of frames that lie within; a frame without an angle lies within none. In brackets: 95 % "
-    "intervals over clips. Entries whose average recall does not surely differ share a rank. The tilt is never aligned "
-    "out."
+    "intervals over clips. Entries of a track share a rank unless their average recall differs significantly. The "
+    "tilt is never aligned out."
 )
 
 
 def rows(scores: Sequence[Score]) -> list[tuple[str, ...]]:
     """Rows of text under `HEAD`, the entries first and then those that test the scorer."""
-    return [
-        (
-            "" if one.sanity else str(one.rank),
-            f"({one.about.method})" if one.sanity else one.about.method,
-            "" if one.sanity else one.about.track,
-            *(_text(one.figures[name], *how) for name, how in _FIGURES.items()),
-        )
-        for one in scores
-    ]
+    return [_row(one) for one in scores]
+
+
+def _row(one: Score) -> tuple[str, ...]:
+    text = {name: _text(one.figures[name], *how) for name, how in _FIGURES.items()}
+    missed = f"{text.pop('alarms_missed')} of {text.pop('alarms_due')}"
+    cells = list(text.values())
+    cells.insert(list(text).index("alarms_false"), missed)
+    own = (f"({one.about.method})", "", "") if one.sanity else (one.about.method, one.about.track, str(one.rank))
+    return (*own, *cells)
 
 
 def _text(figure: Figure, times: float, digits: int) -> str:

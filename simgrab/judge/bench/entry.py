@@ -11,7 +11,7 @@ import io
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, get_args
@@ -27,9 +27,9 @@ from simgrab.instrument.alarm import probability
 from simgrab.instrument.contract import Instrument, Measurement, Status
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import open_source
-from simgrab.judge.bench.files import CLIPS, Target, clips_of
+from simgrab.judge.bench.files import CLIPS, published
 from simgrab.utilities.destination import check_new_folder, writing
-from simgrab.utilities.files import write
+from simgrab.utilities.files import drafted_folder, write
 from simgrab.utilities.parse import read_json, read_text
 from simgrab.utilities.strict import Checked, convert
 
@@ -136,9 +136,10 @@ def run(
     BenchError, SourceError, InstrumentError
     """
     check_new_folder(out, BenchError)
-    about = About(method or instrument.name, track, str(read_json(folder / CLIPS / "season.json", BenchError)["name"]))
-    names, files = clips_of(folder), dict[str, str]()
-    for count, name in enumerate(names, 1):
+    season = published(folder)
+    about = About(method or instrument.name, track, season.name)
+    files = dict[str, str]()
+    for count, name in enumerate(season.clips, 1):
         video = folder / CLIPS / f"{name}.mp4"
         begun = time.perf_counter()
         found = measure(
@@ -147,34 +148,44 @@ def run(
         each = (time.perf_counter() - begun) / len(found.measurements)
         files[f"{name}.csv"] = written(name, found.measurements, each)
         if progress:
-            progress(count, len(names))
+            progress(count, len(season.clips))
     with writing(out, BenchError):
-        out.mkdir(parents=True)
+        out.parent.mkdir(parents=True, exist_ok=True)
+    with writing(out, BenchError), drafted_folder(out) as draft:
         for file, text in files.items():
-            write(out / file, text.encode())
-        write(out / ABOUT, json.dumps(msgspec.to_builtins(about), indent=1).encode() + b"\n")
+            write(draft / file, text.encode())
+        write(draft / ABOUT, json.dumps(msgspec.to_builtins(about), indent=1).encode() + b"\n")
 
 
 def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> str:
-    """Write a clip's CSV file; angles to a millionth of a degree."""
+    """Write a clip's CSV file; angles to a millionth of a degree, an interval with one end alone left out."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for frame, m in enumerate(measurements):
-        angles = ("" if a is None else f"{math.degrees(a):.6f}" for a in (m.alpha, m.alpha_low, m.alpha_high))
+        ends = (None, None) if None in (m.alpha_low, m.alpha_high) else (m.alpha_low, m.alpha_high)
+        angles = ("" if a is None else f"{math.degrees(a):.6f}" for a in (m.alpha, *ends))
         table.writerow([clip, frame, m.status, *angles, f"{seconds:.6f}"])
     return text.getvalue()
 
 
-def read(folder: Path, season: str, targets: Sequence[Target]) -> Entry:
+def read(folder: Path, season: str, frames: Mapping[str, int]) -> Entry:
     """Read an entry, and check its format.
+
+    Parameters
+    ----------
+    folder : Path
+    season : str
+        Name of the season.
+    frames : mapping of str to int
+        Number of frames of each clip.
 
     Raises
     ------
     BenchError
         In one line the first of its problems, and how many there are; see `problems`.
     """
-    entry, found = _read(folder, season, targets)
+    entry, found = _read(folder, season, frames)
     if found:
         more = f" (and {len(found) - 1} more; see simgrab bench check)" if len(found) > 1 else ""
         raise BenchError(f"{found[0]}{more}")
@@ -182,12 +193,12 @@ def read(folder: Path, season: str, targets: Sequence[Target]) -> Entry:
     return entry
 
 
-def problems(folder: Path, season: str, targets: Sequence[Target]) -> list[str]:
-    """List what is wrong with an entry's format: file, line and what is right; empty where nothing is."""
-    return _read(folder, season, targets)[1]
+def problems(folder: Path, season: str, frames: Mapping[str, int]) -> list[str]:
+    """List what is wrong with an entry's format: file, line and what is right; parameters as those of `read`."""
+    return _read(folder, season, frames)[1]
 
 
-def _read(folder: Path, season: str, targets: Sequence[Target]) -> tuple[Entry | None, list[str]]:
+def _read(folder: Path, season: str, frames: Mapping[str, int]) -> tuple[Entry | None, list[str]]:
     found, clips, about = list[str](), dict[str, Answers](), None
     try:
         about = convert(read_json(folder / ABOUT, BenchError), About, BenchError, folder / ABOUT)
@@ -195,12 +206,12 @@ def _read(folder: Path, season: str, targets: Sequence[Target]) -> tuple[Entry |
             found.append(f"{folder / ABOUT}: season {about.season!r}; these clips are of season {season!r}")
     except BenchError as problem:
         found.append(str(problem))
-    wanted = {f"{target.clip}.csv": target for target in targets}
-    strange = sorted(path.name for path in folder.glob("*") if path.name not in {*wanted, ABOUT})
-    found += [f"{folder / name}: not a file of this season" for name in strange]
-    for file, target in wanted.items():
+    wanted = {ABOUT, *(f"{clip}.csv" for clip in frames)}
+    strange = sorted(path.name for path in folder.glob("[!.]*") if path.name not in wanted)
+    found += [f"{folder / name}: not a file of this season" for name in strange[:MOST_PROBLEMS]]
+    for clip, count in frames.items():
         try:
-            clips[target.clip] = _answers(folder / file, target)
+            clips[clip] = _answers(folder / f"{clip}.csv", clip, count)
         except BenchError as problem:
             found.append(str(problem))
         if len(found) > MOST_PROBLEMS:
@@ -208,7 +219,7 @@ def _read(folder: Path, season: str, targets: Sequence[Target]) -> tuple[Entry |
     return (None if found or about is None else Entry(about, clips)), found
 
 
-def _answers(path: Path, target: Target) -> Answers:
+def _answers(path: Path, clip: str, count: int) -> Answers:
     """Read one clip's answers.
 
     Raises
@@ -223,11 +234,11 @@ def _answers(path: Path, target: Target) -> Answers:
         if tuple(next(lines, ())) != COLUMNS:
             raise ValueError(f"the header must be {','.join(COLUMNS)}")
         for frame, line in enumerate(lines):
-            rows.append(_row(line, target.clip, frame, len(target.times)))
+            rows.append(_row(line, clip, frame, count))
     except (ValueError, csv.Error) as problem:
         raise BenchError(f"{path}, line {max(lines.line_num, 1)}: {problem}") from None
-    if len(rows) != len(target.times):
-        raise BenchError(f"{path}: {len(rows)} frames; the clip has {len(target.times)}, and each needs a row")
+    if len(rows) != count:
+        raise BenchError(f"{path}: {len(rows)} frames; the clip has {count}, and each needs a row")
     status, *numbers = zip(*rows, strict=True)
     alpha, low, high, seconds = (np.array(column, float) for column in numbers)
     return Answers(status, np.deg2rad(alpha), np.deg2rad(low), np.deg2rad(high), seconds)

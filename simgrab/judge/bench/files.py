@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import csv
 import functools
+import hashlib
 import io
 import json
+import secrets
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +26,26 @@ from numpy.typing import NDArray
 from simgrab.errors import BenchError
 from simgrab.geometry import Array
 from simgrab.judge.bench.season import VERSION, Clip, Season
-from simgrab.utilities import parquet
+from simgrab.judge.evaluate.swings import HARDLY, SURELY
+from simgrab.scenario import Scenario
+from simgrab.utilities import machine, parquet
 from simgrab.utilities.destination import locked_folder, writing
 from simgrab.utilities.files import write
-from simgrab.utilities.parse import cannot, read_json
+from simgrab.utilities.parse import cannot, read_bytes, read_json
 from simgrab.utilities.processes import Pool
-from simgrab.utilities.strict import convert
+from simgrab.utilities.strict import Checked, convert
+from simgrab.world import gl
+from simgrab.world.extensions import Recipe
+from simgrab.world.output.pool import SILENT_S, memory_bytes, vet
 from simgrab.world.output.video.render import render_video
+from simgrab.world.scenery import textures
 
+Meta = msgspec.Meta
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=100)]  # of a clip, and so of its files
 CLIPS, TRUTH, SEASON, TARGETS = "clips", "truth", "season.json", "targets.csv"
+_WORK = ".work"
+MOST_ATTEMPTS = 20
+MOST_TRUTH_BYTES = 100_000_000  # of a clip
 _SIDES = (".mp4", ".camera.toml", ".parquet", ".manifest.json")  # the last one says that a clip is finished
 
 
@@ -57,8 +72,37 @@ class Target:
         return np.isfinite(self.alpha)
 
 
+class Published(Checked, frozen=True):
+    """What is public of a season: ``season.json`` beside the clips.
+
+    Attributes
+    ----------
+    name, version : str
+    commitment : str
+        SHA-256 of the season, seed and salt included.
+    truth_sha256 : str
+        Of all truth tables, one after another.
+    clips : dict of str to int
+        Number of frames of each clip.
+    """
+
+    error = BenchError
+
+    name: str
+    version: str
+    commitment: str
+    truth_sha256: str
+    clips: Annotated[
+        dict[Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=100)], int], Meta(min_length=1)
+    ]
+
+    def check(self) -> None:  # noqa: D102
+        if self.version != VERSION:
+            raise ValueError(f"version: {self.version!r}; this simgrab has version {VERSION!r} of the clips")
+
+
 def prepare(
-    season: Season, folder: Path, *, workers: int = 1, progress: Callable[[int, int], None] | None = None
+    season: Season, folder: Path, *, workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> None:
     """Render a season's clips; run again, it goes on where it was interrupted.
 
@@ -66,47 +110,77 @@ def prepare(
     ----------
     season : Season
     folder : Path
-    workers : int
-        Processes, each of which renders a clip at a time.
+    workers : int, optional
+        Processes, each of which renders a clip at a time; as many as cores and memory allow unless given.
     progress : callable, optional
         Called with (clips done, clips in all).
 
     Raises
     ------
     BenchError
-        If the folder holds another season, or cannot be written.
+        If the folder holds another season or clips of another version, or cannot be written, or if a clip cannot have
+        the swing that its name promises.
     """
-    secret = folder / TRUTH / SEASON
-    if secret.exists() and season_of(folder) != season:
-        raise BenchError(f"{folder} holds another season than {season.name}; choose another --out")
+    scenarios = [season.scenario(clip) for clip in season.clips]  # refuses a size or a length that no clip can have
     with locked_folder(folder, BenchError, who="simgrab bench"), writing(folder, BenchError):
+        secret = folder / TRUTH / SEASON
+        if secret.exists() and _season(secret) != season:
+            raise BenchError(f"{folder} holds another season; choose another --out")
         for part in (CLIPS, TRUTH):
             (folder / part).mkdir(exist_ok=True)
         write(secret, _json(msgspec.to_builtins(season)))
-        missing = [clip for clip in season.clips if not _finished(folder, clip)]
-        done = len(season.clips) - len(missing)
-        work = functools.partial(_render, season, folder)
-        if workers > 1 and len(missing) > 1:
-            with Pool(min(workers, len(missing))) as pool:
-                for count, _ in enumerate(pool.map(work, missing, name=lambda clip: f"clip {clip.name}"), done + 1):
-                    _report(progress, count, len(season.clips))
-        else:
-            for count, clip in enumerate(missing, done + 1):
-                work(clip)
-                _report(progress, count, len(season.clips))
-        shutil.rmtree(folder / ".work", ignore_errors=True)
-        write(folder / CLIPS / TARGETS, _targets(targets(folder)))
-        about = {"name": season.name, "version": VERSION, "commitment": season.commitment}
-        write(folder / CLIPS / SEASON, _json(about | {"clips": [clip.name for clip in season.clips]}))
+        missing = [clip for clip in season.clips if not _finished(season, folder, clip)]
+        most = machine.free_bytes() // memory_bytes(Recipe(scenarios[0]))
+        workers = max(1, min(workers or machine.cores(), most, len(missing)))
+        threads = max(1, machine.cores() // workers)
+        with Pool(
+            workers, setup=functools.partial(cv2.setNumThreads, threads), environment=gl.threads(threads),
+            silent_s=SILENT_S,
+        ) as pool:  # fmt: skip
+            work = functools.partial(_render, season, folder)
+            rendered = pool.map(work, missing, name=lambda clip: f"clip {clip.name}")
+            for done, _ in enumerate(rendered, len(season.clips) - len(missing) + 1):
+                if progress:
+                    progress(done, len(season.clips))
+        shutil.rmtree(folder / _WORK, ignore_errors=True)
+        found = targets(folder)
+        write(folder / CLIPS / TARGETS, _targets(found))
+        about = Published(
+            season.name, VERSION, season.commitment, _truth_sha256(season, folder),
+            {target.clip: len(target.times) for target in found},
+        )  # fmt: skip
+        write(folder / CLIPS / SEASON, _json(msgspec.to_builtins(about)))
 
 
-def _report(progress: Callable[[int, int], None] | None, done: int, total: int) -> None:
-    if progress:
-        progress(done, total)
+def hidden_like(season: Season, folder: Path) -> Season:
+    """Season with a secret seed and salt: those that a folder has already, or new ones."""
+    path = folder / TRUTH / SEASON
+    known = _season(path) if path.exists() else None
+    seed, salt = (known.seed, known.salt) if known else (secrets.randbelow(2**53), secrets.token_hex(16))
+    return msgspec.structs.replace(season, seed=seed, salt=salt)
 
 
-def _finished(folder: Path, clip: Clip) -> bool:
-    return all(_place(folder, clip, side).exists() for side in _SIDES)
+def _finished(season: Season, folder: Path, clip: Clip) -> bool:
+    """Whether a clip was rendered; refuses one that this version would not render."""
+    if not all(_place(folder, clip, side).exists() for side in _SIDES):
+        return False
+    path = _place(folder, clip, _SIDES[-1])
+    digest = read_json(path, BenchError).get("digest")
+    if digest != _drawn(season, clip).digest():
+        raise BenchError(f"{path}: rendered by another version of simgrab; choose another --out")
+    return True
+
+
+def _drawn(season: Season, clip: Clip) -> Scenario:
+    """Scenario of a clip, drawn until its swing is what the clip's name promises: beyond 10.5°, or below 9.5°."""
+    for attempt in range(MOST_ATTEMPTS):
+        scenario = season.scenario(clip, attempt)
+        with textures.unpainted():
+            found = vet(Recipe(scenario))
+        largest = max(projection.moment.grab.alpha for projection in found.projections.values())
+        if largest > SURELY if clip.swing == "alarm" else largest < HARDLY:
+            return scenario
+    raise BenchError(f"clip {clip.name}: no such swing within {season.frames} frames; some 480 are needed for an alarm")
 
 
 def _place(folder: Path, clip: Clip, side: str) -> Path:
@@ -114,38 +188,58 @@ def _place(folder: Path, clip: Clip, side: str) -> Path:
 
 
 def _render(season: Season, folder: Path, clip: Clip) -> None:
-    work = folder / ".work" / f"{clip.name}.mp4"
-    work.parent.mkdir(exist_ok=True)
-    if not work.with_suffix(_SIDES[-1]).exists():
-        render_video(season.scenario(clip), work, resume=True)
-    for side in _SIDES:
-        work.with_suffix(side).replace(_place(folder, clip, side))
+    """Render a clip, and move its files to where they belong, the manifest last."""
+    work = folder / _WORK / f"{clip.name}.mp4"
+    moves = {work.with_suffix(side): _place(folder, clip, side) for side in _SIDES}
+    if not all(one.exists() or other.exists() for one, other in moves.items()):
+        work.parent.mkdir(exist_ok=True)
+        render_video(_drawn(season, clip), work, resume=True)
+    for one, other in moves.items():
+        if one.exists():
+            one.replace(other)
 
 
 def season_of(folder: Path) -> Season:
-    """Season that was prepared in a folder.
+    """Season that was prepared in a folder, with its secrets.
 
     Raises
     ------
     BenchError
-        If there is none, or its seed and salt are not those that were committed to.
+        If there is none, or if seed, salt or truth are not those that were committed to.
     """
     path = folder / TRUTH / SEASON
-    season = convert(read_json(path, BenchError), Season, BenchError, path)
-    public = folder / CLIPS / SEASON
-    if public.exists() and (committed := read_json(public, BenchError).get("commitment")) != season.commitment:
-        raise BenchError(
-            f"{path}: seed and salt give {season.commitment[:12]}…, {public} commits to {committed!s:.12}…"
-        )
+    season = _season(path)
+    if (folder / CLIPS / SEASON).exists():
+        public = published(folder)
+        if public.commitment != season.commitment:
+            raise BenchError(f"{path}: not the season that {folder / CLIPS / SEASON} commits to")
+        if public.truth_sha256 != _truth_sha256(season, folder):
+            raise BenchError(f"{folder / TRUTH}: not the truth that {folder / CLIPS / SEASON} commits to")
     return season
 
 
-def clips_of(folder: Path) -> tuple[str, ...]:
-    """Names of the clips that methods are given, from what they may see."""
-    found = read_json(folder / CLIPS / SEASON, BenchError)
-    if not isinstance(found, Mapping) or found.get("version") != VERSION:
-        raise BenchError(f"{folder / CLIPS / SEASON}: not a season of version {VERSION}")
-    return tuple(str(name) for name in found["clips"])
+def _season(path: Path) -> Season:
+    return convert(read_json(path, BenchError), Season, BenchError, path)
+
+
+def published(folder: Path) -> Published:
+    """Read what is public of the season in a folder.
+
+    Raises
+    ------
+    BenchError
+        If there is none, or of another version.
+    """
+    path = folder / CLIPS / SEASON
+    return convert(read_json(path, BenchError), Published, BenchError, path)
+
+
+def _truth_sha256(season: Season, folder: Path) -> str:
+    digest = hashlib.sha256()
+    for clip in season.clips:
+        path = _place(folder, clip, ".parquet")
+        digest.update(read_bytes(path, BenchError, most_bytes=MOST_TRUTH_BYTES))
+    return digest.hexdigest()
 
 
 def targets(folder: Path) -> tuple[Target, ...]:
@@ -157,7 +251,7 @@ def targets(folder: Path) -> tuple[Target, ...]:
         If a truth table is missing or damaged.
     """
     result = []
-    for clip in season_of(folder).clips:
+    for clip in _season(folder / TRUTH / SEASON).clips:
         path = _place(folder, clip, ".parquet")
 
         def refusal(why: str, path: Path = path) -> BenchError:

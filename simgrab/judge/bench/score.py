@@ -6,14 +6,16 @@ Whoever changes a figure here raises `SCORER`: scores of different versions are 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
+from simgrab.errors import BenchError
 from simgrab.geometry import Array
 from simgrab.instrument.alarm import Rule, events
-from simgrab.judge.bench.entry import About, Answers, Entry
+from simgrab.judge.bench.entry import TRACKS, About, Answers, Entry
 from simgrab.judge.bench.files import Target
 from simgrab.judge.evaluate import swings
 
@@ -21,7 +23,7 @@ SCORER = "1"
 THRESHOLDS_DEG = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0)
 NEAR_DANGER_DEG = (9.5, 10.5)  # true swings at which the error "at 10°" is taken
 REPLICATIONS, SEED = 1000, 0  # of the bootstrap over clips
-_ERRORS = ("rmse_deg", "p95_deg", "at_10_deg")
+LEVEL, PERMUTATIONS = 0.05, 9999  # of the test by which entries share a rank
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,16 @@ class Score:
         ``average_recall``: the mean over `THRESHOLDS_DEG` and clips of the share of frames whose error is within the
         threshold; a frame without an angle is within none. ``answered``: share of frames with an angle. Of these:
         ``rmse_deg``, ``p95_deg`` of the absolute error, ``at_10_deg``, the mean error at a true swing of 9.5° to
-        10.5°, and ``coverage`` of the 95 % intervals. ``alarms_missed``, ``alarms_false`` and the median
-        ``alarm_delay_frames``, by the rule of `simgrab.instrument.alarm`. ``ms_per_frame``: median.
+        10.5°, and ``coverage`` and mean ``width_deg`` of the 95 % intervals. ``alarms_due``: swings beyond 10.5°;
+        ``alarms_missed``: how many of these; ``alarms_false``, and the median ``alarm_delay_frames``, by the rule of
+        `simgrab.instrument.alarm`. ``ms_per_frame``: median of what the entry states.
     sanity : bool
-        Whether it was made from the truth, to test the scorer.
+        Whether it is computed from the truth, to test the scorer.
     recalls : ndarray, shape (clips,)
         Average recall of each clip.
     rank : int
-        1 + the number of entries whose average recall is surely higher (paired bootstrap, 95 %); ties share a rank.
+        Within the track, by average recall. An entry shares the rank of the best one from which it does not differ
+        (paired permutation test over clips, two-sided, 5 %).
     """
 
     about: About
@@ -66,12 +70,21 @@ class Score:
 
 
 def score(entries: Sequence[Entry], targets: Sequence[Target]) -> tuple[Score, ...]:
-    """Score entries, and beside them three that are made from the truth; the best first."""
+    """Score entries by track, the best first, and then three that are computed from the truth.
+
+    Raises
+    ------
+    BenchError
+        If no frame shows a grab.
+    """
+    targets = [target for target in targets if target.counts.any()]
+    if not targets:
+        raise BenchError("no frame of these clips shows a grab")
     season = entries[0].about.season if entries else "open"
-    found = [_score(entry, targets, sanity=False) for entry in entries]
-    found += [_score(entry, targets, sanity=True) for entry in sanity(targets, season)]
-    ranked = [_ranked(one, [other for other in found if other.sanity == one.sanity]) for one in found]
-    return tuple(sorted(ranked, key=lambda s: (s.sanity, s.rank, -(s.figures["average_recall"].value or 0.0))))
+    result = list[Score]()
+    for track in TRACKS:
+        result += _ranked([_score(entry, targets, sanity=False) for entry in entries if entry.about.track == track])
+    return (*result, *(_score(entry, targets, sanity=True) for entry in sanity(targets, season)))
 
 
 def sanity(targets: Sequence[Target], season: str) -> tuple[Entry, ...]:
@@ -93,10 +106,8 @@ def sanity(targets: Sequence[Target], season: str) -> tuple[Entry, ...]:
 
 
 def recall(answers: Answers, target: Target) -> float:
-    """Average recall over a clip's frames with a grab; 1 where there is none."""
+    """Average recall over a clip's frames with a grab, of which there is one at least."""
     off = np.rad2deg(np.abs(answers.alpha - target.alpha))[target.counts]
-    if not len(off):
-        return 1.0
     # Angles are written to a millionth of a degree.
     return float(np.mean([(off <= t + 1e-6).mean() for t in THRESHOLDS_DEG]))  # NaN is within none
 
@@ -118,6 +129,8 @@ def _score(entry: Entry, targets: Sequence[Target], *, sanity: bool) -> Score:
     figures |= _of_clips("p95_deg", errors, lambda e: np.quantile(np.abs(e), 0.95), samples)
     figures |= _of_clips("at_10_deg", near, np.mean, samples)
     figures |= _of_clips("coverage", [_covers(a, t) for a, t in zip(each, targets, strict=True)], np.mean, samples)
+    widths = [np.rad2deg(a.high - a.low)[np.isfinite(a.low) & t.counts] for a, t in zip(each, targets, strict=True)]
+    figures |= _of_clips("width_deg", widths, np.mean, samples)
     figures |= _alarms(each, targets)
     seconds = np.concatenate([a.seconds for a in each])
     figures["ms_per_frame"] = Figure(float(np.median(seconds)) * 1e3 if len(seconds) else None)
@@ -139,14 +152,16 @@ def _covers(answers: Answers, target: Target) -> Array:
 
 
 def _alarms(each: Sequence[Answers], targets: Sequence[Target]) -> dict[str, Figure]:
-    missed = false = 0
+    due = missed = false = 0
     delays = list[int]()
     rule = Rule()
     for answers, target in zip(each, targets, strict=True):
         measured = answers.measurements
         found = swings.alarms(target.times, measured, events(target.times, measured, rule), target.alpha, rule)
-        missed, false, delays = missed + found["missed"], false + found["false"], delays + found["delays"]
+        due, missed, false = due + found["sure"], missed + found["missed"], false + found["false"]
+        delays += found["delays"]
     return {
+        "alarms_due": Figure(float(due)),
         "alarms_missed": Figure(float(missed)),
         "alarms_false": Figure(float(false)),
         "alarm_delay_frames": Figure(float(np.median(delays)) if delays else None),
@@ -162,17 +177,29 @@ def _of_clips(name: str, values: Sequence[Array], of: Any, samples: Any) -> dict
     """Figure of all clips' values together, with its interval over clips."""
     if not sum(map(len, values)):
         return {name: Figure(None)}
-    drawn = [np.concatenate([values[i] for i in some]) for some in samples.tolist()]
-    return {name: _with_interval(of(np.concatenate(values)), np.array([of(d) for d in drawn if len(d)]))}
+    resampled = (np.concatenate([values[i] for i in some]) for some in samples.tolist())
+    return {name: _with_interval(of(np.concatenate(values)), np.array([of(each) for each in resampled if len(each)]))}
 
 
-def _with_interval(value: float, drawn: Array) -> Figure:
-    low, high = np.quantile(drawn, (0.025, 0.975))
+def _with_interval(value: float, resampled: Array) -> Figure:
+    low, high = np.quantile(resampled, (0.025, 0.975))
     return Figure(float(value), float(low), float(high))
 
 
-def _ranked(one: Score, others: Sequence[Score]) -> Score:
-    samples = _resampled(one.clips)
-    rivals = (other.recalls - one.recalls for other in others if other is not one)
-    better = sum(bool(np.quantile(ahead[samples].mean(axis=1), 0.025) > 0) for ahead in rivals)
-    return Score(one.about, one.frames, one.clips, one.figures, one.sanity, one.recalls, 1 + better)
+def _ranked(scores: Sequence[Score]) -> list[Score]:
+    """Order scores of one track, and give them ranks."""
+    result = list[Score]()
+    best: Score | None = None  # of those that share a rank
+    for place, one in enumerate(sorted(scores, key=lambda s: -s.recalls.mean()), 1):
+        if best is None or _differ(best.recalls - one.recalls):
+            best = one = replace(one, rank=place)
+        result.append(replace(one, rank=best.rank))
+    return result
+
+
+def _differ(difference: Array) -> bool:
+    """Whether the mean of paired differences, shape (clips,), is significantly other than 0."""
+    test = stats.permutation_test(
+        (difference,), np.mean, permutation_type="samples", n_resamples=PERMUTATIONS, rng=np.random.default_rng(SEED)
+    )
+    return bool(test.pvalue < LEVEL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sized
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -49,7 +49,7 @@ class Vetted:
     plan : Plan or None
         Of the world; None where each clip has its own.
     projections : dict of int to Projection
-        Of the first frames.
+        Of frames, `MOST_PROJECTIONS` at most.
     """
 
     seen: int
@@ -262,7 +262,8 @@ def map_items(
         If processes die of an item again and again. What work raises is raised as it is.
     """
     if workers > 1 or cluster is not None:
-        threads = max(1, machine.cores() // workers) if cluster is None else None
+        busy = min(workers, len(items)) if isinstance(items, Sized) else workers
+        threads = max(1, machine.cores() // max(busy, 1)) if cluster is None else None
         with open_pool(
             workers, cluster, setup=functools.partial(_open, recipe, threads), memory_bytes=memory_bytes(recipe),
             environment=gl.threads(threads), silent_s=SILENT_S,
