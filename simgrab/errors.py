@@ -119,6 +119,10 @@ class StressError(InvalidError):
     """A study that cannot be, an estimator that cannot be used, or a folder that cannot be written or taken up."""
 
 
+class ServerError(SimgrabError):
+    """A page that cannot be served: a missing extra, or a port that is taken."""
+
+
 class ExtensionError(SimgrabError):
     """A user's own randomiser, trajectory or effect that is not found, raises, or returns what no frame can be."""
 
