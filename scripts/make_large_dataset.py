@@ -20,6 +20,7 @@ import msgspec
 import simgrab
 from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.rng import stream
+from simgrab.utilities.files import sha256
 from simgrab.world.output.tables import Tables
 
 
@@ -54,6 +55,7 @@ def main(source: Path, out: Path, rows: int) -> None:
             }  # fmt: skip
             made = msgspec.structs.replace(row, frame=number, file=name, **values)
             tables.add(made, None if mask is None else {"size": list(mask.size), "counts": mask.counts})
+    known["files"] = {"labels.parquet": sha256(out / "labels.parquet")}
     (out / MANIFEST).write_text(json.dumps(known), encoding="utf-8")
     (out / "camera.toml").write_bytes((source / "camera.toml").read_bytes())
 

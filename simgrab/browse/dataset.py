@@ -106,8 +106,16 @@ def open(path: Path) -> Subject:
     raise DatasetError(f"{path}: neither a dataset nor a run: it has neither {LABELS} nor angles.parquet")
 
 
-def read_labels(path: Path) -> tuple[pa.Table, Dataset]:
-    """Read the labels of a finished dataset, and give it without its rows.
+def read_labels(path: Path) -> tuple[pa.Table, Dataset, tuple[str, ...]]:
+    """Read the labels of a finished dataset.
+
+    Returns
+    -------
+    table : pyarrow.Table
+    dataset : Dataset
+        Without its rows.
+    notes : tuple of str
+        That the labels are not those that the manifest was written for.
 
     Raises
     ------
@@ -117,12 +125,14 @@ def read_labels(path: Path) -> tuple[pa.Table, Dataset]:
     table = _cast(parquet.read_table(path / LABELS, DatasetError), path)
     data = known.data(files.sha256(path / LABELS), table.num_rows)
     least = known.scenario.labels.least_visible_fraction
-    return table, datasets.in_folder(path, (), data, least, IndexedMasks(path))
+    changed = known.files.get(LABELS, data.labels_sha256) != data.labels_sha256
+    notes = (f"{LABELS} does not match the digest in the manifest: it was changed or damaged",) if changed else ()
+    return table, datasets.in_folder(path, (), data, least, IndexedMasks(path)), notes
 
 
 def _finished(path: Path) -> Subject:
-    table, whole = read_labels(path)
-    return _subject(path, _Finished(path, table, IndexedMasks(path)), whole.least_visible_fraction, (), whole)
+    table, whole, notes = read_labels(path)
+    return _subject(path, _Finished(path, table, IndexedMasks(path)), whole.least_visible_fraction, notes, whole)
 
 
 class _Record(msgspec.Struct, frozen=True):

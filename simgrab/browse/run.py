@@ -143,7 +143,7 @@ def _known(run: Run, source: Path) -> _Known | None:
 
 
 def _of_dataset(run: Run, source: Path) -> _Known:
-    labels, whole = dataset.read_labels(source)
+    labels, whole, _ = dataset.read_labels(source)
     found = truths.match_names(run, labels["file"].to_pylist(), whole.data.labels_sha256, source)
     if None in found:
         raise RunError(f"{source}: contains none of the frames of the run on {run.source}")

@@ -34,8 +34,8 @@ def command(path: Path, source: Path | None, port: int, no_open: bool) -> None:
     subject = browse.open(path, source)
     for note in subject.notes:
         click.echo(printable(f"note: {note}"), err=True)
-    with browse.serving(subject, port) as address:
+    with suppress(KeyboardInterrupt), browse.serving(subject, port) as address:
         click.echo(printable(f"{len(subject)} frames of {path}: {address.url}"))
         click.echo("Ctrl-C ends it", err=True)
-        with local.opened(address, wanted=not no_open), suppress(KeyboardInterrupt):
+        with local.opened(address, wanted=not no_open):
             signal.pause()

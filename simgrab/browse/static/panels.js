@@ -38,7 +38,7 @@ export class Panels {
 }
 
 /** Wait until nobody typed for a moment. */
-const settled = (act, pause = 150) => {
+const settled = (act, pause = 80) => {
   let timer;
   return () => {
     clearTimeout(timer);
