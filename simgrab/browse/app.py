@@ -68,7 +68,9 @@ class Browser:
     @property
     def app(self) -> Starlette:
         """The ASGI application."""
-        return Starlette(routes=self.routes(), exception_handlers={SimgrabError: _refused, HTTPException: _no})
+        made = Starlette(routes=self.routes(), exception_handlers={SimgrabError: _refused, HTTPException: _no})
+        made.router.redirect_slashes = False
+        return made
 
     def routes(self) -> list[Route]:
         """Name what can be asked for. Frames and columns are named by numbers, files of the page by their names."""

@@ -79,6 +79,8 @@ class Exports:
                 raise DatasetError("another export is running")
             if format not in FORMATS:
                 raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
+            if self._subject.dataset is None:
+                raise DatasetError(f"{self._subject.name}: only frames of a finished dataset can be exported")
             if not len(rows):
                 raise DatasetError("no frame is selected")
             path = self._checked(out)
