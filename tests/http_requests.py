@@ -10,6 +10,7 @@ class Answer:
     status: int
     headers: dict
     body: bytes
+    pairs: list  # headers as they came
 
     @property
     def json(self):
@@ -42,6 +43,7 @@ def ask(address, path, method="GET", *, token=True, headers=None, body=None, chu
         pass  # it answered before it had read everything
     try:
         answer = connection.getresponse()
-        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read())
+        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read(),
+                      answer.getheaders())
     finally:
         connection.close()

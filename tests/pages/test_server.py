@@ -156,6 +156,7 @@ def test_every_answer_forbids_what_the_page_does_not_need(address):
         assert answer.headers["cross-origin-resource-policy"] == "same-origin"
         assert answer.headers["referrer-policy"] == "no-referrer"
         assert answer.headers["cache-control"] == "no-store"
+        assert len(answer.pairs) == len(answer.headers)  # each once: the application's own are dropped
 
 
 def test_it_listens_on_one_address_of_this_machine(address):

@@ -90,9 +90,9 @@ def export(
     progress : callable, optional
         Called with (frames done, frames in all).
     part : bool
-        Accept a part of a dataset, such as a split or a slice. Frames keep their numbers. The manifest states under
-        ``selection`` of how many frames it is a part, and the digest of their labels. Not with ``webdataset``, whose
-        shards are found by the numbers of their frames.
+        Accept a part of a dataset in a folder, such as a split or a slice. Frames keep their numbers and their order.
+        The manifest states under ``selection`` of how many frames it is a part, and the digest of their labels. Not
+        with ``webdataset``, whose shards are found by the numbers of their frames.
 
     Raises
     ------
@@ -121,10 +121,10 @@ def export(
 
 def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part: bool) -> Source:
     store = dataset.store if isinstance(dataset, ShardedDataset) else Store(dataset.path.absolute().as_uri())
-    if not (dataset.is_whole or part):
-        raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
-    if not len(dataset):
-        raise DatasetError("no frame to export")
+    if not dataset.is_whole:
+        if not part:
+            raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
+        _check_part(dataset)
     where = f"{store.url}/{MANIFEST}"
     known = parse_json(store.read(MANIFEST, most_bytes=sharded.MOST_MANIFEST_BYTES), DatasetError, where)
     try:
@@ -140,6 +140,14 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part
     varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
     each = shards.frames_of(scenario, shard_frames, varies=varies)
     return Source(dataset, scenario, core, rendered_by, each)
+
+
+def _check_part(dataset: Dataset | ShardedDataset) -> None:
+    if isinstance(dataset, ShardedDataset):
+        raise DatasetError("a part of a dataset of shards cannot be exported: export the whole as simgrab first")
+    numbers = [row.frame for row in dataset.rows]
+    if not numbers or numbers != sorted(set(numbers)):
+        raise DatasetError("a part must hold frames, in the order of the dataset")
 
 
 def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
