@@ -43,7 +43,6 @@ def ask(address, path, method="GET", *, token=True, headers=None, body=None, chu
         pass  # it answered before it had read everything
     try:
         answer = connection.getresponse()
-        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read(),
-                      answer.getheaders())
+        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read(), answer.getheaders())
     finally:
         connection.close()

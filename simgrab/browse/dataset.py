@@ -25,9 +25,9 @@ from simgrab.utilities.parse import is_dir, is_file, read_bytes, read_json
 from simgrab.world.output.tables import labels_schema
 
 PARTIAL = ".partial"
-SHOWN = (
-    "alpha_deg", "rope_length_m", "visible_fraction", "distance_m", "split", "varied.weather", "labelled",
-)  # fmt: skip
+VARIED = "varied."
+SHOWN = ("alpha_deg", "rope_length_m", "visible_fraction", "distance_m", "split", "labelled")
+_FACTORS = ("weather", "place", "grab")
 _MOST_RECORD_BYTES = 2**24
 
 
@@ -190,7 +190,9 @@ def _subject(
     path: Path, found: _Finished | _Unfinished, least: float, notes: tuple[str, ...], whole: Dataset | None
 ) -> Subject:
     table = with_derived(found.table, least)
-    return Subject(str(path), "dataset", notes, table, found, found, Order("frame"), SHOWN, found.table, whole)
+    return Subject(
+        str(path), "dataset", notes, table, found, found, Order("frame"), (*SHOWN, *factors(table)), found.table, whole
+    )
 
 
 def with_derived(table: pa.Table, least: float) -> pa.Table:
@@ -198,9 +200,16 @@ def with_derived(table: pa.Table, least: float) -> pa.Table:
     seen = np.isfinite(columns.numbers(table["box_x0_px"]))
     labelled = seen & (columns.numbers(table["visible_fraction"]) >= least)
     table = table.append_column(_field("labelled", pa.bool_(), "whether detection labels hold a box"), [labelled])
-    for name, values in columns.expanded(table["varied"], "varied."):
+    for name, values in columns.expanded(table["varied"], VARIED):
         table = table.append_column(_field(name, values.type, "what varied within the dataset"), values)
     return table
+
+
+def factors(table: pa.Table, prefix: str = "") -> list[str]:
+    """Name the columns of what varies most: weather, place and grab, alone or together with something else."""
+    before = f"{prefix}{VARIED}"
+    named = [name for name in table.column_names if name.startswith(before)]
+    return [name for factor in _FACTORS for name in named if factor in name.removeprefix(before).split("+")]
 
 
 def _field(name: str, kind: pa.DataType, text: str) -> pa.Field:

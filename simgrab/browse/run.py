@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -15,7 +15,7 @@ from simgrab.browse.dataset import LabelTable
 from simgrab.browse.masks import IndexedMasks
 from simgrab.browse.subject import NoPictures, NoTruths, Order, Pictures, Subject, Truths, converted
 from simgrab.browse.videos import VideoPictures
-from simgrab.errors import DatasetError, RunError
+from simgrab.errors import DatasetError, RunError, first_line
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
 from simgrab.instrument.source import Files, open_source
@@ -25,7 +25,7 @@ from simgrab.labels.datasets import Dataset
 from simgrab.labels.masks import Coded
 from simgrab.labels.truth import Row
 from simgrab.records import frame_files
-from simgrab.utilities import files, pictures
+from simgrab.utilities import files, parquet, pictures
 from simgrab.utilities.parse import is_dir, is_file, read_bytes
 from simgrab.world.output.tables import labels_schema
 
@@ -38,8 +38,7 @@ ERRORS = {
     "rope_error_m": ("m", "measured minus true rope length"),
 }
 SHOWN = (
-    "abs_error_deg", "alpha_deg", "centre_error_px", "status", "score", "rope_error_m", "true_varied.weather",
-    "true_visible_fraction",
+    "abs_error_deg", "alpha_deg", "centre_error_px", "status", "score", "rope_error_m", "true_visible_fraction",
 )  # fmt: skip
 _UNTIMED_HZ = 9.0  # of an annotated video of independent frames
 
@@ -99,11 +98,13 @@ def open(path: Path, source: Path | None) -> Subject:
         If it is no run, or the source is not that of the run.
     """
     run = runs.load(path)
-    table = runs.table(run)
-    if not table.num_rows:
+    if not run.measurements:
         raise RunError(f"{path}: the run has no frames")
     notes = [run.failure] if run.failure else []
     source = source or _named_dataset(run)
+    if source is not None and is_dir(source, DatasetError):
+        run = replace(run, measurements=())  # which take much memory, and are not needed
+    table = _table(run, path)
     known = None if source is None else _known(run, source)
     if known is None:
         notes.append("without the truth: give --source with the dataset or video that was measured to see errors")
@@ -113,9 +114,21 @@ def open(path: Path, source: Path | None) -> Subject:
     order = Order("frame") if known is None else Order("abs_error_deg", descending=True)
     size = run.calibration.width_px, run.calibration.height_px
     return Subject(
-        str(path), "run", tuple(notes), table, _pictures(run, path, source, known), shown, order, SHOWN,
+        str(path), "run", tuple(notes), table, _pictures(run, path, source, known), shown, order,
+        (*SHOWN, *dataset.factors(table, PREFIX)),
         None if known is None else known.table, None if known is None else known.dataset, size,
     )  # fmt: skip
+
+
+def _table(run: Run, path: Path) -> pa.Table:
+    """Read the table of a run that could be loaded."""
+    schema = runs.table(replace(run, names=(), time=None, measurements=())).schema
+    found = parquet.read_table(path / runs.TABLE, RunError, columns=schema.names)
+    try:
+        found = found.select(schema.names).cast(schema)
+    except (pa.ArrowException, ValueError) as problem:
+        raise RunError(f"{path / runs.TABLE}: not a table of a run ({first_line(problem)})") from None
+    return found.set_column(0, schema.field("frame"), pa.array(np.arange(found.num_rows)))
 
 
 def _named_dataset(run: Run) -> Path | None:
@@ -148,7 +161,8 @@ def _of_dataset(run: Run, source: Path) -> _Known:
     if None in found:
         raise RunError(f"{source}: contains none of the frames of the run on {run.source}")
     at = np.array(found, np.int64)
-    own, least = labels.take(pa.array(at)), whole.least_visible_fraction
+    same = np.array_equal(at, np.arange(labels.num_rows))
+    own, least = labels if same else labels.take(pa.array(at)), whole.least_visible_fraction
     return _Known(LabelTable(source, labels), at, own, IndexedMasks(source), least, whole)
 
 

@@ -25,7 +25,7 @@ from films import film
 from http_requests import ask
 
 import simgrab
-from simgrab.browse import browse, columns, masks
+from simgrab.browse import browse, columns, dataset, masks
 from simgrab.browse.masks import IndexedMasks
 from simgrab.browse.pictures import Kept
 from simgrab.browse.videos import VideoPictures
@@ -165,10 +165,20 @@ def test_factors_become_columns():
     }
 
 
+def test_weather_place_and_grab_are_shown_first():
+    names = ["varied.grab", "varied.grab.arms", "varied.light+weather", "varied.weather.wind_m_s", "weather"]
+    table = pa.table({name: [1] for name in names})
+    assert dataset.factors(table) == ["varied.light+weather", "varied.grab"]
+    assert dataset.factors(table.rename_columns([f"true_{name}" for name in names]), "true_") == [
+        "true_varied.light+weather",
+        "true_varied.grab",
+    ]
+
+
 def test_a_frame_is_shown_with_its_labels_and_its_picture(address, summary, data):
-    dataset = simgrab.open(data)
-    drawn = ask(address, "/api/overlays?masks=1&rows=" + ",".join(map(str, range(len(dataset))))).json
-    for row, (frame, one) in enumerate(zip(dataset, drawn, strict=True)):
+    source = simgrab.open(data)
+    drawn = ask(address, "/api/overlays?masks=1&rows=" + ",".join(map(str, range(len(source))))).json
+    for row, (frame, one) in enumerate(zip(source, drawn, strict=True)):
         assert (one["row"], one["frame"], one["width"]) == (row, frame.truth.frame, frame.truth.width_px)
         assert one["truth"]["box"] == (None if frame.box is None else frame.box.tolist())
         points = [point for point in frame.keypoints.tolist() if point[2]]
