@@ -26,6 +26,7 @@ from http_requests import ask
 
 import simgrab
 from simgrab.browse import browse, columns, dataset, masks
+from simgrab.browse.exporting import Exports
 from simgrab.browse.masks import IndexedMasks
 from simgrab.browse.pictures import Kept
 from simgrab.browse.videos import VideoPictures
@@ -298,6 +299,15 @@ def test_nothing_is_exported_into_what_is_browsed(address, data, tmp_path):
         assert export(address, bad).status == 422
     assert export(address, good, Origin="http://evil.example").status == 403
     assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "taken"]
+
+
+def test_an_export_that_the_end_cuts_short_leaves_nothing(data, tmp_path):
+    exports = Exports(browse.open(data))
+    exports.end()
+    exports.start(np.arange(12), str(tmp_path / "out"), "yolo")
+    exports.end()
+    assert exports.state.status == "running"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_picture_outside_of_the_dataset_is_not_shown(data, tmp_path):

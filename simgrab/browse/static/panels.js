@@ -65,10 +65,11 @@ const numbers = (column, panels) => {
   };
   from.addEventListener("input", settled(apply));
   to.addEventListener("input", settled(apply));
+  const soon = settled(apply, 30);
   brushed(drawing, column, table, (a, b) => {
     from.value = a === null ? "" : Number(a.toPrecision(6));
     to.value = b === null ? "" : Number(b.toPrecision(6));
-    apply();
+    soon();
   });
   const update = () => {
     const { all, left } = table.counts(name);

@@ -86,7 +86,7 @@ def serving(app: ASGIApp, port: int = 0) -> Iterator[Address]:
         address = Address(listener.getsockname()[1], secrets.token_urlsafe(_TOKEN_BYTES))
         config = uvicorn.Config(
             Guard(app, address.port, address.token), http="h11", ws="none", lifespan="off", log_config=None,
-            access_log=False, server_header=False, proxy_headers=False, timeout_graceful_shutdown=1,
+            access_log=False, log_level="error", server_header=False, proxy_headers=False, timeout_graceful_shutdown=1,
         )  # fmt: skip
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, args=([listener],), daemon=True)
