@@ -4,6 +4,7 @@ import base64
 import itertools
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,6 +32,7 @@ from simgrab.browse.exporting import Exports
 from simgrab.browse.masks import IndexedMasks
 from simgrab.browse.pictures import Kept
 from simgrab.browse.videos import VideoPictures
+from simgrab.cli import cli
 from simgrab.errors import DatasetError, SimgrabError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run import runs
@@ -455,7 +458,26 @@ def test_what_cannot_be_browsed_is_named(data, tmp_path):
     assert "it has no manifest.json" in line(path)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_the_command_prints_the_address_and_ends_at_an_interrupt(data, monkeypatch):
+    asked = []
+
+    def interrupted():
+        asked.append("")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(signal, "pause", interrupted)
+    result = CliRunner().invoke(cli, ["browse", str(data), "--no-open"])
+    assert asked
+    assert result.exit_code == 0
+    assert re.fullmatch(
+        rf"12 frames of {re.escape(str(data))}: http://127\.0\.0\.1:\d+/\?token=[\w-]+\n", result.stdout
+    )
+    taken = CliRunner().invoke(cli, ["browse", str(data / "labels.parquet")])
+    assert "it is a file" in str(taken.exception)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_without_a_word(data, number):
     command = [sys.executable, "-m", "simgrab", "browse", str(data), "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
