@@ -18,21 +18,23 @@ INK, TRUTH, BLIND, PLAIN = "#1f2933", "#e6d3a8", "#bcd9e6", "#e4e7eb"
 # Left, bottom, width, height, name, what lives there, colour.
 ROOMS = [
     (0.0, 7.2, 12.0, 0.95, "cli", "one file per command, no logic", PLAIN),
-    (0.0, 5.8, 7.4, 0.95, "judge", "audit · evaluate · check · stress · paper", TRUTH),
-    (7.8, 5.8, 4.2, 0.95, "training", "detector · reader", TRUTH),
+    (0.0, 5.8, 5.2, 0.95, "judge", "audit · evaluate · check · stress · paper", TRUTH),
+    (5.6, 5.8, 2.7, 0.95, "browse", "datasets and runs", TRUTH),
+    (8.7, 5.8, 3.3, 0.95, "training", "detector · reader", TRUTH),
     (0.0, 3.6, 6.6, 1.75, "world", "trajectory → projection → camera → label\n"
      "scenery: places, grab, jib head\nframes · output: datasets, videos", TRUTH),
     (7.0, 3.6, 5.0, 1.75, "instrument", "detect · read · estimate\nalarm · pipeline · run\n"
      "never sees labels or scenes", BLIND),
     (0.0, 2.2, 3.1, 0.95, "labels", "truth, datasets", TRUTH),
     (3.5, 2.2, 3.1, 0.95, "scenario · scenes", "what can be set", TRUTH),
-    (0.0, 0.0, 12.0, 1.75, "ground floor", "pages: tables, figures, HTML\n"
+    (0.0, 0.0, 12.0, 1.75, "ground floor", "pages: tables, figures, HTML, server\n"
      "records · calibration · layouts · distributions\ngeometry · utilities · rng · errors · text", PLAIN),
 ]  # fmt: skip
 # From the importing room to the imported one.
 ARROWS = [
-    ((3.7, 7.2), (3.7, 6.75)), ((9.9, 7.2), (9.9, 6.75)),
-    ((3.0, 5.8), (3.0, 5.35)), ((7.2, 5.8), (7.6, 5.35)), ((8.0, 5.8), (6.4, 5.35)), ((10.5, 5.8), (10.5, 5.35)),
+    ((2.6, 7.2), (2.6, 6.75)), ((6.95, 7.2), (6.95, 6.75)), ((10.3, 7.2), (10.3, 6.75)),
+    ((2.6, 5.8), (2.6, 5.35)), ((5.0, 5.8), (7.3, 5.35)), ((5.6, 6.28), (5.2, 6.28)), ((6.2, 5.8), (5.9, 5.35)),
+    ((7.8, 5.8), (7.8, 5.35)), ((9.0, 5.8), (6.5, 5.35)), ((10.5, 5.8), (10.5, 5.35)),
     ((1.5, 3.6), (1.5, 3.15)), ((5.0, 3.6), (5.0, 3.15)), ((1.5, 2.2), (1.5, 1.75)), ((5.0, 2.2), (5.0, 1.75)),
     ((9.5, 3.6), (9.5, 1.75)),
 ]  # fmt: skip

@@ -123,6 +123,10 @@ class BenchError(InvalidError):
     """A season, an entry or a score file of SwingBench that cannot be read, or does not keep to the format."""
 
 
+class ServerError(SimgrabError):
+    """A page that cannot be served: a missing extra, or a port that is taken."""
+
+
 class ExtensionError(SimgrabError):
     """A user's own randomiser, trajectory or effect that is not found, raises, or returns what no frame can be."""
 

@@ -26,10 +26,12 @@ MAY = {room: set(ORDER[: i + 1]) for i, room in enumerate(ORDER)} | {
     "world": SCENARIO | {"labels", "world"},
     "judge": SCENARIO | {"labels", "world", "instrument", "judge"},
     "training": SCENARIO | {"labels", "world", "instrument", "training"},
-    "cli": SCENARIO | {"labels", "world", "instrument", "judge", "training", "cli"},
+    "browse": SCENARIO | {"labels", "world", "instrument", "judge", "browse"},
+    "cli": SCENARIO | {"labels", "world", "instrument", "judge", "training", "browse", "cli"},
 }
 FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender", "embreex"}
 ONLY_TO_TRAINING = {"torch", "onnx", "onnxscript"}
+ONLY_TO_PAGES = {"starlette", "uvicorn"}  # of an extra: to what serves pages
 
 
 @functools.cache
@@ -55,6 +57,8 @@ def violations(room: str, source: str) -> set[str]:
         if room == "instrument" and top in FORBIDDEN_TO_INSTRUMENT:
             bad.add(name)
         if room != "training" and top in ONLY_TO_TRAINING:
+            bad.add(name)
+        if room not in ("pages", "browse") and top in ONLY_TO_PAGES:
             bad.add(name)
     if room == "instrument" and "read_rows" in source:  # which reads any column of the labels
         bad.add("read_rows")
@@ -132,6 +136,8 @@ def test_a_planted_cycle_is_seen(module, line):
         ("world", "from simgrab.training import loop"),
         ("instrument", "from simgrab.training import loop"),
         ("judge", "import torch"),
+        ("judge", "from simgrab.browse import browse"),
+        ("cli", "import uvicorn"),
     ],
 )
 def test_a_planted_violation_is_seen(room, line):

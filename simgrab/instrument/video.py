@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from statistics import median
@@ -83,6 +83,25 @@ class Video:
         """
         with self._opened() as container:
             yield from _with_gaps(_decoded(container, self.name, whole=self._extent.whole))
+
+    def from_time(self, time_s: float) -> Generator[Frame, None, None]:
+        """Decode from the last key frame at or before a time; frames have their time stamps.
+
+        Raises
+        ------
+        SourceError
+            If the file is gone, or cannot be read from there.
+        """
+        with self._opened() as container:
+            stream = container.streams.video[0]
+            if stream.time_base is not None:
+                try:
+                    container.seek(math.floor(time_s / stream.time_base), stream=stream, backward=True)
+                except (av.error.FFmpegError, OSError, OverflowError) as problem:
+                    raise SourceError(
+                        f"{self.name}: cannot be read from {time_s:g} s ({first_line(problem)})"
+                    ) from None
+            yield from _decoded(container, self.name, whole=self._extent.whole)
 
     def _file(self) -> BinaryIO:
         try:

@@ -20,7 +20,7 @@ from simgrab.calibration import Calibration
 from simgrab.errors import DatasetError, first_line
 from simgrab.labels import arrays as labels
 from simgrab.labels.arrays import Labelled
-from simgrab.labels.masks import Coded, Masks
+from simgrab.labels.masks import Coded, MaskFiles, Masks
 from simgrab.labels.truth import SPLITS, Row
 from simgrab.records import frame_files
 from simgrab.utilities import pictures
@@ -174,7 +174,7 @@ class _Folder:
     """Pictures and masks in files of a folder."""
 
     folder: Path
-    masks: Masks
+    masks: MaskFiles
 
     def path(self, row: Row) -> Path:
         return self.folder / row.file
@@ -321,7 +321,14 @@ def read(path: str | Path) -> Dataset:
     known = named(read_json(path / MANIFEST, DatasetError), path)
     frame_files.check_files(path, rows)
     data = known.data(labels_sha256, len(rows))
-    return Dataset(path, rows, data, known.scenario.labels.least_visible_fraction, _Folder(path, Masks(path)))
+    return in_folder(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
+
+
+def in_folder(
+    path: Path, rows: tuple[Row, ...], data: Data, least_visible_fraction: float, masks: MaskFiles
+) -> Dataset:
+    """Make the dataset of rows whose pictures lie in a folder."""
+    return Dataset(path, rows, data, least_visible_fraction, _Folder(path, masks))
 
 
 def named(manifest: Any, where: object) -> Manifest:

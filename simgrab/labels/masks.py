@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -40,6 +41,16 @@ class Coded(msgspec.Struct, frozen=True):
             raise DatasetError(
                 f"{where}: the mask of frame {row.frame} is not one of {row.width_px} x {row.height_px} px: {problem}"
             ) from None
+
+
+class MaskFiles(Protocol):
+    """Masks in a dataset's COCO files."""
+
+    def coded(self, row: Row) -> Coded | None:
+        """Look up the mask of a row; None where there is none. Raises `DatasetError` where a file cannot be read."""
+
+    def file(self, split: str) -> Path:
+        """Path of a split's COCO file."""
 
 
 class _Annotation(msgspec.Struct, frozen=True):

@@ -24,6 +24,7 @@ MOST_BYTES = 4 * 2**30
 MOST_ROW_BYTES = 2**16
 """Of a row in memory, on average over the rows of a table, or over 256 where it has fewer."""
 _ROWS_AT_ONCE = 64  # so that a long text in each of them takes little
+_BATCHES_TOGETHER = 64  # copied into one piece: many small ones take twice the memory of their content
 
 
 def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequence[str] | None = None) -> pa.Table:
@@ -57,7 +58,8 @@ def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str
     missing = [name for name in columns or () if name not in schema.names]
     if missing:
         raise refuse(f"{what}: it has no column {missing[0]}")
-    most, size, batches = min(MOST_BYTES, MOST_ROW_BYTES * max(count, 256)), 0, []
+    most, size = min(MOST_BYTES, MOST_ROW_BYTES * max(count, 256)), 0
+    pieces, batches = list[pa.Table](), list[pa.RecordBatch]()
     with _refusing(refuse, what):
         for batch in known.iter_batches(_ROWS_AT_ONCE, columns=columns, use_threads=False):
             size += batch.nbytes
@@ -65,7 +67,12 @@ def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str
                 break
             batch.validate(full=True)  # texts are UTF-8, and lists lie within their column
             batches.append(batch)
-        table = pa.Table.from_batches(batches) if batches else known.read(columns, use_threads=False)
+            if len(batches) == _BATCHES_TOGETHER:
+                pieces.append(pa.Table.from_batches(batches).combine_chunks())
+                batches.clear()
+        if batches:
+            pieces.append(pa.Table.from_batches(batches).combine_chunks())
+        table = pa.concat_tables(pieces) if pieces else known.read(columns, use_threads=False)
     if size > most:
         raise refuse(f"{what}: its table takes more than {most} bytes of memory")
     return table

@@ -12,6 +12,7 @@ import pytest
 from conftest import slow_but, small_scene
 from seconds import SECOND_RENDERERS
 
+import simgrab
 from simgrab import geometry
 from simgrab.errors import DatasetError
 from simgrab.judge.audit import identities
@@ -22,6 +23,7 @@ from simgrab.labels.truth import columns
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.output import manifest
 from simgrab.world.output.dataset import render
+from simgrab.world.output.export import export
 
 
 @pytest.fixture
@@ -299,3 +301,13 @@ def test_identities_refuse_small_errors(dataset):
     ):
         bent = [msgspec.structs.replace(r, **{column: getattr(r, column) + error}) for r in rows]
         assert proof(bent).status == "failed", column
+
+
+@pytest.mark.slow
+def test_an_exported_part_passes_and_lacks_no_row(dataset, tmp_path):
+    export(simgrab.open(dataset)[1:5:2], tmp_path / "part", format="simgrab", part=True)
+    report = audit(tmp_path / "part")
+    assert report.status == "passed", report.findings
+    table = pq.read_table(tmp_path / "part" / "labels.parquet")
+    pq.write_table(table.slice(1), tmp_path / "part" / "labels.parquet")
+    assert any("missing" in finding.what for finding in audit(tmp_path / "part").findings)

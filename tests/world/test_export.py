@@ -203,3 +203,31 @@ def test_an_interrupted_export_leaves_nothing(source, tmp_path):
         with pytest.raises(KeyboardInterrupt):
             export(source, tmp_path / name, format=name, shard_frames=1, progress=stop)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_part_is_a_dataset_that_says_of_what(source, tmp_path):
+    part = source[2:9:3]
+    for name in ("simgrab", "yolo", "hf"):
+        export(part, tmp_path / name, format=name, part=True)
+        table = pd.read_parquet(tmp_path / name / "labels.parquet")
+        assert table.frame.tolist() == [2, 5, 8]
+        manifest = json.loads((tmp_path / name / "manifest.json").read_bytes())
+        assert manifest["frames"] == 3
+        assert manifest["selection"] == {"of_frames": len(source), "labels_sha256": source.data.labels_sha256}
+    made = simgrab.open(tmp_path / "simgrab")
+    assert [frame.content for frame in made] == [frame.content for frame in part]
+    export(source, tmp_path / "whole", format="yolo", part=True)
+    assert "selection" not in json.loads((tmp_path / "whole" / "manifest.json").read_bytes())
+
+
+def test_a_part_that_cannot_be_is_refused(source, exported, tmp_path):
+    shards = simgrab.open(exported / "webdataset")
+    for part, name, line in (
+        (source[::-1], "yolo", "in the order"),
+        (source[:0], "yolo", "must hold frames"),
+        (source[1:], "webdataset", "as webdataset"),
+        (shards[1:], "yolo", "of shards"),
+    ):
+        with pytest.raises(DatasetError, match=line):
+            export(part, tmp_path / "out", format=name, part=True)
+    assert not (tmp_path / "out").exists()

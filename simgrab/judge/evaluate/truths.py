@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,16 +103,44 @@ def of(run: Run, known: str | Path) -> Truths:
 
 def _of_dataset(run: Run, path: Path) -> Truths:
     dataset = datasets.read(path)
-    by_name = {row.file: row for row in dataset.rows} | {Path(row.file).name: row for row in dataset.rows}
-    rows = tuple(by_name.get(name) for name in run.names)
-    strange = [name for name, row in zip(run.names, rows, strict=True) if row is None]
-    if 0 < len(strange) < len(rows):
-        lacks = f"it lacks {len(strange)} of the run's {len(rows)} frames, such as {strange[0]}"
-        raise RunError(f"{path}: does not belong to this run: {lacks}")
-    if run.about.get("labels_sha256", dataset.data.labels_sha256) != dataset.data.labels_sha256:
-        raise RunError(f"{path}: does not belong to this run, of {run.source}: its labels differ")
+    at = match_names(run, [row.file for row in dataset.rows], dataset.data.labels_sha256, path)
+    rows = tuple(None if i is None else dataset.rows[i] for i in at)
     weather = tuple("" if row is None else dataset.weather(row) for row in rows)
     return Truths(rows, weather, dataset.least_visible_fraction)
+
+
+def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) -> list[int | None]:
+    """Find the frames of a run among the picture files of a dataset, by their names.
+
+    Parameters
+    ----------
+    run : Run
+    files : sequence of str
+        Of the dataset, as its labels name them.
+    labels_sha256 : str
+        Of the dataset's labels.
+    path : Path
+        Of the dataset, for the message.
+
+    Returns
+    -------
+    list of n int or None
+        Index of each frame's file; None where the dataset has none of that name, which all frames have then.
+
+    Raises
+    ------
+    RunError
+        If the dataset has only some of the run's frames, or its labels differ from those of the run.
+    """
+    by_name = {file: i for i, file in enumerate(files)} | {Path(file).name: i for i, file in enumerate(files)}
+    found = [by_name.get(name) for name in run.names]
+    strange = [name for name, at in zip(run.names, found, strict=True) if at is None]
+    if 0 < len(strange) < len(found):
+        lacks = f"it lacks {len(strange)} of the run's {len(found)} frames, such as {strange[0]}"
+        raise RunError(f"{path}: does not belong to this run: {lacks}")
+    if run.about.get("labels_sha256", labels_sha256) != labels_sha256:
+        raise RunError(f"{path}: does not belong to this run, of {run.source}: its labels differ")
+    return found
 
 
 def _of_video(run: Run, path: Path) -> Truths:

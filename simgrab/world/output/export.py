@@ -68,8 +68,9 @@ def export(
     format: str,
     shard_frames: int | None = None,
     progress: Progress | None = None,
+    part: bool = False,
 ) -> None:
-    """Write a finished dataset in the layout of another tool.
+    """Write a finished dataset, or a part of one, in the layout of another tool.
 
     Every format comes with all that is known of each frame, in ``labels.parquet`` or beside its picture.
 
@@ -88,6 +89,10 @@ def export(
         Frames of each shard or Parquet file; 256 unless given.
     progress : callable, optional
         Called with (frames done, frames in all).
+    part : bool
+        Accept a part of a dataset in a folder, such as a split or a slice. Frames keep their numbers and their order.
+        The manifest states under ``selection`` of how many frames it is a part, and the digest of their labels. Not
+        with ``webdataset``, whose shards are found by the numbers of their frames.
 
     Raises
     ------
@@ -96,8 +101,10 @@ def export(
     """
     if format not in FORMATS:
         raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
+    if part and format == "webdataset":
+        raise DatasetError("a part of a dataset cannot be exported as webdataset; choose another format")
     opened = dataset if isinstance(dataset, Dataset | ShardedDataset) else sharded.open(dataset)
-    source = _source(opened, shard_frames)
+    source = _source(opened, shard_frames, part=part)
     if is_url(out):
         store = Store(str(out))
         if store.sizes() or store.holds_folders():
@@ -112,10 +119,12 @@ def export(
         raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
-def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None) -> Source:
+def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part: bool) -> Source:
     store = dataset.store if isinstance(dataset, ShardedDataset) else Store(dataset.path.absolute().as_uri())
     if not dataset.is_whole:
-        raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order")
+        if not part:
+            raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
+        _check_part(dataset)
     where = f"{store.url}/{MANIFEST}"
     known = parse_json(store.read(MANIFEST, most_bytes=sharded.MOST_MANIFEST_BYTES), DatasetError, where)
     try:
@@ -124,10 +133,21 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None) -> Sour
     except (LookupError, TypeError, AttributeError):
         raise DatasetError(f"{where}: it names no renderer") from None
     core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
+    if not dataset.is_whole:
+        core |= {"frames": len(dataset)}
+        core["selection"] = {"of_frames": dataset.data.frames, "labels_sha256": dataset.data.labels_sha256}
     scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
     varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
     each = shards.frames_of(scenario, shard_frames, varies=varies)
     return Source(dataset, scenario, core, rendered_by, each)
+
+
+def _check_part(dataset: Dataset | ShardedDataset) -> None:
+    if isinstance(dataset, ShardedDataset):
+        raise DatasetError("a part of a dataset of shards cannot be exported: export the whole as simgrab first")
+    numbers = [row.frame for row in dataset.rows]
+    if not numbers or numbers != sorted(set(numbers)):
+        raise DatasetError("a part must hold frames, in the order of the dataset")
 
 
 def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
