@@ -130,12 +130,12 @@ def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str
             yield "T_BS:"
             yield "  cols: 4"
             yield "  rows: 4"
-            rows = (", ".join(repr(float(value)) for value in row) for row in body_from_sensor)
+            rows = (", ".join(_number(value) for value in row) for row in body_from_sensor)
             yield f"  data: [{(',' + chr(10) + ' ' * 9).join(rows)}]"
         case SlewEncoder() | LuffEncoder() | HoistEncoder():
             yield "sensor_type: encoder"
             yield f"comment: simgrab, {kind}"
-    yield f"rate_hz: {sensor.rate_hz!r}"
+    yield f"rate_hz: {_number(sensor.rate_hz)}"
     yield ""
     match sensor:
         case Imu():
