@@ -65,7 +65,7 @@ ADIS16448 = ImuNoise(
     accelerometer_scale_error=0.003,
     accelerometer_misalignment_deg=0.2,
     accelerometer_range_m_s2=176.5,
-    accelerometer_resolution_m_s2=8.169e-3,
+    accelerometer_resolution_m_s2=8.172e-3,
     clock_offset_ms=1.0,
     clock_drift_ppm=20.0,
 )
