@@ -39,8 +39,8 @@ def test_the_allan_deviation_is_what_was_set(name, kind):
     still = triad(density=density, walk=walk, rate_hz=rate).read(np.zeros((600_000, 3)))[0]
     short, long = 4 / rate, 900 / rate
     white, walking = (np.sqrt(np.mean(allan(still, n) ** 2)) for n in (4, 900))
-    assert white == pytest.approx(density / math.sqrt(short), rel=0.1)
-    assert walking == pytest.approx(walk * math.sqrt(long / 3), rel=0.1)
+    assert white == pytest.approx(density / math.sqrt(short), rel=0.02)
+    assert walking == pytest.approx(walk * math.sqrt(long / 3), rel=0.06)
 
 
 def test_a_recorded_imu_has_the_noise_of_its_class_at_its_rate():
@@ -168,6 +168,12 @@ def test_bad_keys_are_refused_in_a_line_that_names_them(changes, message):
         scenes.load("free-swing", changes)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_sensor_is_set_on_the_command_line():
+    changes = scenes.parse_changes(['sensors.imu0={model="imu", mount="grab"}', "sensors.imu0.rate_hz=100"])
+    imu = scenes.load("free-swing", changes).sensors["imu0"]
+    assert (imu.mount, imu.rate_hz, imu.noise) == ("grab", 100.0, "adis16448")
 
 
 def test_sensors_neither_vary_nor_come_without_physics(tmp_path):

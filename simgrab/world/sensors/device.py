@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,14 +45,14 @@ class Device(ABC):
         Nominal pose; None for what has none.
     """
 
-    columns: ClassVar[tuple[str, ...]]
-    truth_columns: ClassVar[tuple[str, ...]]
+    columns: tuple[str, ...]
+    truth_columns: tuple[str, ...]
     body_from_sensor: Array | None = None
 
     def __init__(self, clock: Clock, each: int = 1) -> None:
         self.clock, self._each, self._next = clock, each, 0
 
-    def instants(self, begin: float, end: float) -> Array:  # noqa: ARG002
+    def instants(self, end: float) -> Array:
         """Give the true times before ``end`` that were not given before, s."""
         clock = self.clock
         last = math.ceil(end * clock.rate_hz * (1 + clock.drift)) + 1

@@ -20,11 +20,15 @@ class EncoderDevice(Device):
         super().__init__(Clock.draw(sensor.rate_hz, sensor.clock_offset_ms, sensor.clock_drift_ppm, opened))
         self._sensor = sensor
         zero, scale = (float(opened(name).standard_normal()) for name in ("zero", "scale"))
-        if isinstance(sensor, SlewEncoder):
-            self._zero, self._scale, self._resolution = zero * sensor.zero_error_deg, 1.0, sensor.resolution_deg
-        else:
-            self._zero, self._resolution = zero * sensor.zero_error_m, sensor.resolution_m
-            self._scale = 1 + scale * sensor.scale_error
+        match sensor:
+            case SlewEncoder():
+                column, self._scale = "slew [deg]", 1.0
+                self._zero, self._resolution = zero * sensor.zero_error_deg, sensor.resolution_deg
+            case LuffEncoder() | HoistEncoder():
+                column = "radius [m]" if isinstance(sensor, LuffEncoder) else "rope_length [m]"
+                self._scale = 1 + scale * sensor.scale_error
+                self._zero, self._resolution = zero * sensor.zero_error_m, sensor.resolution_m
+        self.columns, self.truth_columns = (column,), ("time [s]", column)
 
     def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
         assert kept.all()
@@ -36,21 +40,3 @@ class EncoderDevice(Device):
             case HoistEncoder():
                 true = motion.rope
         return counted(self._scale * true + self._zero, self._resolution)[:, None], true[:, None]
-
-
-class SlewDevice(EncoderDevice):
-    """Encoder of the slewing angle."""
-
-    columns, truth_columns = ("slew [deg]",), ("time [s]", "slew [deg]")
-
-
-class LuffDevice(EncoderDevice):
-    """Encoder of the radius."""
-
-    columns, truth_columns = ("radius [m]",), ("time [s]", "radius [m]")
-
-
-class HoistDevice(EncoderDevice):
-    """Encoder of the rope length."""
-
-    columns, truth_columns = ("rope_length [m]",), ("time [s]", "rope_length [m]")

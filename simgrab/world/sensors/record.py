@@ -15,7 +15,7 @@ from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, MotionSensor, Scenario, SlewEncoder, variant
 from simgrab.world.sensors.device import Device, Rows
-from simgrab.world.sensors.encoders import HoistDevice, LuffDevice, SlewDevice
+from simgrab.world.sensors.encoders import EncoderDevice
 from simgrab.world.sensors.errors import streams
 from simgrab.world.sensors.imu import ImuDevice
 from simgrab.world.sensors.inclinometer import InclinometerDevice
@@ -136,13 +136,14 @@ def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterato
     """
     due: dict[str, Array] = {}
 
-    def instants(begin: float, end: float) -> Array:
-        due.update({name: made.instants(begin, end) for name, made in devices.items()})
+    def instants(_begin: float, end: float) -> Array:
+        due.update({name: made.instants(end) for name, made in devices.items()})
         return np.unique(np.concatenate(list(due.values())))
 
     for motion in motions(scenario, clip, instants):
         for name, made in devices.items():
-            yield name, made.rows(motion[np.searchsorted(motion.time, due[name])])
+            if len(due[name]):
+                yield name, made.rows(motion[np.searchsorted(motion.time, due[name])])
 
 
 def device(name: str, sensor: MotionSensor, scenario: Scenario, clip: int) -> Device:
@@ -153,9 +154,5 @@ def device(name: str, sensor: MotionSensor, scenario: Scenario, clip: int) -> De
             return ImuDevice(sensor, scenario, opened)
         case Inclinometer():
             return InclinometerDevice(sensor, scenario, opened)
-        case SlewEncoder():
-            return SlewDevice(sensor, opened)
-        case LuffEncoder():
-            return LuffDevice(sensor, opened)
-        case HoistEncoder():
-            return HoistDevice(sensor, opened)
+        case SlewEncoder() | LuffEncoder() | HoistEncoder():
+            return EncoderDevice(sensor, opened)
