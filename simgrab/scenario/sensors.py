@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from simgrab.errors import ScenarioError
 from simgrab.scenario.base import Meta, Strict, Tagged
 
 Mounting = Literal["jib-head", "camera", "rope", "grab"]
@@ -98,14 +97,8 @@ class Imu(Tagged, frozen=True, kw_only=True, tag="imu"):
     """
 
     mount: Mounting
-    noise: str | ImuNoise = "adis16448"
+    noise: Literal["adis16448", "mems", "none"] | ImuNoise = "adis16448"
     rate_hz: Annotated[float, Meta(ge=1, le=2000)] = 200.0
-
-    def check(self) -> None:  # noqa: D102
-        if isinstance(self.noise, str) and self.noise not in IMU_CLASSES:
-            raise ScenarioError(
-                "noise", f"must be one of: {', '.join(IMU_CLASSES)}, or a table of errors; got {self.noise!r}"
-            )
 
     @property
     def errors(self) -> ImuNoise:

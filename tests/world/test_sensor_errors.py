@@ -146,7 +146,7 @@ REFUSED = [
     ({"sensors.imu0": IMU | {"mount": "hook"}}, "sensors.imu0.mount: must be one of: jib-head, camera, rope, grab"),
     ({"sensors.imu0": {"model": "imu"}}, "sensors.imu0.mount: missing"),
     ({"sensors.imu0": {"mount": "grab"}}, "sensors.imu0.model: missing; one of: imu, inclinometer, slew-encoder"),
-    ({"sensors.imu0": IMU | {"noise": "cheap"}}, "sensors.imu0.noise: must be one of: adis16448, mems, none, or a ta"),
+    ({"sensors.imu0": IMU | {"noise": "cheap"}}, "noise: must be one of: adis16448, mems, none, or a table; got"),
     ({"sensors.imu0": IMU | {"noise": {"gyroscope_noise_density": math.nan}}}, "density: must be a finite number"),
     ({"sensors.imu0": IMU | {"noise": {"accelerometer_random_walk": -1e-3}}}, "accelerometer_random_walk: expected fl"),
     ({"sensors.imu0": IMU | {"noise": {"gyroscope_range_deg_s": 0}}}, "sensors.imu0.noise.gyroscope_range_deg_s: ex"),

@@ -87,8 +87,8 @@ def sensors(scene: Scenario | str | Path, clip: int = 0) -> dict[str, Recording]
     >>> import simgrab
     >>> scene = simgrab.load("free-swing", {"frames": 18, "sensors.imu0": {"model": "imu", "mount": "rope"}})
     >>> imu = simgrab.sensors(scene)["imu0"]
-    >>> imu.values.shape, imu.columns[3]
-    ((400, 6), 'a_RS_S_x [m s^-2]')
+    >>> imu.columns[3], imu.values.shape[1]
+    ('a_RS_S_x [m s^-2]', 6)
     """
     scenario = scene if isinstance(scene, Scenario) else scenes.load(scene)
     if not scenario.sensors:
