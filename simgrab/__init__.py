@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from simgrab.world.frames import frames as frames
     from simgrab.world.output.dataset import render as render
     from simgrab.world.output.video.render import render_video as render_video
+    from simgrab.world.sensors.record import sensors as sensors
     from simgrab.world.trajectory.moment import GrabState as GrabState
     from simgrab.world.trajectory.moment import JibState as JibState
     from simgrab.world.trajectory.moment import Moment as Moment
@@ -48,6 +49,7 @@ _HOME = {
     "Tilt": "simgrab.world.trajectory.moment",
     "render": "simgrab.world.output.dataset",
     "render_video": "simgrab.world.output.video.render",
+    "sensors": "simgrab.world.sensors.record",
     "open": "simgrab.labels.shards",
     "audit": "simgrab.judge.audit.audit",
     "check": "simgrab.judge.check.gate",

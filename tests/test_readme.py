@@ -19,7 +19,7 @@ from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.judge.check.suite import Suite
-from simgrab.scenario import Scenario, merged
+from simgrab.scenario import IMU_CLASSES, ImuNoise, Scenario, merged
 from simgrab.scenes import load
 from simgrab.utilities.strict import convert
 
@@ -70,7 +70,7 @@ def test_the_table_names_every_command():
 
 def test_scene_files_and_suites_read():
     found = [*blocks("toml"), *blocks("toml", TEXTS["writing-scenes.md"])]
-    assert len(found) == 3
+    assert len(found) == 4
     for block in found:
         data = tomllib.loads(block)
         if "scenes" in data:
@@ -136,6 +136,21 @@ def test_the_instruments_page_holds_a_camera_that_loads(tmp_path):
     (block,) = blocks("toml", INSTRUMENT)
     (tmp_path / "camera.toml").write_text(block, encoding="utf-8")
     assert calibration.load(tmp_path / "camera.toml").digit_layout.digit_height_px == 34
+
+
+def test_the_page_on_sensors_records_what_it_says(capsys):
+    (block,) = blocks("python", TEXTS["sensors.md"])
+    exec(block, {})
+    column, _, first = capsys.readouterr().out.split("\n", 1)[0].rpartition(" ")
+    assert column == "a_RS_S_x [m s^-2]"
+    assert 0 < abs(float(first)) < 3
+
+
+def test_the_page_on_sensors_has_the_figures_of_each_class():
+    rows = re.findall(r"^\| `(\w+)` \|[^|]*\| ([\d.e-]+)[^|]*\| ([\d.e-]+)", TEXTS["sensors.md"], re.MULTILINE)
+    told = {key: (float(a), float(b)) for key, a, b in rows}
+    named = [name for name in ImuNoise.__struct_fields__ if not name.startswith("clock_")]
+    assert told == {key: tuple(getattr(IMU_CLASSES[name], key) for name in ("adis16448", "mems")) for key in named}
 
 
 def test_the_page_on_own_pipelines_holds_instruments_that_measure():

@@ -16,6 +16,16 @@ from simgrab.scenario.factor import Factor, OneOf
 from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
+from simgrab.scenario.sensors import (
+    IMU_CLASSES,
+    HoistEncoder,
+    Imu,
+    ImuNoise,
+    Inclinometer,
+    LuffEncoder,
+    MotionSensor,
+    SlewEncoder,
+)
 from simgrab.scenario.size import resized
 from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Place, Plain, Quay, RandomPlace, Water
 from simgrab.scenario.swing import (
@@ -36,6 +46,7 @@ from simgrab.scenario.weather import Weather
 from simgrab.scenario.whole import Scenario, merged, schema
 
 __all__ = [
+    "IMU_CLASSES",
     "MOST_ALPHA_DEG",
     "ROPE_LENGTH_RANGE_M",
     "Alpha",
@@ -56,9 +67,13 @@ __all__ = [
     "FourRope",
     "Grab",
     "Hang",
+    "HoistEncoder",
     "Hold",
     "Iid",
     "Image",
+    "Imu",
+    "ImuNoise",
+    "Inclinometer",
     "Jaw",
     "Jib",
     "Labels",
@@ -66,7 +81,9 @@ __all__ = [
     "LensFocal",
     "LevelledMount",
     "Light",
+    "LuffEncoder",
     "Mesh",
+    "MotionSensor",
     "OneOf",
     "Optics",
     "OrangePeel",
@@ -82,6 +99,7 @@ __all__ = [
     "SensorFocal",
     "Share",
     "Shutter",
+    "SlewEncoder",
     "Splits",
     "Start",
     "Strict",

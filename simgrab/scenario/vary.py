@@ -15,7 +15,7 @@ from simgrab.scenario.factor import JOINT, Factor, OneOf, draw, trials
 from simgrab.scenario.whole import Scenario, merged
 from simgrab.utilities.strict import convert, of_another_kind
 
-FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "vary")
+FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "sensors", "vary")
 _FIXED_WHY = "cannot vary: it must be the same for the whole dataset"
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import timedelta
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import tomli_w
@@ -21,6 +22,7 @@ from simgrab.scenario.factor import JOINT, Factor, OneOf
 from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
+from simgrab.scenario.sensors import MotionSensor
 from simgrab.scenario.surroundings import Clutter, Jib, Light, Place, Quay
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
@@ -28,6 +30,8 @@ from simgrab.utilities import models
 
 MOST_DAYS = 366
 """Of simulated motion in a dataset."""
+MOST_SENSORS = 32
+_SENSOR_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")  # a folder of the dataset
 
 
 class Scenario(Strict, frozen=True):
@@ -35,6 +39,9 @@ class Scenario(Strict, frozen=True):
 
     ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
     that only some kinds of a table have is left out where another kind was drawn.
+
+    ``sensors`` are those beside the camera, by name. A scenario without any is written, and has the digest, as if there
+    were no such key.
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
@@ -56,6 +63,7 @@ class Scenario(Strict, frozen=True):
     display: Display = Display()
     labels: Labels = Labels()
     splits: Splits = Splits()
+    sensors: dict[str, MotionSensor] = msgspec.field(default_factory=dict)
     vary: dict[str, Factor] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102
@@ -75,6 +83,7 @@ class Scenario(Strict, frozen=True):
                 "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
             )
         self._check_display()
+        self._check_sensors()
         for key in self.vary:
             if any(part in ("grab.file", "grab.sha256") for part in key.split(JOINT)):
                 raise ScenarioError(f"vary.{key}", "a model's file varies with its table: use [vary.grab]")
@@ -99,6 +108,18 @@ class Scenario(Strict, frozen=True):
         except OverflowError:
             raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
 
+    def _check_sensors(self) -> None:
+        if len(self.sensors) > MOST_SENSORS:
+            raise ScenarioError("sensors", f"at most {MOST_SENSORS} sensors, got {len(self.sensors)}")
+        for name in self.sensors:
+            if not _SENSOR_NAME.fullmatch(name):
+                raise ScenarioError(
+                    f"sensors.{name}",
+                    "a name has 1 to 64 of a-z, 0-9, _ and -, and begins with a letter or digit",
+                )
+        if self.sensors and isinstance(self.swing, Iid):
+            raise ScenarioError("sensors", 'independent frames have no motion to measure; swing.model = "dynamic"')
+
     def span(self, clip: int) -> range:
         """Frames of one clip, in order; the last clip may be shorter."""
         return self.clip.span(clip, self.frames)
@@ -120,11 +141,17 @@ class Scenario(Strict, frozen=True):
 
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""
-        return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()
+        return hashlib.sha256(self._encoded(order="deterministic")).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as `from_dict` takes it."""
-        return dict(msgspec.json.decode(msgspec.json.encode(self)))
+        return dict(msgspec.json.decode(self._encoded()))
+
+    def _encoded(self, order: Literal["deterministic"] | None = None) -> bytes:
+        """JSON of all fields in their order; ``sensors`` only where there are some, which keeps older digests."""
+        names = (name for name in self.__struct_fields__ if name != "sensors" or self.sensors)
+        fields = {name: msgspec.Raw(msgspec.json.encode(getattr(self, name), order=order)) for name in names}
+        return msgspec.json.encode(fields)
 
     def to_toml(self) -> str:
         """Return a scene file with every key filled in."""

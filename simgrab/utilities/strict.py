@@ -132,6 +132,15 @@ def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:
     return []
 
 
+def _words_of(annotation: Any) -> tuple[tuple[Any, ...], bool]:
+    """Return the values of a Literal, or of the one in a union, and whether there is nothing else in it."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation), True
+    if get_origin(annotation) in (Union, types.UnionType):
+        return next((get_args(a) for a in get_args(annotation) if get_origin(a) is Literal), ()), False
+    return (), False
+
+
 def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: str) -> None:
     fields = _fields(kind)
     tag_field = kind.__struct_config__.tag_field
@@ -141,10 +150,12 @@ def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: s
         if key not in valid:
             raise ScenarioError(dotted, f"unknown key{suggestion(str(key), valid)}; valid here: {', '.join(valid)}")
         structs = _structs_of(fields.get(key))
-        if get_origin(fields.get(key)) is Literal and value not in get_args(fields[key]):
-            choices = [str(choice) for choice in get_args(fields[key])]
+        words, pure = _words_of(fields.get(key))
+        if words and value not in words and (pure or isinstance(value, str)):
+            choices = [str(choice) for choice in words]
             hint = suggestion(str(value), choices)
-            raise ScenarioError(dotted, f"must be one of: {', '.join(choices)}; got {shown(value)}{hint}")
+            either = f"{', '.join(choices)}{', or a table' if structs else ''}"
+            raise ScenarioError(dotted, f"must be one of: {either}; got {shown(value)}{hint}")
         if get_origin(fields.get(key)) is dict and isinstance(value, Mapping):
             _refuse_bad_entries(value, get_args(fields[key])[1], dotted)
         if structs and isinstance(value, Mapping):

@@ -22,7 +22,7 @@ from simgrab.utilities.stores import is_url
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import manifest, pool, preview, shards, stored, tables
+from simgrab.world.output import manifest, pool, preview, sensors, shards, stored, tables
 from simgrab.world.output.folder import Folder, finish, writing
 from simgrab.world.output.pool import Progress, Tick
 from simgrab.world.output.stored import StoredFrame
@@ -52,7 +52,8 @@ def render(
 ) -> Summary:
     """Render a scenario's frames and labels into a folder, or into shards below a URL.
 
-    The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted.
+    The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted. Where
+    it has ``sensors``, what they report and the truth beside it are written too; see `simgrab.sensors`.
 
     Parameters
     ----------
@@ -101,6 +102,7 @@ def render(
     """
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
     pool.check(recipe, workers, cluster)
+    sensors.check(recipe)
     if resume:
         recipe.extensions.refuse_unknown()
     if video is not None and (cluster is not None or is_url(out)):
@@ -257,7 +259,8 @@ def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
             folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))
             first += [row] * (len(first) < preview.MOST_TILES)
     tiles = ((pictures.read(folder.path / row.file, cv2.IMREAD_COLOR), row) for row in first)
-    finish(folder, core, written.splits, preview.of(tiles), scenario, rendered_by)
+    others = sensors.write(recipe, folder.writing)
+    finish(folder, core, written.splits, preview.of(tiles), scenario, rendered_by, written=others)
     folder.close()
 
 

@@ -28,7 +28,7 @@ from simgrab.utilities.destination import check_new_folder
 from simgrab.utilities.parse import parse_json
 from simgrab.utilities.stores import Store, is_url
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import folder, manifest, preview, shards, tables
+from simgrab.world.output import folder, manifest, preview, sensors, shards, tables
 from simgrab.world.output.shards import Packed
 from simgrab.world.output.tables import Coco, Labels, Tables
 
@@ -36,6 +36,7 @@ Progress = Callable[[int, int], None]
 Add = Callable[[LabelledFrame], None]
 
 HF_SPLITS = {"train": "train", "val": "validation", "test": "test"}
+MOST_SENSOR_BYTES = 2**31
 _HF_GROUP_ROWS = 64  # pictures and all, in memory at once
 
 
@@ -52,6 +53,10 @@ class Source:
     rendered_by : Fingerprint
     shard_frames : int
         Frames of a file that holds many.
+    store : Store
+        Where its files lie.
+    sensors : dict of str to str
+        SHA-256 of the files of its sensors, by name, which every format carries.
     """
 
     dataset: Dataset | ShardedDataset
@@ -59,6 +64,8 @@ class Source:
     core: dict[str, Any]
     rendered_by: Fingerprint
     shard_frames: int
+    store: Store
+    sensors: dict[str, str]
 
 
 def export(
@@ -72,7 +79,8 @@ def export(
 ) -> None:
     """Write a finished dataset, or a part of one, in the layout of another tool.
 
-    Every format comes with all that is known of each frame, in ``labels.parquet`` or beside its picture.
+    Every format comes with all that is known of each frame, in ``labels.parquet`` or beside its picture, and with the
+    files of the scene's sensors.
 
     Parameters
     ----------
@@ -139,7 +147,14 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part
     scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
     varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
     each = shards.frames_of(scenario, shard_frames, varies=varies)
-    return Source(dataset, scenario, core, rendered_by, each)
+    listed = known.get("files")
+    listed = listed if isinstance(listed, dict) else {}
+    carried = sensors.names(scenario)
+    missing = next((name for name in carried if name not in listed), None)
+    if missing is not None:
+        raise DatasetError(f"{where}: it lists no {missing}, which the scenario's sensors have")
+    digests = {name: str(listed[name]) for name in carried}
+    return Source(dataset, scenario, core, rendered_by, each, store, digests)
 
 
 def _check_part(dataset: Dataset | ShardedDataset) -> None:
@@ -152,6 +167,11 @@ def _check_part(dataset: Dataset | ShardedDataset) -> None:
 
 def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
     total = len(source.dataset)
+    for name, digest in source.sensors.items():
+        data = source.store.read(name, most_bytes=MOST_SENSOR_BYTES)
+        if hashlib.sha256(data).hexdigest() != digest:
+            raise DatasetError(f"{source.store.url}: {name} was changed since it was written")
+        store.write(name, data)
     with FORMATS[format](source, store) as add:
         for done, frame in enumerate(source.dataset, 1):
             add(frame)
@@ -173,7 +193,7 @@ def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
     copies = tables.grabs(source.scenario)
     for name, data in copies.items():
         store.write(name, data)
-    digests = {name: hashlib.sha256(data).hexdigest() for name, data in copies.items()}
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in copies.items()} | source.sensors
     store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, digests))
 
 
@@ -269,7 +289,9 @@ def _webdataset(source: Source, store: Store) -> Iterator[Add]:
     yield add
     if frames:
         write()
-    shards.finish(store, source.core, source.shard_frames, done, source.scenario, source.rendered_by)
+    shards.finish(
+        store, source.core, source.shard_frames, done, source.scenario, source.rendered_by, source.sensors
+    )  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -285,7 +307,10 @@ def _simgrab(source: Source, store: Store) -> Iterator[Add]:
 
         yield add
     tiles = ((frame.picture[..., ::-1], frame.truth) for frame in source.dataset[: preview.MOST_TILES])
-    folder.finish(store, source.core, written.splits, preview.of(tiles), source.scenario, source.rendered_by)
+    folder.finish(
+        store, source.core, written.splits, preview.of(tiles), source.scenario, source.rendered_by,
+        written=list(source.sensors),
+    )  # fmt: skip
 
 
 @contextlib.contextmanager

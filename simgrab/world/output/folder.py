@@ -178,9 +178,12 @@ class Folder:
 
 def finish(
     place: Folder | Store, core: dict[str, Any], splits: Sequence[str], preview: bytes, scenario: Scenario,
-    rendered_by: Fingerprint,
+    rendered_by: Fingerprint, *, written: Sequence[str] = (),
 ) -> None:  # fmt: skip
-    """Write what a dataset of files has besides frames and tables; ``splits`` have frames. The manifest comes last."""
+    """Write what a dataset of files has besides frames and tables; ``splits`` have frames. The manifest comes last.
+
+    It also lists other files that are ``written``, by name.
+    """
     folder = place.path if isinstance(place, Folder) else place.folder
     if folder is not None:
         for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
@@ -188,7 +191,7 @@ def finish(
     others = tables.others(splits, scenario) | {"preview.jpg": preview}
     for name, data in others.items():
         place.write(name, data)
-    digests = {name: place.sha256(name) for name in {*tables.names(splits), *others}}
+    digests = {name: place.sha256(name) for name in {*tables.names(splits), *others, *written}}
     place.write(MANIFEST, manifest.compose(core, rendered_by, digests))
 
 

@@ -36,7 +36,7 @@ from simgrab.utilities.stores import Store
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import manifest, pool, preview, stored, tables
+from simgrab.world.output import manifest, pool, preview, sensors, stored, tables
 from simgrab.world.output.folder import refuse_other
 from simgrab.world.output.pool import Progress, Tick
 from simgrab.world.output.summary import Summary, Tally
@@ -206,7 +206,9 @@ class Shards:
             if shards.table(number) not in there:
                 raise DatasetError(f"{self.store.url}: {shards.table(number)} is gone; run it again with --resume")
         known = [done[number] for number in range(self.count)]
-        finish(self.store, manifest.identity(self.recipe), self.frames, known, self.recipe.scenario, rendered_by)
+        written = {name: self.store.sha256(name) for name in sensors.write(self.recipe, self.store.writing)}
+        core, scenario = manifest.identity(self.recipe), self.recipe.scenario
+        finish(self.store, core, self.frames, known, scenario, rendered_by, written)
         self.release()
 
     def release(self) -> None:
@@ -253,8 +255,9 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
 
 
 def finish(
-    store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario, rendered_by: Fingerprint
-) -> None:
+    store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario,
+    rendered_by: Fingerprint, written: dict[str, str],
+) -> None:  # fmt: skip
     """Write what depends on all shards of so many frames each; the manifest comes last.
 
     Parameters
@@ -267,8 +270,10 @@ def finish(
         All shards, by number.
     scenario : Scenario
     rendered_by : Fingerprint
+    written : dict of str to str
+        SHA-256 of other files that are there, by name.
     """
-    digests = {shards.table(one.number): one.labels_sha256 for one in done}
+    digests = {shards.table(one.number): one.labels_sha256 for one in done} | written
     about = {"frames": frames, "splits": [one.tally.splits for one in done]}
     known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
     dataset = ShardedDataset(store, known, tuple(sum(one.tally.splits) for one in done))

@@ -60,6 +60,15 @@ class Move:
         gone -= (self.brake - falling) ** 2 / (2 * self.brake)
         return top * gone, top * np.minimum(rising / self.ramp, falling / self.brake)
 
+    def acceleration(self, time: Array) -> Array:
+        """Acceleration; where it jumps, that after the jump."""
+        if not self.distance:
+            return np.zeros_like(time)
+        u = time - self.start
+        top = self.distance / (self.duration - (self.ramp + self.brake) / 2)
+        rises, falls = (u >= 0) & (u < self.ramp), (u >= self.duration - self.brake) & (u < self.duration)
+        return np.asarray(top * (rises / self.ramp - falls / self.brake))
+
 
 @dataclass
 class Axis:
@@ -81,6 +90,10 @@ class Axis:
             position += gone
             velocity += speed
         return position, velocity
+
+    def acceleration(self, time: Array) -> Array:
+        """Acceleration."""
+        return np.asarray(sum((move.acceleration(time) for move in self.moves), np.zeros_like(time)))
 
     def forget(self, before: float) -> None:
         """Drop moves that ended before a time; positions after it stay."""

@@ -25,6 +25,51 @@ from simgrab.world.trajectory.work import Course, Work
 MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Block:
+    """What drives a clip during `BLOCK` intervals. Vectors are in axes that do not turn, except where said.
+
+    Attributes
+    ----------
+    count : int
+        Number of the first interval; interval 0 begins with the first frame.
+    interval : float
+        s.
+    course : Course
+        At both ends of all intervals, one instant more than these.
+    gravity : ndarray, shape (BLOCK, 3)
+        Less O's mean acceleration, m/s².
+    velocity : ndarray, shape (BLOCK + 1, 2)
+        Of O, at the intervals' ends, m/s.
+    felt : ndarray, shape (BLOCK, 3)
+        ``gravity`` in the jib frame of the interval's beginning.
+    wind, push : ndarray, shape (BLOCK, 2)
+        m/s, and m/s².
+    shake : ndarray, shape (BLOCK, 2)
+        Lean of the jib head from vibration at the intervals' beginnings, jib frame, rad.
+    """
+
+    count: int
+    interval: float
+    course: Course
+    gravity: Array
+    velocity: Array
+    felt: Array
+    wind: Array
+    push: Array
+    shake: Array
+
+    def drives(self) -> Iterator[tuple[Drive, float, float]]:
+        """Give for each interval what acts on the grab, the jaws' opening and the load."""
+        course = self.course
+        columns = (
+            self.gravity, self.velocity[:-1], (course.slew[:-1] + course.slew[1:]) / 2, course.rope[:-1],
+            course.rope_rate[:-1], np.diff(course.rope_rate) / self.interval, self.wind, self.push, course.held[:-1],
+        )  # fmt: skip
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return zip((Drive(*row) for row in rows), course.jaw[:-1].tolist(), course.load[:-1].tolist(), strict=True)
+
+
 class ClipMotion:
     """One clip. Iterate over it for its `Moment`s, from the first frame on, without end.
 
@@ -42,39 +87,27 @@ class ClipMotion:
         self._grab = design_of(scenario.grab)
         period = 1 / scenario.clip.frame_rate_hz
         self._per_frame = math.ceil(period / MOST_INTERVAL_S)
-        self._interval = period / self._per_frame
-        self._steps = math.ceil(self._interval / MOST_STEP_S)
+        self.interval = period / self._per_frame
+        self.steps = math.ceil(self.interval / MOST_STEP_S)
         self._settle = math.ceil(self._swing.settle_s / period)  # frames before the first
         self._first = scenario.span(clip).start  # frame
         self._layout = scenario.display_layout
 
     def __iter__(self) -> Iterator[Moment]:
-        swing = self._swing
-        work, mount = Work(self._scenario, self._clip), Mount(self._scenario.camera, self._interval)
-        noises = zip(self._wind(), self._forcing(), self._vibration(), strict=True)
+        work, mount = Work(self._scenario, self._clip), Mount(self._scenario.camera, self.interval)
         plant: Plant | None = None
-        count = -self._settle * self._per_frame  # intervals; frame 0 is at 0
-        for block, (wind, push, shake) in enumerate(noises):
-            # One instant more than intervals: each takes its mean accelerations from both its ends.
-            ticks = np.arange(block * BLOCK, (block + 1) * BLOCK + 1, dtype=float)
-            course = work.sample(self._interval * ticks)
-            velocity = _velocity(swing.radius_m, course)
-            gravity = np.full((BLOCK, 3), -STANDARD_GRAVITY)
-            gravity[:, :2] = -np.diff(velocity, axis=0) / self._interval
-            felt = _turned(gravity, -course.slew[:-1])
-            drives = self._drives(course, gravity, velocity, wind, push)
-            for i, (drive, jaw, load) in enumerate(
-                zip(drives, course.jaw.tolist(), course.load.tolist(), strict=False)
-            ):
+        for block in self.blocks(work):
+            course, felt, shake = block.course, block.felt, block.shake
+            for i, (drive, jaw, load) in enumerate(block.drives()):
                 if plant is None:
-                    plant = self._plant(drive.rope, jaw, load)
-                moment = None
+                    plant = self.plant(drive.rope, jaw, load)
+                count, moment = block.count + i, None
                 if count >= 0 and count % self._per_frame == 0:
                     moment = self._moment(count / self._per_frame, plant, course, i, felt[i], mount, shake[i])
                     if self._layout:
                         moment = dataclasses.replace(moment, shown=self._shown(moment, work))
                 plant.hold(jaw, load)
-                plant.run(drive, self._interval, self._steps)
+                plant.run(drive, self.interval, self.steps)
                 mount.step(felt[i], float(course.luffed[i + 1]))
                 if moment and self._scenario.shutter.open_s > 0:
                     after = min(i + 1, BLOCK - 1)  # the next block's tremble and pull are not drawn yet
@@ -84,16 +117,28 @@ class ClipMotion:
                     moment = dataclasses.replace(moment, ahead=ahead)
                 if moment:
                     yield moment
-                count += 1
 
-    def _drives(self, course: Course, gravity: Array, velocity: Array, wind: Array, push: Array) -> Iterator[Drive]:
-        columns = (
-            gravity, velocity[:-1], (course.slew[:-1] + course.slew[1:]) / 2, course.rope[:-1], course.rope_rate[:-1],
-            np.diff(course.rope_rate) / self._interval, wind, push, course.held[:-1],
-        )  # fmt: skip
-        return (Drive(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
+    @property
+    def settled_s(self) -> float:
+        """Time that runs before the first frame, by which the work's clock is ahead of the clip's."""
+        return self._settle * self._per_frame * self.interval
 
-    def _plant(self, rope: float, jaw: float, load: float) -> Plant:
+    def blocks(self, work: Work) -> Iterator[Block]:
+        """Give what drives the clip, block by block, without end; ``work`` is sampled as they are asked for."""
+        noises = zip(self._wind(), self._forcing(), self._vibration(), strict=True)
+        for block, (wind, push, shake) in enumerate(noises):
+            # One instant more than intervals: each takes its mean accelerations from both its ends.
+            ticks = np.arange(block * BLOCK, (block + 1) * BLOCK + 1, dtype=float)
+            course = work.sample(self.interval * ticks)
+            velocity = _velocity(self._swing.radius_m, course)
+            gravity = np.full((BLOCK, 3), -STANDARD_GRAVITY)
+            gravity[:, :2] = -np.diff(velocity, axis=0) / self.interval
+            count = block * BLOCK - self._settle * self._per_frame
+            felt = _turned(gravity, -course.slew[:-1])
+            yield Block(count, self.interval, course, gravity, velocity, felt, wind, push, shake)
+
+    def plant(self, rope: float, jaw: float, load: float) -> Plant:
+        """Make the grab as the clip begins."""
         swing = self._swing
         drag_area = self._grab.cd_a_m2 if swing.drag_area_m2 is None else swing.drag_area_m2
         plant = Plant(
@@ -133,7 +178,7 @@ class ClipMotion:
         """Work out what the display shows; its clock runs on from clip to clip."""
         assert self._layout is not None
         began = self._first / self._scenario.clip.frame_rate_hz
-        settled = self._settle * self._per_frame * self._interval
+        settled = self._settle * self._per_frame * self.interval
 
         def lengths(time: float) -> tuple[float, float]:
             rope, jaw = work.rope_and_jaw(max(time - began + settled, 0.0))
@@ -164,7 +209,7 @@ class ClipMotion:
         if not shape or not rms:
             return itertools.repeat(np.zeros((BLOCK, 2)))
         pair = (
-            noise(shape, self._interval, seed=self._scenario.seed, clip=self._clip, name=f"{name}.{axis}")
+            noise(shape, self.interval, seed=self._scenario.seed, clip=self._clip, name=f"{name}.{axis}")
             for axis in "xy"
         )
         return (rms * np.stack(blocks, axis=-1) for blocks in zip(*pair, strict=True))

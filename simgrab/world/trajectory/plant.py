@@ -7,6 +7,7 @@ it; the hoist is a slide that follows its command; the four ropes turn the grab 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -86,7 +87,7 @@ class Plant:
         self._jaw, self._load = jaw, load
         self.mass = grab.mass_of(jaw, load)
         self._model = _compile(self.mass)
-        self.data = mujoco.MjData(self._model)
+        self.data, self._probe = mujoco.MjData(self._model), mujoco.MjData(self._model)
         self.data.qpos[4] = -rope
 
     def hold(self, jaw: float, load: float) -> None:
@@ -110,6 +111,49 @@ class Plant:
 
     def run(self, drive: Drive, seconds: float, steps: int) -> None:
         """Integrate one interval."""
+        self._set_forces(drive, seconds, steps)
+        mujoco.mj_step(self._model, self.data, steps)
+
+    def watch(self, drive: Drive, seconds: float, steps: int, instants: Sequence[float]) -> Array:
+        """Integrate one interval as `run` does, and give the motion at instants within it.
+
+        Between two steps the motion is that of a shorter step from the first of them, by the same integrator.
+
+        Parameters
+        ----------
+        drive : Drive
+        seconds : float
+        steps : int
+        instants : sequence of float
+            Increasing, since the interval's beginning, s.
+
+        Returns
+        -------
+        ndarray, shape (n, 13)
+            Attitude as a quaternion (4) in MuJoCo's order and the slide, |OA| below O negative, m; angular velocity
+            (3), grab frame, rad/s, and the slide's, m/s; angular acceleration (3) and the slide's, rad/s² and m/s².
+        """
+        self._set_forces(drive, seconds, steps)
+        model, data, probe = self._model, self.data, self._probe
+        probe.qfrc_applied, probe.xfrc_applied = data.qfrc_applied, data.xfrc_applied
+        taken, rows, step = 0, np.empty((len(instants), 13)), seconds / steps
+        which = [min(int(instant / step), steps - 1) for instant in instants]
+        for row, number, instant in zip(rows, which, instants, strict=True):
+            while taken < number:
+                mujoco.mj_step(model, data)
+                taken += 1
+            probe.qpos, probe.qvel = data.qpos, data.qvel
+            model.opt.timestep = instant - number * step
+            if model.opt.timestep > 1e-12:  # s; none is left between instants that rounding set apart
+                mujoco.mj_step(model, probe)
+            mujoco.mj_forward(model, probe)
+            model.opt.timestep = step
+            row[:5], row[5:9], row[9:] = probe.qpos, probe.qvel, probe.qacc
+        mujoco.mj_step(model, data, steps - taken)
+        return rows
+
+    def _set_forces(self, drive: Drive, seconds: float, steps: int) -> None:
+        """Set what acts during an interval."""
         model, data = self._model, self.data
         mass = self.mass
         qpos, qvel = data.qpos, data.qvel
@@ -147,7 +191,6 @@ class Plant:
         applied[0] = force * rel[0] + mass.mass * drive.push[0]
         applied[1] = force * rel[1] + mass.mass * drive.push[1]
         applied[2] = force * rel[2]
-        mujoco.mj_step(model, data, steps)
 
 
 def _compile(mass: Mass) -> mujoco.MjModel:

@@ -97,6 +97,10 @@ class Work:
         jaw, load = np.clip(jaw, 0.0, self._most_jaw), np.clip(load, 0.0, self._most_load)
         return Course(slew, slew_rate, luff, luff_rate, rope, rope_rate, jaw, load, held)
 
+    def slew_acceleration(self, time: Array) -> Array:
+        """Give the angular acceleration of the jib, rad/s², at instants that were sampled last."""
+        return self._slew.acceleration(time)
+
     def rope_and_jaw(self, time: float) -> tuple[float, float]:
         """|OA|, m, and opening of the jaws, rad, at an instant up to `KEPT_S` before the last sample."""
         when = np.array([time])

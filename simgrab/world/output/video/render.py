@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pyarrow.compute as pc
 
-from simgrab.errors import DatasetError
+from simgrab.errors import DatasetError, ScenarioError
 from simgrab.scenario import Scenario
 from simgrab.utilities import parquet
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
@@ -102,6 +102,8 @@ def render_video(
         If worker processes die of a frame or clip again and again.
     """
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
+    if recipe.scenario.sensors:
+        raise ScenarioError("sensors", "are written beside a dataset: render one together with the video (--out)")
     if resume:
         recipe.extensions.refuse_unknown()
     return render_clips(recipe, path, workers=workers, resume=resume, progress=progress, checking=checking)

@@ -1,0 +1,151 @@
+"""Sensors beside the camera: inertial measurement units, inclinometers and the crane's encoders."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from simgrab.scenario.base import Meta, Strict, Tagged
+
+Mounting = Literal["jib-head", "camera", "rope", "grab"]
+Density = Annotated[float, Meta(ge=0, le=10)]
+Spread = Annotated[float, Meta(ge=0, le=1000)]
+Error = Annotated[float, Meta(ge=0, le=0.5)]
+SlowRate = Annotated[float, Meta(ge=0.1, le=1000)]
+
+
+class Clocked(Tagged, frozen=True):
+    """What slow sensors have: a clock of their own. Standard deviations of draws made once a clip."""
+
+    clock_offset_ms: Spread = 5.0
+    clock_drift_ppm: Spread = 20.0
+
+
+class ImuNoise(Strict, frozen=True):
+    """Errors of an IMU. What is not given is 0 or, for a range, without limit.
+
+    Noise densities and random walks are those of Kalibr's model, with the names and units of EuRoC's ``sensor.yaml``:
+    rad/s/√Hz and rad/s²/√Hz, m/s²/√Hz and m/s³/√Hz. ``bias``, ``scale_error``, ``misalignment`` and ``clock`` are
+    standard deviations of draws made once a clip: for each axis, and for the clock. ``misalignment_deg`` turns every
+    sensitive axis towards each of the other two. Readings beyond ``range`` stay at it; ``resolution`` is that of a
+    count.
+    """
+
+    gyroscope_noise_density: Density = 0.0
+    gyroscope_random_walk: Density = 0.0
+    gyroscope_bias_deg_s: Spread = 0.0
+    gyroscope_scale_error: Error = 0.0
+    gyroscope_misalignment_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    gyroscope_range_deg_s: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+    gyroscope_resolution_deg_s: Annotated[float, Meta(ge=0, le=100)] = 0.0
+    accelerometer_noise_density: Density = 0.0
+    accelerometer_random_walk: Density = 0.0
+    accelerometer_bias_m_s2: Spread = 0.0
+    accelerometer_scale_error: Error = 0.0
+    accelerometer_misalignment_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    accelerometer_range_m_s2: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+    accelerometer_resolution_m_s2: Annotated[float, Meta(ge=0, le=100)] = 0.0
+    clock_offset_ms: Spread = 0.0
+    clock_drift_ppm: Spread = 0.0
+
+
+# Sources of the figures: docs/sensors.md.
+NO_NOISE = ImuNoise()
+ADIS16448 = ImuNoise(
+    gyroscope_noise_density=1.6968e-4,
+    gyroscope_random_walk=1.9393e-5,
+    gyroscope_bias_deg_s=0.5,
+    gyroscope_scale_error=0.003,
+    gyroscope_misalignment_deg=0.2,
+    gyroscope_range_deg_s=1000.0,
+    gyroscope_resolution_deg_s=0.04,
+    accelerometer_noise_density=2.0e-3,
+    accelerometer_random_walk=3.0e-3,
+    accelerometer_bias_m_s2=0.196,
+    accelerometer_scale_error=0.003,
+    accelerometer_misalignment_deg=0.2,
+    accelerometer_range_m_s2=176.5,
+    accelerometer_resolution_m_s2=8.172e-3,
+    clock_offset_ms=1.0,
+    clock_drift_ppm=20.0,
+)
+MEMS = ImuNoise(
+    gyroscope_noise_density=8.727e-5,
+    gyroscope_random_walk=9.97e-7,
+    gyroscope_bias_deg_s=6.67,
+    gyroscope_scale_error=0.01,
+    gyroscope_misalignment_deg=0.38,
+    gyroscope_range_deg_s=250.0,
+    gyroscope_resolution_deg_s=7.63e-3,
+    accelerometer_noise_density=3.923e-3,
+    accelerometer_random_walk=1.248e-5,
+    accelerometer_bias_m_s2=0.163,
+    accelerometer_scale_error=0.01,
+    accelerometer_misalignment_deg=0.38,
+    accelerometer_range_m_s2=19.61,
+    accelerometer_resolution_m_s2=5.985e-4,
+    clock_offset_ms=5.0,
+    clock_drift_ppm=50.0,
+)
+IMU_CLASSES = {"adis16448": ADIS16448, "mems": MEMS, "none": NO_NOISE}
+
+
+class Imu(Tagged, frozen=True, kw_only=True, tag="imu"):
+    """An inertial measurement unit: angular rate and specific force in its own frame.
+
+    ``mount`` is where it is: at the ``jib-head`` in O, in the ``camera``'s housing, on the ``rope`` 1 m below O, or on
+    the ``grab``'s head. ``noise`` names a class of sensors ("adis16448", "mems", "none"), or is a table of errors.
+    """
+
+    mount: Mounting
+    noise: Literal["adis16448", "mems", "none"] | ImuNoise = "adis16448"
+    rate_hz: Annotated[float, Meta(ge=1, le=2000)] = 200.0
+
+    @property
+    def errors(self) -> ImuNoise:
+        """The table of errors, also where a class is named."""
+        return IMU_CLASSES[self.noise] if isinstance(self.noise, str) else self.noise
+
+
+class Inclinometer(Clocked, frozen=True, kw_only=True, tag="inclinometer"):
+    """Angles of the sensor's x and y axes above the plane that apparent gravity makes level, behind a slow filter.
+
+    The filter is a low-pass of first order at ``bandwidth_hz``. ``noise_deg`` is that of a reading; ``zero_error_deg``
+    is the standard deviation of a draw made once a clip.
+    """
+
+    mount: Mounting
+    rate_hz: SlowRate = 10.0
+    bandwidth_hz: Annotated[float, Meta(ge=0.01, le=100)] = 1.0
+    noise_deg: Annotated[float, Meta(ge=0, le=10)] = 0.01
+    zero_error_deg: Annotated[float, Meta(ge=0, le=10)] = 0.05
+    resolution_deg: Annotated[float, Meta(ge=0, le=10)] = 0.01
+
+
+class SlewEncoder(Clocked, frozen=True, tag="slew-encoder"):
+    """Encoder of the slewing angle; the default counts 8192 a turn."""
+
+    rate_hz: SlowRate = 20.0
+    resolution_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0439453125
+    zero_error_deg: Annotated[float, Meta(ge=0, le=10)] = 0.1
+
+
+class LuffEncoder(Clocked, frozen=True, tag="luff-encoder"):
+    """Encoder of the luffing gear, read as the radius from the slewing axis to O."""
+
+    rate_hz: SlowRate = 20.0
+    resolution_m: Annotated[float, Meta(ge=0, le=1)] = 0.01
+    zero_error_m: Annotated[float, Meta(ge=0, le=10)] = 0.05
+    scale_error: Error = 0.0
+
+
+class HoistEncoder(Clocked, frozen=True, tag="hoist-encoder"):
+    """Encoder of the hoisting drum, read as the rope length |OA|."""
+
+    rate_hz: SlowRate = 20.0
+    resolution_m: Annotated[float, Meta(ge=0, le=1)] = 0.005
+    zero_error_m: Annotated[float, Meta(ge=0, le=10)] = 0.05
+    scale_error: Error = 0.001
+
+
+Encoder = SlewEncoder | LuffEncoder | HoistEncoder
+MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder

@@ -1,0 +1,75 @@
+"""A sensor in one clip: when it samples, what it reads, and the truth beside it."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.world.sensors.errors import Clock
+from simgrab.world.sensors.motion import Motion
+
+SWING = ("alpha [deg]", "azimuth [deg]")
+"""Columns of the truth that is to be found out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a sensor's two tables.
+
+    Attributes
+    ----------
+    stamp_ns : ndarray of int64, shape (n,)
+    values : ndarray, shape (n, columns)
+    truth : ndarray, shape (n, truth columns)
+        The first is the true time.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    values: Array
+    truth: Array
+
+
+class Device(ABC):
+    """A sensor in one clip, which gives its rows in order.
+
+    Attributes
+    ----------
+    columns, truth_columns : tuple of str
+        With units in brackets; of ``values`` and ``truth`` of its rows.
+    body_from_sensor : ndarray, shape (4, 4), or None
+        Nominal pose; None for what has none.
+    """
+
+    columns: tuple[str, ...]
+    truth_columns: tuple[str, ...]
+    body_from_sensor: Array | None = None
+
+    def __init__(self, clock: Clock, each: int = 1) -> None:
+        self.clock, self._each, self._next = clock, each, 0
+
+    def instants(self, end: float) -> Array:
+        """Give the true times before ``end`` that were not given before, s."""
+        clock = self.clock
+        last = math.ceil(end * clock.rate_hz * (1 + clock.drift)) + 1
+        samples = np.arange(self._next, max(last, self._next), dtype=float)
+        times = clock.times(samples)
+        times = times[times < end]
+        self._next += len(times)
+        return times
+
+    def rows(self, motion: Motion) -> Rows:
+        """Read the motion at the instants given last."""
+        samples = np.arange(self._next - len(motion.time), self._next)
+        kept = samples % self._each == 0
+        values, truth = self._read(motion, kept)
+        stamp = np.round(self.clock.stamps(samples[kept].astype(float)) * 1e9).astype(np.int64)
+        return Rows(stamp, values, np.column_stack([motion.time[kept], truth]))
+
+    @abstractmethod
+    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Give values and truth at the instants that are kept."""

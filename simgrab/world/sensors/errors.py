@@ -1,0 +1,104 @@
+"""What a sensor's own errors make of what it feels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgrab.geometry import Array
+from simgrab.rng import stream
+
+Open = Callable[[str], np.random.Generator]
+"""Opens the stream of one of a sensor's variables."""
+
+
+def streams(seed: int, clip: int, sensor: str) -> Open:
+    """Streams of a sensor's variables: keyed by seed, clip, the sensor's name and the variable's."""
+    return lambda variable: stream(seed, clip, f"sensors/{sensor}/{variable}")
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A sensor's clock, which sets when it samples and what it stamps.
+
+    At the true time t of the clip it shows ``offset + (1 + drift) t``; it samples ``rate_hz`` times in a second of its
+    own.
+
+    Attributes
+    ----------
+    rate_hz : float
+    offset : float
+        s.
+    drift : float
+    """
+
+    rate_hz: float
+    offset: float
+    drift: float
+
+    @classmethod
+    def draw(cls, rate_hz: float, offset_ms: float, drift_ppm: float, opened: Open) -> Clock:
+        """Draw a clock, of standard deviations of offset and drift."""
+        offset, drift = opened("clock").standard_normal(2)
+        return cls(rate_hz, float(offset) * offset_ms / 1000, float(drift) * drift_ppm / 1e6)
+
+    def times(self, samples: Array) -> Array:
+        """Give the true times of samples by number, s since the clip began."""
+        return np.asarray(samples / (self.rate_hz * (1 + self.drift)))
+
+    def stamps(self, samples: Array) -> Array:
+        """Give the time stamps of samples by number, s."""
+        return np.asarray(self.offset + samples / self.rate_hz)
+
+
+class Triad:
+    """Errors of three axes, sample by sample: y = (I + E) x + b + n, limited and counted.
+
+    E holds scale errors and misalignments, b a bias that begins at its turn-on value and then walks at random; n is
+    white. Of a white noise of density N, a sample has the standard deviation N √rate; the walk of density K grows by
+    K/√rate between samples. It goes on from call to call, and the same samples give the same numbers however they are
+    cut.
+
+    Parameters
+    ----------
+    density, walk : float
+        N, in unit/√Hz, and K, in unit/s/√Hz.
+    bias, scale_error, misalignment : float
+        Standard deviations of draws for each axis: unit, relative, rad.
+    limit : float or None
+        Readings stay within ± this.
+    resolution : float
+        Of a count; 0 is none.
+    rate_hz : float
+    opened : callable
+    """
+
+    def __init__(
+        self, *, density: float, walk: float, bias: float, scale_error: float, misalignment: float,
+        limit: float | None, resolution: float, rate_hz: float, opened: Open,
+    ) -> None:  # fmt: skip
+        spread = np.full((3, 3), misalignment)
+        np.fill_diagonal(spread, scale_error)
+        self._matrix = np.eye(3) + spread * opened("matrix").standard_normal((3, 3))
+        self._bias = bias * opened("bias").standard_normal(3)
+        self._density, self._walk = density * math.sqrt(rate_hz), walk / math.sqrt(rate_hz)
+        self._limit, self._resolution = limit, resolution
+        self._noise, self._steps = opened("noise"), opened("walk")
+
+    def read(self, felt: Array) -> tuple[Array, Array]:
+        """Give what is read of what is felt, and the bias in it, shapes (n, 3)."""
+        steps = self._walk * self._steps.standard_normal(felt.shape)
+        walked = np.cumsum(np.concatenate([self._bias[None], steps]), axis=0)
+        self._bias, bias = walked[-1], walked[:-1]
+        read = felt @ self._matrix.T + bias + self._density * self._noise.standard_normal(felt.shape)
+        return counted(read, self._resolution, self._limit), bias
+
+
+def counted(values: Array, resolution: float, limit: float | None = None) -> Array:
+    """Round to whole counts, and keep within ± a limit."""
+    if resolution:
+        values = np.round(values / resolution) * resolution
+    return values if limit is None else np.clip(values, -limit, limit)

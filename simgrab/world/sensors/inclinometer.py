@@ -1,0 +1,62 @@
+"""The inclinometer: slow, and level by apparent gravity."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from simgrab.geometry import Array
+from simgrab.scenario import Inclinometer, Scenario
+from simgrab.world.sensors.device import SWING, Device
+from simgrab.world.sensors.errors import Clock, Open, counted
+from simgrab.world.sensors.motion import Motion
+from simgrab.world.sensors.mounts import Felt, body_from_sensor, feel
+
+FILTER_HZ = 200.0
+"""How often, at least, its filter takes a value."""
+
+
+class InclinometerDevice(Device):
+    """Two angles of apparent gravity behind a low-pass filter."""
+
+    columns = ("tilt_x [deg]", "tilt_y [deg]")
+    truth_columns = (
+        "time [s]", "apparent_tilt_x [deg]", "apparent_tilt_y [deg]", "tilt_x [deg]", "tilt_y [deg]", *SWING,
+    )  # fmt: skip
+
+    def __init__(self, sensor: Inclinometer, scenario: Scenario, opened: Open) -> None:
+        each = math.ceil(FILTER_HZ / sensor.rate_hz)
+        clock = Clock.draw(each * sensor.rate_hz, sensor.clock_offset_ms, sensor.clock_drift_ppm, opened)
+        super().__init__(clock, each)
+        self._sensor, self._scenario = sensor, scenario
+        self.body_from_sensor = body_from_sensor(sensor.mount, scenario)
+        self._zero = sensor.zero_error_deg * opened("zero").standard_normal(2)
+        self._noise = opened("noise")
+        # Exact for a force that goes straight from sample to sample.
+        step = 2 * math.pi * sensor.bandwidth_hz / clock.rate_hz
+        self._pole = math.exp(-step)
+        share = -math.expm1(-step) / step
+        self._taps = 1 - share, share - self._pole
+        self._state: Array | None = None
+
+    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
+        felt = feel(self._sensor.mount, motion, self._scenario)
+        if self._state is None:  # settled on what it feels first
+            self._state = (1 - self._taps[0]) * felt.force[:1]
+        slow, self._state = signal.lfilter(self._taps, (1, -self._pole), felt.force, axis=0, zi=self._state)
+        noise = self._sensor.noise_deg * self._noise.standard_normal((int(kept.sum()), 2))
+        values = counted(_above_level(slow[kept]) + self._zero + noise, self._sensor.resolution_deg)
+        return values, np.hstack([_above_level(felt.force), _true_tilt(felt), np.degrees(motion.swing).T])[kept]
+
+
+def _above_level(force: Array) -> Array:
+    """Angles of x and y axes above the plane across a specific force (n, 3), degrees, shape (n, 2)."""
+    return np.degrees(np.arcsin(force[:, :2] / np.linalg.norm(force, axis=1, keepdims=True)))
+
+
+def _true_tilt(felt: Felt) -> Array:
+    """Angles of x and y axes above the horizontal, degrees, shape (n, 2)."""
+    return np.degrees(np.arcsin(np.clip(felt.attitude[:, 2, :2], -1.0, 1.0)))

@@ -1,0 +1,163 @@
+"""The motion of a clip at any instants, as its frames have it at theirs, with rates and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from simgrab import geometry
+from simgrab.geometry import Array
+from simgrab.scenario import Dynamic, Scenario
+from simgrab.world.trajectory.clip import Block, ClipMotion
+from simgrab.world.trajectory.mount import Mount
+from simgrab.world.trajectory.noise import BLOCK
+from simgrab.world.trajectory.plant import Plant
+from simgrab.world.trajectory.work import Work
+
+Instants = Callable[[float, float], Array]
+"""From the ends of a span of time to increasing instants within it, the first end included."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Crane, grab and camera at n instants, SI units and radians.
+
+    Vectors are in the *pivot frame*, whose origin is O and whose axes are those of the jib frame unslewed, which do not
+    turn; except where said.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Since the clip began.
+    attitude : ndarray, shape (n, 3, 3)
+        Rotation of the grab's frame in the pivot frame.
+    rate, acceleration : ndarray, shape (n, 3)
+        Its angular velocity and acceleration, grab frame.
+    rope, rope_rate, rope_acceleration : ndarray, shape (n,)
+        |OA|.
+    gravity : ndarray, shape (n, 3)
+        Less the acceleration of O.
+    slew, slew_rate, slew_acceleration : ndarray, shape (n,)
+        Of the jib.
+    radius : ndarray, shape (n,)
+        From the slewing axis to O.
+    shake, shake_rate : ndarray, shape (n, 2)
+        Lean of the jib head from vibration, jib frame, as the tangent of its angle.
+    lean, lean_rate : ndarray, shape (n, 2)
+        Lean of the camera about its attitude at rest, ``shake`` included.
+    """
+
+    time: Array
+    attitude: Array
+    rate: Array
+    acceleration: Array
+    rope: Array
+    rope_rate: Array
+    rope_acceleration: Array
+    gravity: Array
+    slew: Array
+    slew_rate: Array
+    slew_acceleration: Array
+    radius: Array
+    shake: Array
+    shake_rate: Array
+    lean: Array
+    lean_rate: Array
+
+    def __getitem__(self, which: NDArray[np.intp]) -> Motion:
+        return Motion(**{name: values[which] for name, values in vars(self).items()})
+
+    @property
+    def swing(self) -> tuple[Array, Array]:
+        """α and its azimuth in the jib frame, rad, shape (n,) each."""
+        down = np.einsum("nij,nj->ni", geometry.rotation_z(-self.slew), -self.attitude[:, :, 2])
+        alpha, azimuth, _ = geometry.swing_of(down)
+        return alpha, azimuth
+
+
+def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motion]:
+    """Give the motion of a clip at instants, some seconds at a time.
+
+    It is integrated in the same steps as for frames. The forces that drive it are constant during each of the plant's
+    intervals of at most 20 ms, so that accelerations jump between these. By how much moving jaws change the angular
+    velocity at an interval's beginning counts as acceleration throughout the interval.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With dynamic swing, and nothing that varies.
+    clip : int
+    instants : callable
+
+    Yields
+    ------
+    Motion
+    """
+    assert isinstance(scenario.swing, Dynamic)
+    radius, course, work = scenario.swing.radius_m, ClipMotion(scenario, clip), Work(scenario, clip)
+    mount, interval = Mount(scenario.camera, course.interval), course.interval
+    end = len(scenario.clip.span(clip, scenario.frames)) / scenario.clip.frame_rate_hz
+    plant: Plant | None = None
+    before: Array | None = None
+    blocks = course.blocks(Work(scenario, clip))
+    block, after = next(blocks), next(blocks)
+    while block.count * interval < end:
+        begin = max(block.count * interval, 0.0)
+        time = instants(begin, min((block.count + BLOCK) * interval, end)) if block.count > -BLOCK else np.zeros(0)
+        which = np.clip((time / interval).astype(int) - block.count, 0, BLOCK - 1)
+        late = np.clip(time - (which + block.count) * interval, 0.0, interval)
+        sampled = work.sample(time + course.settled_s) if len(time) else None
+        first = np.searchsorted(which, np.arange(BLOCK + 1))
+        states, leaning = [np.empty((0, 13))], [np.empty((0, 4))]
+        for i, (drive, jaw, load) in enumerate(block.drives()):
+            if plant is None:
+                plant = course.plant(drive.rope, jaw, load)
+            rate = plant.data.qvel[:3].copy()
+            plant.hold(jaw, load)
+            jump = plant.data.qvel[:3] - rate
+            own = slice(first[i], first[i + 1])
+            states.append(plant.watch(drive, interval, course.steps, late[own].tolist()))
+            states[-1][:, 9:12] += jump / interval  # in the plant all at once
+            if sampled is not None and own.stop > own.start:
+                leans = mount.leaning(late[own], block.felt[i], sampled.luffed[own], sampled.luff_rate[own])
+                leaning.append(np.hstack(leans))
+            mount.step(block.felt[i], float(block.course.luffed[i + 1]))
+        if sampled is not None:
+            state, lean = np.concatenate(states), np.concatenate(leaning)
+            shake, shake_rate = _between(_padded(before, block, after), which, late / interval)
+            shake_rate = shake_rate / interval
+            yield Motion(
+                time=time,
+                attitude=Rotation.from_quat(state[:, :4], scalar_first=True).as_matrix(),
+                rate=state[:, 5:8], acceleration=state[:, 9:12],
+                rope=-state[:, 4], rope_rate=-state[:, 8], rope_acceleration=-state[:, 12],
+                gravity=block.gravity[which],
+                slew=sampled.slew, slew_rate=sampled.slew_rate,
+                slew_acceleration=work.slew_acceleration(time + course.settled_s),
+                radius=radius + sampled.luffed,
+                shake=shake, shake_rate=shake_rate,
+                lean=lean[:, :2] + shake, lean_rate=lean[:, 2:] + shake_rate,
+            )  # fmt: skip
+        before, block, after = block.shake[-1], after, next(blocks)
+
+
+def _padded(before: Array | None, block: Block, after: Block) -> Array:
+    """Vibration of a block with one value before it and two after it, shape (BLOCK + 3, 2)."""
+    shake = block.shake
+    first = 2 * shake[0] - shake[1] if before is None else before
+    return np.concatenate([first[None], shake, after.shake[:2]])
+
+
+def _between(values: Array, which: NDArray[np.intp], share: Array) -> tuple[Array, Array]:
+    """Catmull-Rom curve through values, and its derivative by the share of the way from value ``which + 1`` on."""
+    a, b, c, d = (values[which + k] for k in range(4))
+    s = share[:, None]
+    curve = np.stack([b, (c - a) / 2, a - 2.5 * b + 2 * c - d / 2, (d - a) / 2 + 1.5 * (b - c)])
+    return (
+        curve[0] + s * (curve[1] + s * (curve[2] + s * curve[3])),
+        curve[1] + s * (2 * curve[2] + s * 3 * curve[3]),
+    )

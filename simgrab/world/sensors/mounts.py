@@ -1,0 +1,154 @@
+"""What is exactly to be felt where a sensor sits: specific force, angular rate and attitude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgrab import geometry
+from simgrab.geometry import Array
+from simgrab.scenario import Scenario
+from simgrab.scenario.sensors import Mounting
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.sensors.motion import Motion
+from simgrab.world.trajectory.moment import Tilt
+
+ROPE_M = 1.0
+"""How far below O the sensor on the rope is."""
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What a sensor feels at n instants.
+
+    Attributes
+    ----------
+    attitude : ndarray, shape (n, 3, 3)
+        Rotation of the sensor's frame in the pivot frame; see `Motion`.
+    rate : ndarray, shape (n, 3)
+        Angular velocity over the ground, sensor frame, rad/s.
+    force : ndarray, shape (n, 3)
+        Specific force, acceleration less gravity, sensor frame, m/s².
+    """
+
+    attitude: Array
+    rate: Array
+    force: Array
+
+
+def feel(mounting: Mounting, motion: Motion, scenario: Scenario) -> Felt:
+    """Work out what a sensor feels.
+
+    Parameters
+    ----------
+    mounting : str
+    motion : Motion
+    scenario : Scenario
+        Whose camera and grab they are.
+    """
+    match mounting:
+        case "jib-head":
+            return _on_jib(motion, np.eye(3), motion.shake, motion.shake_rate, np.zeros(3))
+        case "camera":
+            rest, offset = Tilt.at_rest(scenario.camera).jib_from_camera, np.array(scenario.camera.offset_m)
+            return _on_jib(motion, rest, motion.lean, motion.lean_rate, offset)
+        case "rope":
+            return _on_rope(motion)
+        case "grab":
+            return _on_grab(motion, float(body_from_sensor(mounting, scenario)[2, 3]))
+
+
+def body_from_sensor(mounting: Mounting, scenario: Scenario) -> Array:
+    """Pose of a sensor in what it is fixed to, shape (4, 4), m.
+
+    The body's frame is the jib frame, the camera frame, the grab's frame, or for the rope that of the jib leaned with
+    the rope, origin O.
+    """
+    pose = np.eye(4)
+    if mounting == "rope":
+        pose[2, 3] = -ROPE_M
+    elif mounting == "grab":
+        pose[2, 3] = design_of(scenario.grab).terminations[0, 2]
+    return pose
+
+
+def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: Array) -> Felt:
+    """Feel in a housing at an offset from O that leans by a vector about its attitude ``rest`` in the jib frame."""
+    turn = geometry.rotation_z(motion.slew)
+    down, down_rate = np.hstack([lean, -np.ones((len(lean), 1))]), np.hstack([lean_rate, np.zeros((len(lean), 1))])
+    leaned, leaned_rate = _leaned(down, down_rate)
+    attitude = turn @ leaned @ rest
+    rate = _into(attitude, _about_z(motion.slew_rate)) + leaned_rate @ rest
+    arm = np.einsum("nij,j->ni", turn, offset)
+    spin, spin_up = _about_z(motion.slew_rate), _about_z(motion.slew_acceleration)
+    acceleration = np.cross(spin_up, arm) + np.cross(spin, np.cross(spin, arm))
+    return Felt(attitude, rate, _into(attitude, acceleration - motion.gravity))
+
+
+def _on_rope(motion: Motion) -> Felt:
+    """Feel on the rope, with its direction but without turning about it as the grab does."""
+    turn = geometry.rotation_z(motion.slew)
+    axis = np.array([0.0, 0.0, 1.0])
+    swung = np.cross(motion.rate, axis)  # of the rope's axis, grab frame
+    direction = -motion.attitude[:, :, 2]
+    direction_rate = -_out_of(motion.attitude, swung)
+    bend = np.cross(motion.acceleration, axis) + np.cross(motion.rate, swung)
+    spin = _about_z(motion.slew_rate)
+    leaned, leaned_rate = _leaned(
+        _into(turn, direction), _into(turn, direction_rate - np.cross(spin, direction))
+    )  # fmt: skip
+    attitude = turn @ leaned
+    force = _into(attitude, -ROPE_M * _out_of(motion.attitude, bend) - motion.gravity)
+    return Felt(attitude, _into(attitude, spin) + leaned_rate, force)
+
+
+def _on_grab(motion: Motion, height: float) -> Felt:
+    """Feel on the grab's axis, at a height in its frame."""
+    rate, axis = motion.rate, np.array([0.0, 0.0, 1.0])
+    arm = (height - motion.rope)[:, None] * axis
+    force = np.cross(motion.acceleration, arm) + np.cross(rate, np.cross(rate, arm))
+    force += 2 * np.cross(rate, -motion.rope_rate[:, None] * axis) - motion.rope_acceleration[:, None] * axis
+    return Felt(motion.attitude, rate, force - _into(motion.attitude, motion.gravity))
+
+
+def _leaned(down: Array, down_rate: Array) -> tuple[Array, Array]:
+    """Shortest rotation from straight down to a direction of any length, and its angular velocity.
+
+    Parameters
+    ----------
+    down, down_rate : ndarray, shape (n, 3)
+        Direction and its derivative.
+
+    Returns
+    -------
+    rotation : ndarray, shape (n, 3, 3)
+    rate : ndarray, shape (n, 3)
+        In the leaned frame, rad/s: 2 vec(Q* Q̇)/|Q|² of the quaternion Q = (1 + e·d, e × d), of any length.
+    """
+    length = np.linalg.norm(down, axis=1, keepdims=True)
+    unit = down / length
+    unit_rate = (down_rate - unit * np.sum(unit * down_rate, axis=1, keepdims=True)) / length
+    scalar, vector = 1 + unit @ _DOWN, np.cross(_DOWN, unit)
+    scalar_rate, vector_rate = unit_rate @ _DOWN, np.cross(_DOWN, unit_rate)
+    norm = scalar**2 + np.sum(vector**2, axis=1)
+    turned = scalar[:, None] * vector_rate - scalar_rate[:, None] * vector - np.cross(vector, vector_rate)
+    across = np.hypot(unit[:, 0], unit[:, 1])
+    rotation = geometry.lean(np.arctan2(across, -unit[:, 2]), np.arctan2(unit[:, 1], unit[:, 0]))
+    return rotation, 2 * turned / norm[:, None]
+
+
+def _about_z(speed: Array) -> Array:
+    """Vectors along z, shape (n, 3)."""
+    return np.stack([np.zeros_like(speed), np.zeros_like(speed), speed], axis=1)
+
+
+def _into(attitude: Array, vector: Array) -> Array:
+    """Express vectors (n, 3) in frames of these attitudes (n, 3, 3)."""
+    return np.asarray(np.einsum("nji,nj->ni", attitude, vector))
+
+
+def _out_of(attitude: Array, vector: Array) -> Array:
+    """Express vectors (n, 3) of frames of these attitudes (n, 3, 3) outside of them."""
+    return np.asarray(np.einsum("nij,nj->ni", attitude, vector))

@@ -1,0 +1,158 @@
+"""Record the sensors of a clip."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.geometry import Array
+from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, MotionSensor, Scenario, SlewEncoder, variant
+from simgrab.world.sensors.device import Device, Rows
+from simgrab.world.sensors.encoders import EncoderDevice
+from simgrab.world.sensors.errors import streams
+from simgrab.world.sensors.imu import ImuDevice
+from simgrab.world.sensors.inclinometer import InclinometerDevice
+from simgrab.world.sensors.motion import motions
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a sensor recorded in one clip, and the truth beside it.
+
+    Attributes
+    ----------
+    name : str
+    sensor : MotionSensor
+        Its table of the scenario.
+    stamp_ns : ndarray of int64, shape (n,)
+        Time stamps of the sensor's own clock, ns since the clip began.
+    columns : tuple of str
+        Of ``values``, each with its unit in brackets.
+    values : ndarray, shape (n, len(columns))
+        As the sensor reports them.
+    truth_columns : tuple of str
+    truth : ndarray, shape (n, len(truth_columns))
+        What is known at each sample; the first column is the true time, s since the clip began.
+    body_from_sensor : ndarray, shape (4, 4), or None
+        Nominal pose in what it is fixed to, m; None for encoders.
+    """
+
+    name: str
+    sensor: MotionSensor
+    stamp_ns: NDArray[np.int64]
+    columns: tuple[str, ...]
+    values: Array
+    truth_columns: tuple[str, ...]
+    truth: Array
+    body_from_sensor: Array | None
+
+    def true(self, column: str) -> Array:
+        """Give a column of the truth, shape (n,)."""
+        return self.truth[:, self.truth_columns.index(column)]
+
+
+def sensors(scene: Scenario | str | Path, clip: int = 0) -> dict[str, Recording]:
+    """Record the sensors of a scene during one clip, writing nothing.
+
+    They are what `simgrab.render` writes beside the frames of the clip: the same motion, seen more often.
+
+    Parameters
+    ----------
+    scene : Scenario, str or path
+        With ``swing.model = "dynamic"`` and tables ``sensors.NAME``; anything else is refused.
+    clip : int
+        Number of the clip, a negative one from the end.
+
+    Returns
+    -------
+    dict of str to Recording
+        By the sensors' names.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has no sensors, naming the key, or cannot be.
+    IndexError
+        If there is no such clip.
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> scene = simgrab.load("free-swing", {"frames": 18, "sensors.imu0": {"model": "imu", "mount": "rope"}})
+    >>> imu = simgrab.sensors(scene)["imu0"]
+    >>> imu.columns[3], imu.values.shape[1]
+    ('a_RS_S_x [m s^-2]', 6)
+    """
+    scenario = scene if isinstance(scene, Scenario) else scenes.load(scene)
+    if not scenario.sensors:
+        raise ScenarioError("sensors", 'the scene has none; add one, such as imu0 = { model = "imu", mount = "grab" }')
+    count, number = scenario.clip.count(scenario.frames), operator.index(clip)
+    if not -count <= number < count:
+        raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
+    number %= count
+    one = variant(scenario, scenario.clip.span(number, scenario.frames).start).scenario
+    devices = devices_of(one, number)
+    taken: dict[str, list[Rows]] = {name: [] for name in devices}
+    for name, rows in record(one, number, devices):
+        taken[name].append(rows)
+    return {
+        name: Recording(
+            name, one.sensors[name],
+            np.concatenate([rows.stamp_ns for rows in taken[name]]),
+            made.columns, np.concatenate([rows.values for rows in taken[name]]),
+            made.truth_columns, np.concatenate([rows.truth for rows in taken[name]]),
+            made.body_from_sensor,
+        )
+        for name, made in devices.items()
+    }  # fmt: skip
+
+
+def devices_of(scenario: Scenario, clip: int) -> dict[str, Device]:
+    """Set up the sensors of one clip, by name."""
+    return {name: device(name, sensor, scenario, clip) for name, sensor in scenario.sensors.items()}
+
+
+def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, Rows]]:
+    """Record a clip with devices that are new, and give their rows some seconds at a time, each device's in order.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With dynamic swing, and nothing that varies.
+    clip : int
+    devices : dict of str to Device
+
+    Yields
+    ------
+    name : str
+    rows : Rows
+    """
+    due: dict[str, Array] = {}
+
+    def instants(_begin: float, end: float) -> Array:
+        due.update({name: made.instants(end) for name, made in devices.items()})
+        return np.unique(np.concatenate(list(due.values())))
+
+    for motion in motions(scenario, clip, instants):
+        for name, made in devices.items():
+            if len(due[name]):
+                yield name, made.rows(motion[np.searchsorted(motion.time, due[name])])
+
+
+def device(name: str, sensor: MotionSensor, scenario: Scenario, clip: int) -> Device:
+    """Set up a sensor for one clip."""
+    opened = streams(scenario.seed, clip, name)
+    match sensor:
+        case Imu():
+            return ImuDevice(sensor, scenario, opened)
+        case Inclinometer():
+            return InclinometerDevice(sensor, scenario, opened)
+        case SlewEncoder() | LuffEncoder() | HoistEncoder():
+            return EncoderDevice(sensor, opened)

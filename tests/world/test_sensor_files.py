@@ -1,0 +1,163 @@
+"""Files of sensors: read back by a reader of EuRoC's layout that shares no code with what wrote them."""
+
+import csv
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import small_scene
+
+import simgrab
+from simgrab.errors import DatasetError
+from simgrab.judge.audit.audit import _manifest_proof, _read
+from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, SlewEncoder
+from simgrab.world.output import sensors
+from simgrab.world.output.export import export
+
+yaml = pytest.importorskip("yaml")
+
+SENSORS = {
+    "imu0": {"model": "imu", "mount": "grab"},
+    "imu1": {"model": "imu", "mount": "camera", "noise": "mems", "rate_hz": 100.0},
+    "tilt": {"model": "inclinometer", "mount": "jib-head"},
+    "hoist": {"model": "hoist-encoder"},
+}
+
+
+def euroc(folder):
+    """Read a sensor's folder as EuRoC's development kit does: time stamps, values, and the description."""
+    with (folder / "data.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[0] == "#timestamp [ns]"
+    stamps = np.array([int(row[0]) for row in rows])
+    values = np.array([[float(cell) for cell in row[1:]] for row in rows])
+    return stamps, values, header[1:], yaml.safe_load((folder / "sensor.yaml").read_text())
+
+
+def digests(folder):
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(Path(folder).rglob("*"))
+        if path.is_file() and path.relative_to(folder).parts[0].startswith("sensors")
+    }
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return small_scene("work-cycles", frames=4, clip__clip_frames=2, display__layout="none", sensors=SENSORS)
+
+
+@pytest.fixture(scope="module")
+def rendered(scene, tmp_path_factory):
+    path = tmp_path_factory.mktemp("sensors") / "small"
+    simgrab.render(scene, path)
+    return path
+
+
+def test_an_imu_is_read_back_as_eurocs(rendered, scene):
+    for clip in range(2):
+        recorded = simgrab.sensors(scene, clip)
+        for name in ("imu0", "imu1"):
+            stamps, values, header, about = euroc(rendered / f"sensors/clip_{clip:03d}/{name}")
+            np.testing.assert_array_equal(stamps, recorded[name].stamp_ns)
+            np.testing.assert_array_equal(values, recorded[name].values)
+            assert header == [
+                "w_RS_S_x [rad s^-1]", "w_RS_S_y [rad s^-1]", "w_RS_S_z [rad s^-1]",
+                "a_RS_S_x [m s^-2]", "a_RS_S_y [m s^-2]", "a_RS_S_z [m s^-2]",
+            ]  # fmt: skip
+            rate = {"imu0": 200, "imu1": 100}[name]
+            assert len(stamps) == pytest.approx(2 / 9 * rate, abs=1)
+            assert np.diff(stamps) == pytest.approx(1e9 / rate, abs=1)
+            assert about["rate_hz"] == rate
+            pose = about["T_BS"]
+            data = np.array(pose["data"]).reshape(pose["rows"], pose["cols"])
+            np.testing.assert_array_equal(data, recorded[name].body_from_sensor)
+            assert data[2, 3] == (1.64 if name == "imu0" else 0)  # below the ropes' ends, in the grab's frame
+    _, _, _, about = euroc(rendered / "sensors/clip_000/imu0")
+    assert {key: about[key] for key in about if "scope" in key or "meter" in key} == {
+        "gyroscope_noise_density": 1.6968e-4, "gyroscope_random_walk": 1.9393e-5,
+        "accelerometer_noise_density": 2.0e-3, "accelerometer_random_walk": 3.0e-3,
+    }  # fmt: skip
+
+
+def test_slow_sensors_are_read_back(rendered, scene):
+    recorded = simgrab.sensors(scene)
+    for name, columns in (("tilt", ["tilt_x [deg]", "tilt_y [deg]"]), ("hoist", ["rope_length [m]"])):
+        stamps, values, header, about = euroc(rendered / "sensors/clip_000" / name)
+        assert header == columns
+        np.testing.assert_array_equal(stamps, recorded[name].stamp_ns)
+        np.testing.assert_array_equal(values, recorded[name].values)
+        assert about["sensor_type"] == {"tilt": "inclinometer", "hoist": "encoder"}[name]
+    assert about["resolution_m"] == 0.005
+
+
+def test_truth_lies_apart_and_agrees_with_the_labels(rendered, scene):
+    names = {path.name for path in (rendered / "sensors").rglob("*") if path.is_file()}
+    assert names == {"data.csv", "sensor.yaml"}
+    with (rendered / "sensors_truth/clip_001/imu0/truth.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    truth = np.array(rows, float)
+    recorded = simgrab.sensors(scene, 1)["imu0"]
+    assert header[1:] == list(recorded.truth_columns)
+    np.testing.assert_array_equal(truth[:, 1:], recorded.truth)
+    np.testing.assert_array_equal(truth[:, 0], recorded.stamp_ns)
+    time, alpha = truth[:, header.index("time [s]")], truth[:, header.index("alpha [deg]")]
+    for frame in simgrab.open(rendered):
+        if frame.truth.clip == 1:
+            assert np.interp(frame.truth.time_s, time, alpha) == pytest.approx(frame.truth.alpha_deg, abs=1e-5)
+
+
+def test_the_manifest_lists_the_files_and_an_audit_sees_one_that_was_changed(rendered, scene, tmp_path):
+    files = json.loads((rendered / "manifest.json").read_text())["files"]
+    found = digests(rendered)
+    assert len(found) == 2 * 4 * 3
+    assert {name: files[name] for name in found} == found
+    assert sorted(found) == sorted(sensors.names(scene))
+    again = simgrab.load(rendered / "manifest.json")
+    assert again == scene
+    assert _manifest_proof(_read(rendered)).findings == ()
+    shutil.copytree(rendered, tmp_path / "changed")
+    with (tmp_path / "changed/sensors/clip_001/imu1/data.csv").open("a") as file:
+        file.write("0,0,0,0,0,0,0\n")
+    (finding,) = _manifest_proof(_read(tmp_path / "changed")).findings
+    assert finding.where == "sensors/clip_001/imu1/data.csv"
+    with pytest.raises(DatasetError, match=r"imu1/data\.csv was changed since it was written"):
+        export(tmp_path / "changed", tmp_path / "out", format="coco")
+
+
+def test_exports_and_shards_carry_the_files(rendered, tmp_path):
+    export(rendered, tmp_path / "shards", format="webdataset")
+    assert digests(tmp_path / "shards") == digests(rendered)
+    export(tmp_path / "shards", tmp_path / "back", format="simgrab")
+    files = {p.relative_to(rendered) for p in rendered.rglob("*") if p.is_file()}
+    assert files == {p.relative_to(tmp_path / "back") for p in (tmp_path / "back").rglob("*") if p.is_file()}
+    assert all((tmp_path / "back" / file).read_bytes() == (rendered / file).read_bytes() for file in files)
+    for format in ("yolo", "hf"):
+        export(rendered, tmp_path / format, format=format)
+        assert digests(tmp_path / format) == digests(rendered)
+        listed = json.loads((tmp_path / format / "manifest.json").read_text())["files"]
+        assert listed.items() >= digests(rendered).items()
+
+
+@pytest.mark.slow
+def test_bytes_are_the_same_for_any_workers_and_in_shards(rendered, scene, tmp_path):
+    simgrab.render(scene, tmp_path / "two", workers=2)
+    simgrab.render(scene, (tmp_path / "shards").as_uri(), workers=2, shard_frames=2)
+    assert digests(tmp_path / "two") == digests(tmp_path / "shards") == digests(rendered)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [Imu(mount="rope", noise="none"), Inclinometer(mount="grab"), SlewEncoder(), LuffEncoder(), HoistEncoder()],
+)
+def test_every_description_is_yaml_of_numbers(sensor):
+    pose = np.diag([1.0, 1.0, 1e-7, 1.0]) if isinstance(sensor, Imu | Inclinometer) else None
+    about = yaml.safe_load(sensors.yaml(sensor, pose))
+    assert about["rate_hz"] == sensor.rate_hz
+    numbers = [value for name, value in about.items() if name not in ("sensor_type", "comment", "T_BS")]
+    assert {type(value) for value in numbers} == {float}
+    if pose is not None:
+        assert about["T_BS"]["data"][::5] == [1.0, 1.0, 1e-7, 1.0]

@@ -1,0 +1,305 @@
+"""What sensors feel: against MuJoCo's own sensors, differences of positions and attitudes, and closed forms."""
+
+import functools
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from scipy import signal
+
+import simgrab
+from simgrab import geometry, scenes
+from simgrab.geometry import STANDARD_GRAVITY
+from simgrab.scenario import Scenario
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.sensors.motion import motions
+from simgrab.world.sensors.mounts import ROPE_M, body_from_sensor, feel
+from simgrab.world.trajectory.clip import ClipMotion
+from simgrab.world.trajectory.trajectory import Trajectory
+from simgrab.world.trajectory.work import Work
+
+near = functools.partial(np.testing.assert_allclose, rtol=0)
+MOUNTS = ("jib-head", "camera", "rope", "grab")
+# Slewing, luffing, hoisting, jaws, load, wind, forcing, yaw and a trembling jib at once.
+BUSY = {
+    "swing.work": {"model": "cycles", "operator": 1.0, "dig_s": 1.0},
+    "swing.start": {"alpha_deg": 3.0, "azimuth_deg": 50.0, "roundness": 0.5, "yaw_deg": 8.0},
+    "swing.wind.mean_m_s": 9.0,
+    "swing.forcing.rms_m_s2": 0.05,
+    "camera.mount.vibration.rms_deg": 0.1,
+    "camera.offset_x_m": 0.7,
+    "camera.roll_deg": 20.0,
+    "camera.tilt_azimuth_deg": 75.0,
+}
+STILL = {
+    "swing.work": {"model": "hang", "rope_length_m": 20.0},
+    "swing.start.alpha_deg": 0.0,
+    "swing.drag_area_m2": 0.0,
+    "swing.damping": 0.0,
+    "camera.beta_deg": 4.0,
+}
+# Derivatives from values at -4h ... 4h, of eighth order: the first, and the second.
+FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+
+
+def scene(changes, frames=45, **sensors):
+    base = {"swing": {"model": "dynamic"}, "frames": frames, "display.layout": "none"}
+    return scenes.load("quay-day", base | changes | {f"sensors.{name}": table for name, table in sensors.items()})
+
+
+def imus(noise="none", mounts=MOUNTS):
+    return {mount: {"model": "imu", "mount": mount, "noise": noise} for mount in mounts}
+
+
+def at(scenario, times, clip=0):
+    """Motion at given instants."""
+    times = np.asarray(times, float)
+    parts = list(motions(scenario, clip, lambda begin, end: times[(times >= begin) & (times < end)]))
+    return type(parts[0])(**{name: np.concatenate([vars(p)[name] for p in parts]) for name in vars(parts[0])})
+
+
+def within_intervals(scenario, numbers, step):
+    """Nine instants about the middle of each of the plant's intervals, ``step`` apart."""
+    interval = ClipMotion(scenario, 0).interval
+    assert 8 * step < interval
+    return ((np.array(numbers) + 0.5) * interval)[:, None] + step * np.arange(-4, 5)
+
+
+def offset_from_o(mount, motion, scenario):
+    """Where a sensor is, from O, in axes that do not turn: by plain geometry."""
+    down = -motion.attitude[:, :, 2]
+    match mount:
+        case "jib-head":
+            return np.zeros_like(down)
+        case "camera":
+            return np.einsum("nij,j->ni", geometry.rotation_z(motion.slew), np.array(scenario.camera.offset_m))
+        case "rope":
+            return ROPE_M * down
+        case "grab":
+            return (motion.rope - body_from_sensor(mount, scenario)[2, 3])[:, None] * down
+
+
+def test_sensors_and_frames_show_one_motion():
+    scenario = scene(BUSY | {"clip.clip_frames": 30, "swing.settle_s": 2.0}, frames=60)
+    trajectory = Trajectory(scenario)
+    shown = [trajectory.at(frame) for frame in range(30, 60)]
+    motion = at(scenario, np.arange(30) / scenario.clip.frame_rate_hz, clip=1)
+    down = np.array([m.grab.jib_from_grab[:3, 3] for m in shown])
+    turn = geometry.rotation_z(motion.slew)
+    near(motion.slew, [m.jib.slew for m in shown], atol=1e-14)
+    near(motion.radius, [m.jib.radius for m in shown], atol=1e-13)
+    near(np.einsum("nji,nj->ni", turn, -motion.attitude[:, :, 2] * motion.rope[:, None]), down, atol=1e-12)
+    camera = np.einsum("nji,njk->nik", turn, feel("camera", motion, scenario).attitude)
+    near(camera, [m.tilt.jib_from_camera for m in shown], atol=1e-13)
+    assert np.ptp(motion.lean, axis=0).min() > 1e-3
+
+
+@pytest.mark.parametrize(("changes", "mounts"), [({}, MOUNTS), ({"camera.mount.model": "rigid"}, ["camera"])])
+def test_rates_and_forces_are_derivatives_of_where_the_sensor_is(changes, mounts):
+    """As well as it goes within an interval: 20 m are rounded to 4e-15 m, and instants are 2 ms apart."""
+    scenario, step, middle = scene(BUSY | changes, frames=400), 0.002, slice(4, None, 9)
+    times = within_intervals(scenario, range(60, 2300, 40), step)
+    motion = at(scenario, times.ravel())
+    # No ramp of the slewing gear may begin or end within the nine instants.
+    steady = np.ptp(motion.slew_acceleration.reshape(-1, 9), axis=1) == 0
+    # Where jaws move, the plant's angular velocity jumps at the interval's beginning: another test.
+    quiet = steady & _jaws_rest(scenario, times)
+    assert quiet.sum() > 30
+    for mount in mounts:
+        felt = feel(mount, motion, scenario)
+        attitude = felt.attitude.reshape(-1, 9, 3, 3)
+        spin = np.einsum("nji,k,nkjl->nil", attitude[:, 4], FIRST / step, attitude)
+        rate = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        near(felt.rate[middle][steady], rate[steady], atol=1e-11)
+        place = offset_from_o(mount, motion, scenario).reshape(-1, 9, 3)
+        acceleration = np.einsum("k,nki->ni", SECOND / step**2, place) - motion.gravity[middle]
+        force = np.einsum("nji,nj->ni", attitude[:, 4], acceleration)
+        near(felt.force[middle][quiet], force[quiet], atol=3e-8)
+        assert np.ptp(felt.rate, axis=0).max() > 0.01
+        assert np.ptp(felt.force, axis=0).max() > 0.1
+
+
+def _jaws_rest(scenario, times):
+    """Whether the jaws stand still from before the first to after the last of each row of instants."""
+    ends = np.column_stack([times[:, 0] - 0.03, times[:, -1] + 0.03])
+    jaw = Work(scenario, 0).sample(ends.ravel()).jaw.reshape(-1, 2)
+    return jaw[:, 0] == jaw[:, 1]
+
+
+def test_the_force_of_a_smooth_swing_is_a_second_derivative_within_a_nanometre_a_second_squared():
+    scenario, step = scene(STILL | {"swing.start": {"alpha_deg": 6.0, "azimuth_deg": 40.0}}), 0.02
+    motion = at(scenario, 2.0 + step * np.arange(9))
+    for mount in ("rope", "grab"):
+        acceleration = SECOND / step**2 @ offset_from_o(mount, motion, scenario) - motion.gravity[4]
+        felt = feel(mount, motion, scenario)
+        near(felt.force[4], felt.attitude[4].T @ acceleration, atol=1e-9)
+
+
+def test_forces_and_rates_are_those_of_mujocos_accelerometer_and_gyroscope():
+    scenario = scene(BUSY, frames=270)
+    motion = at(scenario, np.linspace(0.0, 29.9, 200))
+    spec = mujoco.MjSpec()
+    rope = spec.worldbody.add_body(mass=1.0, inertia=(1.0,) * 3, explicitinertial=True)
+    rope.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
+    grab = rope.add_body(mass=1.0, inertia=(1.0,) * 3, explicitinertial=True)
+    grab.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
+    height = design_of(scenario.grab).terminations[0, 2]
+    for name, body, z in (("rope", rope, -1.0), ("grab", grab, height)):
+        body.add_site(name=name, pos=(0, 0, z))
+        for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
+            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    felt = {mount: feel(mount, motion, scenario) for mount in ("rope", "grab")}
+    for i in range(len(motion.time)):
+        model.opt.gravity = motion.gravity[i]
+        mujoco.mju_mat2Quat(data.qpos[:4], motion.attitude[i].ravel())
+        data.qpos[4], data.qvel = -motion.rope[i], [*motion.rate[i], -motion.rope_rate[i]]
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_sensorVel(model, data)
+        data.qacc = [*motion.acceleration[i], -motion.rope_acceleration[i]]
+        mujoco.mj_rnePostConstraint(model, data)
+        mujoco.mj_sensorAcc(model, data)
+        rope_rate, rope_force, grab_rate, grab_force = data.sensordata.reshape(4, 3)
+        near(felt["grab"].rate[i], grab_rate, atol=1e-14)
+        near(felt["grab"].force[i], grab_force, atol=1e-13)
+        # That body turns about the rope with the grab, the sensor on the rope does not.
+        out = felt["rope"].attitude[i].T @ motion.attitude[i]
+        near(felt["rope"].force[i], out @ rope_force, atol=1e-13)
+        near(felt["rope"].rate[i][:2], (out @ rope_rate)[:2], atol=1e-14)
+    assert np.ptp(felt["grab"].force, axis=0).min() > 0.1
+
+
+def test_what_moving_jaws_do_is_felt_as_the_velocity_that_they_change():
+    """Specific force and gravity, integrated by Gauss and Legendre over a digging, against the grab's own velocity."""
+    work = {"model": "cycles", "dig_s": 2.0, "variation": 0.0}
+    scenario = scene(BUSY | {"swing.work": work, "swing.start.alpha_deg": 8.0}, frames=27)
+    interval, count = ClipMotion(scenario, 0).interval, 100
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    inner = (np.arange(count)[:, None] + (nodes + 1) / 2) * interval
+    motion, ends = at(scenario, inner.ravel()), at(scenario, [0.0, count * interval - 1e-9])
+    felt = feel("grab", motion, scenario)
+    acceleration = np.einsum("nij,nj->ni", felt.attitude, felt.force) + motion.gravity
+    gained = np.einsum("k,nki->i", weights * interval / 2, acceleration.reshape(count, 4, 3))
+    up = np.array([0.0, 0.0, 1.0])
+    arm = body_from_sensor("grab", scenario)[2, 3] - ends.rope
+    own = np.cross(ends.rate, arm[:, None] * up) - ends.rope_rate[:, None] * up
+    first, last = np.einsum("nij,nj->ni", ends.attitude, own)
+    assert np.linalg.norm(last - first) > 0.3
+    near(gained, last - first, atol=1e-5)
+
+
+def test_the_pull_on_o_sums_up_to_its_commanded_velocity():
+    scenario = scene(BUSY, frames=270)
+    interval = ClipMotion(scenario, 0).interval
+    motion = at(scenario, (np.arange(1500) + 0.5) * interval)
+    felt = feel("jib-head", motion, scenario)
+    gained = np.cumsum(np.einsum("nij,nj->ni", felt.attitude, felt.force) * interval, axis=0)
+    course = Work(scenario, 0).sample(np.arange(1501) * interval)
+    radius = scenario.swing.radius_m + course.luffed
+    turn = np.stack([np.cos(course.slew), np.sin(course.slew)], axis=1)
+    aside = turn[:, ::-1] * (-1, 1)
+    velocity = course.luff_rate[:, None] * turn + (radius * course.slew_rate)[:, None] * aside
+    near(gained[:, :2], velocity[1:] - velocity[0], atol=1e-12)
+    np.testing.assert_allclose(gained[:, 2], STANDARD_GRAVITY * interval * np.arange(1, 1501), rtol=1e-12)
+    assert np.linalg.norm(velocity, axis=1).max() > 1.0
+
+
+def test_at_rest_a_sensor_reads_gravity_upwards():
+    read = simgrab.sensors(scene(STILL, frames=9, **imus()))
+    for mount in ("jib-head", "rope", "grab"):
+        near(read[mount].values, np.tile([0, 0, 0, 0, 0, STANDARD_GRAVITY], (200, 1)), atol=2e-9)
+    tilt = math.radians(4.0)  # of the optical axis, outboard, which is up in the picture: y down
+    expected = STANDARD_GRAVITY * np.array([0.0, -math.sin(tilt), -math.cos(tilt)])
+    near(read["camera"].values[:, 3:], np.tile(expected, (200, 1)), atol=1e-12)
+    assert not read["camera"].values[:, :3].any()
+
+
+@pytest.mark.parametrize("rope", [10.0, 20.0, 40.0])
+def test_a_pendulum_is_felt_as_its_equation_says(rope):
+    """Transverse g sin α (1 − ρ/L), along the rope g cos α + ρ α̇², ρ below O, L = (I + m l²)/(m l); and turning."""
+    changes = STILL | {"swing.start": {"alpha_deg": 8.0}, "swing.work.rope_length_m": rope}
+    scenario = scene(changes, frames=54, **imus(mounts=("rope", "grab")))
+    mass, height = design_of(scenario.grab).mass_of(0.0, 0.0), design_of(scenario.grab).terminations[0, 2]
+    arm = rope - mass.centre_z
+    length = arm + mass.inertia[1] / (mass.mass * arm)
+    share = {}
+    for mount, below in (("rope", 1.0), ("grab", rope - height)):
+        read = simgrab.sensors(scenario)[mount]
+        # Signed swing, outboard; it starts at 8° with azimuth 0.
+        alpha = np.radians(read.true("alpha [deg]")) * np.cos(np.radians(read.true("azimuth [deg]")))
+        turning, along, up = -read.values[:, 1], read.values[:, 3], read.values[:, 5]
+        energy = 2 * STANDARD_GRAVITY / length * (np.cos(alpha) - math.cos(math.radians(8.0)))
+        near(turning**2, energy, atol=1e-9)
+        near(along, STANDARD_GRAVITY * np.sin(alpha) * (1 - below / length), atol=1e-8)
+        near(up, STANDARD_GRAVITY * np.cos(alpha) + below * turning**2, atol=1e-8)
+        assert np.abs(read.values[:, [0, 2, 4]]).max() < 1e-12
+        share[mount] = np.abs(along).max() / (STANDARD_GRAVITY * math.sin(math.radians(8.0)))
+    # The grab's accelerometer takes the rope for plumb; the one near O shows the swing.
+    assert share["grab"] < 1.9 / rope
+    assert share["rope"] > 1 - 1.1 / rope
+
+
+def test_a_levelling_camera_is_felt_in_its_housing():
+    """Far above its own frequency it stays behind; below it, it hangs along what it feels as gravity."""
+    work = {"model": "turn", "wait_s": 0.0, "ramp_s": 3.0}
+    changes = STILL | {"swing.work": work, "camera.beta_deg": 0.0, "camera.offset_y_m": 0.0, "camera.offset_z_m": 0.0}
+    quick = changes | {"camera.mount": {"model": "levelled", "frequency_hz": 5.0, "damping": 1.0}}
+    read = {name: simgrab.sensors(scene(c, frames=45, **imus())) for name, c in (("slow", changes), ("quick", quick))}
+    late = slice(700, None)
+    jib, camera = read["quick"]["jib-head"].values[late], read["quick"]["camera"].values[late]
+    assert np.hypot(jib[:, 3], jib[:, 4]).min() > 0.3
+    assert np.abs(camera[:, 3:5]).max() < 0.02
+    np.testing.assert_allclose(np.linalg.norm(camera[:, 3:], axis=1), np.linalg.norm(jib[:, 3:], axis=1), rtol=1e-12)
+    assert np.abs(read["slow"]["camera"].values[:, :2]).max() > 1e-3  # it swings about its hinge
+
+
+def test_an_inclinometer_is_a_first_order_filter_of_apparent_gravity():
+    table = {"model": "inclinometer", "mount": "jib-head", "bandwidth_hz": 0.2, "rate_hz": 7.0, "noise_deg": 0.0,
+             "zero_error_deg": 0.0, "resolution_deg": 0.0, "clock_offset_ms": 0.0, "clock_drift_ppm": 0.0}  # fmt: skip
+    fine = {"model": "imu", "mount": "jib-head", "noise": "none", "rate_hz": 7.0 * 29}
+    read = simgrab.sensors(scene(BUSY, frames=180, tilt=table, fine=fine))
+    force, omega = read["fine"].values[:, 3:], 2 * np.pi * 0.2
+    time = read["fine"].true("time [s]")
+    slow = np.column_stack([signal.lsim(((omega,), (1, omega)), f - f[0], time)[1] + f[0] for f in force.T])
+    expected = np.degrees(np.arcsin(slow[::29, :2] / np.linalg.norm(slow[::29], axis=1, keepdims=True)))
+    near(read["tilt"].values, expected[: len(read["tilt"].values)], atol=1e-9)
+    apparent = read["tilt"].true("apparent_tilt_x [deg]")
+    assert np.ptp(apparent) > 0.5
+    assert np.abs(read["tilt"].values[:, 0] - apparent).max() > 0.1
+
+
+def test_encoders_count_what_the_crane_does():
+    tables = {
+        "slew": {"model": "slew-encoder", "zero_error_deg": 0.0},
+        "luff": {"model": "luff-encoder", "zero_error_m": 0.0},
+        "hoist": {"model": "hoist-encoder", "zero_error_m": 0.0, "scale_error": 0.0},
+        "off": {"model": "hoist-encoder", "zero_error_m": 0.5, "scale_error": 0.01},
+    }
+    scenario = scene(BUSY, frames=180, **tables)
+    read = simgrab.sensors(scenario)
+    course = Work(scenario, 0)
+    known = course.sample(read["slew"].true("time [s]"))
+    near(read["slew"].true("slew [deg]"), np.degrees(known.slew), atol=1e-12)
+    for name, column in (("slew", "slew [deg]"), ("luff", "radius [m]"), ("hoist", "rope_length [m]")):
+        table = scenario.sensors[name]
+        resolution = getattr(table, "resolution_deg" if name == "slew" else "resolution_m")
+        counts = read[name].values[:, 0] / resolution
+        near(counts, np.round(counts), atol=1e-6)
+        assert np.abs(read[name].values[:, 0] - read[name].true(column)).max() <= resolution / 2 + 1e-9
+        assert np.ptp(counts) > 20
+    off, true = read["off"].values[:, 0], read["off"].true("rope_length [m]")
+    slope, zero = np.polyfit(true, off, 1)
+    assert 1e-4 < abs(slope - 1) < 0.04
+    assert np.abs(off - slope * true - zero).max() < 0.005
+
+
+def test_a_scenario_without_sensors_is_written_as_ever():
+    assert "sensors" not in Scenario().to_dict()
+    assert scene({}).digest() == scene({"sensors": {}}).digest()
+    with_one = scene({}, imu0={"model": "imu", "mount": "grab"})
+    assert with_one.digest() != scene({}).digest()
+    assert scenes.of_manifest({"scenario": with_one.to_dict()}, "", lambda *_: b"") == with_one
