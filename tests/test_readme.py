@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from scripts import make_reference
 from scripts.make_tables import DOCS, TABLES, filled
 from simgrab import calibration
 from simgrab.calibration import Calibration
@@ -44,6 +45,11 @@ def commands(text):
 @pytest.mark.parametrize("page", TABLES)
 def test_tables_are_current(page):
     assert filled(page) == TEXTS[page]
+
+
+@pytest.mark.parametrize("page", make_reference.PAGES)
+def test_reference_pages_are_current(page):
+    assert make_reference.PAGES[page]() == TEXTS[page]
 
 
 def test_two_commands_come_first():

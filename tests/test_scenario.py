@@ -11,6 +11,7 @@ import simgrab
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, schema
+from simgrab.scenario.descriptions import DESCRIPTIONS
 from simgrab.utilities.resources import SCENES
 from simgrab.utilities.strict import convert
 
@@ -77,6 +78,14 @@ def test_every_bundled_scene_reads_and_survives_the_round_trip(name):
 
 def test_the_schema_file_is_current():
     assert json.loads((SCENES / "schema.json").read_text()) == json.loads(msgspec.json.encode(schema()))
+
+
+def test_every_key_of_the_schema_is_described_and_no_other():
+    described = {(name, key) for name, keys in DESCRIPTIONS.items() for key in keys}
+    tables = schema()["$defs"]
+    keys = {(name, key) for name, table in tables.items() for key in table.get("properties", {})}
+    assert described == {(name, key) for name, key in keys if key not in ("model", "dist")}
+    assert all(tables[name]["properties"][key]["description"].endswith(".") for name, key in keys)
 
 
 def test_digest_sees_every_change_and_nothing_else():

@@ -18,6 +18,7 @@ from simgrab.geometry import Intrinsics
 from simgrab.layouts import Layout
 from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
+from simgrab.scenario.descriptions import describe
 from simgrab.scenario.factor import JOINT, Factor, OneOf
 from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.optics import Optics
@@ -203,12 +204,12 @@ def _check_lens(intrinsics: Intrinsics) -> None:
 
 def schema() -> dict[str, Any]:
     """JSON schema of a scenario file, for editors."""
-    return _open_base(msgspec.json.schema(Scenario))
+    return describe(_open_base(msgspec.json.schema(Scenario)))
 
 
 def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
     properties = schema["$defs"]["Scenario"]["properties"]
-    properties["base"] = {"type": "string", "description": "Bundled scene that this file departs from."}
+    properties["base"] = {"type": "string"}
     return schema
 
 
