@@ -9,7 +9,7 @@ import pytest
 import simgrab
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import IMU_CLASSES
+from simgrab.scenario import IMU_CLASSES, variant
 from simgrab.world.sensors.errors import Clock, Triad, streams
 
 near = functools.partial(np.testing.assert_allclose, rtol=0)
@@ -139,6 +139,17 @@ def test_a_recording_samples_the_whole_clip_once():
         assert 1e-5 < abs(drift[0]) < 4e-3
     with pytest.raises(IndexError, match="clip 2 is out of range: the scenario has 2 clips"):
         simgrab.sensors(scene, 2)
+
+
+def test_each_clip_has_the_motion_of_its_own_draw():
+    ropes = {"dist": "one-of", "values": [10.0, 20.0, 30.0]}
+    changes = {"frames": 6, "clip.clip_frames": 1, "vary": {"swing.work.rope_length_m": ropes}}
+    scene = scenes.load("free-swing", changes | {"sensors.hoist": {"model": "hoist-encoder"}})
+    lengths = [simgrab.sensors(scene, clip)["hoist"].true("rope_length [m]")[0] for clip in range(6)]
+    assert lengths == [variant(scene, frame).scenario.swing.work.rope_length_m for frame in range(6)]
+    assert len(set(lengths)) > 1
+    longer = simgrab.sensors(scene, 2, randomiser=lambda *_: {"swing.work.rope_length_m": 33.0})["hoist"]
+    assert longer.true("rope_length [m]")[0] == 33.0
 
 
 IMU = {"model": "imu", "mount": "grab"}

@@ -281,9 +281,10 @@ def test_encoders_count_what_the_crane_does():
     }
     scenario = scene(BUSY, frames=180, **tables)
     read = simgrab.sensors(scenario)
-    course = Work(scenario, 0)
-    known = course.sample(read["slew"].true("time [s]"))
-    near(read["slew"].true("slew [deg]"), np.degrees(known.slew), atol=1e-12)
+    known = {name: Work(scenario, 0).sample(read[name].true("time [s]")) for name in ("slew", "luff", "hoist")}
+    near(read["slew"].true("slew [deg]"), np.degrees(known["slew"].slew), atol=1e-12)
+    near(read["luff"].true("radius [m]"), scenario.swing.radius_m + known["luff"].luffed, atol=1e-12)
+    near(read["hoist"].true("rope_length [m]"), known["hoist"].rope, atol=1e-3)  # the plant follows its command
     for name, column in (("slew", "slew [deg]"), ("luff", "radius [m]"), ("hoist", "rope_length [m]")):
         table = scenario.sensors[name]
         resolution = getattr(table, "resolution_deg" if name == "slew" else "resolution_m")

@@ -149,12 +149,12 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part
     each = shards.frames_of(scenario, shard_frames, varies=varies)
     listed = known.get("files")
     listed = listed if isinstance(listed, dict) else {}
-    carried = sensors.names(scenario)
-    missing = next((name for name in carried if name not in listed), None)
-    if missing is not None:
-        raise DatasetError(f"{where}: it lists no {missing}, which the scenario's sensors have")
-    digests = {name: str(listed[name]) for name in carried}
-    return Source(dataset, scenario, core, rendered_by, each, store, digests)
+    carried: dict[str, str] = {}
+    for name in sensors.names(scenario):
+        if name not in listed:
+            raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
+        carried[name] = str(listed[name])
+    return Source(dataset, scenario, core, rendered_by, each, store, carried)
 
 
 def _check_part(dataset: Dataset | ShardedDataset) -> None:

@@ -32,14 +32,12 @@ _BODIES = {
 }
 
 
-def names(scenario: Scenario) -> list[str]:
+def names(scenario: Scenario) -> Iterator[str]:
     """Name the files that a dataset of the scenario has for sensors."""
-    found = []
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
         for sensor in scenario.sensors:
-            found += [f"{_folder(clip, sensor)}/{file}" for file in ("data.csv", "sensor.yaml")]
-            found.append(_truth(clip, sensor))
-    return found
+            yield from (f"{_folder(clip, sensor)}/{file}" for file in ("data.csv", "sensor.yaml"))
+            yield _truth(clip, sensor)
 
 
 def _folder(clip: int, sensor: str) -> str:
@@ -75,7 +73,7 @@ def write(recipe: Recipe, writing: Writing) -> list[str]:
     scenario = recipe.scenario
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
         _write_clip(recipe.variant(scenario.clip.span(clip, scenario.frames).start).scenario, clip, writing)
-    return names(scenario)
+    return list(names(scenario))
 
 
 def _write_clip(scenario: Scenario, clip: int, writing: Writing) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
-from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, MotionSensor, Scenario, SlewEncoder, variant
+from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, MotionSensor, Scenario, SlewEncoder
+from simgrab.world.extensions import Randomiser, Recipe
 from simgrab.world.sensors.device import Device, Rows
 from simgrab.world.sensors.encoders import EncoderDevice
 from simgrab.world.sensors.errors import streams
@@ -58,7 +58,9 @@ class Recording:
         return self.truth[:, self.truth_columns.index(column)]
 
 
-def sensors(scene: Scenario | str | Path, clip: int = 0) -> dict[str, Recording]:
+def sensors(
+    scene: Scenario | str | Path, clip: int = 0, *, randomiser: Randomiser | str | None = None
+) -> dict[str, Recording]:
     """Record the sensors of a scene during one clip, writing nothing.
 
     They are what `simgrab.render` writes beside the frames of the clip: the same motion, seen more often.
@@ -69,6 +71,8 @@ def sensors(scene: Scenario | str | Path, clip: int = 0) -> dict[str, Recording]
         With ``swing.model = "dynamic"`` and tables ``sensors.NAME``; anything else is refused.
     clip : int
         Number of the clip, a negative one from the end.
+    randomiser : callable or str, optional
+        As `simgrab.frames` takes it.
 
     Returns
     -------
@@ -79,6 +83,8 @@ def sensors(scene: Scenario | str | Path, clip: int = 0) -> dict[str, Recording]
     ------
     ScenarioError
         If the scene has no sensors, naming the key, or cannot be.
+    ExtensionError
+        If the randomiser cannot be found, raises, or returns what no scene can be.
     IndexError
         If there is no such clip.
 
@@ -90,14 +96,15 @@ def sensors(scene: Scenario | str | Path, clip: int = 0) -> dict[str, Recording]
     >>> imu.columns[3], imu.values.shape[1]
     ('a_RS_S_x [m s^-2]', 6)
     """
-    scenario = scene if isinstance(scene, Scenario) else scenes.load(scene)
+    recipe = Recipe.of(scene, randomiser)
+    scenario = recipe.scenario
     if not scenario.sensors:
         raise ScenarioError("sensors", 'the scene has none; add one, such as imu0 = { model = "imu", mount = "grab" }')
     count, number = scenario.clip.count(scenario.frames), operator.index(clip)
     if not -count <= number < count:
         raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
     number %= count
-    one = variant(scenario, scenario.clip.span(number, scenario.frames).start).scenario
+    one = recipe.variant(scenario.clip.span(number, scenario.frames).start).scenario
     devices = devices_of(one, number)
     taken: dict[str, list[Rows]] = {name: [] for name in devices}
     for name, rows in record(one, number, devices):
