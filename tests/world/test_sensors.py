@@ -1,4 +1,4 @@
-"""What sensors feel: against MuJoCo's own sensors, differences of positions and attitudes, and closed forms."""
+"""Rates and forces at the mounts: against MuJoCo's own sensors, differences of positions, and closed forms."""
 
 import functools
 import math
@@ -14,7 +14,7 @@ from simgrab.geometry import STANDARD_GRAVITY
 from simgrab.scenario import Scenario
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors.motion import motions
-from simgrab.world.sensors.mounts import ROPE_M, body_from_sensor, feel
+from simgrab.world.sensors.mounts import ROPE_M, body_from_sensor, kinematics
 from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.trajectory import Trajectory
 from simgrab.world.trajectory.work import Work
@@ -91,7 +91,7 @@ def test_sensors_and_frames_show_one_motion():
     near(motion.slew, [m.jib.slew for m in shown], atol=1e-14)
     near(motion.radius, [m.jib.radius for m in shown], atol=1e-13)
     near(np.einsum("nji,nj->ni", turn, -motion.attitude[:, :, 2] * motion.rope[:, None]), down, atol=1e-12)
-    camera = np.einsum("nji,njk->nik", turn, feel("camera", motion, scenario).attitude)
+    camera = np.einsum("nji,njk->nik", turn, kinematics("camera", motion, scenario).attitude)
     near(camera, [m.tilt.jib_from_camera for m in shown], atol=1e-13)
     assert np.ptp(motion.lean, axis=0).min() > 1e-3
 
@@ -108,7 +108,7 @@ def test_rates_and_forces_are_derivatives_of_where_the_sensor_is(changes, mounts
     quiet = steady & _jaws_rest(scenario, times)
     assert quiet.sum() > 30
     for mount in mounts:
-        felt = feel(mount, motion, scenario)
+        felt = kinematics(mount, motion, scenario)
         attitude = felt.attitude.reshape(-1, 9, 3, 3)
         spin = np.einsum("nji,k,nkjl->nil", attitude[:, 4], FIRST / step, attitude)
         rate = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
@@ -133,7 +133,7 @@ def test_the_force_of_a_smooth_swing_is_a_second_derivative_within_a_nanometre_a
     motion = at(scenario, 2.0 + step * np.arange(9))
     for mount in ("rope", "grab"):
         acceleration = SECOND / step**2 @ offset_from_o(mount, motion, scenario) - motion.gravity[4]
-        felt = feel(mount, motion, scenario)
+        felt = kinematics(mount, motion, scenario)
         near(felt.force[4], felt.attitude[4].T @ acceleration, atol=1e-9)
 
 
@@ -152,7 +152,7 @@ def test_forces_and_rates_are_those_of_mujocos_accelerometer_and_gyroscope():
             spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
     model = spec.compile()
     data = mujoco.MjData(model)
-    felt = {mount: feel(mount, motion, scenario) for mount in ("rope", "grab")}
+    felt = {mount: kinematics(mount, motion, scenario) for mount in ("rope", "grab")}
     for i in range(len(motion.time)):
         model.opt.gravity = motion.gravity[i]
         mujoco.mju_mat2Quat(data.qpos[:4], motion.attitude[i].ravel())
@@ -181,7 +181,7 @@ def test_what_moving_jaws_do_is_felt_as_the_velocity_that_they_change():
     nodes, weights = np.polynomial.legendre.leggauss(4)
     inner = (np.arange(count)[:, None] + (nodes + 1) / 2) * interval
     motion, ends = at(scenario, inner.ravel()), at(scenario, [0.0, count * interval - 1e-9])
-    felt = feel("grab", motion, scenario)
+    felt = kinematics("grab", motion, scenario)
     acceleration = np.einsum("nij,nj->ni", felt.attitude, felt.force) + motion.gravity
     gained = np.einsum("k,nki->i", weights * interval / 2, acceleration.reshape(count, 4, 3))
     up = np.array([0.0, 0.0, 1.0])
@@ -196,7 +196,7 @@ def test_the_pull_on_o_sums_up_to_its_commanded_velocity():
     scenario = scene(BUSY, frames=270)
     interval = ClipMotion(scenario, 0).interval
     motion = at(scenario, (np.arange(1500) + 0.5) * interval)
-    felt = feel("jib-head", motion, scenario)
+    felt = kinematics("jib-head", motion, scenario)
     gained = np.cumsum(np.einsum("nij,nj->ni", felt.attitude, felt.force) * interval, axis=0)
     course = Work(scenario, 0).sample(np.arange(1501) * interval)
     radius = scenario.swing.radius_m + course.luffed

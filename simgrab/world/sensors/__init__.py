@@ -1,1 +1,1 @@
-"""Sensors beside the camera: what they would measure exactly, and what they report."""
+"""Sensors beside the camera: true values at their mounts, and what they report."""

@@ -1,4 +1,4 @@
-"""What a sensor's own errors make of what it feels."""
+"""Errors of a sensor: its clock, and what stands between true values and readings."""
 
 from __future__ import annotations
 
@@ -88,12 +88,12 @@ class Triad:
         self._limit, self._resolution = limit, resolution
         self._noise, self._steps = opened("noise"), opened("walk")
 
-    def read(self, felt: Array) -> tuple[Array, Array]:
-        """Give what is read of what is felt, and the bias in it, shapes (n, 3)."""
-        steps = self._walk * self._steps.standard_normal(felt.shape)
+    def read(self, true: Array) -> tuple[Array, Array]:
+        """Give the readings of true values (n, 3), and the bias in them, shapes (n, 3)."""
+        steps = self._walk * self._steps.standard_normal(true.shape)
         walked = np.cumsum(np.concatenate([self._bias[None], steps]), axis=0)
         self._bias, bias = walked[-1], walked[:-1]
-        read = felt @ self._matrix.T + bias + self._density * self._noise.standard_normal(felt.shape)
+        read = true @ self._matrix.T + bias + self._density * self._noise.standard_normal(true.shape)
         return counted(read, self._resolution, self._limit), bias
 
 

@@ -12,7 +12,7 @@ from simgrab.scenario import Imu, Scenario
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, Triad
 from simgrab.world.sensors.motion import Motion
-from simgrab.world.sensors.mounts import body_from_sensor, feel
+from simgrab.world.sensors.mounts import body_from_sensor, kinematics
 
 
 class ImuDevice(Device):
@@ -51,8 +51,8 @@ class ImuDevice(Device):
 
     def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
         assert kept.all()
-        felt = feel(self._sensor.mount, motion, self._scenario)
-        rate, rate_bias = self._gyroscope.read(felt.rate)
-        force, force_bias = self._accelerometer.read(felt.force)
+        true = kinematics(self._sensor.mount, motion, self._scenario)
+        rate, rate_bias = self._gyroscope.read(true.rate)
+        force, force_bias = self._accelerometer.read(true.force)
         swing = np.degrees(motion.swing).T
-        return np.hstack([rate, force]), np.hstack([felt.rate, felt.force, rate_bias, force_bias, swing])
+        return np.hstack([rate, force]), np.hstack([true.rate, true.force, rate_bias, force_bias, swing])

@@ -13,7 +13,7 @@ from simgrab.scenario import Inclinometer, Scenario
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, counted
 from simgrab.world.sensors.motion import Motion
-from simgrab.world.sensors.mounts import Felt, body_from_sensor, feel
+from simgrab.world.sensors.mounts import Kinematics, body_from_sensor, kinematics
 
 FILTER_HZ = 200.0
 """How often, at least, its filter takes a value."""
@@ -43,13 +43,13 @@ class InclinometerDevice(Device):
         self._state: Array | None = None
 
     def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
-        felt = feel(self._sensor.mount, motion, self._scenario)
-        if self._state is None:  # settled on what it feels first
-            self._state = (1 - self._taps[0]) * felt.force[:1]
-        slow, self._state = signal.lfilter(self._taps, (1, -self._pole), felt.force, axis=0, zi=self._state)
+        true = kinematics(self._sensor.mount, motion, self._scenario)
+        if self._state is None:  # settled on the first value
+            self._state = (1 - self._taps[0]) * true.force[:1]
+        slow, self._state = signal.lfilter(self._taps, (1, -self._pole), true.force, axis=0, zi=self._state)
         noise = self._sensor.noise_deg * self._noise.standard_normal((int(kept.sum()), 2))
         values = counted(_above_level(slow[kept]) + self._zero + noise, self._sensor.resolution_deg)
-        return values, np.hstack([_above_level(felt.force), _true_tilt(felt), np.degrees(motion.swing).T])[kept]
+        return values, np.hstack([_above_level(true.force), _true_tilt(true), np.degrees(motion.swing).T])[kept]
 
 
 def _above_level(force: Array) -> Array:
@@ -57,6 +57,6 @@ def _above_level(force: Array) -> Array:
     return np.degrees(np.arcsin(force[:, :2] / np.linalg.norm(force, axis=1, keepdims=True)))
 
 
-def _true_tilt(felt: Felt) -> Array:
+def _true_tilt(true: Kinematics) -> Array:
     """Angles of x and y axes above the horizontal, degrees, shape (n, 2)."""
-    return np.degrees(np.arcsin(np.clip(felt.attitude[:, 2, :2], -1.0, 1.0)))
+    return np.degrees(np.arcsin(np.clip(true.attitude[:, 2, :2], -1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""What is exactly to be felt where a sensor sits: specific force, angular rate and attitude."""
+"""Specific force, angular rate and attitude of a sensor at its mount, without errors."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
-    """What a sensor feels at n instants.
+class Kinematics:
+    """Attitude, angular rate and specific force of a sensor at n instants.
 
     Attributes
     ----------
@@ -38,8 +38,8 @@ class Felt:
     force: Array
 
 
-def feel(mounting: Mounting, motion: Motion, scenario: Scenario) -> Felt:
-    """Work out what a sensor feels.
+def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinematics:
+    """Compute the kinematics of a sensor.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def body_from_sensor(mounting: Mounting, scenario: Scenario) -> Array:
     return pose
 
 
-def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: Array) -> Felt:
-    """Feel in a housing at an offset from O that leans by a vector about its attitude ``rest`` in the jib frame."""
+def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: Array) -> Kinematics:
+    """Kinematics of a housing at an offset from O, which leans by a vector about its attitude ``rest`` on the jib."""
     turn = geometry.rotation_z(motion.slew)
     down, down_rate = np.hstack([lean, -np.ones((len(lean), 1))]), np.hstack([lean_rate, np.zeros((len(lean), 1))])
     leaned, leaned_rate = _leaned(down, down_rate)
@@ -84,11 +84,11 @@ def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: 
     arm = np.einsum("nij,j->ni", turn, offset)
     spin, spin_up = _about_z(motion.slew_rate), _about_z(motion.slew_acceleration)
     acceleration = np.cross(spin_up, arm) + np.cross(spin, np.cross(spin, arm))
-    return Felt(attitude, rate, _into(attitude, acceleration - motion.gravity))
+    return Kinematics(attitude, rate, _into(attitude, acceleration - motion.gravity))
 
 
-def _on_rope(motion: Motion) -> Felt:
-    """Feel on the rope, with its direction but without turning about it as the grab does."""
+def _on_rope(motion: Motion) -> Kinematics:
+    """Kinematics on the rope: with its direction, but without turning about it as the grab does."""
     turn = geometry.rotation_z(motion.slew)
     axis = np.array([0.0, 0.0, 1.0])
     swung = np.cross(motion.rate, axis)  # of the rope's axis, grab frame
@@ -101,16 +101,16 @@ def _on_rope(motion: Motion) -> Felt:
     )  # fmt: skip
     attitude = turn @ leaned
     force = _into(attitude, -ROPE_M * _out_of(motion.attitude, bend) - motion.gravity)
-    return Felt(attitude, _into(attitude, spin) + leaned_rate, force)
+    return Kinematics(attitude, _into(attitude, spin) + leaned_rate, force)
 
 
-def _on_grab(motion: Motion, height: float) -> Felt:
-    """Feel on the grab's axis, at a height in its frame."""
+def _on_grab(motion: Motion, height: float) -> Kinematics:
+    """Kinematics on the grab's axis, at a height in its frame."""
     rate, axis = motion.rate, np.array([0.0, 0.0, 1.0])
     arm = (height - motion.rope)[:, None] * axis
     force = np.cross(motion.acceleration, arm) + np.cross(rate, np.cross(rate, arm))
     force += 2 * np.cross(rate, -motion.rope_rate[:, None] * axis) - motion.rope_acceleration[:, None] * axis
-    return Felt(motion.attitude, rate, force - _into(motion.attitude, motion.gravity))
+    return Kinematics(motion.attitude, rate, force - _into(motion.attitude, motion.gravity))
 
 
 def _leaned(down: Array, down_rate: Array) -> tuple[Array, Array]:
