@@ -65,7 +65,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Lead links to files of the project's root to their pages, and links to notebooks likewise."""
+    """Lead links to files of the project's root, and to notebooks, to their pages."""
+    markdown = re.sub(r"\]\(((?:\.\./)*notebooks/[\w-]+)\.ipynb\)", r"](\1.md)", markdown)
     for name, page in (ROOT_PAGES | ROOT_FILES).items():
         markdown = re.sub(rf"\]\((\.\./)((?:\.\./)*){re.escape(name)}(?=[#)])", rf"](\2{page}", markdown)
     return markdown
@@ -74,7 +75,6 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 def _of_root(text: str) -> str:
     """Change the links of a file of the root, so that they are right from ``docs``."""
     text = re.sub(r"\]\(docs/", "](", text)
-    text = re.sub(r"\]\((notebooks/[\w-]+)\.ipynb\)", r"](\1.md)", text)
     for name, page in (ROOT_PAGES | ROOT_FILES).items():
         text = re.sub(rf"\]\({re.escape(name)}(?=[#)])", f"]({page}", text)
     return text
@@ -98,11 +98,7 @@ def python_page() -> str:
 
 def notebook_page(path: Path) -> str:
     """Return a notebook as Markdown: its text and its code, without outputs."""
-    cells = nbformat.read(path, as_version=4).cells  # type: ignore[no-untyped-call]
-    parts = [
-        cell.source if cell.cell_type == "markdown" else f"```python\n{cell.source}\n```"
-        for cell in cells
-        if cell.source
-    ]
+    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(path.read_text("utf-8"))["cells"]]
+    parts = [source if kind == "markdown" else f"```python\n{source}\n```" for kind, source in cells]
     parts.insert(1, f"[Download this notebook]({path.name})")
     return "\n\n".join(parts) + "\n"

@@ -13,12 +13,26 @@ import tempfile
 from pathlib import Path
 
 IMPORTED = (
-    "scipy.signal simgrab.cli.audit simgrab.cli.check simgrab.cli.detect simgrab.cli.render simgrab.cli.stress "
-    "simgrab.cli.train simgrab.cli.grab simgrab.judge.stress.catalogue simgrab.judge.stress.page "
-    "simgrab.judge.audit.audit simgrab.judge.check.gate simgrab.instrument.pipeline simgrab.instrument.run.run "
-    "simgrab.judge.evaluate.evaluation simgrab.judge.own_grab simgrab.world.output.dataset simgrab.instrument.detect "
-    "simgrab.labels.shards simgrab.pages.plots"
-).split()
+    "scipy.signal",
+    "simgrab.cli.audit",
+    "simgrab.cli.check",
+    "simgrab.cli.detect",
+    "simgrab.cli.grab",
+    "simgrab.cli.render",
+    "simgrab.cli.stress",
+    "simgrab.instrument.detect",
+    "simgrab.instrument.pipeline",
+    "simgrab.instrument.run.run",
+    "simgrab.judge.audit.audit",
+    "simgrab.judge.check.gate",
+    "simgrab.judge.evaluate.evaluation",
+    "simgrab.judge.own_grab",
+    "simgrab.judge.stress.catalogue",
+    "simgrab.judge.stress.page",
+    "simgrab.labels.shards",
+    "simgrab.pages.plots",
+    "simgrab.world.output.dataset",
+)
 
 
 class Commands:
@@ -44,19 +58,33 @@ class Commands:
         return tuple(json.loads(self._process.stdout.readline()))
 
 
-def _become(command, output, errors):
-    os.dup2(output, 1)
-    os.dup2(errors, 2)
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+def _child(command, folder, output, errors):
+    status = 1
+    try:
+        os.chdir(folder)
+        for number, file in ((0, os.open(os.devnull, os.O_RDONLY)), (1, output), (2, errors)):
+            os.dup2(file, number)
+        _become(command)
+        status = 0
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def _become(command):
     program, *arguments = command
-    sys.argv = [arguments[0], *arguments[1:]] if program == "python" else command
     if program == "python":
-        sys.path[0] = str(Path.cwd())
+        sys.argv, sys.path[0] = arguments, str(Path.cwd())
         runpy.run_path(arguments[0], run_name="__main__")
     else:
         from simgrab.cli import main
 
-        sys.path[0] = str(Path(sys.executable).parent)  # as for the installed command: not the working folder
+        sys.argv, sys.path[0] = command, str(Path(sys.executable).parent)  # not the working folder, as when installed
         main()
 
 
@@ -67,30 +95,13 @@ def _serve():
         __import__(module)
     for line in sys.stdin:
         command, folder = json.loads(line)
-        (read, write), errors = os.pipe(), tempfile.TemporaryFile()
-        pid = os.fork()
-        if pid == 0:
-            os.close(read)
-            status = 1
-            try:
-                os.chdir(folder)
-                _become(command, write, errors.fileno())
-                status = 0
-            except SystemExit as end:
-                status = end.code if isinstance(end.code, int) else int(end.code is not None)
-            except BaseException:
-                sys.excepthook(*sys.exc_info())
-            finally:
-                sys.stdout.flush()
-                sys.stderr.flush()
-                os._exit(status)
-        os.close(write)
-        with os.fdopen(read, encoding="utf-8", errors="replace") as output:
-            text = output.read()
-        _, status = os.waitpid(pid, 0)
-        errors.seek(0)
-        printed = errors.read().decode(errors="replace")
-        answers.write(json.dumps([os.waitstatus_to_exitcode(status), text, printed]) + "\n")
+        with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+            pid = os.fork()
+            if pid == 0:
+                _child(command, folder, output.fileno(), errors.fileno())
+            _, status = os.waitpid(pid, 0)
+            streams = [stream.seek(0) or stream.read().decode(errors="replace") for stream in (output, errors)]
+        answers.write(json.dumps([os.waitstatus_to_exitcode(status), *streams]) + "\n")
         answers.flush()
 
 

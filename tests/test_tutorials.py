@@ -11,11 +11,11 @@ from tests.preloaded import Commands
 TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
 PAGES = {path.stem: path.read_text(encoding="utf-8") for path in sorted(TUTORIALS.glob("*.md"))}
 FENCE = re.compile(
-    r'(?:<!-- not run: (?P<reason>[^\n]+) -->\n)?```(?P<language>\w+)(?: title="(?P<title>[\w./-]+)")?\n(?P<text>.*?)```',
+    r"(?:<!-- not run: (?P<reason>[^\n]+) -->\n)?"
+    r'```(?P<language>\w+)(?: title="(?P<title>[\w./-]+)")?\n(?P<text>.*?)```',
     re.DOTALL,
 )
 STATUS = re.compile(r"\s+# exit status (\d+)$")
-FAST = ("index",)
 
 
 def fences(page):
@@ -38,7 +38,8 @@ def commands():
         yield process
 
 
-@pytest.mark.parametrize("name", [n if n in FAST else pytest.param(n, marks=pytest.mark.slow) for n in PAGES])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAGES)
 def test_a_tutorial_gives_what_it_shows(name, commands, tmp_path):
     printed = None
     for fence in fences(PAGES[name]):
