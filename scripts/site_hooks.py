@@ -23,7 +23,7 @@ ROOT_PAGES = {
     "SECURITY.md": "security.md",
     "CHANGELOG.md": "changelog.md",
 }
-ROOT_FILES = {"LICENSE": "LICENSE.txt"}
+ROOT_FILES = {"LICENSE": "LICENSE.txt", "CITATION.cff": "CITATION.cff"}
 # By heading: names of simgrab, and what their functions take and return.
 PYTHON = {
     "Scenes": ["load", "scenes", "scenario.Scenario"],
@@ -66,7 +66,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Lead links to files of the project's root to their pages, and links to notebooks likewise."""
+    """Lead links to files of the project's root, and to notebooks, to their pages."""
+    markdown = re.sub(r"\]\(((?:\.\./)*notebooks/[\w-]+)\.ipynb\)", r"](\1.md)", markdown)
     for name, page in (ROOT_PAGES | ROOT_FILES).items():
         markdown = re.sub(rf"\]\((\.\./)((?:\.\./)*){re.escape(name)}(?=[#)])", rf"](\2{page}", markdown)
     return markdown
@@ -75,7 +76,6 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 def _of_root(text: str) -> str:
     """Change the links of a file of the root, so that they are right from ``docs``."""
     text = re.sub(r"\]\(docs/", "](", text)
-    text = re.sub(r"\]\((notebooks/[\w-]+)\.ipynb\)", r"](\1.md)", text)
     for name, page in (ROOT_PAGES | ROOT_FILES).items():
         text = re.sub(rf"\]\({re.escape(name)}(?=[#)])", f"]({page}", text)
     return text

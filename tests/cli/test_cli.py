@@ -388,3 +388,32 @@ def test_help_names_every_verb():
     for verb in ("audit", "doctor", "render", "scenes"):
         assert f"  {verb} " in out
         assert run(verb, "--help")[0] == 0
+
+
+def complete(kind, **words):
+    done = subprocess.run(
+        [sys.executable, "-c", "from simgrab.cli import main; main()"],
+        env=os.environ | {"_SIMGRAB_COMPLETE": kind} | words,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("shell", "registers"),
+    {
+        "bash": "complete -o nosort -F",
+        "zsh": "compdef _simgrab_completion simgrab",
+        "fish": "complete --no-files",
+    }.items(),
+)
+def test_the_documented_command_prints_a_completion_script(shell, registers):
+    page = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert f"_SIMGRAB_COMPLETE={shell}_source simgrab" in page
+    assert any(registers in line for line in complete(f"{shell}_source"))
+
+
+def test_completion_offers_commands():
+    assert complete("bash_complete", COMP_WORDS="simgrab re", COMP_CWORD="1") == ["plain,render"]
