@@ -76,7 +76,7 @@ def shows(page, plain, name):
 PAGE = """
 {% extends "base.html" %}{% from "parts.html" import photograph, table %}
 {% block title %}{{ name }}{% endblock %}{% block lead %}{{ name }}{% endblock %}
-{% block content %}<h2>{{ name }}</h2>{{ table([name], [[name]]) }}{{ photograph(jpeg, name) }}{% endblock %}
+{% block content %}<h2>{{ name }}</h2>{{ table(name, [name], [[name]]) }}{{ photograph(jpeg, name) }}{% endblock %}
 """
 
 
