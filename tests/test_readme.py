@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import simgrab
 from scripts import make_reference
 from scripts.make_tables import DOCS, TABLES, filled
 from simgrab import calibration
@@ -62,11 +63,11 @@ def test_two_commands_come_first():
 @pytest.mark.parametrize("page", [page for page in TEXTS if not page.startswith("tutorials/")])
 def test_commands_parse(page):
     for program, *arguments in commands(TEXTS[page]):
-        if program == "scripts/simgrab":
+        if program in ("scripts/simgrab", "simgrab"):
             assert CliRunner().invoke(cli, [*arguments, "--help"]).exit_code == 0
         elif "/" in program:
             assert os.access(ROOT / program, os.X_OK)
-        elif program == "python":
+        elif program == "python" and arguments[0].startswith("-m"):
             assert importlib.util.find_spec(arguments[1])
 
 
@@ -116,6 +117,17 @@ def test_linked_headings_exist(path):
         assert anchor in anchors(page.read_text(encoding="utf-8")), f"{target}#{anchor}"
 
 
+@pytest.mark.parametrize("page", sorted((DOCS / "tutorials").glob("*.md")), ids=lambda page: page.stem)
+def test_tutorials_are_named_where_one_looks(page):
+    assert page.stem == "index" or f"(docs/tutorials/{page.name})" in README
+    assert page.stem == "index" or f"({page.name})" in TEXTS["tutorials/index.md"]
+    assert f"tutorials/{page.name}" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+
+
+def test_the_citation_names_this_version():
+    assert f"\nversion: {simgrab.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
 def test_the_results_index_names_every_result():
     results = DOCS / "results"
     named = set(re.findall(r"\(([\w-]+\.md)\)", (results / "index.md").read_text(encoding="utf-8")))
@@ -129,7 +141,9 @@ def test_code_runs_as_far_as_it_needs_no_drawing():
     assert space["scene"].camera.beta_deg == 5.0
 
 
-@pytest.mark.parametrize("script", ["scripts/simgrab", "scripts/test", ".ci/run"])
+@pytest.mark.parametrize(
+    "script", ["scripts/simgrab", "scripts/test", "scripts/docs", "scripts/check_package", ".ci/run"]
+)
 def test_scripts_are_executable(script):
     assert os.access(ROOT / script, os.X_OK)
 

@@ -1,5 +1,6 @@
 """The tutorials run: their files and commands in order, from an empty folder, with the output that they show."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -16,7 +17,6 @@ FENCE = re.compile(
     re.DOTALL,
 )
 STATUS = re.compile(r"\s+# exit status (\d+)$")
-FAST = ("index",)
 
 
 def fences(page):
@@ -38,12 +38,19 @@ def run(command, folder):
     program, *arguments = command
     start = ["-c", "from simgrab.cli import main; main()"] if program == "simgrab" else []
     found = subprocess.run(
-        [sys.executable, *start, *arguments], cwd=folder, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, *start, *arguments],
+        cwd=folder,
+        env=os.environ | {"XDG_CACHE_HOME": str(folder / "cache")},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     return found.returncode, found.stdout, found.stderr
 
 
-@pytest.mark.parametrize("name", [n if n in FAST else pytest.param(n, marks=pytest.mark.slow) for n in PAGES])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAGES)
 def test_a_tutorial_gives_what_it_shows(name, tmp_path):
     printed = None
     for fence in fences(PAGES[name]):

@@ -9,9 +9,9 @@ import click
 
 from simgrab import scenes
 from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER, NEW_FOLDER, PATH
+from simgrab.judge.bench.season import TRACKS
 from simgrab.text import printable
 
-TRACKS = click.Choice(["picture", "picture+rope"])
 quiet_option = click.option("--quiet", is_flag=True, help="Print errors only.")
 
 
@@ -28,7 +28,7 @@ def command() -> None:
 @click.option("--full", is_flag=True, help="All 144 clips in place of the nightly 12.")
 @click.option("--frames", type=click.IntRange(2, 100_000), default=540, show_default=True, help="Frames of each clip.")
 @click.option("--size", callback=lambda _c, _o, text: scenes.parse_size(text), default="960x540", show_default=True)
-@click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: one a core]")
+@click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: as cores and memory allow]")
 @quiet_option
 def prepare(
     out: Path, name: str, seed: int, hidden: bool, full: bool, frames: int, size: tuple[int, int],
@@ -53,7 +53,7 @@ def prepare(
 @click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the entry.")
 @click.option("--instrument", default="bundled", show_default=True, help="Or a pipeline, as package.module:factory.")
 @click.option("--method", default="", help="Name in the table.  [default: the instrument's]")
-@click.option("--track", type=TRACKS, default="picture+rope", show_default=True, help="What it looks at.")
+@click.option("--track", type=click.Choice(TRACKS), default="picture+rope", show_default=True, help="What it looks at.")
 @quiet_option
 def run(season: Path, out: Path, instrument: str, method: str, track: str, quiet: bool) -> None:
     """Let an instrument measure the clips of SEASON, and write its entry. It never reads the truth."""

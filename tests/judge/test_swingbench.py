@@ -310,7 +310,9 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
 
     assert Season(frames=3, width_px=480, height_px=270, seed=4).commitment in call(*prepare)
     assert "holds another season" in str(CliRunner().invoke(cli, [*prepare[:-1], "5"]).exception)
-    assert "961" in str(CliRunner().invoke(cli, ["bench", "prepare", "--out", "other", "--size", "961x540"]).exception)
+    odd = ["bench", "prepare", "--out", str(tmp_path / "odd"), "--size", "961x540"]
+    assert "961" in str(CliRunner().invoke(cli, odd).exception)
+    assert not (tmp_path / "odd").exists()
     (clip,) = (t.clip for t in targets(tmp_path / "season"))
     video = tmp_path / "season" / "clips" / f"{clip}.mp4"
     before = video.stat().st_mtime_ns

@@ -28,13 +28,13 @@ from simgrab.instrument.contract import Instrument, Measurement, Status
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import open_source
 from simgrab.judge.bench.files import CLIPS, published
+from simgrab.judge.bench.season import TRACKS
 from simgrab.utilities.destination import check_new_folder, writing
 from simgrab.utilities.files import drafted_folder, write
 from simgrab.utilities.parse import read_json, read_text
 from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
-TRACKS = ("picture", "picture+rope")
 COLUMNS = ("clip", "frame", "status", "alpha_deg", "low_deg", "high_deg", "time_s")
 ABOUT = "entry.json"
 MOST_BYTES = 64_000_000

@@ -1,6 +1,6 @@
 """The scorer: how good entries are, with intervals over clips, and which of them differ.
 
-Whoever changes a figure here raises `SCORER`: scores of different versions are not compared.
+A change to any figure raises `SCORER`: scores of different versions are not compared.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from scipy import stats
 from simgrab.errors import BenchError
 from simgrab.geometry import Array
 from simgrab.instrument.alarm import Rule, events
-from simgrab.judge.bench.entry import TRACKS, About, Answers, Entry
+from simgrab.judge.bench.entry import About, Answers, Entry
 from simgrab.judge.bench.files import Target
+from simgrab.judge.bench.season import TRACKS
 from simgrab.judge.evaluate import swings
 
 SCORER = "1"

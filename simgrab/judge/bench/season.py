@@ -21,6 +21,7 @@ WEATHERS = ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "
 MOUNTS = ("levelled", "rigid", "fixed")
 OFFSETS_M = {"near": 0.2, "beside": 0.6, "far": 1.2}  # of the camera from the rope exit, across the jib
 SWINGS = ("work", "alarm")
+TRACKS = ("picture", "picture+rope")  # what a method may look at
 WIND_M_S = {"windy-day": 12.0, "heavy-snow": 8.0}  # mean; 4 in the other weathers
 LEAST_TILT_DEG, MOST_TILT_DEG = 1.0, 6.0
 _CYCLES = {"model": "cycles", "dig_rope_m": 22.5, "carry_rope_m": 10.0, "dig_slew_deg": 15.0}
@@ -67,6 +68,7 @@ class Season(Checked, frozen=True):
     frames : int
         Of each clip; a clip with an alarm takes some 480.
     width_px, height_px : int
+        Even, as videos need them.
     seed : int
     salt : str
         Keeps the seed from being guessed from its digest.
@@ -77,8 +79,8 @@ class Season(Checked, frozen=True):
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "open"
     subset: Annotated[str, Meta(pattern="^(nightly|full)$")] = "nightly"
     frames: Annotated[int, Meta(ge=2, le=100_000)] = 540
-    width_px: Annotated[int, Meta(ge=320, le=4096)] = 960
-    height_px: Annotated[int, Meta(ge=180, le=4096)] = 540
+    width_px: Annotated[int, Meta(ge=320, le=4096, multiple_of=2)] = 960
+    height_px: Annotated[int, Meta(ge=180, le=4096, multiple_of=2)] = 540
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
     salt: Annotated[str, Meta(max_length=200)] = ""
 
