@@ -72,7 +72,7 @@ def write(recipe: Recipe, writing: Writing) -> list[str]:
     """
     scenario = recipe.scenario
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
-        _write_clip(recipe.variant(scenario.clip.span(clip, scenario.frames).start).scenario, clip, writing)
+        _write_clip(recipe.variant(scenario.span(clip).start).scenario, clip, writing)
     return list(names(scenario))
 
 

@@ -100,7 +100,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
     assert isinstance(scenario.swing, Dynamic)
     radius, course, work = scenario.swing.radius_m, ClipMotion(scenario, clip), Work(scenario, clip)
     mount, interval = Mount(scenario.camera, course.interval), course.interval
-    end = len(scenario.clip.span(clip, scenario.frames)) / scenario.clip.frame_rate_hz
+    end = len(scenario.span(clip)) / scenario.clip.frame_rate_hz
     plant: Plant | None = None
     before: Array | None = None
     blocks = course.blocks(Work(scenario, clip))

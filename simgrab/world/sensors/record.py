@@ -104,7 +104,7 @@ def sensors(
     if not -count <= number < count:
         raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
     number %= count
-    one = recipe.variant(scenario.clip.span(number, scenario.frames).start).scenario
+    one = recipe.variant(scenario.span(number).start).scenario
     devices = devices_of(one, number)
     taken: dict[str, list[Rows]] = {name: [] for name in devices}
     for name, rows in record(one, number, devices):
