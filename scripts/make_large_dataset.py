@@ -3,7 +3,7 @@
 python -m scripts.make_large_dataset runs/quay-day runs/large [--rows 100000]
 
 Rows, masks and pictures are those of the source, over and over: pictures are hard links. Angles, rope lengths and
-visible fractions are drawn anew, so that columns have as many values as rows. Labels do not fit the pictures then.
+visible fractions are drawn again, so that columns have as many values as rows. Labels do not fit the pictures then.
 """
 
 from __future__ import annotations

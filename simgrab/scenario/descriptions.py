@@ -97,7 +97,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "display": "The on-screen display: clock and rope lengths.",
         "labels": "Which frames get a detection box.",
         "splits": "Shares of train, val and test.",
-        "vary": "Keys that are drawn anew for each clip, each with a distribution or a choice.",
+        "vary": "Keys that are drawn for each clip, each with a distribution or a choice.",
     },
     "Camera": {
         "width_px": "Width of the image.",

@@ -54,7 +54,7 @@ function count() {
   byId("count").textContent = `${left} of ${all} frames${picked ? `, ${picked.toLocaleString("en")} selected` : ""}`;
 }
 
-/** Show rows and histograms anew, after whatever changed. */
+/** Show rows and histograms again after a change. */
 async function refresh() {
   view.rows = await table.sorted(view.column, view.descending);
   view.page = Math.min(view.page, pages() - 1);

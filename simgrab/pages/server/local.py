@@ -1,4 +1,4 @@
-"""Serve an application to the browser of this machine: on 127.0.0.1, behind a token that is drawn anew each time."""
+"""Serve an application to the browser of this machine: on 127.0.0.1, behind a token that is drawn at each start."""
 
 from __future__ import annotations
 
