@@ -160,9 +160,11 @@ def vetted(
     """
     scenario = recipe.scenario
     if not recipe.varies:
-        found = vet(recipe)
+        elsewhere = workers > 1 or cluster is not None  # worlds are painted where they are drawn
+        with textures.unpainted() if elsewhere else contextlib.nullcontext():
+            found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
-        return found
+        return replace(found, plan=None) if elsewhere else found
     clips = range(scenario.clip.count(scenario.frames))
     done = report(checking, 0, len(clips))
     with contextlib.closing(
