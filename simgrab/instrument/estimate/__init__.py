@@ -7,6 +7,7 @@ from types import MappingProxyType
 from simgrab.instrument.estimate.contract import Estimator
 from simgrab.instrument.estimate.geometric_median import GeometricMedian
 from simgrab.instrument.estimate.grab_width import GrabWidth
+from simgrab.instrument.estimate.inertial.estimator import InertialFusion
 from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.instrument.estimate.mean_ray import MeanRay
 from simgrab.instrument.estimate.paper_iteration import PaperIteration
@@ -30,6 +31,7 @@ __all__ = [
     "Estimator",
     "GeometricMedian",
     "GrabWidth",
+    "InertialFusion",
     "IntervalSettings",
     "MeanRay",
     "PaperIteration",

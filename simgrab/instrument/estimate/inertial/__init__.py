@@ -1,0 +1,1 @@
+"""Swing from pictures and one inertial sensor in the camera's housing."""

@@ -1,0 +1,338 @@
+"""The swing where the camera levels itself: picture, rope length and one inertial sensor in the camera's housing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError
+from simgrab.geometry import STANDARD_GRAVITY, Array, camera_rotation, lean, rotation_z
+from simgrab.instrument.estimate import intervals as iv
+from simgrab.instrument.estimate.chain import state_covariances
+from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.frames import Frames, tilt_of
+from simgrab.instrument.estimate.inertial.fit import FAST, NOISE, SLOW, Data, Fit, Path, Priors, fit
+from simgrab.instrument.estimate.inertial.model import (
+    ACCELEROMETER,
+    ATTITUDE,
+    CROSS,
+    DAMPING,
+    GYROSCOPE,
+    LONGER,
+    MOMENTUM,
+    OFFSET,
+    PARAMETERS,
+    STATE,
+    SWING,
+    WIND,
+    Links,
+    heading,
+)
+from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, preintegrate, rotation
+from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.rope_aware import RopeAware
+from simgrab.records.estimates import Estimates, Intervals
+
+LEVELLING_S = 30.0  # in which the first guess of the attitude follows the accelerometer
+SMOOTH_FRAMES = 3.0  # standard deviation of the filter of the first guess of the swings
+REST_S = 0.2  # readings about the vertical are averaged over so long before their most frequent value is sought
+
+
+@dataclass(frozen=True)
+class InertialFusion(Estimator):
+    """Attitude of the camera from an inertial sensor in its housing, and a pendulum that the same sensor drives.
+
+    A camera that levels itself follows the apparent gravity as the grab does, and pictures cannot tell the two apart.
+    The gyroscope measures how the camera turns, and the accelerometer what accelerates the rope's exit. Attitude,
+    biases, camera offset, pendulum and wind are at their common posterior mode (an iterated extended Kalman smoother);
+    the strengths of wind and pixel noise maximise the likelihood. Steady wind keeps its direction over the ground while
+    the jib slews, which is how it is told from tilt. Mounts of any kind are treated alike.
+
+    Attributes
+    ----------
+    imu : ImuReadings or None
+        Of the same record, over all of it. There is no estimate without it.
+    degrees : float
+        Of Student's t distribution of pixel errors.
+    damping, damping_sd : float
+        Prior of the damping ratio.
+    longer_m, longer_sd_m : float
+        Prior of how much longer than the rope the equivalent simple pendulum is.
+    wind_sd : float
+        Prior standard deviation of the steady lean by wind, rad per axis.
+    tilt_sd : float
+        Prior standard deviation of the tilt, rad per axis.
+    gyroscope_sd, vertical_sd : float
+        Prior standard deviations of the gyroscope's bias about its mean over the record, and, about the vertical, about
+        its most frequent reading, which is that of a jib at rest; rad/s.
+    accelerometer_sd : float
+        Prior standard deviation of the accelerometer's bias, m/s².
+    cross_sd : float
+        Prior standard deviation of the gyroscope's scale error and misalignments.
+    speed, speed_s : float
+        Standard deviation of the jib head's velocity, m/s per axis, and how long it takes to become another one, s.
+    memory_s : float
+        Correlation time of gusts.
+    node_s, cut_s : float
+        Longer steps between frames than the first are divided; a record with a longer one than the second is refused.
+    gap_s : float
+        A record whose sensor is silent for longer is refused.
+    thin_s : float
+        Strengths are sought on frames that are this far apart.
+    searches, rounds : int
+        At most so many linearisations search for the strengths, and so many there are.
+
+    Notes
+    -----
+    β is the tilt of the mean attitude. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (gusts,
+    rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``gyroscope_bias`` (largest,
+    rad/s), ``not_free`` (share of the record in which the grab does not swing freely), ``rounds``.
+
+    The pendulum is after Schaper et al. (2014), who have the sensor on the rope; preintegration after Forster et al.
+    (2017).
+    """
+
+    name: ClassVar[str] = "inertial-fusion"
+    parameters: ClassVar[int] = 20
+    needs_rope: ClassVar[bool] = True
+    needs_time: ClassVar[bool] = True
+
+    imu: ImuReadings | None = None
+    degrees: float = 4.0
+    damping: float = 0.005
+    damping_sd: float = 0.005
+    longer_m: float = 0.4
+    longer_sd_m: float = 0.5
+    wind_sd: float = 0.006
+    tilt_sd: float = 0.35
+    gyroscope_sd: float = 0.02
+    vertical_sd: float = 0.003
+    accelerometer_sd: float = 0.4
+    cross_sd: float = 0.01
+    speed: float = 2.0
+    speed_s: float = 10.0
+    memory_s: float = 10.0
+    node_s: float = 0.35
+    cut_s: float = 60.0
+    gap_s: float = 0.1
+    thin_s: float = 0.3
+    searches: int = 6
+    rounds: int = 40
+
+    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
+        raise NotImplementedError  # not a sum over frames: `_conclude` does it all
+
+    def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
+        if len(frames.count) != 1:
+            raise RecordError(f"{self.name} takes one record at a time: the sensor's readings belong to one")
+        if self.imu is None:
+            raise RecordError(f"{self.name} needs the readings of an inertial sensor in the camera's housing")
+        found = self._one(frames, calibration, self.imu)
+        table = {key: np.array([value]) for key, value in found.items()}
+        reason, offset = table.pop("reason").astype(str), table.pop("offset")
+        posterior = Intervals(
+            "posterior", self.intervals.level, table.pop("beta_ends"), table.pop("sigma_ends"), table.pop("alpha_ends"),
+            None, "sigma is that of this record",
+        )  # fmt: skip
+        beta, azimuth, sigma, alpha = (table.pop(key) for key in ("beta", "azimuth", "sigma", "alpha"))
+        return Estimates(
+            self.name, reason == "", reason, frames.count.astype(np.int64), beta, azimuth, sigma, alpha, offset,
+            (posterior,), table,
+        )  # fmt: skip
+
+    def _one(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> dict[str, Any]:
+        assert frames.time is not None
+        assert frames.rope_length is not None
+        time, rope = frames.time, frames.rope_length[0]
+        seen = np.ones(time.shape, bool) if frames.present is None else frames.present[0]
+        if reason := self._unfit(time, imu):
+            return self._nothing(len(time), reason)
+        ray = frames.rays[0]
+        place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
+        rough = RopeAware().fit(frames, calibration)
+        level = lean(*(float(angle) for angle in (a[0] for a in tilt_of(rough.down))))
+        mount_from_camera = camera_rotation(0.0, 0.0, np.deg2rad(calibration.roll_deg))
+        priors = self._priors(calibration, imu)
+
+        def at(some: slice) -> tuple[Data, NDArray[np.int64]]:
+            nodes, frame = _divided(time[some], self.node_s)
+            ropes = np.interp(nodes, time, rope)
+            places, sees = np.zeros((len(nodes), 2)), np.zeros(len(nodes), bool)
+            places[frame], sees[frame] = np.where(seen[some, None], place[some], 0.0), seen[some]
+            summed = preintegrate(nodes, imu, mount_from_camera)
+            links = Links(summed, ropes[:-1], ropes[1:], float(rope.mean()), self.memory_s)
+            return Data(nodes, ropes, places, sees, links, calibration.focal_length_px), frame
+
+        every = max(int(self.thin_s / np.median(np.diff(time))), 1)
+        try:
+            thin, _ = at(slice(None, None, every))
+            first = self._first(thin, level, rough.offset[0], mount_from_camera, imu)
+            found = fit(thin, first, first, priors, self.searches, self.rounds)
+            whole, frame = at(slice(None))
+            path = _refined(found.path, thin, whole)
+            found = fit(whole, replace(path, state=_like(path, first)), path, priors, 0, self.rounds)
+        except np.linalg.LinAlgError:
+            return self._nothing(len(time), "pictures and sensor do not fit: are they of the same record?")
+        if not found.settled:
+            return self._nothing(len(time), f"not converged in {self.rounds} rounds")
+        return self._found(whole, found, frame, calibration)
+
+    def _unfit(self, time: Array, imu: ImuReadings) -> str:
+        """Say why readings or times cannot be used; empty where they can."""
+        pause = np.diff(time)
+        if len(pause) and pause.max() > self.cut_s:
+            return f"no frame for {pause.max():.1f} s at {time[pause.argmax()]:.1f} s; at most {self.cut_s:g} s"
+        if imu.time[0] > time[0] + self.gap_s or imu.time[-1] < time[-1] - self.gap_s:
+            return (
+                f"the sensor's readings last from {imu.time[0]:.2f} to {imu.time[-1]:.2f} s, and the frames from "
+                f"{time[0]:.2f} to {time[-1]:.2f} s"
+            )
+        inside = imu.time[(imu.time > time[0] - 1) & (imu.time < time[-1] + 1)]
+        silent = np.diff(inside)
+        if silent.max(initial=0.0) > self.gap_s:
+            return f"the sensor is silent for {silent.max():.2f} s at {inside[silent.argmax()]:.2f} s"
+        return ""
+
+    def _priors(self, calibration: Calibration, imu: ImuReadings) -> Priors:
+        mean, sd = np.zeros(PARAMETERS), np.empty(PARAMETERS)
+        mean[OFFSET], mean[DAMPING], mean[LONGER] = calibration.offset_m, self.damping, self.longer_m
+        # The offset's height scales the whole path: it is taken as it is, and widens the intervals.
+        sd[OFFSET] = [max(calibration.offset_sd_m, 1e-4)] * 2 + [1e-6]
+        sd[DAMPING], sd[LONGER], sd[CROSS], sd[WIND] = self.damping_sd, self.longer_sd_m, self.cross_sd, self.wind_sd
+        # The densities are the maker's; aliasing, rounding and the model's own errors come on top.
+        return Priors(
+            mean, sd, self.tilt_sd, np.array([self.gyroscope_sd] * 2 + [self.vertical_sd]), self.accelerometer_sd,
+            1.2 * imu.gyroscope_noise_density + 5e-5, 1.2 * imu.gyroscope_random_walk + 1e-6,
+            1.2 * imu.accelerometer_noise_density + 2e-3, 1.2 * imu.accelerometer_random_walk + 1e-5,
+            self.speed, self.speed_s, self.degrees,
+        )  # fmt: skip
+
+    def _first(self, data: Data, level: Array, offset: Array, mount_from_camera: Array, imu: ImuReadings) -> Path:
+        """Guess a path: attitudes from a complementary filter about a tilt (3, 3), swings from the pixels."""
+        k, summed = len(data.time), data.links.imu
+        rate = imu.rate @ (mount_from_camera @ imu.camera_from_sensor).T
+        bias = np.array([*rate[:, :2].mean(axis=0), _at_rest(imu.time, rate[:, 2])])
+        force_bias = np.average(summed.force, axis=0, weights=summed.step) - STANDARD_GRAVITY * level[2]
+        attitude = np.empty((k, 3, 3))
+        attitude[0] = level
+        up = summed.force - force_bias
+        up /= np.linalg.norm(up, axis=-1, keepdims=True)
+        turns = summed.turn @ rotation(-bias * summed.step[:, None])
+        for i in range(k - 1):
+            towards = np.cross(up[i], attitude[i, 2])
+            attitude[i + 1] = attitude[i] @ turns[i] @ rotation(towards * (summed.step[i] / LEVELLING_S))
+        state, parameters = np.zeros((k, STATE)), np.zeros(PARAMETERS)
+        state[:, GYROSCOPE], state[:, ACCELEROMETER] = bias, force_bias[:2]
+        parameters[OFFSET], parameters[DAMPING], parameters[LONGER] = offset, self.damping, self.longer_m
+        ray = np.concatenate([data.place, -np.ones((k, 1))], axis=-1)
+        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+        grab = np.einsum("nij,nj->ni", attitude, ray) * data.rope[:, None]
+        grab += np.einsum("nij,j->ni", rotation_z(heading(attitude)), offset)
+        swing = grab[:, :2] / np.linalg.norm(grab, axis=-1, keepdims=True)
+        known = np.flatnonzero(data.seen)
+        for axis, column in enumerate(swing.T):
+            bridged = np.interp(np.arange(k), known, column[known])
+            state[:, SWING.start + axis] = gaussian_filter1d(bridged, SMOOTH_FRAMES)
+        scale = (data.rope / data.links.length)[:, None] ** 2
+        state[:, MOMENTUM] = np.gradient(state[:, SWING], data.time, axis=0) * scale
+        strengths = np.log([1e-3, 1.5 / data.focal_px, 3e-3])
+        return Path(attitude, state, parameters, strengths, np.ones(k - 1))
+
+    def _found(self, data: Data, found: Fit, frame: NDArray[np.int64], calibration: Calibration) -> dict[str, Any]:
+        path, level = found.path, self.intervals.level
+        covariance = state_covariances(found.minimum, STATE)[frame]
+        s = path.state[frame, SWING]
+        sine = np.hypot(s[:, 0], s[:, 1])
+        alpha = np.arcsin(np.minimum(sine, 1.0))
+        sigma2 = float(np.mean(alpha**2))
+        # An error of the offset's height makes all swings as much larger or smaller as it is a share of the rope.
+        height2 = (sine * calibration.offset_sd_m / data.rope[frame]) ** 2
+        along, across = _split(covariance[:, SWING, SWING], s)
+        quantile = iv.student(level, np.inf)
+        down = -path.attitude[frame, 2].mean(axis=0)
+        beta, azimuth = tilt_of(down / np.linalg.norm(down))
+        tilt_var = covariance[:, ATTITUDE, ATTITUDE].mean(axis=0)
+        towards = np.array([-np.sin(azimuth), np.cos(azimuth)])  # about which β turns
+        tilt_along, tilt_across = _split(tilt_var[None, :2, :2], towards[None])
+        var_sigma = float(np.mean(along) * np.mean(alpha) ** 2 / max(sigma2, 1e-300))
+        return {
+            "reason": "",
+            "beta": float(beta),
+            "azimuth": float(azimuth),
+            "sigma": np.sqrt(sigma2),
+            "alpha": alpha,
+            "offset": path.parameters[OFFSET],
+            "beta_ends": iv.radial(np.array(float(beta)), tilt_along[0], tilt_across[0], quantile),
+            "sigma_ends": iv.radial(np.array(np.sqrt(sigma2)), np.array(var_sigma), np.array(0.0), quantile),
+            "alpha_ends": iv.radial(alpha, along + height2, across, quantile),
+            "forcing": np.exp(path.strengths[FAST]),
+            "lean_sd": np.exp(path.strengths[SLOW]),
+            "wind": float(np.hypot(*path.parameters[WIND])),
+            "noise_px": np.exp(path.strengths[NOISE]) * data.focal_px,
+            "damping": path.parameters[DAMPING],
+            "longer_m": path.parameters[LONGER],
+            "gyroscope_bias": float(np.abs(path.state[:, GYROSCOPE]).max()),
+            "not_free": float(np.mean(path.weight < 0.5)),
+            "rounds": found.rounds,
+        }
+
+    def _nothing(self, n: int, reason: str) -> dict[str, Any]:
+        names = (
+            "beta", "azimuth", "sigma", "forcing", "lean_sd", "wind", "noise_px", "damping", "longer_m",
+            "gyroscope_bias", "not_free",
+        )  # fmt: skip
+        shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
+        empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+        return {"reason": reason, **dict.fromkeys(names, np.nan), **empty, "rounds": 0}
+
+
+def _divided(time: Array, longest: float) -> tuple[Array, NDArray[np.int64]]:
+    """Divide long steps; returns the nodes' times, and which of them each frame is."""
+    parts = np.maximum(np.ceil(np.diff(time) / longest - 1e-9), 1).astype(np.int64)
+    frame = np.concatenate([[0], np.cumsum(parts)])
+    return np.interp(np.arange(frame[-1] + 1), frame, time), frame
+
+
+def _at_rest(time: Array, rate: Array) -> float:
+    """Most frequent of some readings, s and rad/s (half-sample mode: Robertson & Cryer 1974)."""
+    many = max(int(REST_S / np.median(np.diff(time))), 1)
+    values = np.sort(np.convolve(rate, np.full(many, 1 / many), "valid")[::many])
+    while len(values) > 3:
+        half = (len(values) + 1) // 2
+        first = int(np.argmin(values[half - 1 :] - values[: len(values) - half + 1]))
+        values = values[first : first + half]
+    return float(values.mean())
+
+
+def _refined(path: Path, thin: Data, whole: Data) -> Path:
+    """Carry a path over to more nodes; attitudes go on by the gyroscope from the last node before."""
+    last = np.clip(np.searchsorted(thin.time, whole.time, side="right") - 1, 0, len(thin.time) - 1)
+    state = np.stack([np.interp(whole.time, thin.time, column) for column in path.state.T], axis=-1)
+    attitude = np.empty((len(whole.time), 3, 3))
+    summed: Preintegrated = whole.links.imu
+    bias = state[:-1, GYROSCOPE] + path.parameters[CROSS] * summed.rate[:, 2:]
+    turns = summed.turn @ rotation(-bias * summed.step[:, None])
+    fresh = np.concatenate([[True], last[1:] > last[:-1]])
+    for i in range(len(attitude)):
+        attitude[i] = path.attitude[last[i]] if fresh[i] else attitude[i - 1] @ turns[i - 1]
+    link = np.minimum(last[:-1], len(path.weight) - 1)
+    return Path(attitude, state, path.parameters, path.strengths, path.weight[link])
+
+
+def _like(path: Path, first: Path) -> Array:
+    """States whose first node has the biases that the priors are about."""
+    state = path.state.copy()
+    state[0, GYROSCOPE], state[0, ACCELEROMETER] = first.state[0, GYROSCOPE], first.state[0, ACCELEROMETER]
+    return state
+
+
+def _split(covariance: Array, towards: Array) -> tuple[Array, Array]:
+    """Variance (n,) along and across directions (n, 2), from covariances (n, 2, 2)."""
+    unit = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
+    along = np.einsum("ni,nij,nj->n", unit, covariance, unit)
+    return along, np.trace(covariance, axis1=-2, axis2=-1) - along

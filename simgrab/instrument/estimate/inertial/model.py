@@ -1,0 +1,169 @@
+"""Camera, inertial sensor and pendulum as one chain of states.
+
+The level frame has z up; its heading is the jib's at the first node. The camera's mount frame (see
+`simgrab.instrument.estimate.frames`) turns in it as the gyroscope reports, and the accelerometer gives the acceleration
+of O, which drives the pendulum. A camera that levels itself is no special case: its attitude is a state.
+
+State of a node, `STATE` numbers: error of the attitude (3, rad, mount frame), horizontal velocity of the camera (2,
+m/s), bias of the gyroscope (3, rad/s) and of the accelerometer across the optical axis (2, m/s²), both in the mount
+frame, and the pendulum: s, p and slow forcing a (2 each) as in `simgrab.instrument.estimate.pendulum`, here in the level
+frame, where wind keeps its direction while the jib slews.
+
+Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, by how much the
+pendulum is longer than the rope (m), how much of the rate about the optical axis the gyroscope shows on each of its axes
+(3), and the steady lean by wind (2, rad, level frame).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgrab.geometry import STANDARD_GRAVITY, Array, rotation_z
+from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, rotation, rotation_vector
+
+ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
+SWING, MOMENTUM, LEAN = slice(10, 12), slice(12, 14), slice(14, 16)
+STATE = 16
+OFFSET, DAMPING, LONGER, CROSS, WIND = slice(0, 3), 3, 4, slice(5, 8), slice(8, 10)
+PARAMETERS = 10
+_STEP = 1e-6  # of numerical derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Steps between k consecutive nodes.
+
+    Attributes
+    ----------
+    imu : Preintegrated
+    before, after : ndarray, shape (k − 1,)
+        Rope length at both ends, m.
+    length : float
+        The fixed length that scales p, m.
+    memory_s : float
+        Correlation time of the slow forcing.
+    """
+
+    imu: Preintegrated
+    before: Array
+    after: Array
+    length: float
+    memory_s: float
+
+
+def heading(attitude: Array) -> Array:
+    """Turn about the vertical of attitudes (..., 3, 3): the jib's heading, whose camera leans but does not turn."""
+    return np.arctan2(attitude[..., 1, 0] - attitude[..., 0, 1], attitude[..., 0, 0] + attitude[..., 1, 1])
+
+
+def _rates(x: Array, damping: Array, rope: Array, length: float, acceleration: Array, lean: Array) -> Array:
+    """Derivatives of s and p, as in `simgrab.instrument.estimate.pendulum`, below a pivot that accelerates."""
+    s, p = x[..., :2], x[..., 2:] * length**2
+    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
+    lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
+    turn = np.stack([-p[..., 0] * nz - lz * s[..., 1], lz * s[..., 0] - p[..., 1] * nz], axis=-1) / rope[..., None] ** 2
+    pull = -nz[..., None] * (STANDARD_GRAVITY * lean - acceleration) - STANDARD_GRAVITY * s
+    drag = 2 * damping * np.sqrt(STANDARD_GRAVITY / rope)
+    return np.concatenate([turn, (rope[..., None] * pull - drag[..., None] * p) / length**2], axis=-1)
+
+
+def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple[Array, Array]:
+    """Attitudes and states one step on.
+
+    Parameters
+    ----------
+    attitude : ndarray, shape (k − 1, 3, 3)
+        Rotation from the mount frame to the level frame.
+    x : ndarray, shape (k − 1, 16)
+    parameters : ndarray, shape (10,)
+    links : Links
+
+    Returns
+    -------
+    attitude : ndarray, shape (k − 1, 3, 3)
+    x : ndarray, shape (k − 1, 16)
+        With no error of the attitude, which is in the attitude.
+    """
+    imu, h = links.imu, links.imu.step[:, None]
+    now = attitude @ rotation(x[:, ATTITUDE])
+    wrong = -(x[:, GYROSCOPE] + parameters[CROSS] * imu.rate[:, 2:]) * h
+    force = imu.force.copy()
+    force[:, :2] -= x[:, ACCELEROMETER]
+    acceleration = np.einsum("nij,nj->ni", now @ rotation(wrong / 2), force)[:, :2]
+    spin = imu.rate[:, 2:] - x[:, GYROSCOPE][:, 2:]
+    arm = np.einsum("nij,j->ni", rotation_z(heading(now))[:, :2, :2], parameters[OFFSET][:2])
+    across = np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
+    of_pivot = acceleration - imu.rate_slope[:, None] * across + spin**2 * arm
+    a = np.concatenate([x[:, SWING], x[:, MOMENTUM]], axis=-1)
+    before, after = links.before + parameters[LONGER], links.after + parameters[LONGER]
+    fixed = (links.length, of_pivot, parameters[WIND] + x[:, LEAN])
+    slopes = _rates(a, parameters[DAMPING], before, *fixed)
+    total = slopes
+    for share, weight, rope in ((h / 2, 2, (before + after) / 2), (h / 2, 2, (before + after) / 2), (h, 1, after)):
+        slopes = _rates(a + share * slopes, parameters[DAMPING], rope, *fixed)
+        total = total + weight * slopes
+    swing = a + h / 6 * total
+    velocity = x[:, VELOCITY] + acceleration * h
+    lean = x[:, LEAN] * np.exp(-h / links.memory_s)
+    still = np.zeros_like(x[:, ATTITUDE])
+    return now @ imu.turn @ rotation(wrong), np.concatenate(
+        [still, velocity, x[:, GYROSCOPE], x[:, ACCELEROMETER], swing, lean], axis=-1
+    )
+
+
+def place(attitude: Array, x: Array, parameters: Array, rope: Array) -> Array:
+    """Where a picture of unit focal length shows the grab, shape (k, 2): x and y of the mount frame over the depth."""
+    now = attitude @ rotation(x[:, ATTITUDE])
+    s = x[:, SWING]
+    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1, keepdims=True), 1e-6))
+    offset = np.einsum("nij,j->ni", rotation_z(heading(now)), parameters[OFFSET])
+    local = np.einsum("nji,nj->ni", now, np.concatenate([s, nz], axis=-1) * rope[:, None] - offset)
+    return np.asarray(local[:, :2] / -local[:, 2:])
+
+
+def derivatives_of_advance(
+    attitude: Array, x: Array, parameters: Array, links: Links
+) -> tuple[Array, Array, Array]:
+    """By how much each step misses the next node, and the derivatives of where it leads.
+
+    Parameters
+    ----------
+    attitude : ndarray, shape (k, 3, 3)
+    x : ndarray, shape (k, 16)
+    parameters : ndarray, shape (10,)
+    links : Links
+
+    Returns
+    -------
+    residual : ndarray, shape (k − 1, 16)
+    by_state : ndarray, shape (k − 1, 16, 16)
+    by_parameter : ndarray, shape (k − 1, 16, 10)
+    """
+    back = attitude[1:].swapaxes(-1, -2)
+
+    def led(dx: Array, dp: Array) -> Array:
+        turned, state = advance(attitude[:-1], x[:-1] + dx, parameters + dp, links)
+        state[:, ATTITUDE] = rotation_vector(back @ turned)
+        return state
+
+    none, nothing = np.zeros(STATE), np.zeros(PARAMETERS)
+    by_state = np.stack([(led(e, nothing) - led(-e, nothing)) / (2 * _STEP) for e in np.eye(STATE) * _STEP], axis=-1)
+    by_parameter = np.stack([(led(none, e) - led(none, -e)) / (2 * _STEP) for e in np.eye(PARAMETERS) * _STEP], axis=-1)
+    goal = x[1:].copy()
+    goal[:, ATTITUDE] = 0
+    return led(none, nothing) - goal, by_state, by_parameter
+
+
+def derivatives_of_place(attitude: Array, x: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
+    """Places (k, 2), and their derivatives by the state (k, 2, 16) and the parameters (k, 2, 10)."""
+    by_state, by_parameter = np.zeros((len(x), 2, STATE)), np.zeros((len(x), 2, PARAMETERS))
+    states, statics = np.eye(STATE) * _STEP, np.eye(PARAMETERS) * _STEP
+    for i in (*range(3), *range(SWING.start, SWING.stop)):
+        ends = (place(attitude, x + sign * states[i], parameters, rope) for sign in (1, -1))
+        by_state[..., i] = (next(ends) - next(ends)) / (2 * _STEP)
+    for i in range(OFFSET.stop):
+        ends = (place(attitude, x, parameters + sign * statics[i], rope) for sign in (1, -1))
+        by_parameter[..., i] = (next(ends) - next(ends)) / (2 * _STEP)
+    return place(attitude, x, parameters, rope), by_state, by_parameter

@@ -1,0 +1,163 @@
+"""Readings of an inertial sensor: files in the layout of the EuRoC data set in, checked arrays out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import yaml
+
+from simgrab.errors import RecordError, first_line
+from simgrab.geometry import Array
+from simgrab.utilities.parse import opened
+
+STAMP = "#timestamp [ns]"
+RATE = tuple(f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
+FORCE = tuple(f"a_RS_S_{axis} [m s^-2]" for axis in "xyz")
+MOST_CSV_BYTES = 2**30
+MOST_YAML_BYTES = 2**16
+LEAST_ROWS = 2
+MOST_RATE, MOST_FORCE = 100.0, 1000.0
+"""Beyond these, rad/s and m/s², no sensor on a crane reads."""
+# Of the densities that a file does not state: those of a cheap sensor.
+_DENSITIES = {
+    "gyroscope_noise_density": 1e-4,
+    "gyroscope_random_walk": 1e-5,
+    "accelerometer_noise_density": 4e-3,
+    "accelerometer_random_walk": 1e-3,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ImuReadings:
+    """What an inertial measurement unit in the camera's housing reported.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        s, increasing, by the clock that the frames have too; some milliseconds between the two do no harm.
+    rate : ndarray, shape (n, 3)
+        Angular rate over the ground, sensor frame, rad/s.
+    force : ndarray, shape (n, 3)
+        Specific force, acceleration less gravity, sensor frame, m/s².
+    camera_from_sensor : ndarray, shape (3, 3)
+        Nominal rotation from the sensor frame to the camera frame (x right, y down, z forward).
+    gyroscope_noise_density, accelerometer_noise_density : float
+        rad/s/√Hz and m/s²/√Hz, as the maker states them.
+    gyroscope_random_walk, accelerometer_random_walk : float
+        rad/s²/√Hz and m/s³/√Hz.
+
+    Raises
+    ------
+    RecordError
+        For wrong shapes, values that are not finite or no sensor on a crane reports, and times that do not increase:
+        naming column and row, of which the first is 1.
+    """
+
+    time: Array
+    rate: Array
+    force: Array
+    camera_from_sensor: Array
+    gyroscope_noise_density: float = _DENSITIES["gyroscope_noise_density"]
+    gyroscope_random_walk: float = _DENSITIES["gyroscope_random_walk"]
+    accelerometer_noise_density: float = _DENSITIES["accelerometer_noise_density"]
+    accelerometer_random_walk: float = _DENSITIES["accelerometer_random_walk"]
+
+    def __post_init__(self) -> None:
+        n = len(self.time)
+        if self.time.shape != (n,) or self.rate.shape != (n, 3) or self.force.shape != (n, 3):
+            shapes = f"{self.time.shape}, {self.rate.shape} and {self.force.shape}"
+            raise RecordError(f"time, rate and force must have shapes (n,), (n, 3) and (n, 3), got {shapes}")
+        if n < LEAST_ROWS:
+            raise RecordError(f"{n} rows; at least {LEAST_ROWS} are needed")
+        for name, values, most in (
+            ("time", self.time[:, None], np.inf), ("rate", self.rate, MOST_RATE), ("force", self.force, MOST_FORCE),
+        ):  # fmt: skip
+            bad = np.argwhere(~(np.isfinite(values) & (np.abs(values) <= most)))
+            if bad.size:
+                row, axis = bad[0]
+                raise RecordError(f"{name}, row {row + 1}: {values[row, axis]:g} cannot be")
+        back = np.flatnonzero(np.diff(self.time) <= 0)
+        if back.size:
+            row = back[0] + 1
+            raise RecordError(
+                f"time, row {row + 1}: must increase, got {self.time[row]:.6f} s after {self.time[row - 1]:.6f} s"
+            )
+        turn = self.camera_from_sensor
+        if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or np.linalg.det(turn) < 0:
+            raise RecordError("camera_from_sensor must be a rotation matrix (3, 3)")
+        for name in _DENSITIES:
+            if not 0 <= getattr(self, name) < math.inf:
+                raise RecordError(f"{name} must be 0 or more, got {getattr(self, name):g}")
+
+
+def read_imu(folder: str | Path) -> ImuReadings:
+    """Read ``data.csv`` and ``sensor.yaml`` of a folder such as a dataset's ``sensors/clip_000/imu0``.
+
+    The body frame of ``T_BS`` must be the camera frame. Noise densities that the file does not state are taken to be
+    those of a cheap sensor.
+
+    Raises
+    ------
+    RecordError
+        In one line: the file, and the row (the first is 1), column or key.
+    """
+    folder = Path(folder)
+    about, where = _about(folder / "sensor.yaml"), folder / "data.csv"
+    table = _table(where)
+    for name in (STAMP, *RATE, *FORCE):
+        if table.column_names.count(name) != 1:
+            found = "twice" if name in table.column_names else "missing"
+            raise RecordError(f"{where}: column {name!r} is {found}; there are: {', '.join(table.column_names)}")
+    stamp = _numbers(where, table, STAMP)
+    rate, force = (np.stack([_numbers(where, table, name) for name in names], axis=-1) for names in (RATE, FORCE))
+    try:
+        return ImuReadings(stamp / 1e9, rate, force, **about)
+    except RecordError as problem:
+        raise RecordError(f"{where}: {problem}") from None
+
+
+def _table(path: Path) -> pa.Table:
+    with opened(path, RecordError, "readings", most_bytes=MOST_CSV_BYTES) as file:
+        text = file.read()
+    try:
+        return pa.csv.read_csv(pa.BufferReader(text))
+    except pa.ArrowInvalid as problem:
+        raise RecordError(f"{path}: it is not valid CSV ({first_line(problem)})") from None
+
+
+def _numbers(path: Path, table: pa.Table, name: str) -> Array:
+    column = table[name]
+    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+        raise RecordError(f"{path}: column {name!r} holds something that is not a number")
+    values = column.to_numpy().astype(float)
+    for row in np.flatnonzero(~np.isfinite(values))[:1]:
+        raise RecordError(f"{path}: {name!r}, row {row + 1}: a finite number is needed")
+    return np.asarray(values)
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """Read what the estimator needs of a ``sensor.yaml``."""
+    with opened(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES) as file:
+        text = file.read()
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        raise RecordError(f"{path}: it is not valid YAML ({first_line(problem)})") from None
+    if not isinstance(data, dict) or not isinstance(data.get("T_BS"), dict):
+        raise RecordError(f"{path}: T_BS is missing: the sensor's pose in the camera frame")
+    if data.get("sensor_type", "imu") != "imu":
+        raise RecordError(f"{path}: sensor_type: an imu is needed, got {data['sensor_type']!r:.40}")
+    try:
+        pose = np.array(data["T_BS"]["data"], float).reshape(4, 4)
+        found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
+    except (KeyError, TypeError, ValueError):
+        raise RecordError(f"{path}: T_BS must hold 16 numbers, and the noise densities must be numbers") from None
+    if not np.isfinite(pose).all():
+        raise RecordError(f"{path}: T_BS must hold finite numbers")
+    return {"camera_from_sensor": pose[:3, :3], **found}
