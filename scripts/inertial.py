@@ -92,8 +92,8 @@ def main(clips: int, frames: int, noise_px: float, worlds: tuple[str, ...]) -> N
                 continue
             print(
                 f"  {kind:27s} α: bias {f['bias_deg']:+.3f}°, RMSE {f['rmse_deg']:.3f}°, max {f['max_deg']:.2f}°; "
-                f"95 % hold {100 * f['coverage']:.0f} %; events {f['events']} ({f['sure']} sure), missed {f['missed']}, "
-                f"alarms {f['reported']}, false {f['false']}; {f['refused']} refused"
+                f"95 % hold {100 * f['coverage']:.0f} %; events {f['events']} ({f['sure']} sure), "
+                f"missed {f['missed']}, alarms {f['reported']}, false {f['false']}; {f['refused']} refused"
                 + (f"; {f['seconds']:.0f} s of CPU a clip" if kind != "rope-aware" else ""),
                 flush=True,
             )

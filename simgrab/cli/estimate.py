@@ -15,11 +15,19 @@ from simgrab.text import printable
 @click.command()
 @click.argument("file", type=PATH)
 @click.option("--camera", type=PATH, required=True, help="Camera TOML.")
-@click.option("--estimator", type=click.Choice(list(ESTIMATORS)), default=DEFAULT, show_default=True)
+@click.option(
+    "--estimator", type=click.Choice(list(ESTIMATORS)), help=f"[default: {DEFAULT}; with --imu inertial-fusion]"
+)
+@click.option(
+    "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
 @click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")
 @click.option("--no-figure", is_flag=True, help="Write no figure.")
-def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Path | None, no_figure: bool) -> None:
+def command(
+    file: Path, camera: Path, estimator: str | None, imu: Path | None, as_json: bool, figure: Path | None,
+    no_figure: bool,
+) -> None:  # fmt: skip
     """Estimate camera tilt and swing angles from grab centres.
 
     FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre in the image as recorded
@@ -28,13 +36,15 @@ def command(file: Path, camera: Path, estimator: str, as_json: bool, figure: Pat
     """
     from simgrab.instrument.estimate import measure as judge
 
+    if imu is not None and estimator is not None:
+        raise click.UsageError("--imu has an estimator of its own; leave out --estimator.")
     beside = file.with_name(f"{file.stem}.estimate.png") if file.name else Path("record.estimate.png")
     target = figure or beside
     if not no_figure:
         from simgrab.instrument.estimate import figure as estimate_figure
 
         estimate_figure.check(target)
-    measured = judge.measure(file, camera, estimator)
+    measured = judge.measure(file, camera, estimator or DEFAULT, imu=imu)
     if as_json:
         click.echo(json.dumps(judge.as_json(measured), indent=1))
     else:

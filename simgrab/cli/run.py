@@ -56,6 +56,9 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
     help="Estimate the tilt from the first part, e.g. 300s, or all of a shorter record.  [default: the whole record]",
 )
 @click.option("--calibration", type=PATH, help="Use the tilt of another run: its tilt.toml.")
+@click.option(
+    "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
+)
 @click.option("--live", is_flag=True, help="Update the estimate while frames arrive; always on for streams.")
 @click.option("--rate", type=float, callback=_rate, help="Frames/s of a folder.  [default: 9]")
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
@@ -64,8 +67,8 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
     source: str, camera: Path | None, out: Path, detector: str, instrument: str | None, estimator: str | None,
-    calibrate: float | None, calibration: Path | None, live: bool, rate: float | None, no_video: bool, paper: bool,
-    as_json: bool, quiet: bool,
+    calibrate: float | None, calibration: Path | None, imu: Path | None, live: bool, rate: float | None,
+    no_video: bool, paper: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of images, or a dataset.
 
@@ -87,14 +90,17 @@ def command(
 
     chosen: Instrument
     if instrument is not None:
-        if detector != BUNDLED or any((estimator, calibrate, calibration, live)):
+        if detector != BUNDLED or any((estimator, calibrate, calibration, imu, live)):
             raise click.UsageError(
-                "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration or --live."
+                "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu or "
+                "--live."
             )
         sys.path.insert(0, str(Path.cwd()))  # a pipeline lies where one works
         chosen = open_instrument(instrument)
     else:
-        chosen = assemble(detector=detector, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live)
+        chosen = assemble(
+            detector=detector, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu
+        )
     options = Options(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera or camera_beside(source), out, chosen, options, progress)

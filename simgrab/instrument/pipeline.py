@@ -19,8 +19,9 @@ from simgrab.instrument.angles import Seen
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
-from simgrab.instrument.estimate import ESTIMATORS, Estimator, IntervalSettings, MeanRay, RopeAware
+from simgrab.instrument.estimate import ESTIMATORS, Estimator, InertialFusion, IntervalSettings, MeanRay, RopeAware
 from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
@@ -222,6 +223,7 @@ def assemble(
     calibrate_s: float | None = None,
     tilt: str | Path | None = None,
     live: bool = False,
+    imu: str | Path | None = None,
 ) -> Pipeline:
     """Make a pipeline from command-line options.
 
@@ -236,10 +238,13 @@ def assemble(
         A ``tilt.toml``.
     live : bool
         Whether it is for a live run.
+    imu : path, optional
+        Folder of the inertial sensor in the camera's housing, as `read_imu` takes it: then the estimator is
+        `InertialFusion`.
 
     Raises
     ------
-    RunError, DetectorError, CalibrationError
+    RunError, DetectorError, CalibrationError, RecordError
         If settings exclude each other, or a file is not what it should be.
     """
     if estimator is not None and estimator not in ESTIMATORS:
@@ -249,5 +254,12 @@ def assemble(
         raise RunError(f"calibration on the first part cannot be combined with {other}")
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
-    chosen = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
+    chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
+    if imu is not None:
+        if estimator is not None or calibrate_s is not None or tilt is not None or live:
+            raise RunError(
+                "with an inertial sensor the whole record is estimated at once; "
+                "leave out estimator, calibration and live"
+            )
+        chosen = InertialFusion(imu=read_imu(imu), intervals=INTERVALS)
     return Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))

@@ -14,7 +14,8 @@ from simgrab import calibration as camera_file
 from simgrab.calibration import Calibration
 from simgrab.errors import RecordError, first_line
 from simgrab.geometry import Array
-from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, InertialFusion
+from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.tables import PixelRecord, read_record
 from simgrab.records.estimates import Estimate, Intervals
 
@@ -94,7 +95,9 @@ def _kind(estimator: str) -> type[Estimator]:
     return ESTIMATORS[estimator]
 
 
-def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> Measured:
+def measure(
+    path: str | Path, camera: str | Path, estimator: str = DEFAULT, *, imu: str | Path | None = None
+) -> Measured:
     """Estimate tilt and swing from a file.
 
     Parameters
@@ -106,22 +109,25 @@ def measure(path: str | Path, camera: str | Path, estimator: str = DEFAULT) -> M
         Camera TOML.
     estimator : str
         A name in `simgrab.instrument.estimate.ESTIMATORS`.
+    imu : path, optional
+        Folder of the inertial sensor in the camera's housing, as
+        `simgrab.instrument.estimate.inertial.readings.read_imu` takes it: then the estimator is `InertialFusion`.
 
     Raises
     ------
     RecordError, CalibrationError
         One line with the file and the row or column.
     """
-    kind = _kind(estimator)
+    kind: Estimator = _kind(estimator)() if imu is None else InertialFusion(imu=read_imu(imu))
     calibration = camera_file.load(camera)
     record = read_record(path, calibration, rope=kind.needs_rope, time=kind.needs_time)
     present = int(np.isfinite(record.pixels).all(axis=-1).sum())
     if present < kind.parameters:
         raise RecordError(
-            f"{path}: {present} of {len(record.pixels)} rows have a pixel; {estimator} needs at least "
+            f"{path}: {present} of {len(record.pixels)} rows have a pixel; {kind.name} needs at least "
             f"{kind.parameters}, one for each parameter"
         )
-    found = kind().estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
+    found = kind.estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
     return Measured(record, calibration, found, warnings)
 

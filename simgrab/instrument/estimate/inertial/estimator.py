@@ -40,6 +40,8 @@ from simgrab.records.estimates import Estimates, Intervals
 
 LEVELLING_S = 30.0  # in which the first guess of the attitude follows the accelerometer
 SMOOTH_FRAMES = 3.0  # standard deviation of the filter of the first guess of the swings
+FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
+SLEWING = 4e-3  # rad/s: a jib that turns faster slews
 REST_S = 0.2  # readings about the vertical are averaged over so long before their most frequent value is sought
 
 
@@ -76,12 +78,16 @@ class InertialFusion(Estimator):
         Prior standard deviation of the gyroscope's scale error and misalignments.
     speed, speed_s : float
         Standard deviation of the jib head's velocity, m/s per axis, and how long it takes to become another one, s.
+    rest_speed : float
+        Standard deviation of the velocity of a jib that stands, m/s per axis.
     memory_s : float
         Correlation time of gusts.
     node_s, cut_s : float
         Longer steps between frames than the first are divided; a record with a longer one than the second is refused.
     gap_s : float
         A record whose sensor is silent for longer is refused.
+    most_not_free : float
+        A record in more of which the grab does not swing as the sensor says is refused.
     thin_s : float
         Strengths are sought on frames that are this far apart.
     searches, rounds : int
@@ -89,9 +95,9 @@ class InertialFusion(Estimator):
 
     Notes
     -----
-    β is the tilt of the mean attitude. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (gusts,
-    rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``gyroscope_bias`` (largest,
-    rad/s), ``not_free`` (share of the record in which the grab does not swing freely), ``rounds``.
+    β is the tilt of the mean attitude. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd``
+    (gusts, rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``gyroscope_bias``
+    (largest, rad/s), ``not_free`` (share of the record in which the grab does not swing freely), ``rounds``.
 
     The pendulum is after Schaper et al. (2014), who have the sensor on the rope; preintegration after Forster et al.
     (2017).
@@ -116,10 +122,12 @@ class InertialFusion(Estimator):
     cross_sd: float = 0.01
     speed: float = 2.0
     speed_s: float = 10.0
+    rest_speed: float = 0.03
     memory_s: float = 10.0
     node_s: float = 0.35
     cut_s: float = 60.0
     gap_s: float = 0.1
+    most_not_free: float = 0.3
     thin_s: float = 0.3
     searches: int = 6
     rounds: int = 40
@@ -152,12 +160,14 @@ class InertialFusion(Estimator):
         seen = np.ones(time.shape, bool) if frames.present is None else frames.present[0]
         if reason := self._unfit(time, imu):
             return self._nothing(len(time), reason)
+        imu = _weighed(imu)
         ray = frames.rays[0]
         place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
         rough = RopeAware().fit(frames, calibration)
         level = lean(*(float(angle) for angle in (a[0] for a in tilt_of(rough.down))))
         mount_from_camera = camera_rotation(0.0, 0.0, np.deg2rad(calibration.roll_deg))
         priors = self._priors(calibration, imu)
+        rest = _at_rest(imu.time, imu.rate @ (mount_from_camera @ imu.camera_from_sensor)[2])
 
         def at(some: slice) -> tuple[Data, NDArray[np.int64]]:
             nodes, frame = _divided(time[some], self.node_s)
@@ -166,7 +176,9 @@ class InertialFusion(Estimator):
             places[frame], sees[frame] = np.where(seen[some, None], place[some], 0.0), seen[some]
             summed = preintegrate(nodes, imu, mount_from_camera)
             links = Links(summed, ropes[:-1], ropes[1:], float(rope.mean()), self.memory_s)
-            return Data(nodes, ropes, places, sees, links, calibration.focal_length_px), frame
+            turning = np.abs(summed.rate[:, 2] - rest)
+            resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
+            return Data(nodes, ropes, places, sees, resting, links, calibration.focal_length_px), frame
 
         every = max(int(self.thin_s / np.median(np.diff(time))), 1)
         try:
@@ -180,6 +192,12 @@ class InertialFusion(Estimator):
             return self._nothing(len(time), "pictures and sensor do not fit: are they of the same record?")
         if not found.settled:
             return self._nothing(len(time), f"not converged in {self.rounds} rounds")
+        odd = float(np.mean(found.path.weight < FREE))
+        if odd > self.most_not_free:
+            return self._nothing(
+                len(time),
+                f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?",
+            )
         return self._found(whole, found, frame, calibration)
 
     def _unfit(self, time: Array, imu: ImuReadings) -> str:
@@ -209,7 +227,7 @@ class InertialFusion(Estimator):
             mean, sd, self.tilt_sd, np.array([self.gyroscope_sd] * 2 + [self.vertical_sd]), self.accelerometer_sd,
             1.2 * imu.gyroscope_noise_density + 5e-5, 1.2 * imu.gyroscope_random_walk + 1e-6,
             1.2 * imu.accelerometer_noise_density + 2e-3, 1.2 * imu.accelerometer_random_walk + 1e-5,
-            self.speed, self.speed_s, self.degrees,
+            self.speed, self.speed_s, self.rest_speed, self.degrees,
         )  # fmt: skip
 
     def _first(self, data: Data, level: Array, offset: Array, mount_from_camera: Array, imu: ImuReadings) -> Path:
@@ -277,7 +295,7 @@ class InertialFusion(Estimator):
             "damping": path.parameters[DAMPING],
             "longer_m": path.parameters[LONGER],
             "gyroscope_bias": float(np.abs(path.state[:, GYROSCOPE]).max()),
-            "not_free": float(np.mean(path.weight < 0.5)),
+            "not_free": float(np.mean(path.weight < FREE)),
             "rounds": found.rounds,
         }
 
@@ -289,6 +307,13 @@ class InertialFusion(Estimator):
         shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
         empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
         return {"reason": reason, **dict.fromkeys(names, np.nan), **empty, "rounds": 0}
+
+
+def _weighed(imu: ImuReadings) -> ImuReadings:
+    """Take out the accelerometer's bias along the optical axis: the jib head moves level, so the mean force is g."""
+    excess = float(np.linalg.norm(imu.force, axis=-1).mean()) - STANDARD_GRAVITY
+    upwards = -imu.camera_from_sensor[2]
+    return replace(imu, force=imu.force - excess * upwards)
 
 
 def _divided(time: Array, longest: float) -> tuple[Array, NDArray[np.int64]]:

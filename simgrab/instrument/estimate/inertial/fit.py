@@ -1,8 +1,8 @@
 """Fitting attitude, sensor and pendulum to one record: Gauss–Newton to the posterior mode, from loose to stiff.
 
 A grab that digs in the cargo is no pendulum. While the pendulum is loose, the path follows the pixels, and stretches
-whose motion takes forces that no wind has show up; their weight is taken for the rest of the fit. Started stiff, the fit
-would rather take the pixels there for outliers.
+whose motion takes forces that no wind has show up; they lose their weight for the rest of the fit. A fit that starts
+stiff would rather take the pixels there for outliers.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ LOOSE, STIFFER, START_FAST = 0.1, 0.3, 1e-3  # m²/s³, of the first round; fact
 LOOSE_ROUNDS, FIRST_WEIGHED, FIRST_SEARCH = 9, 5, 9
 WINDOW_S = 2.0  # over which forces are averaged to find a grab that does not swing freely
 NATURAL_FAST, NATURAL_SLOW, BEYOND = 1e-4, 0.005, 9.0  # forces as wind has them, and how many times them are too many
+LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # at the end those of the record itself count, but no less than these
 START_SD = 0.3  # of the first s and p
 HEADING_SD = 1e-3  # rad: the level frame's heading is the first node's
 SETTLED_RAD = 5e-5
@@ -63,6 +64,8 @@ class Priors:
         Of the noise, as in `ImuReadings`, and what the model leaves out.
     speed, speed_s : float
         Standard deviation of the camera's velocity per axis, m/s, and how long it takes to become another one, s.
+    rest_speed : float
+        Standard deviation of the velocity of a jib that stands, m/s per axis.
     degrees : float
         Of Student's t distribution of pixel errors.
     """
@@ -78,6 +81,7 @@ class Priors:
     force_walk: float
     speed: float
     speed_s: float
+    rest_speed: float
     degrees: float
 
 
@@ -90,7 +94,8 @@ class Data:
     time, rope : ndarray, shape (k,)
     place : ndarray, shape (k, 2)
         0 where nothing was seen.
-    seen : ndarray of bool, shape (k,)
+    seen, resting : ndarray of bool, shape (k,)
+        Whether there is a pixel, and whether the jib does not slew.
     links : Links
     focal_px : float
     """
@@ -99,6 +104,7 @@ class Data:
     rope: Array
     place: Array
     seen: NDArray[np.bool_]
+    resting: NDArray[np.bool_]
     links: Links
     focal_px: float
 
@@ -161,7 +167,8 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
             fast = max(START_FAST, LOOSE * STIFFER**done)
             path = replace(path, strengths=np.array([np.log(fast), *path.strengths[1:]]))
             bound = _without_frequency(priors)
-        problem = _Problem(data, path, first, bound, weigh=loose and done >= FIRST_WEIGHED)
+        weigh = "" if not loose or done < FIRST_WEIGHED else "natural" if done < FIRST_SEARCH else "own"
+        problem = _Problem(data, path, first, bound, weigh if searches else "")
         path = replace(path, weight=problem.weight)
         if searches and done >= FIRST_SEARCH:
             before = path.strengths
@@ -176,7 +183,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
         settled = float(np.abs(change[:, SWING]).max()) < SETTLED_RAD
         if settled and not searches and (not loose or done > FIRST_SEARCH):
             break
-    problem = _Problem(data, path, first, priors, weigh=False)
+    problem = _Problem(data, path, first, priors, "")
     return Fit(path, problem.at(path.strengths).minimise(), problem.pixel_weight, last + 1, settled)
 
 
@@ -195,7 +202,7 @@ class _Problem:
     path: Path
     first: Path
     priors: Priors
-    weigh: bool
+    weigh: str
     weight: Array = field(init=False)
     pixel_weight: Array = field(init=False)
 
@@ -210,12 +217,14 @@ class _Problem:
         self.weight = path.weight
         if self.weigh:
             across = max(int(WINDOW_S / np.median(step)), 1)
-            forces = [
-                uniform_filter1d(np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom, across)
-                for precision, freedom in ((fast, 4), (slow, 2))
-            ]
-            beyond = np.maximum(forces[0] / (BEYOND * NATURAL_FAST), forces[1] / (BEYOND * NATURAL_SLOW**2))
-            self.weight = np.minimum(path.weight, np.maximum(1, beyond) ** -2.0)
+            beyond = np.ones(k - 1)
+            for precision, freedom, natural, least in (
+                (fast, 4, NATURAL_FAST, LEAST_FAST), (slow, 2, NATURAL_SLOW**2, LEAST_SLOW**2),
+            ):  # fmt: skip
+                force = uniform_filter1d(np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom, across)
+                usual = natural if self.weigh == "natural" else max(2 * float(np.median(force)), least)
+                beyond = np.maximum(beyond, force / (BEYOND * usual))
+            self.weight = np.minimum(path.weight, beyond**-2.0) if self.weigh == "natural" else beyond**-2.0
 
         def steps(precision: Array) -> Quadratic:
             return linear(-by_state, -by_parameter, residual, precision, ahead)
@@ -236,7 +245,7 @@ class _Problem:
         return linear(by_state, by_parameter, error, self.pixel_weight[:, None, None] * np.eye(2))
 
     def _prior(self) -> Quadratic:
-        """What is known of the first node, of the velocity at all of them, and of the parameters."""
+        """Collect what is known of the first node, of the velocity at all of them, and of the parameters."""
         path, first, priors = self.path, self.first, self.priors
         k, step = len(path.state), self.data.links.imu.step
         off = path.state.copy()
@@ -251,6 +260,10 @@ class _Problem:
         # Velocities of one stretch of `speed_s` are one measurement.
         share = np.concatenate([step[:1], step]) / priors.speed_s
         precision[:, VELOCITY] = np.minimum(share, 1)[:, None] * priors.speed**-2.0
+        square = np.sum(path.state[:, VELOCITY] ** 2, axis=-1) / priors.rest_speed**2
+        stands = self.data.resting * (1 + square) ** -2.0  # Geman and McClure's weight: a jib that luffs has none
+        seconds = np.minimum(share * priors.speed_s, 1)  # velocities of one second are one measurement
+        precision[:, VELOCITY] += (stands * seconds)[:, None] * priors.rest_speed**-2.0
         away = (priors.mean - path.parameters) / priors.sd
         band = np.zeros((2 * STATE, k * STATE))
         band[0] = precision.ravel()

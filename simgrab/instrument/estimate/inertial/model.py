@@ -6,12 +6,12 @@ of O, which drives the pendulum. A camera that levels itself is no special case:
 
 State of a node, `STATE` numbers: error of the attitude (3, rad, mount frame), horizontal velocity of the camera (2,
 m/s), bias of the gyroscope (3, rad/s) and of the accelerometer across the optical axis (2, m/s²), both in the mount
-frame, and the pendulum: s, p and slow forcing a (2 each) as in `simgrab.instrument.estimate.pendulum`, here in the level
-frame, where wind keeps its direction while the jib slews.
+frame, and the pendulum: s, p and slow forcing a (2 each) as in `simgrab.instrument.estimate.pendulum`, here in the
+level frame, where wind keeps its direction while the jib slews.
 
 Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, by how much the
-pendulum is longer than the rope (m), how much of the rate about the optical axis the gyroscope shows on each of its axes
-(3), and the steady lean by wind (2, rad, level frame).
+pendulum is longer than the rope (m), how much of the rate about the optical axis the gyroscope shows on each of its
+axes (3), and the steady lean by wind (2, rad, level frame).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def heading(attitude: Array) -> Array:
 
 
 def _rates(x: Array, damping: Array, rope: Array, length: float, acceleration: Array, lean: Array) -> Array:
-    """Derivatives of s and p, as in `simgrab.instrument.estimate.pendulum`, below a pivot that accelerates."""
+    """Differentiate s and p by time, as in `simgrab.instrument.estimate.pendulum`, below a pivot that accelerates."""
     s, p = x[..., :2], x[..., 2:] * length**2
     nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
     lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
@@ -123,9 +123,7 @@ def place(attitude: Array, x: Array, parameters: Array, rope: Array) -> Array:
     return np.asarray(local[:, :2] / -local[:, 2:])
 
 
-def derivatives_of_advance(
-    attitude: Array, x: Array, parameters: Array, links: Links
-) -> tuple[Array, Array, Array]:
+def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple[Array, Array, Array]:
     """By how much each step misses the next node, and the derivatives of where it leads.
 
     Parameters

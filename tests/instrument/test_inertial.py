@@ -1,0 +1,263 @@
+"""Pictures and an inertial sensor: sums of readings, the model against the world, α with a levelled camera, bad files."""
+
+import dataclasses
+import json
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import simgrab
+from simgrab import scenes
+from simgrab.cli import main
+from simgrab.errors import RecordError, RunError
+from simgrab.geometry import camera_rotation, rotation_z
+from simgrab.instrument.estimate import InertialFusion, RopeAware
+from simgrab.instrument.estimate.inertial import model
+from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation, rotation_vector
+from simgrab.instrument.estimate.inertial.readings import ImuReadings, read_imu
+from simgrab.instrument.pipeline import assemble
+from simgrab.world.output.sensors import STAMP, yaml
+from simgrab.world.trajectory.trajectory import Trajectory
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import swinging
+
+LEVELLED = {"camera.mount": {"model": "levelled"}}
+FRAMES = 700  # 78 s: a whole working cycle
+
+
+def scenario(noise, frames, seed=100):
+    return scenes.load("work-cycles", {
+        "display.layout": "two-by-four", "frames": frames, "seed": seed, **LEVELLED,
+        "sensors.imu0": {"model": "imu", "mount": "camera", "noise": noise},
+    })  # fmt: skip
+
+
+@cache
+def recording(noise="mems", frames=FRAMES, seed=100):
+    return simgrab.sensors(scenario(noise, frames, seed))["imu0"]
+
+
+def readings(noise="mems", frames=FRAMES, seed=100):
+    got = recording(noise, frames, seed)
+    return ImuReadings(got.stamp_ns / 1e9, got.values[:, :3], got.values[:, 3:], np.eye(3))
+
+
+@pytest.fixture(scope="module")
+def crane():
+    return swinging.record(fixed=False, frames=FRAMES, seed=100, camera__mount={"model": "levelled"})
+
+
+def estimated(crane, imu, pixels=None, **settings):
+    noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.5, crane.pixels.shape) if pixels is None else pixels
+    estimator = InertialFusion(imu=imu, **settings)
+    return estimator.estimate(noisy, crane.calibration, rope_length=crane.rope, time=crane.time)
+
+
+def rms_deg(found, crane):
+    return float(np.degrees(np.sqrt(np.nanmean((found.alpha - crane.alpha) ** 2))))
+
+
+def test_rotations_and_their_vectors_are_inverse():
+    vectors = np.random.default_rng(0).normal(0, 0.8, (200, 3))
+    vectors[:3] = [[0, 0, 0], [1e-9, 0, 0], [0, 3.1, 0]]
+    turns = rotation(vectors)
+    assert np.allclose(turns @ turns.swapaxes(1, 2), np.eye(3), atol=1e-12)
+    assert np.allclose(rotation_vector(turns), vectors, atol=1e-9)
+    assert np.allclose(rotation(np.array([0, 0, 0.7])), rotation_z(0.7), atol=1e-12)
+
+
+def test_readings_are_summed_between_nodes_that_lie_anywhere():
+    time = np.arange(0, 3, 0.005)
+    rate, force = np.tile([0.1, -0.2, 0.5], (600, 1)), np.tile([0.3, 0.1, 9.8], (600, 1))
+    imu = ImuReadings(time, rate, force, np.eye(3))
+    nodes = np.array([0.0013, 0.5, 0.5021, 2.9])
+    found = preintegrate(nodes, imu, np.eye(3))
+    assert np.allclose(found.turn, rotation(rate[:3] * np.diff(nodes)[:, None]), atol=1e-12)
+    assert np.allclose(found.rate, rate[:3], atol=1e-12)
+    # The mean force in the first node's frame: of a frame that turns steadily, an integral in closed form.
+    fine = np.linspace(0, np.diff(nodes)[2], 20001)
+    mean = np.trapezoid(rotation(rate[0] * fine[:, None]) @ force[0], fine, axis=0) / fine[-1]
+    assert np.allclose(found.force[2], mean, atol=1e-5)
+
+
+def test_the_model_is_the_world():
+    """True attitudes, swings and noiseless readings leave nothing unexplained while the grab swings freely."""
+    world, got = scenario("none", 400, 101), recording("none", 400, 101)
+    trajectory = Trajectory(world)
+    moments = [trajectory.at(frame) for frame in range(150, 400)]
+    time, rope = np.array([m.time for m in moments]), np.array([m.grab.rope_length for m in moments])
+    straight = camera_rotation(0.0, 0.0, 0.0)
+    level_from_jib = np.array([np.linalg.inv(m.jib.jib_from_place)[:3, :3] if m.jib else np.eye(3) for m in moments])
+    level_from_jib = level_from_jib[0].T @ level_from_jib  # the first heading is the level frame's
+    attitude = level_from_jib @ [m.tilt.jib_from_camera @ straight.T for m in moments]
+    imu = ImuReadings(got.true("time [s]"), got.values[:, :3], got.values[:, 3:], np.eye(3))
+    summed = preintegrate(time, imu, straight)
+    assert np.abs(rotation_vector(attitude[1:].swapaxes(1, 2) @ attitude[:-1] @ summed.turn)).max() < 1e-6
+    unit = np.einsum("nij,nj->ni", level_from_jib, [m.grab.jib_from_grab[:3, 3] for m in moments]) / rope[:, None]
+    state = np.zeros((len(time), model.STATE))
+    state[:, model.SWING] = unit[:, :2]
+    parameters = np.zeros(model.PARAMETERS)
+    parameters[model.OFFSET] = world.camera.offset_m
+    at = model.place(attitude, state, parameters, rope)
+    truth = swinging.record(fixed=False, frames=400, seed=101, camera__mount={"model": "levelled"})
+    k = truth.calibration.intrinsics
+    rays = k.distortion.remove((truth.pixels[150:] - (k.cx_px, k.cy_px)) / k.f_px)
+    assert np.abs(at - rays @ straight[:2, :2].T).max() < 1e-9
+    # Over a second of free swing, a pendulum somewhat longer than the rope stays within half a milliradian.
+    parameters[model.LONGER], parameters[model.DAMPING] = 0.55, 0.005
+    length = float(rope.mean())
+    momentum = np.gradient(unit[:, :2], time, axis=0) * ((rope + 0.55) / length)[:, None] ** 2
+    state[:, model.MOMENTUM] = momentum
+    links = model.Links(summed, rope[:-1], rope[1:], length, 10.0)
+    ahead, _ = model.derivatives_of_advance(attitude, state, parameters, links)[:2]
+    inner = slice(5, -5)  # the momentum of the ends is a one-sided difference
+    assert np.abs(ahead[inner, model.SWING]).max() < 5e-5
+    assert np.abs(ahead[inner, model.MOMENTUM]).max() < 2e-3
+
+
+def test_a_levelled_camera_needs_the_sensor(crane):
+    found = estimated(crane, readings())
+    blind = RopeAware().estimate(crane.pixels, crane.calibration, rope_length=crane.rope, time=crane.time)
+    assert rms_deg(blind, crane) > 0.5
+    assert found.status == "ok"
+    assert rms_deg(found, crane) < 0.2
+    low, high = found.intervals[0].alpha.T
+    assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.9
+    assert np.degrees(np.median(high - low)) < 2
+    assert found.diagnostics["noise_px"] == pytest.approx(1.4, abs=0.3)
+    assert abs(np.degrees(found.beta) - np.degrees(crane.beta.mean())) < 0.5
+
+
+def test_missing_frames_and_outliers(crane):
+    rng = np.random.default_rng(1)
+    pixels = crane.pixels + rng.normal(0, 1.5, crane.pixels.shape)
+    pixels[rng.random(FRAMES) < 0.1] += 200
+    pixels[300:360] = np.nan
+    pixels[::4] = np.nan
+    found = estimated(crane, readings(), pixels)
+    assert found.frames == np.isfinite(pixels).all(axis=1).sum()
+    seen = np.isfinite(pixels).all(axis=1)
+    error = np.degrees(found.alpha - crane.alpha)[seen]
+    assert np.sqrt(np.mean(error**2)) < 0.25
+
+
+def test_a_sensor_of_another_record_is_refused(crane):
+    for imu in (readings(seed=105), dataclasses.replace(readings(), rate=0 * readings().rate)):
+        found = estimated(crane, imu)
+        assert found.status == "refused"
+        assert "sensor" in found.reason or "converged" in found.reason
+
+
+def test_a_sensor_that_does_not_last_or_falls_silent_is_refused(crane):
+    imu = readings()
+    late = dataclasses.replace(imu, time=imu.time + 5)
+    assert "last from 5" in estimated(crane, late).reason
+    kept = (imu.time < 30) | (imu.time > 31)
+    gap = dataclasses.replace(imu, time=imu.time[kept], rate=imu.rate[kept], force=imu.force[kept])
+    assert "silent for 1.0" in estimated(crane, gap).reason
+    half = dataclasses.replace(crane, time=crane.time + np.where(np.arange(FRAMES) > 300, 100, 0))
+    assert "no frame for 100.1 s" in estimated(half, imu).reason
+
+
+def test_one_record_and_its_sensor_are_needed(crane):
+    with pytest.raises(RecordError, match="needs the readings of an inertial sensor"):
+        estimated(crane, None)
+    two = np.stack([crane.pixels] * 2)
+    with pytest.raises(RecordError, match="one record at a time"):
+        InertialFusion(imu=readings()).batch(two, crane.calibration, rope_length=crane.rope, time=crane.time)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    got, about = recording(), scenario("mems", FRAMES).sensors["imu0"]
+    (tmp_path / "sensor.yaml").write_text(yaml(about, got.body_from_sensor), encoding="utf-8")
+    rows = "\n".join(
+        f"{stamp},{','.join(map(repr, row))}" for stamp, row in zip(got.stamp_ns, got.values.tolist(), strict=True)
+    )
+    (tmp_path / "data.csv").write_text(",".join([STAMP, *got.columns]) + "\n" + rows + "\n", encoding="utf-8")
+    return tmp_path
+
+
+def test_files_are_read_as_they_were_recorded(folder):
+    found, expected = read_imu(folder), readings()
+    for name in ("time", "rate", "force", "camera_from_sensor"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name))
+    errors = scenario("mems", FRAMES).sensors["imu0"].errors
+    assert found.gyroscope_noise_density == errors.gyroscope_noise_density
+    assert found.accelerometer_random_walk == errors.accelerometer_random_walk
+
+
+def lines(count, change):
+    def broken(folder):
+        text = (folder / "data.csv").read_text(encoding="utf-8").splitlines()[:count]
+        (folder / "data.csv").write_text("\n".join(change(text)) + "\n", encoding="utf-8")
+
+    return broken
+
+
+def swapped(text):
+    return [*text[:5], text[7], text[6], text[5], *text[8:]]
+
+
+def described(old, new):
+    def broken(folder):
+        text = (folder / "sensor.yaml").read_text(encoding="utf-8")
+        assert old in text
+        (folder / "sensor.yaml").write_text(text.replace(old, new), encoding="utf-8")
+
+    return broken
+
+
+BROKEN = {
+    "no readings": (lambda folder: (folder / "data.csv").unlink(), "data.csv: there is no such file"),
+    "no description": (lambda folder: (folder / "sensor.yaml").unlink(), "sensor.yaml: there is no such file"),
+    "a clock that jumps back": (lines(20, swapped), "row 6: must increase"),
+    "NaN": (lines(20, lambda t: [*t[:4], t[4].rpartition(",")[0] + ",nan", *t[5:]]), "row 4"),
+    "a value that is no reading": (lines(20, lambda t: [*t[:4], t[4].rpartition(",")[0] + ",1e9", *t[5:]]), "row 4"),
+    "words": (lines(20, lambda t: [*t[:4], t[4].rpartition(",")[0] + ",fast", *t[5:]]), "not a number"),
+    "a column less": (lines(20, lambda t: [row.rpartition(",")[0] for row in t]), "is missing"),
+    "a row cut short": (lines(20, lambda t: [*t[:4], t[4][:30], *t[5:]]), "not valid CSV"),
+    "one row": (lines(2, lambda t: t), "1 rows; at least 2"),
+    "nothing": (lines(0, lambda _t: []), "data.csv"),
+    "an encoder": (described("sensor_type: imu", "sensor_type: encoder"), "an imu is needed"),
+    "no pose": (described("T_BS:", "pose:"), "T_BS is missing"),
+    "a pose of words": (described("data: [1.0", "data: [one"), "16 numbers"),
+    "a pose that is no rotation": (described("data: [1.0", "data: [2.0"), "rotation matrix"),
+    "a negative density": (described("gyroscope_noise_density: ", "gyroscope_noise_density: -"), "0 or more"),
+    "a list": (lambda folder: (folder / "sensor.yaml").write_text("- 1\n"), "T_BS is missing"),
+    "no YAML": (lambda folder: (folder / "sensor.yaml").write_text("{[}"), "not valid YAML"),
+    "code": (lambda folder: (folder / "sensor.yaml").write_text("!!python/object/apply:os.getcwd []"), "not valid YAML"),
+    "brackets": (lambda folder: (folder / "sensor.yaml").write_text("[" * 60_000), "not valid YAML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", list(BROKEN))
+def test_bad_files_are_one_line(folder, what):
+    spoil, message = BROKEN[what]
+    spoil(folder)
+    with pytest.raises(RecordError) as caught:
+        read_imu(folder)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_estimate_and_run_take_the_folder(crane, folder, tmp_path):
+    (tmp_path / "camera.toml").write_text(crane.calibration.to_toml(), encoding="utf-8")
+    rows = [f"{t!r},{u!r},{v!r},{r!r}" for t, (u, v), r in zip(crane.time.tolist(), crane.pixels.tolist(),
+                                                             crane.rope.tolist(), strict=True)]  # fmt: skip
+    (tmp_path / "record.csv").write_text("time_s,u_px,v_px,rope_length_m\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    call = ["estimate", str(tmp_path / "record.csv"), "--camera", str(tmp_path / "camera.toml"), "--imu", str(folder)]
+    done = CliRunner().invoke(main, [*call, "--json", "--no-figure"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["estimator"] == "inertial-fusion"
+    refused = CliRunner().invoke(main, [*call, "--estimator", "mean-ray"])
+    assert refused.exit_code == 2
+    assert "--imu has an estimator of its own" in refused.output
+    assert assemble(imu=folder).estimator.name == "inertial-fusion"
+    with pytest.raises(RunError, match="leave out estimator, calibration and live"):
+        assemble(imu=folder, live=True)
