@@ -43,6 +43,7 @@ NATURAL_FAST, NATURAL_SLOW, BEYOND = 1e-4, 0.005, 9.0  # forces as wind has them
 LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # at the end those of the record itself count, but no less than these
 START_SD = 0.3  # of the first s and p
 HEADING_SD = 1e-3  # rad: the level frame's heading is the first node's
+LEAST_FORCING = 3e-5  # m²/s³: no pendulum of two numbers describes a grab better
 SETTLED_RAD = 5e-5
 
 
@@ -234,7 +235,7 @@ class _Problem:
         self._slow = self._slow + _about(self.path.state, LEAN, [0], 1.0)
         self._places = self._see()
         f = data.focal_px
-        self._low, self._high = np.log([3e-6, 0.05 / f, 1e-5]), np.log([1.0, 50 / f, 0.1])
+        self._low, self._high = np.log([LEAST_FORCING, 0.05 / f, 1e-5]), np.log([1.0, 50 / f, 0.1])
 
     def _see(self) -> Quadratic:
         data, path, priors = self.data, self.path, self.priors
