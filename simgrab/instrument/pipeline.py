@@ -21,6 +21,7 @@ from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import ESTIMATORS, Estimator, InertialFusion, IntervalSettings, MeanRay, RopeAware
 from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.estimate.inertial.live import InertialTracker
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
@@ -141,7 +142,8 @@ class Pipeline:
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
         estimator = self.chosen(calibration)
-        if estimator.needs_time:
+        tracker = InertialTracker(estimator, calibration) if isinstance(estimator, InertialFusion) else None
+        if estimator.needs_time and tracker is None:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
         observations: list[Observation] = []
         lengths: list[float] = []
@@ -155,11 +157,15 @@ class Pipeline:
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
             lengths.append(float(ropes.length[-1]))
-            if self.tilt is None and now >= due:
+            if tracker is None and self.tilt is None and now >= due:
                 found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
                 tilt, due = (known(found) if found.ok else tilt), now + AGAIN_S
             newest = angles.seen(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
-            if tilt is None:
+            if tracker is not None:
+                alpha, ends = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
+                found_now = np.array([alpha]), np.array([ends])
+                (measured,) = angles.measurements(newest, *found_now, tracker.waiting)
+            elif tilt is None:
                 nothing = np.full((1, 3), np.nan)
                 waits = f"no tilt yet: {now:.0f} s of {WARM_UP_S:.0f}"
                 (measured,) = angles.measurements(newest, nothing[:, 0], nothing[:, 1:], waits)
@@ -256,10 +262,7 @@ def assemble(
         raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
     chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
     if imu is not None:
-        if estimator is not None or calibrate_s is not None or tilt is not None or live:
-            raise RunError(
-                "with an inertial sensor the whole record is estimated at once; "
-                "leave out estimator, calibration and live"
-            )
+        if estimator is not None or calibrate_s is not None or tilt is not None:
+            raise RunError("with an inertial sensor nothing else is to be chosen; leave out estimator and calibration")
         chosen = InertialFusion(imu=read_imu(imu), intervals=INTERVALS)
     return Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))

@@ -45,6 +45,31 @@ SLEWING = 4e-3  # rad/s: a jib that turns faster slews
 REST_S = 0.2  # readings about the vertical are averaged over so long before their most frequent value is sought
 
 
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A fitted record, from which frames to come can be filtered.
+
+    Attributes
+    ----------
+    data : Data
+    fit : Fit
+    frame : ndarray of int, shape (n,)
+        Node of each frame.
+    priors : Priors
+    rest : float
+        Reading of the gyroscope about the optical axis while the jib stands, rad/s.
+    excess : float
+        See `ImuReadings.excess`.
+    """
+
+    data: Data
+    fit: Fit
+    frame: NDArray[np.int64]
+    priors: Priors
+    rest: float
+    excess: float
+
+
 @dataclass(frozen=True)
 class InertialFusion(Estimator):
     """Attitude of the camera from an inertial sensor in its housing, and a pendulum that the same sensor drives.
@@ -159,12 +184,21 @@ class InertialFusion(Estimator):
 
     def _one(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> dict[str, Any]:
         assert frames.time is not None
+        begun = self.start(frames, calibration, imu)
+        if isinstance(begun, str):
+            return self._nothing(len(frames.time), begun)
+        return self._found(begun, calibration)
+
+    def start(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> Start | str:
+        """Fit one record; returns why not where that cannot be."""
+        assert frames.time is not None
         assert frames.rope_length is not None
         time, rope = frames.time, frames.rope_length[0]
         seen = np.ones(time.shape, bool) if frames.present is None else frames.present[0]
-        if reason := self._unfit(time, imu):
-            return self._nothing(len(time), reason)
-        imu = _weighed(imu)
+        if reason := self.unfit(time, imu):
+            return reason
+        excess = imu.excess
+        imu = imu.lifted(excess)
         ray = frames.rays[0]
         place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
         rough = RopeAware().fit(frames, calibration)
@@ -193,19 +227,16 @@ class InertialFusion(Estimator):
             path = _refined(found.path, thin, whole)
             found = fit(whole, replace(path, state=_like(path, first)), path, priors, 0, self.rounds)
         except np.linalg.LinAlgError:
-            return self._nothing(len(time), "pictures and sensor do not fit: are they of the same record?")
+            return "pictures and sensor do not fit: are they of the same record?"
         if not found.settled:
-            return self._nothing(len(time), f"not converged in {self.rounds} rounds")
+            return f"not converged in {self.rounds} rounds"
         odd = float(np.mean(found.path.weight < FREE))
         if odd > self.most_not_free:
-            return self._nothing(
-                len(time),
-                f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?",
-            )
-        return self._found(whole, found, frame, calibration)
+            return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
+        return Start(whole, found, frame, priors, rest, excess)
 
-    def _unfit(self, time: Array, imu: ImuReadings) -> str:
-        """Say why readings or times cannot be used; empty where they can."""
+    def unfit(self, time: Array, imu: ImuReadings) -> str:
+        """Say why readings do not cover frames at times (n,), or frames are too far apart; empty where all is well."""
         pause = np.diff(time)
         if len(pause) and pause.max() > self.cut_s:
             return f"no frame for {pause.max():.1f} s at {time[pause.argmax()]:.1f} s; at most {self.cut_s:g} s"
@@ -265,7 +296,8 @@ class InertialFusion(Estimator):
         strengths = np.log([1e-3, 1.5 / data.focal_px, 3e-3])
         return Path(attitude, state, parameters, strengths, np.ones(k - 1))
 
-    def _found(self, data: Data, found: Fit, frame: NDArray[np.int64], calibration: Calibration) -> dict[str, Any]:
+    def _found(self, begun: Start, calibration: Calibration) -> dict[str, Any]:
+        data, found, frame = begun.data, begun.fit, begun.frame
         path, level = found.path, self.intervals.level
         covariance = state_covariances(found.minimum, STATE)[frame]
         s = path.state[frame, SWING]
@@ -311,13 +343,6 @@ class InertialFusion(Estimator):
         shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
         empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
         return {"reason": reason, **dict.fromkeys(names, np.nan), **empty, "rounds": 0}
-
-
-def _weighed(imu: ImuReadings) -> ImuReadings:
-    """Take out the accelerometer's bias along the optical axis: the jib head moves level, so the mean force is g."""
-    excess = float(np.linalg.norm(imu.force, axis=-1).mean()) - STANDARD_GRAVITY
-    upwards = -imu.camera_from_sensor[2]
-    return replace(imu, force=imu.force - excess * upwards)
 
 
 def _divided(time: Array, longest: float) -> tuple[Array, NDArray[np.int64]]:

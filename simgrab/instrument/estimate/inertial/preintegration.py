@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -56,6 +56,10 @@ class Preintegrated:
     force: Array
     rate: Array
     rate_slope: Array
+
+    def part(self, some: slice) -> Preintegrated:
+        """Keep some of the steps."""
+        return Preintegrated(*(getattr(self, one.name)[some] for one in fields(self)))
 
 
 def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Preintegrated:

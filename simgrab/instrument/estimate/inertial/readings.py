@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pyarrow.csv
 import yaml
 
 from simgrab.errors import RecordError, first_line
-from simgrab.geometry import Array
+from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.utilities.parse import opened
 
 STAMP = "#timestamp [ns]"
@@ -94,6 +95,24 @@ class ImuReadings:
         for name in _DENSITIES:
             if not 0 <= getattr(self, name) < math.inf:
                 raise RecordError(f"{name} must be 0 or more, got {getattr(self, name):g}")
+
+    def between(self, first: float, last: float) -> ImuReadings:
+        """Keep readings from one time to another, s, and one more on either side."""
+        begin = max(int(np.searchsorted(self.time, first)) - 1, 0)
+        end = max(int(np.searchsorted(self.time, last)) + 1, begin + LEAST_ROWS)
+        kept = copy.copy(self)  # what was checked is not checked again
+        for name in ("time", "rate", "force"):
+            object.__setattr__(kept, name, getattr(self, name)[begin:end])
+        return kept
+
+    @property
+    def excess(self) -> float:
+        """By how much the mean specific force exceeds g, m/s²: a jib head moves level, so that is bias."""
+        return float(np.linalg.norm(self.force, axis=-1).mean()) - STANDARD_GRAVITY
+
+    def lifted(self, excess: float) -> ImuReadings:
+        """Take a bias (m/s²) along the optical axis, upwards, out of the accelerometer."""
+        return replace(self, force=self.force + excess * self.camera_from_sensor[2])
 
 
 def read_imu(folder: str | Path) -> ImuReadings:

@@ -1,0 +1,260 @@
+"""The inertial estimator frame by frame: a fit of the first minute, and from there an extended Kalman filter."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from simgrab.calibration import Calibration
+from simgrab.errors import RecordError
+from simgrab.geometry import Array, camera_rotation
+from simgrab.instrument.estimate import intervals as iv
+from simgrab.instrument.estimate.chain import state_covariances
+from simgrab.instrument.estimate.frames import check_record, groups
+from simgrab.instrument.estimate.inertial.estimator import SLEWING, InertialFusion, Start
+from simgrab.instrument.estimate.inertial.fit import FAST, NOISE, SLOW, Priors
+from simgrab.instrument.estimate.inertial.model import (
+    ACCELEROMETER,
+    ATTITUDE,
+    GYROSCOPE,
+    LEAN,
+    MOMENTUM,
+    PARAMETERS,
+    STATE,
+    SWING,
+    VELOCITY,
+    Links,
+    advance,
+    derivatives_of_advance,
+    derivatives_of_place,
+)
+from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation
+from simgrab.instrument.estimate.inertial.readings import ImuReadings
+
+WARM_UP_S = 60.0
+SURPRISE, SURPRISES = 13.8, 3  # squared innovation that one pixel in a thousand has; so many running are the grab's own
+NOT_FREE_S = 10.0  # after which the grab counts as swinging freely again
+NOT_FREE_FAST, NOT_FREE_SD = 0.05, 0.02  # m²/s³, rad: what moves a grab that does not swing freely
+ALL = STATE + PARAMETERS
+
+
+@dataclass(eq=False)
+class InertialTracker:
+    """Swing of each frame from what came before it.
+
+    Parameters
+    ----------
+    fusion : InertialFusion
+        With the readings; of them only those before a frame are used for it.
+    calibration : Calibration
+
+    Attributes
+    ----------
+    waiting : str
+        Why there is no swing yet; empty once there is.
+    """
+
+    fusion: InertialFusion
+    calibration: Calibration
+    waiting: str = field(init=False, default="")
+    _time: list[float] = field(init=False, default_factory=list)
+    _pixels: list[tuple[float, float]] = field(init=False, default_factory=list)
+    _rope: list[float] = field(init=False, default_factory=list)
+    _filter: _Filter | None = field(init=False, default=None)
+    _due: float = field(init=False, default=WARM_UP_S)
+    _last: float = field(init=False, default=0.0)
+
+    @property
+    def _imu(self) -> ImuReadings:
+        if self.fusion.imu is None:
+            raise RecordError(f"{self.fusion.name} needs the readings of an inertial sensor in the camera's housing")
+        return self.fusion.imu
+
+    def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
+        """Take a frame.
+
+        Parameters
+        ----------
+        time : float
+            s, later than the frame before.
+        pixel : tuple of 2 floats, or None
+            Grab centre as the picture has it.
+        rope : float
+            |OA|, m; NaN where it is not known.
+
+        Returns
+        -------
+        alpha : float
+            rad; NaN while there is none, or no pixel or rope length.
+        ends : tuple of 2 floats
+            Of its 95 % interval.
+        """
+        known = pixel is not None and np.isfinite(rope)
+        nothing = np.nan, (np.nan, np.nan)
+        if self._filter is None:
+            if known:
+                assert pixel is not None
+                self._time.append(time)
+                self._pixels.append(pixel)
+                self._rope.append(float(rope))
+            first = self._time[0] if self._time else time
+            self.waiting = f"no tilt yet: {time - first:.0f} s of {self._due:.0f}"
+            if not known or time - first < self._due:
+                return nothing
+            self._due = time - first + WARM_UP_S / 6
+            started = self._start()
+            if isinstance(started, str):
+                self.waiting = f"no tilt yet: {started}"
+                return nothing
+            self._filter, self.waiting, self._last = started, "", time
+            return self._filter.swing()
+        if silent := self.fusion.unfit(np.array([self._last, time]), self._imu.between(self._last - 1, time + 1)):
+            self._filter, self._due, self.waiting = None, WARM_UP_S, silent
+            self._time, self._pixels, self._rope = [], [], []
+            return nothing
+        self._last, place = time, None
+        if known:
+            assert pixel is not None
+            place = _place(pixel, self.calibration)
+        self._filter.step(time, place, float(rope))
+        return self._filter.swing() if known else nothing
+
+    def _start(self) -> _Filter | str:
+        """Fit the record so far."""
+        time = np.array(self._time)
+        imu = self._imu.between(time[0] - 1, time[-1] + self.fusion.gap_s)
+        uv, rope, times, _ = check_record(np.array(self._pixels)[None], np.array(self._rope), time, True)
+        (frames,) = groups(uv, rope, times, self.calibration)
+        begun = self.fusion.start(frames, self.calibration, imu)
+        return begun if isinstance(begun, str) else _Filter(self.fusion, self.calibration, begun)
+
+
+class _Filter:
+    """State and parameters together, `ALL` numbers, and their covariance."""
+
+    def __init__(self, fusion: InertialFusion, calibration: Calibration, begun: Start) -> None:
+        assert fusion.imu is not None
+        path, minimum = begun.fit.path, begun.fit.minimum
+        self._imu: ImuReadings = fusion.imu.lifted(begun.excess)
+        self._fusion, self._priors, self._rest = fusion, begun.priors, begun.rest
+        self._offset_sd = calibration.offset_sd_m
+        self._mount_from_camera = camera_rotation(0.0, 0.0, np.deg2rad(calibration.roll_deg))
+        self._time, self._rope, self._length = float(begun.data.time[-1]), float(begun.data.rope[-1]), 0.0
+        self._length = begun.data.links.length
+        self._attitude, self._state, self._parameters = path.attitude[-1], path.state[-1], path.parameters
+        self._strengths = path.strengths
+        last = state_covariances(minimum, STATE)[-1]
+        crossed = -minimum.gain.reshape(-1, STATE, PARAMETERS)[-1] @ minimum.covariance
+        self._covariance = np.block([[last, crossed], [crossed.T, minimum.covariance]])
+        self._surprises: deque[float] = deque(maxlen=SURPRISES)
+        self._held_until = -np.inf
+
+    def swing(self) -> tuple[float, tuple[float, float]]:
+        """Give α and the ends of its interval."""
+        s = self._state[SWING]
+        sine = float(np.hypot(*s))
+        unit = s / max(sine, 1e-300)
+        of_swing = self._covariance[SWING, SWING]
+        along = float(unit @ of_swing @ unit)
+        across = float(np.trace(of_swing)) - along
+        along += (sine * self._offset_sd / self._rope) ** 2
+        alpha = float(np.arcsin(min(sine, 1.0)))
+        quantile = iv.student(self._fusion.intervals.level, np.inf) * self._fusion.widening
+        low, high = iv.radial(np.array(alpha), np.array(along), np.array(across), quantile)
+        return alpha, (float(low), float(high))
+
+    def step(self, time: float, place: Array | None, rope: float) -> None:
+        """Go on to a frame, and take its pixel in where there is one."""
+        rope = rope if np.isfinite(rope) else self._rope
+        parts = max(int(np.ceil((time - self._time) / self._fusion.node_s - 1e-9)), 1)
+        nodes = np.linspace(self._time, time, parts + 1)
+        ropes = np.linspace(self._rope, rope, parts + 1)
+        summed = preintegrate(nodes, self._imu.between(nodes[0] - 1, nodes[-1]), self._mount_from_camera)
+        for i in range(parts):
+            one = slice(i, i + 1)
+            links = Links(summed.part(one), ropes[i : i + 1], ropes[i + 1 : i + 2], self._length, self._fusion.memory_s)
+            self._predict(links, float(nodes[i]))
+            self._stand(links)
+        self._time, self._rope = time, rope
+        if place is not None:
+            self._see(place, time)
+
+    def _predict(self, links: Links, now: float) -> None:
+        attitude, state = self._attitude[None], self._state[None]
+        ahead, moved = advance(attitude, state, self._parameters, links)
+        _, by_state, by_parameter = derivatives_of_advance(
+            np.concatenate([attitude, ahead]), np.concatenate([state, moved]), self._parameters, links
+        )
+        carry = np.block([[by_state[0], by_parameter[0]], [np.zeros((PARAMETERS, STATE)), np.eye(PARAMETERS)]])
+        added = block_diag(self._noise(links, now), np.zeros((PARAMETERS, PARAMETERS)))
+        self._covariance = carry @ self._covariance @ carry.T + added
+        self._attitude, self._state = ahead[0], moved[0]
+
+    def _noise(self, links: Links, now: float) -> Array:
+        """Covariance (16, 16) of what a step adds."""
+        priors: Priors = self._priors
+        h, rope = float(links.imu.step[0]), float(links.before[0])
+        held = now < self._held_until
+        added = np.zeros((STATE, STATE))
+        for some, density in (
+            (ATTITUDE, priors.rate_density), (VELOCITY, priors.force_density),
+            (GYROSCOPE, priors.rate_walk), (ACCELEROMETER, priors.force_walk),
+        ):  # fmt: skip
+            added[some, some] = np.eye(some.stop - some.start) * density**2 * h
+        fast = NOT_FREE_FAST if held else float(np.exp(self._strengths[FAST]))
+        slow = NOT_FREE_SD if held else float(np.exp(self._strengths[SLOW]))
+        of_s, both, of_p = h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
+        added[SWING, SWING], added[MOMENTUM, MOMENTUM] = np.eye(2) * of_s * fast, np.eye(2) * of_p * fast
+        added[SWING, MOMENTUM] = added[MOMENTUM, SWING] = np.eye(2) * both * fast
+        added[LEAN, LEAN] = np.eye(2) * slow**2 * -np.expm1(-2 * h / links.memory_s)
+        return added
+
+    def _stand(self, links: Links) -> None:
+        """Take in what is known of the jib head's velocity, as the fit does."""
+        priors, h = self._priors, float(links.imu.step[0])
+        velocity = self._state[VELOCITY]
+        precision = min(h / priors.speed_s, 1) * priors.speed**-2.0
+        if abs(float(links.imu.rate[0, 2]) - self._rest) < SLEWING:
+            square = float(velocity @ velocity) / priors.rest_speed**2
+            precision += min(h, 1) * (1 + square) ** -2.0 * priors.rest_speed**-2.0
+        jacobian = np.zeros((2, ALL))
+        jacobian[:, VELOCITY] = np.eye(2)
+        self._update(jacobian, -velocity, np.eye(2) / precision)
+
+    def _see(self, place: Array, now: float) -> None:
+        at, by_state, by_parameter = derivatives_of_place(
+            self._attitude[None], self._state[None], self._parameters, np.array([self._rope])
+        )
+        jacobian, error = np.concatenate([by_state[0], by_parameter[0]], axis=-1), place - at[0]
+        noise = np.eye(2) * float(np.exp(2 * self._strengths[NOISE]))
+        surprise = float(error @ np.linalg.solve(jacobian @ self._covariance @ jacobian.T + noise, error))
+        self._surprises.append(surprise)
+        degrees = self._priors.degrees
+        if len(self._surprises) == SURPRISES and min(self._surprises) > SURPRISE:
+            # So many outliers running are none: the grab does not swing freely.
+            self._held_until = now + NOT_FREE_S
+            loose = np.arange(SWING.start, LEAN.stop)
+            self._covariance[loose, loose] += NOT_FREE_SD**2
+        else:
+            noise = noise * (degrees + surprise) / (degrees + 2)
+        self._update(jacobian, error, noise)
+
+    def _update(self, jacobian: Array, error: Array, noise: Array) -> None:
+        gain = np.linalg.solve(jacobian @ self._covariance @ jacobian.T + noise, jacobian @ self._covariance).T
+        change = gain @ error
+        kept = np.eye(ALL) - gain @ jacobian
+        self._covariance = kept @ self._covariance @ kept.T + gain @ noise @ gain.T
+        self._attitude = self._attitude @ rotation(change[ATTITUDE])
+        self._state = self._state + change[:STATE]
+        self._state[ATTITUDE] = 0
+        self._parameters = self._parameters + change[STATE:]
+
+
+def _place(pixel: tuple[float, float], calibration: Calibration) -> Array:
+    uv, _, _, _ = check_record(np.array([[pixel]]), None, None, False)
+    (frames,) = groups(uv, None, None, calibration)
+    ray = frames.rays[0, :, 0]
+    return np.asarray(ray[:2] / -ray[2])
