@@ -78,13 +78,15 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         ``paper``, the paper's method on true and on detected centres, ``drawn``, the last row of the chain with offsets
         drawn about the true one as the camera file states them to err (nothing for a tilt that was given, with its
         offset), and ``run``, the run's own angles; ``limit``: the stage of the chain that adds most. None where the run
-        outputs no centres, and where the true camera changes on the way.
+        outputs no centres, where the true camera changes on the way, and where its estimator takes more than pixels.
     """
     parts = _Parts.of(run, known)
     if parts is None or len({_built(row) for row in parts.rows}) > 1:
         return None
     name = (run.about["estimate"] or run.about["tilt"] or {}).get("estimator", RopeAware.name)
-    estimator = ESTIMATORS[name]() if name in ESTIMATORS else RopeAware()
+    if name not in ESTIMATORS:
+        return None
+    estimator = ESTIMATORS[name]()
 
     def row(stage: Stage, by: Estimator) -> dict[str, Any]:
         beta, alpha = parts.swing(stage, by)
