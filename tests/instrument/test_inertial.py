@@ -170,6 +170,13 @@ def test_a_sensor_that_does_not_last_or_falls_silent_is_refused(crane):
     assert "no frame for 100.1 s" in estimated(half, imu).reason
 
 
+def test_a_short_record_and_frames_that_hardly_differ_in_time_are_estimated_or_refused(crane):
+    short = dataclasses.replace(crane, pixels=crane.pixels[:25], rope=crane.rope[:25], alpha=crane.alpha[:25])
+    for time in (crane.time[:25], crane.time[:25] * 1e-4):
+        found = estimated(dataclasses.replace(short, time=time), readings(), short.pixels)
+        assert found.status == "ok" or found.reason
+
+
 def test_one_record_and_its_sensor_are_needed(crane):
     with pytest.raises(RecordError, match="needs the readings of an inertial sensor"):
         estimated(crane, None)

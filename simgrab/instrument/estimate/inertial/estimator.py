@@ -218,7 +218,7 @@ class InertialFusion(Estimator):
             resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
             return Data(nodes, ropes, places, sees, resting, links, calibration.focal_length_px), frame
 
-        every = max(int(self.thin_s / np.median(np.diff(time))), 1)
+        every = max(min(int(self.thin_s / np.median(np.diff(time))), len(time) // self.parameters), 1)
         try:
             thin, _ = at(slice(None, None, every))
             first = self._first(thin, level, rough.offset[0], mount_from_camera, imu)
