@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import yaml
+from yaml import YAMLError, safe_load
 
 from simgrab.errors import RecordError, first_line
 from simgrab.geometry import STANDARD_GRAVITY, Array
@@ -165,8 +165,8 @@ def _about(path: Path) -> dict[str, Any]:
     with opened(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES) as file:
         text = file.read()
     try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        data = safe_load(text)
+    except (YAMLError, ValueError, RecursionError) as problem:
         raise RecordError(f"{path}: it is not valid YAML ({first_line(problem)})") from None
     if not isinstance(data, dict) or not isinstance(data.get("T_BS"), dict):
         raise RecordError(f"{path}: T_BS is missing: the sensor's pose in the camera frame")
