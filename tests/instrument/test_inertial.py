@@ -170,6 +170,15 @@ def test_a_sensor_that_does_not_last_or_falls_silent_is_refused(crane):
     assert "no frame for 100.1 s" in estimated(half, imu).reason
 
 
+def test_an_accelerometer_in_g_and_a_silence_across_the_start_are_refused(crane):
+    imu = readings()
+    assert "is the accelerometer in m/s²?" in estimated(crane, dataclasses.replace(imu, force=imu.force / 9.81)).reason
+    kept = (imu.time < 0.05) | (imu.time > 5)
+    early = np.where(imu.time < 0.05, imu.time - 10, imu.time)[kept]
+    gap = dataclasses.replace(imu, time=early, rate=imu.rate[kept], force=imu.force[kept])
+    assert "silent for" in estimated(crane, gap).reason
+
+
 def test_a_short_record_and_frames_that_hardly_differ_in_time_are_estimated_or_refused(crane):
     short = dataclasses.replace(crane, pixels=crane.pixels[:25], rope=crane.rope[:25], alpha=crane.alpha[:25])
     for time in (crane.time[:25], crane.time[:25] * 1e-4):

@@ -40,6 +40,7 @@ from simgrab.records.estimates import Estimates, Intervals
 
 LEVELLING_S = 30.0  # in which the first guess of the attitude follows the accelerometer
 SMOOTH_FRAMES = 3.0  # standard deviation of the filter of the first guess of the swings
+MOST_EXCESS = 1.0  # m/s², of the mean specific force over g
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
 SLEWING = 4e-3  # rad/s: a jib that turns faster slews
 REST_S = 0.2  # readings about the vertical are averaged over so long before their most frequent value is sought
@@ -197,7 +198,10 @@ class InertialFusion(Estimator):
         seen = np.ones(time.shape, bool) if frames.present is None else frames.present[0]
         if reason := self.unfit(time, imu):
             return reason
-        excess = imu.excess
+        excess = imu.between(time[0] - 1, time[-1] + 1).excess
+        if abs(excess) > MOST_EXCESS:
+            force = excess + STANDARD_GRAVITY
+            return f"the mean specific force is {force:.2f} m/s²; at rest it is 9.81: is the accelerometer in m/s²?"
         imu = imu.lifted(excess)
         ray = frames.rays[0]
         place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
@@ -220,7 +224,8 @@ class InertialFusion(Estimator):
 
         every = max(min(int(self.thin_s / np.median(np.diff(time))), len(time) // self.parameters), 1)
         try:
-            thin, _ = at(slice(None, None, every))
+            few = slice(None, None, every)
+            thin, _ = at(few if seen[few].sum() >= self.parameters else slice(None))
             first = self._first(thin, level, rough.offset[0], mount_from_camera, imu)
             found = fit(thin, first, first, priors, self.searches, self.rounds)
             whole, frame = at(slice(None))
@@ -245,7 +250,8 @@ class InertialFusion(Estimator):
                 f"the sensor's readings last from {imu.time[0]:.2f} to {imu.time[-1]:.2f} s, and the frames from "
                 f"{time[0]:.2f} to {time[-1]:.2f} s"
             )
-        inside = imu.time[(imu.time > time[0] - 1) & (imu.time < time[-1] + 1)]
+        begin = max(int(np.searchsorted(imu.time, time[0], side="right")) - 1, 0)
+        inside = imu.time[begin : int(np.searchsorted(imu.time, time[-1])) + 1]
         silent = np.diff(inside)
         if silent.max(initial=0.0) > self.gap_s:
             return f"the sensor is silent for {silent.max():.2f} s at {inside[silent.argmax()]:.2f} s"

@@ -111,7 +111,7 @@ class InertialTracker:
                 return nothing
             self._filter, self.waiting, self._last = started, "", time
             return self._filter.swing()
-        if silent := self.fusion.unfit(np.array([self._last, time]), self._imu.between(self._last - 1, time + 1)):
+        if silent := self.fusion.unfit(np.array([self._last, time]), self._imu.between(self._last, time)):
             self._filter, self._due, self.waiting = None, WARM_UP_S, silent
             self._time, self._pixels, self._rope = [], [], []
             return nothing

@@ -146,7 +146,7 @@ def _table(path: Path) -> pa.Table:
         text = file.read()
     try:
         return pa.csv.read_csv(pa.BufferReader(text))
-    except pa.ArrowInvalid as problem:
+    except (UnicodeDecodeError, pa.ArrowInvalid) as problem:
         raise RecordError(f"{path}: it is not valid CSV ({first_line(problem)})") from None
 
 
@@ -175,7 +175,7 @@ def _about(path: Path) -> dict[str, Any]:
     try:
         pose = np.array(data["T_BS"]["data"], float).reshape(4, 4)
         found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise RecordError(f"{path}: T_BS must hold 16 numbers, and the noise densities must be numbers") from None
     if not np.isfinite(pose).all():
         raise RecordError(f"{path}: T_BS must hold finite numbers")
