@@ -163,8 +163,7 @@ class Pipeline:
             newest = angles.seen(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             if tracker is not None:
                 alpha, ends = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
-                found_now = np.array([alpha]), np.array([ends])
-                (measured,) = angles.measurements(newest, *found_now, tracker.waiting)
+                (measured,) = angles.measurements(newest, np.array([alpha]), np.array([ends]), tracker.waiting)
             elif tilt is None:
                 nothing = np.full((1, 3), np.nan)
                 waits = f"no tilt yet: {now:.0f} s of {WARM_UP_S:.0f}"

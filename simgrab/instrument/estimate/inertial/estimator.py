@@ -11,11 +11,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
-from simgrab.geometry import STANDARD_GRAVITY, Array, camera_rotation, lean, rotation_z
+from simgrab.geometry import STANDARD_GRAVITY, Array, lean, rotation_z
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.contract import Estimator, Solution
-from simgrab.instrument.estimate.frames import Frames, tilt_of
+from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tilt_of
 from simgrab.instrument.estimate.inertial.fit import FAST, NOISE, SLOW, Data, Fit, Path, Priors, fit
 from simgrab.instrument.estimate.inertial.model import (
     ACCELEROMETER,
@@ -79,7 +79,7 @@ class InertialFusion(Estimator):
     The gyroscope measures how the camera turns, and the accelerometer what accelerates the rope's exit. Attitude,
     biases, camera offset, pendulum and wind are at their common posterior mode (an iterated extended Kalman smoother);
     the strengths of wind and pixel noise maximise the likelihood. Steady wind keeps its direction over the ground while
-    the jib slews, which is how it is told from tilt. Mounts of any kind are treated alike.
+    the jib slews, which distinguishes it from tilt. Mounts of any kind are treated alike.
 
     Attributes
     ----------
@@ -162,15 +162,20 @@ class InertialFusion(Estimator):
     searches: int = 6
     rounds: int = 40
 
+    @property
+    def readings(self) -> ImuReadings:
+        """The sensor's readings; raises `RecordError` where there are none."""
+        if self.imu is None:
+            raise RecordError(f"{self.name} needs the readings of an inertial sensor in the camera's housing")
+        return self.imu
+
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
         raise NotImplementedError  # not a sum over frames: `_conclude` does it all
 
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
         if len(frames.count) != 1:
             raise RecordError(f"{self.name} takes one record at a time: the sensor's readings belong to one")
-        if self.imu is None:
-            raise RecordError(f"{self.name} needs the readings of an inertial sensor in the camera's housing")
-        found = self._one(frames, calibration, self.imu)
+        found = self._one(frames, calibration, self.readings)
         table = {key: np.array([value]) for key, value in found.items()}
         reason, offset = table.pop("reason").astype(str), table.pop("offset")
         posterior = Intervals(
@@ -202,21 +207,22 @@ class InertialFusion(Estimator):
         if abs(excess) > MOST_EXCESS:
             force = excess + STANDARD_GRAVITY
             return f"the mean specific force is {force:.2f} m/s²; at rest it is 9.81: is the accelerometer in m/s²?"
-        imu = imu.lifted(excess)
+        imu = imu.without_excess(excess)
         ray = frames.rays[0]
         place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
         rough = RopeAware().fit(frames, calibration)
         level = lean(*(float(angle) for angle in (a[0] for a in tilt_of(rough.down))))
-        mount_from_camera = camera_rotation(0.0, 0.0, np.deg2rad(calibration.roll_deg))
+        turn = mount_from_camera(calibration)
         priors = self._priors(calibration, imu)
-        rest = _at_rest(imu.time, imu.rate @ (mount_from_camera @ imu.camera_from_sensor)[2])
+        rates = imu.rate @ (turn @ imu.camera_from_sensor).T
+        rest = _at_rest(imu.time, rates[:, 2])
 
         def at(some: slice) -> tuple[Data, NDArray[np.int64]]:
             nodes, frame = _divided(time[some], self.node_s)
             ropes = np.interp(nodes, time, rope)
             places, sees = np.zeros((len(nodes), 2)), np.zeros(len(nodes), bool)
             places[frame], sees[frame] = np.where(seen[some, None], place[some], 0.0), seen[some]
-            summed = preintegrate(nodes, imu, mount_from_camera)
+            summed = preintegrate(nodes, imu, turn)
             links = Links(summed, ropes[:-1], ropes[1:], float(rope.mean()), self.memory_s)
             turning = np.abs(summed.rate[:, 2] - rest)
             resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
@@ -226,7 +232,7 @@ class InertialFusion(Estimator):
         try:
             few = slice(None, None, every)
             thin, _ = at(few if seen[few].sum() >= self.parameters else slice(None))
-            first = self._first(thin, level, rough.offset[0], mount_from_camera, imu)
+            first = self._first(thin, level, rough.offset[0], np.array([*rates[:, :2].mean(axis=0), rest]))
             found = fit(thin, first, first, priors, self.searches, self.rounds)
             whole, frame = at(slice(None))
             path = _refined(found.path, thin, whole)
@@ -271,11 +277,9 @@ class InertialFusion(Estimator):
             self.speed, self.speed_s, self.rest_speed, self.degrees,
         )  # fmt: skip
 
-    def _first(self, data: Data, level: Array, offset: Array, mount_from_camera: Array, imu: ImuReadings) -> Path:
-        """Guess a path: attitudes from a complementary filter about a tilt (3, 3), swings from the pixels."""
+    def _first(self, data: Data, level: Array, offset: Array, bias: Array) -> Path:
+        """Guess a path: attitudes from a gyroscope of some bias (3,) about a tilt (3, 3), swings from the pixels."""
         k, summed = len(data.time), data.links.imu
-        rate = imu.rate @ (mount_from_camera @ imu.camera_from_sensor).T
-        bias = np.array([*rate[:, :2].mean(axis=0), _at_rest(imu.time, rate[:, 2])])
         force_bias = np.average(summed.force, axis=0, weights=summed.step) - STANDARD_GRAVITY * level[2]
         attitude = np.empty((k, 3, 3))
         attitude[0] = level

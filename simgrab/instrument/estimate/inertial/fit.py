@@ -133,11 +133,10 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A path, what is known of it, the pixels' weights (k,), how many rounds it took, and whether it settled."""
+    """A path, what is known of it, how many rounds it took, and whether it settled."""
 
     path: Path
     minimum: Minimum
-    pixel_weight: Array
     rounds: int
     settled: bool
 
@@ -185,7 +184,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
         if settled and not searches and (not loose or done > FIRST_SEARCH):
             break
     problem = _Problem(data, path, first, priors, "")
-    return Fit(path, problem.at(path.strengths).minimise(), problem.pixel_weight, last + 1, settled)
+    return Fit(path, problem.at(path.strengths).minimise(), last + 1, settled)
 
 
 def _without_frequency(priors: Priors) -> Priors:
@@ -205,7 +204,6 @@ class _Problem:
     priors: Priors
     weigh: str
     weight: Array = field(init=False)
-    pixel_weight: Array = field(init=False)
 
     def __post_init__(self) -> None:
         data, path = self.data, self.path
@@ -242,8 +240,8 @@ class _Problem:
         at, by_state, by_parameter = derivatives_of_place(path.attitude, path.state, path.parameters, data.rope)
         error = data.place - at
         square = np.sum(error**2, axis=-1) * np.exp(-2 * path.strengths[NOISE])
-        self.pixel_weight = data.seen * (priors.degrees + 2) / (priors.degrees + square)
-        return linear(by_state, by_parameter, error, self.pixel_weight[:, None, None] * np.eye(2))
+        weight = data.seen * (priors.degrees + 2) / (priors.degrees + square)
+        return linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
 
     def _prior(self) -> Quadratic:
         """Collect what is known of the first node, of the velocity at all of them, and of the parameters."""
@@ -258,13 +256,8 @@ class _Problem:
         precision[0, GYROSCOPE] = priors.gyroscope_sd**-2.0
         precision[0, ACCELEROMETER] = priors.accelerometer_sd**-2.0
         precision[0, SWING] = precision[0, MOMENTUM] = START_SD**-2.0
-        # Velocities of one stretch of `speed_s` are one measurement.
-        share = np.concatenate([step[:1], step]) / priors.speed_s
-        precision[:, VELOCITY] = np.minimum(share, 1)[:, None] * priors.speed**-2.0
-        square = np.sum(path.state[:, VELOCITY] ** 2, axis=-1) / priors.rest_speed**2
-        stands = self.data.resting * (1 + square) ** -2.0  # Geman and McClure's weight: a jib that luffs has none
-        seconds = np.minimum(share * priors.speed_s, 1)  # velocities of one second are one measurement
-        precision[:, VELOCITY] += (stands * seconds)[:, None] * priors.rest_speed**-2.0
+        steps = np.concatenate([step[:1], step])
+        precision[:, VELOCITY] = velocity_precision(path.state[:, VELOCITY], self.data.resting, steps, priors)[:, None]
         away = (priors.mean - path.parameters) / priors.sd
         band = np.zeros((2 * STATE, k * STATE))
         band[0] = precision.ravel()
@@ -297,6 +290,39 @@ class _Problem:
         return np.clip(minimize(minus_log, start, method="Nelder-Mead", options=options).x, self._low, self._high)
 
 
+def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array, priors: Priors) -> Array:
+    """Inverse variance per axis (n,) of what is known of velocities (n, 2): that they are small, and 0 while resting.
+
+    Velocities within `Priors.speed_s` are one measurement, and those of a standing jib within a second. The weight is
+    Geman and McClure's: a jib that luffs without slewing has none.
+    """
+    square = np.sum(velocity**2, axis=-1) / priors.rest_speed**2
+    stands = resting * (1 + square) ** -2.0 * np.minimum(step, 1)
+    return np.asarray(np.minimum(step / priors.speed_s, 1) * priors.speed**-2.0 + stands * priors.rest_speed**-2.0)
+
+
+def sensor_variance(priors: Priors, step: Array) -> Array:
+    """Variances (n, 16) of what the sensor's noise adds in steps (n,); 0 for the pendulum."""
+    variance = np.zeros((len(step), STATE))
+    for some, density in (
+        (ATTITUDE, priors.rate_density), (VELOCITY, priors.force_density),
+        (GYROSCOPE, priors.rate_walk), (ACCELEROMETER, priors.force_walk),
+    ):  # fmt: skip
+        variance[:, some] = density**2 * step[:, None]
+    return variance
+
+
+def fast_covariance(links: Links) -> tuple[Array, Array, Array]:
+    """Sum up what unit white acceleration (1 m²/s³ per axis) adds in each step: variance of s, covariance, variance of p."""
+    h, rope = links.imu.step, (links.before + links.after) / 2
+    return h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
+
+
+def slow_variance(links: Links) -> Array:
+    """Sum up what slow forcing of unit variance per axis adds in each step, shape (k − 1,)."""
+    return np.asarray(-np.expm1(-2 * links.imu.step / links.memory_s))
+
+
 def _about(state: Array, some: slice, nodes: list[int], precision: float) -> Quadratic:
     """Prior about 0 for some numbers of some nodes."""
     k = len(state)
@@ -312,21 +338,16 @@ def _about(state: Array, some: slice, nodes: list[int], precision: float) -> Qua
 
 def _sensor_precision(priors: Priors, step: Array) -> Array:
     """Inverse covariance (k − 1, 16, 16) of what the sensor's noise adds in a step."""
-    diagonal = np.zeros((len(step), STATE))
-    for some, density in (
-        (ATTITUDE, priors.rate_density), (VELOCITY, priors.force_density),
-        (GYROSCOPE, priors.rate_walk), (ACCELEROMETER, priors.force_walk),
-    ):  # fmt: skip
-        diagonal[:, some] = 1 / (density**2 * step[:, None])
-    return diagonal[:, :, None] * np.eye(STATE)
+    variance = sensor_variance(priors, step)
+    noisy = variance > 0
+    return np.where(noisy, 1 / np.where(noisy, variance, 1), 0)[:, :, None] * np.eye(STATE)
 
 
 def _fast_precision(links: Links) -> Array:
     """Inverse covariance (k − 1, 16, 16) of what unit white acceleration (1 m²/s³ per axis) adds to s and p."""
-    h, rope = links.imu.step, (links.before + links.after) / 2
-    ss, sp, pp = h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
+    ss, sp, pp = fast_covariance(links)
     det = ss * pp - sp**2
-    inverse = np.zeros((len(h), STATE, STATE))
+    inverse = np.zeros((len(ss), STATE, STATE))
     for s, p in zip(range(SWING.start, SWING.stop), range(MOMENTUM.start, MOMENTUM.stop), strict=True):
         inverse[:, s, s], inverse[:, p, p] = pp / det, ss / det
         inverse[:, s, p] = inverse[:, p, s] = -sp / det
@@ -337,5 +358,5 @@ def _slow_precision(links: Links) -> Array:
     """Inverse covariance (k − 1, 16, 16) of what slow forcing of unit variance per axis adds in a step."""
     inverse = np.zeros((len(links.imu.step), STATE, STATE))
     for i in range(LEAN.start, LEAN.stop):
-        inverse[:, i, i] = 1 / -np.expm1(-2 * links.imu.step / links.memory_s)
+        inverse[:, i, i] = 1 / slow_variance(links)
     return inverse

@@ -9,17 +9,22 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from simgrab.calibration import Calibration
-from simgrab.errors import RecordError
-from simgrab.geometry import Array, camera_rotation
+from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
-from simgrab.instrument.estimate.frames import check_record, groups
+from simgrab.instrument.estimate.frames import check_record, groups, mount_from_camera
 from simgrab.instrument.estimate.inertial.estimator import SLEWING, InertialFusion, Start
-from simgrab.instrument.estimate.inertial.fit import FAST, NOISE, SLOW, Priors
+from simgrab.instrument.estimate.inertial.fit import (
+    FAST,
+    NOISE,
+    SLOW,
+    fast_covariance,
+    sensor_variance,
+    slow_variance,
+    velocity_precision,
+)
 from simgrab.instrument.estimate.inertial.model import (
-    ACCELEROMETER,
     ATTITUDE,
-    GYROSCOPE,
     LEAN,
     MOMENTUM,
     PARAMETERS,
@@ -67,12 +72,6 @@ class InertialTracker:
     _due: float = field(init=False, default=WARM_UP_S)
     _last: float = field(init=False, default=0.0)
 
-    @property
-    def _imu(self) -> ImuReadings:
-        if self.fusion.imu is None:
-            raise RecordError(f"{self.fusion.name} needs the readings of an inertial sensor in the camera's housing")
-        return self.fusion.imu
-
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
         """Take a frame.
 
@@ -111,7 +110,7 @@ class InertialTracker:
                 return nothing
             self._filter, self.waiting, self._last = started, "", time
             return self._filter.swing()
-        if silent := self.fusion.unfit(np.array([self._last, time]), self._imu.between(self._last, time)):
+        if silent := self.fusion.unfit(np.array([self._last, time]), self.fusion.readings.between(self._last, time)):
             self._filter, self._due, self.waiting = None, WARM_UP_S, silent
             self._time, self._pixels, self._rope = [], [], []
             return nothing
@@ -125,7 +124,7 @@ class InertialTracker:
     def _start(self) -> _Filter | str:
         """Fit the record so far."""
         time = np.array(self._time)
-        imu = self._imu.between(time[0] - 1, time[-1] + self.fusion.gap_s)
+        imu = self.fusion.readings.between(time[0] - 1, time[-1])
         uv, rope, times, _ = check_record(np.array(self._pixels)[None], np.array(self._rope), time, True)
         (frames,) = groups(uv, rope, times, self.calibration)
         begun = self.fusion.start(frames, self.calibration, imu)
@@ -136,13 +135,12 @@ class _Filter:
     """State and parameters together, `ALL` numbers, and their covariance."""
 
     def __init__(self, fusion: InertialFusion, calibration: Calibration, begun: Start) -> None:
-        assert fusion.imu is not None
         path, minimum = begun.fit.path, begun.fit.minimum
-        self._imu: ImuReadings = fusion.imu.lifted(begun.excess)
+        self._imu: ImuReadings = fusion.readings.without_excess(begun.excess)
         self._fusion, self._priors, self._rest = fusion, begun.priors, begun.rest
         self._offset_sd = calibration.offset_sd_m
-        self._mount_from_camera = camera_rotation(0.0, 0.0, np.deg2rad(calibration.roll_deg))
-        self._time, self._rope, self._length = float(begun.data.time[-1]), float(begun.data.rope[-1]), 0.0
+        self._mount_from_camera = mount_from_camera(calibration)
+        self._time, self._rope = float(begun.data.time[-1]), float(begun.data.rope[-1])
         self._length = begun.data.links.length
         self._attitude, self._state, self._parameters = path.attitude[-1], path.state[-1], path.parameters
         self._strengths = path.strengths
@@ -195,31 +193,20 @@ class _Filter:
 
     def _noise(self, links: Links, now: float) -> Array:
         """Covariance (16, 16) of what a step adds."""
-        priors: Priors = self._priors
-        h, rope = float(links.imu.step[0]), float(links.before[0])
         held = now < self._held_until
-        added = np.zeros((STATE, STATE))
-        for some, density in (
-            (ATTITUDE, priors.rate_density), (VELOCITY, priors.force_density),
-            (GYROSCOPE, priors.rate_walk), (ACCELEROMETER, priors.force_walk),
-        ):  # fmt: skip
-            added[some, some] = np.eye(some.stop - some.start) * density**2 * h
+        added = np.diag(sensor_variance(self._priors, links.imu.step)[0])
         fast = NOT_FREE_FAST if held else float(np.exp(self._strengths[FAST]))
         slow = NOT_FREE_SD if held else float(np.exp(self._strengths[SLOW]))
-        of_s, both, of_p = h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
+        of_s, both, of_p = (float(part[0]) for part in fast_covariance(links))
         added[SWING, SWING], added[MOMENTUM, MOMENTUM] = np.eye(2) * of_s * fast, np.eye(2) * of_p * fast
         added[SWING, MOMENTUM] = added[MOMENTUM, SWING] = np.eye(2) * both * fast
-        added[LEAN, LEAN] = np.eye(2) * slow**2 * -np.expm1(-2 * h / links.memory_s)
+        added[LEAN, LEAN] = np.eye(2) * slow**2 * float(slow_variance(links)[0])
         return added
 
     def _stand(self, links: Links) -> None:
         """Take in what is known of the jib head's velocity, as the fit does."""
-        priors, h = self._priors, float(links.imu.step[0])
-        velocity = self._state[VELOCITY]
-        precision = min(h / priors.speed_s, 1) * priors.speed**-2.0
-        if abs(float(links.imu.rate[0, 2]) - self._rest) < SLEWING:
-            square = float(velocity @ velocity) / priors.rest_speed**2
-            precision += min(h, 1) * (1 + square) ** -2.0 * priors.rest_speed**-2.0
+        velocity, resting = self._state[VELOCITY], np.abs(links.imu.rate[:, 2] - self._rest) < SLEWING
+        precision = float(velocity_precision(velocity[None], resting, links.imu.step, self._priors)[0])
         jacobian = np.zeros((2, ALL))
         jacobian[:, VELOCITY] = np.eye(2)
         self._update(jacobian, -velocity, np.eye(2) / precision)

@@ -110,8 +110,8 @@ class ImuReadings:
         """By how much the mean specific force exceeds g, m/s²: a jib head moves level, so that is bias."""
         return float(np.linalg.norm(self.force, axis=-1).mean()) - STANDARD_GRAVITY
 
-    def lifted(self, excess: float) -> ImuReadings:
-        """Take a bias (m/s²) along the optical axis, upwards, out of the accelerometer."""
+    def without_excess(self, excess: float) -> ImuReadings:
+        """Take an `excess`, m/s², out of the accelerometer's readings along the optical axis."""
         return replace(self, force=self.force + excess * self.camera_from_sensor[2])
 
 
@@ -173,7 +173,10 @@ def _about(path: Path) -> dict[str, Any]:
     if data.get("sensor_type", "imu") != "imu":
         raise RecordError(f"{path}: sensor_type: an imu is needed, got {data['sensor_type']!r:.40}")
     try:
-        pose = np.array(data["T_BS"]["data"], float).reshape(4, 4)
+        numbers = data["T_BS"]["data"]
+        if not all(isinstance(number, int | float) for number in numbers):  # lists within may name each other
+            raise TypeError("not a list of numbers")
+        pose = np.array(numbers, float).reshape(4, 4)
         found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
     except (KeyError, TypeError, ValueError, OverflowError):
         raise RecordError(f"{path}: T_BS must hold 16 numbers, and the noise densities must be numbers") from None
