@@ -313,7 +313,7 @@ def sensor_variance(priors: Priors, step: Array) -> Array:
 
 
 def fast_covariance(links: Links) -> tuple[Array, Array, Array]:
-    """Sum up what unit white acceleration (1 m²/s³ per axis) adds in each step: variance of s, covariance, variance of p."""
+    """Sum up what unit white acceleration (1 m²/s³ per axis) adds in a step: var(s), cov(s, p) and var(p), (k − 1,)."""
     h, rope = links.imu.step, (links.before + links.after) / 2
     return h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
 
