@@ -17,11 +17,12 @@ from simgrab.errors import RecordError, RunError
 from simgrab.geometry import camera_rotation, rotation_z
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate import InertialFusion, RopeAware
-from simgrab.instrument.estimate.inertial import model
+from simgrab.instrument.estimate.inertial import live, model
 from simgrab.instrument.estimate.inertial.live import InertialTracker
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation, rotation_vector
 from simgrab.instrument.estimate.inertial.readings import ImuReadings, read_imu
 from simgrab.instrument.pipeline import Pipeline, assemble
+from simgrab.instrument.run.run import run
 from simgrab.world.output.sensors import STAMP, yaml
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -303,6 +304,37 @@ def test_frame_by_frame_from_the_first_minute_on(crane):
     assert "the sensor's readings last" in tracker.waiting or "no tilt yet" in tracker.waiting
     assert np.degrees(np.sqrt(np.mean((alpha - crane.alpha)[seen] ** 2))) < 0.3
     assert np.mean((ends[seen, 0] <= crane.alpha[seen]) & (crane.alpha[seen] <= ends[seen, 1])) > 0.85
+
+
+def test_a_filter_that_agrees_with_no_pixel_begins_anew(crane, monkeypatch):
+    monkeypatch.setattr(live, "LOST_S", 3.0)
+    tracker = InertialTracker(InertialFusion(imu=readings()), crane.calibration)
+    wrong = np.where(np.arange(FRAMES)[:, None] < 560, 0.0, np.random.default_rng(5).uniform(-400, 400, (FRAMES, 2)))
+    rows = zip(crane.time.tolist(), (crane.pixels + wrong).tolist(), crane.rope.tolist(), strict=True)
+    found = np.array([tracker.step(time, (u, v), rope)[0] for time, (u, v), rope in rows])
+    assert np.isfinite(found[545:560]).all()
+    assert np.isnan(found[620:]).all()
+    assert "for 3 s no pixel agreed with the sensor" in tracker.waiting
+
+
+def test_a_record_that_gives_no_start_neither_grows_nor_hides_the_reason(crane, monkeypatch):
+    monkeypatch.setattr(InertialTracker, "_start", lambda _self: "not converged")
+    tracker = InertialTracker(InertialFusion(imu=readings()), crane.calibration)
+    for second in range(600):
+        assert np.isnan(tracker.step(float(second), (900.0, 500.0), 20.0)[0])
+        assert second < 60 or tracker.waiting.endswith("(not converged)")
+    assert len(tracker._time) <= live.MOST_START_S + live.AGAIN_S
+
+
+def test_a_stream_has_no_sensor(crane, tmp_path, monkeypatch):
+    class Endless:
+        live = True
+
+    monkeypatch.setattr("simgrab.instrument.run.run.open_source", lambda *_args, **_kwargs: Endless())
+    pipeline = Pipeline(nobody, None, InertialFusion(imu=readings()))
+    with pytest.raises(RunError, match="a stream has no time in common"):
+        run("rtsp://camera/1", crane.calibration, tmp_path / "run", pipeline)
+    assert not (tmp_path / "run").exists()
 
 
 def nobody(_picture):

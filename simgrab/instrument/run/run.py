@@ -21,6 +21,7 @@ from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.follow import Known
+from simgrab.instrument.estimate.inertial.estimator import InertialFusion
 from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run import runs
@@ -93,6 +94,8 @@ def run(
     opened = open_source(source, rate_hz=options.rate_hz)
     measure_source = _live if options.live or opened.live else _whole
     instrument = instrument or assemble(live=options.live or opened.live)
+    if opened.live and isinstance(instrument, Pipeline) and isinstance(instrument.estimator, InertialFusion):
+        raise RunError("an inertial sensor's readings are a recording, and a stream has no time in common with them")
     if out is None:
         return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened)
     with runs.making(Path(out)) as folder:

@@ -39,11 +39,13 @@ from simgrab.instrument.estimate.inertial.model import (
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 
-WARM_UP_S = 60.0
+WARM_UP_S, AGAIN_S, MOST_START_S = 60.0, 10.0, 180.0  # how much is fitted first, how soon again, and at most
+LOST_S = 20.0  # without a pixel that agrees with its prediction
 SURPRISE, SURPRISES = 13.8, 3  # squared innovation that one pixel in a thousand has; so many running are the grab's own
 NOT_FREE_S = 10.0  # after which the grab counts as swinging freely again
 NOT_FREE_FAST, NOT_FREE_SD = 0.05, 0.02  # m²/s³, rad: what moves a grab that does not swing freely
 ALL = STATE + PARAMETERS
+NOTHING = np.nan, (np.nan, np.nan)
 
 
 @dataclass(eq=False)
@@ -71,6 +73,7 @@ class InertialTracker:
     _filter: _Filter | None = field(init=False, default=None)
     _due: float = field(init=False, default=WARM_UP_S)
     _last: float = field(init=False, default=0.0)
+    _refused: str = field(init=False, default="")
 
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
         """Take a frame.
@@ -91,35 +94,42 @@ class InertialTracker:
         ends : tuple of 2 floats
             Of its 95 % interval.
         """
-        known = pixel is not None and np.isfinite(rope)
-        nothing = np.nan, (np.nan, np.nan)
         if self._filter is None:
-            if known:
-                assert pixel is not None
-                self._time.append(time)
-                self._pixels.append(pixel)
-                self._rope.append(float(rope))
-            first = self._time[0] if self._time else time
-            self.waiting = f"no tilt yet: {time - first:.0f} s of {self._due:.0f}"
-            if not known or time - first < self._due:
-                return nothing
-            self._due = time - first + WARM_UP_S / 6
-            started = self._start()
-            if isinstance(started, str):
-                self.waiting = f"no tilt yet: {started}"
-                return nothing
-            self._filter, self.waiting, self._last = started, "", time
-            return self._filter.swing()
-        if silent := self.fusion.unfit(np.array([self._last, time]), self.fusion.readings.between(self._last, time)):
-            self._filter, self._due, self.waiting = None, WARM_UP_S, silent
+            return self._collect(time, pixel, rope)
+        reason = self.fusion.unfit(np.array([self._last, time]), self.fusion.readings.between(self._last, time))
+        if reason or self._filter.lost:
+            reason = reason or f"for {LOST_S:.0f} s no pixel agreed with the sensor"
+            self._filter, self._due, self._refused = None, WARM_UP_S, reason
             self._time, self._pixels, self._rope = [], [], []
-            return nothing
-        self._last, place = time, None
-        if known:
-            assert pixel is not None
-            place = _place(pixel, self.calibration)
-        self._filter.step(time, place, float(rope))
-        return self._filter.swing() if known else nothing
+            return self._collect(time, pixel, rope)
+        self._last = time
+        if pixel is None or not np.isfinite(rope):
+            self._filter.step(time, None, float(rope))
+            return NOTHING
+        self._filter.step(time, _place(pixel, self.calibration), float(rope))
+        return self._filter.swing()
+
+    def _collect(
+        self, time: float, pixel: tuple[float, float] | None, rope: float
+    ) -> tuple[float, tuple[float, float]]:
+        """Keep a frame for the first fit, and fit when that is due."""
+        if pixel is not None and np.isfinite(rope):
+            self._time.append(time)
+            self._pixels.append(pixel)
+            self._rope.append(float(rope))
+        past = time - self._time[0] if self._time else 0.0
+        if past >= self._due and self._time[-1] == time:
+            started = self._start()
+            if isinstance(started, _Filter):
+                self._filter, self.waiting, self._refused, self._last = started, "", "", time
+                return started.swing()
+            self._refused = started
+            old = int(np.searchsorted(self._time, time - MOST_START_S))
+            del self._time[:old], self._pixels[:old], self._rope[:old]
+            past = time - self._time[0]
+            self._due = past + AGAIN_S
+        self.waiting = f"no tilt yet: {past:.0f} s of {self._due:.0f}" + f" ({self._refused})" * bool(self._refused)
+        return NOTHING
 
     def _start(self) -> _Filter | str:
         """Fit the record so far."""
@@ -148,7 +158,12 @@ class _Filter:
         crossed = -minimum.gain.reshape(-1, STATE, PARAMETERS)[-1] @ minimum.covariance
         self._covariance = np.block([[last, crossed], [crossed.T, minimum.covariance]])
         self._surprises: deque[float] = deque(maxlen=SURPRISES)
-        self._held_until = -np.inf
+        self._held_until, self._disagrees_since = -np.inf, np.inf
+
+    @property
+    def lost(self) -> bool:
+        """Whether no pixel has agreed with its prediction for so long that the state is wrong."""
+        return self._time - self._disagrees_since > LOST_S
 
     def swing(self) -> tuple[float, tuple[float, float]]:
         """Give α and the ends of its interval."""
@@ -219,6 +234,7 @@ class _Filter:
         noise = np.eye(2) * float(np.exp(2 * self._strengths[NOISE]))
         surprise = float(error @ np.linalg.solve(jacobian @ self._covariance @ jacobian.T + noise, error))
         self._surprises.append(surprise)
+        self._disagrees_since = min(self._disagrees_since, now) if surprise > SURPRISE else np.inf
         degrees = self._priors.degrees
         if len(self._surprises) == SURPRISES and min(self._surprises) > SURPRISE:
             # So many outliers running are none: the grab does not swing freely.
