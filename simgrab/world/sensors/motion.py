@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from simgrab import geometry
 from simgrab.geometry import Array
 from simgrab.scenario import Dynamic, Scenario
 from simgrab.world.trajectory.clip import Block, ClipMotion
+from simgrab.world.trajectory.linked import LinkedPlant, directions
 from simgrab.world.trajectory.mount import Mount
 from simgrab.world.trajectory.noise import BLOCK
 from simgrab.world.trajectory.plant import Plant
@@ -20,6 +22,27 @@ from simgrab.world.trajectory.work import Work
 
 Instants = Callable[[float, float], Array]
 """From the ends of a span of time to increasing instants within it, the first end included."""
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """Ropes that lean otherwise than the grab, at n instants.
+
+    Attributes
+    ----------
+    direction, direction_rate, direction_acceleration : ndarray, shape (n, 3)
+        Unit vector from O to T, the middle of the rope ends, with its derivatives; pivot frame of `Motion`.
+    end_height : ndarray, shape (n,)
+        Of T in the grab's frame, m.
+    """
+
+    direction: Array
+    direction_rate: Array
+    direction_acceleration: Array
+    end_height: Array
+
+    def __getitem__(self, which: NDArray[np.intp]) -> Link:
+        return Link(**{name: values[which] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +61,7 @@ class Motion:
     rate, acceleration : ndarray, shape (n, 3)
         Its angular velocity and acceleration, grab frame.
     rope, rope_rate, rope_acceleration : ndarray, shape (n,)
-        |OA|.
+        What is paid out: |OA|, or where the grab leans otherwise than its ropes, |OT| and the height of T over A.
     gravity : ndarray, shape (n, 3)
         Less the acceleration of O.
     slew, slew_rate, slew_acceleration : ndarray, shape (n,)
@@ -49,6 +72,8 @@ class Motion:
         Lean of the jib head from vibration, jib frame, as the tangent of its angle.
     lean, lean_rate : ndarray, shape (n, 2)
         Lean of the camera about its attitude at rest, ``shake`` included.
+    link : Link or None
+        None where grab and ropes are one body.
     """
 
     time: Array
@@ -67,14 +92,24 @@ class Motion:
     shake_rate: Array
     lean: Array
     lean_rate: Array
+    link: Link | None = None
 
     def __getitem__(self, which: NDArray[np.intp]) -> Motion:
-        return Motion(**{name: values[which] for name, values in vars(self).items()})
+        parts: dict[str, Any] = {name: None if values is None else values[which] for name, values in vars(self).items()}
+        return Motion(**parts)
+
+    @property
+    def centre(self) -> Array:
+        """Vector along OA, pivot frame, shape (n, 3): of length 1 where grab and ropes are one body, else |OA| m."""
+        up, link = self.attitude[:, :, 2], self.link
+        if link is None:
+            return -up
+        return (self.rope - link.end_height)[:, None] * link.direction - link.end_height[:, None] * up
 
     @property
     def swing(self) -> tuple[Array, Array]:
         """α and its azimuth in the jib frame, rad, shape (n,) each."""
-        down = np.einsum("nij,nj->ni", geometry.rotation_z(-self.slew), -self.attitude[:, :, 2])
+        down = np.einsum("nij,nj->ni", geometry.rotation_z(-self.slew), self.centre)
         alpha, azimuth, _ = geometry.swing_of(down)
         return alpha, azimuth
 
@@ -101,7 +136,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
     radius, course, work = scenario.swing.radius_m, ClipMotion(scenario, clip), Work(scenario, clip)
     mount, interval = Mount(scenario.camera, course.interval), course.interval
     end = len(scenario.span(clip)) / scenario.clip.frame_rate_hz
-    plant: Plant | None = None
+    plant: Plant | LinkedPlant | None = None
     before: Array | None = None
     blocks = course.blocks(Work(scenario, clip))
     block, after = next(blocks), next(blocks)
@@ -112,16 +147,16 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
         late = np.clip(time - (which + block.count) * interval, 0.0, interval)
         sampled = work.sample(time + course.settled_s) if len(time) else None
         first = np.searchsorted(which, np.arange(BLOCK + 1))
-        states, leaning = [np.empty((0, 13))], [np.empty((0, 4))]
+        states, leaning = [], [np.empty((0, 4))]
         for i, (drive, jaw, load) in enumerate(block.drives()):
             if plant is None:
                 plant = course.plant(drive.rope, jaw, load)
-            rate = plant.data.qvel[:3].copy()
+            rate = plant.rates()
             plant.hold(jaw, load)
-            jump = plant.data.qvel[:3] - rate
+            jump = plant.rates() - rate
             own = slice(first[i], first[i + 1])
             states.append(plant.watch(drive, interval, course.steps, late[own].tolist()))
-            states[-1][:, 9:12] += jump / interval  # in the plant all at once
+            states[-1][:, plant.ACCELERATIONS] += jump / interval  # in the plant all at once
             if sampled is not None and own.stop > own.start:
                 leans = mount.leaning(late[own], block.felt[i], sampled.luffed[own], sampled.luff_rate[own])
                 leaning.append(np.hstack(leans))
@@ -132,9 +167,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
             shake_rate = shake_rate / interval
             yield Motion(
                 time=time,
-                attitude=Rotation.from_quat(state[:, :4], scalar_first=True).as_matrix(),
-                rate=state[:, 5:8], acceleration=state[:, 9:12],
-                rope=-state[:, 4], rope_rate=-state[:, 8], rope_acceleration=-state[:, 12],
+                **(_linked(state, plant) if isinstance(plant, LinkedPlant) else _one_body(state)),
                 gravity=block.gravity[which],
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
                 slew_acceleration=work.slew_acceleration(time + course.settled_s),
@@ -143,6 +176,28 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
                 lean=lean[:, :2] + shake, lean_rate=lean[:, 2:] + shake_rate,
             )  # fmt: skip
         before, block, after = block.shake[-1], after, next(blocks)
+
+
+def _one_body(state: Array) -> dict[str, Array]:
+    """Fields of `Motion` from rows of `Plant.watch`."""
+    return {
+        "attitude": Rotation.from_quat(state[:, :4], scalar_first=True).as_matrix(),
+        "rate": state[:, 5:8], "acceleration": state[:, 9:12],
+        "rope": -state[:, 4], "rope_rate": -state[:, 8], "rope_acceleration": -state[:, 12],
+    }  # fmt: skip
+
+
+def _linked(state: Array, plant: LinkedPlant) -> dict[str, Any]:
+    """Fields of `Motion` from rows of `LinkedPlant.watch`."""
+    height = np.full(len(state), plant.end_height)
+    leaning = zip(state[:, :2], state[:, 7:9], state[:, 13:15], strict=True)
+    direction = np.reshape([directions(*lean) for lean in leaning], (-1, 3, 3))
+    return {
+        "attitude": Rotation.from_quat(state[:, 2:6], scalar_first=True).as_matrix(),
+        "rate": state[:, 9:12], "acceleration": state[:, 15:18],
+        "rope": state[:, 6] + height, "rope_rate": state[:, 12], "rope_acceleration": state[:, 18],
+        "link": Link(direction[:, 0], direction[:, 1], direction[:, 2], height),
+    }  # fmt: skip
 
 
 def _padded(before: Array | None, block: Block, after: Block) -> Array:
