@@ -13,11 +13,13 @@ from scipy.spatial.transform import Rotation
 from simgrab import geometry
 from simgrab.geometry import Array
 from simgrab.scenario import Dynamic, Scenario
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.sensors.waves import KG_M_MM2, Strings, Waves
 from simgrab.world.trajectory.clip import Block, ClipMotion
 from simgrab.world.trajectory.linked import LinkedPlant, directions
 from simgrab.world.trajectory.mount import Mount
 from simgrab.world.trajectory.noise import BLOCK
-from simgrab.world.trajectory.plant import Plant
+from simgrab.world.trajectory.plant import Drive, Plant
 from simgrab.world.trajectory.work import Work
 
 Instants = Callable[[float, float], Array]
@@ -74,6 +76,8 @@ class Motion:
         Lean of the camera about its attitude at rest, ``shake`` included.
     link : Link or None
         None where grab and ropes are one body.
+    waves : Waves or None
+        None where the ropes are straight.
     """
 
     time: Array
@@ -93,10 +97,18 @@ class Motion:
     lean: Array
     lean_rate: Array
     link: Link | None = None
+    waves: Waves | None = None
 
     def __getitem__(self, which: NDArray[np.intp]) -> Motion:
         parts: dict[str, Any] = {name: None if values is None else values[which] for name, values in vars(self).items()}
         return Motion(**parts)
+
+    @property
+    def ropes(self) -> tuple[Array, Array, Array]:
+        """Unit vectors along the straight ropes, pivot frame, with two derivatives, shape (n, 3) each."""
+        if self.link is not None:
+            return self.link.direction, self.link.direction_rate, self.link.direction_acceleration
+        return _along(self.attitude, self.rate, self.acceleration)
 
     @property
     def centre(self) -> Array:
@@ -137,6 +149,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
     mount, interval = Mount(scenario.camera, course.interval), course.interval
     end = len(scenario.span(clip)) / scenario.clip.frame_rate_hz
     plant: Plant | LinkedPlant | None = None
+    waving = _Waving(course, scenario)
     before: Array | None = None
     blocks = course.blocks(Work(scenario, clip))
     block, after = next(blocks), next(blocks)
@@ -148,6 +161,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
         sampled = work.sample(time + course.settled_s) if len(time) else None
         first = np.searchsorted(which, np.arange(BLOCK + 1))
         states, leaning = [], [np.empty((0, 4))]
+        waving.begin()
         for i, (drive, jaw, load) in enumerate(block.drives()):
             if plant is None:
                 plant = course.plant(drive.rope, jaw, load)
@@ -155,7 +169,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
             plant.hold(jaw, load)
             jump = plant.rates() - rate
             own = slice(first[i], first[i + 1])
-            states.append(plant.watch(drive, interval, course.steps, late[own].tolist()))
+            states.append(waving.watch(plant, i, drive, course.steps, late[own].tolist()))
             states[-1][:, plant.ACCELERATIONS] += jump / interval  # in the plant all at once
             if sampled is not None and own.stop > own.start:
                 leans = mount.leaning(late[own], block.felt[i], sampled.luffed[own], sampled.luff_rate[own])
@@ -165,9 +179,9 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
             state, lean = np.concatenate(states), np.concatenate(leaning)
             shake, shake_rate = _between(_padded(before, block, after), which, late / interval)
             shake_rate = shake_rate / interval
+            fields = _linked(state, plant) if isinstance(plant, LinkedPlant) else _one_body(state)
             yield Motion(
-                time=time,
-                **(_linked(state, plant) if isinstance(plant, LinkedPlant) else _one_body(state)),
+                time=time, **fields, waves=waving.motion(fields),
                 gravity=block.gravity[which],
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
                 slew_acceleration=work.slew_acceleration(time + course.settled_s),
@@ -178,7 +192,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
         before, block, after = block.shake[-1], after, next(blocks)
 
 
-def _one_body(state: Array) -> dict[str, Array]:
+def _one_body(state: Array) -> dict[str, Any]:
     """Fields of `Motion` from rows of `Plant.watch`."""
     return {
         "attitude": Rotation.from_quat(state[:, :4], scalar_first=True).as_matrix(),
@@ -198,6 +212,57 @@ def _linked(state: Array, plant: LinkedPlant) -> dict[str, Any]:
         "rope": state[:, 6] + height, "rope_rate": state[:, 12], "rope_acceleration": state[:, 18],
         "link": Link(direction[:, 0], direction[:, 1], direction[:, 2], height),
     }  # fmt: skip
+
+
+def _along(attitude: Array, rate: Array, acceleration: Array) -> tuple[Array, Array, Array]:
+    """Give the direction of ropes that a grab leans with, shape (n, 3), and its two derivatives."""
+    axis = np.array([0.0, 0.0, 1.0])
+    swung = np.cross(rate, axis)  # of the rope's axis, grab frame
+    bend = np.cross(acceleration, axis) + np.cross(rate, swung)
+    return -attitude[:, :, 2], *(-np.einsum("nij,nj->ni", attitude, vector) for vector in (swung, bend))
+
+
+class _Waving:
+    """The ropes' waves of a clip, beside its plant; nothing where they have none."""
+
+    def __init__(self, course: ClipMotion, scenario: Scenario) -> None:
+        waves, grab = scenario.suspension.waves, design_of(scenario.grab)
+        ropes, self._end = len(grab.terminations), float(grab.terminations[0, 2])
+        kg_m = ropes * KG_M_MM2 * scenario.jib.rope_diameter_mm**2
+        self._strings = Strings(waves.modes, waves.damping, kg_m) if waves.modes else None
+        self._interval, self._modes = course.interval, waves.modes
+        self._shaken = course.exit_shaking() if waves.modes else None
+        self._now, self._rows = np.zeros((BLOCK, 2)), [np.empty((0, 3, waves.modes, 2))]
+
+    def begin(self) -> None:
+        """Begin a block of intervals."""
+        self._rows = self._rows[:1]
+        if self._shaken is not None:
+            self._now = next(self._shaken)
+
+    def watch(self, plant: Plant | LinkedPlant, number: int, drive: Drive, steps: int, instants: list[float]) -> Array:
+        """Let a plant run one interval of the block, and the waves with it; its rows as of `Plant.watch`."""
+        if self._strings is None:
+            return plant.watch(drive, self._interval, steps, instants)
+        rows = plant.watch(drive, self._interval, steps, [0.0, *instants])
+        fields = _linked(rows[:1], plant) if isinstance(plant, LinkedPlant) else _one_body(rows[:1])
+        link = fields.get("link")
+        along = _along(fields["attitude"], fields["rate"], fields["acceleration"]) if link is None else (
+            link.direction, link.direction_rate, link.direction_acceleration
+        )  # fmt: skip
+        self._rows.append(self._strings.step(
+            self._interval, instants, length=float(fields["rope"][0]) - self._end, kg=plant.mass.mass,
+            direction=along[0][0], bend=along[2][0], gravity=np.array(drive.gravity), shaken=self._now[number],
+        ))  # fmt: skip
+        return rows[1:]
+
+    def motion(self, fields: dict[str, Any]) -> Waves | None:
+        """Give the waves at the block's instants, from other fields of `Motion`."""
+        if self._strings is None:
+            return None
+        amplitude, rate, acceleration = np.concatenate(self._rows).transpose(1, 0, 2, 3)
+        length = fields["rope"] - self._end
+        return Waves(amplitude, rate, acceleration, length, fields["rope_rate"], fields["rope_acceleration"])
 
 
 def _padded(before: Array | None, block: Block, after: Block) -> Array:

@@ -92,7 +92,10 @@ def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: 
 def _on_rope(motion: Motion) -> Kinematics:
     """Kinematics on the rope: with its direction, but without turning about it as the grab does."""
     turn = geometry.rotation_z(motion.slew)
-    direction, direction_rate, bend = _direction(motion)
+    direction, direction_rate, bend = motion.ropes
+    if motion.waves is not None:
+        acceleration, slope, slope_rate = motion.waves.at(ROPE_M)
+        direction, direction_rate, bend = direction + slope, direction_rate + slope_rate, bend + acceleration / ROPE_M
     spin = _about_z(motion.slew_rate)
     leaned, leaned_rate = _leaned(
         _into(turn, direction), _into(turn, direction_rate - np.cross(spin, direction))
@@ -100,16 +103,6 @@ def _on_rope(motion: Motion) -> Kinematics:
     attitude = turn @ leaned
     force = _into(attitude, ROPE_M * bend - motion.gravity)
     return Kinematics(attitude, _into(attitude, spin) + leaned_rate, force)
-
-
-def _direction(motion: Motion) -> tuple[Array, Array, Array]:
-    """Give unit vectors along the ropes, shape (n, 3), and their two derivatives, pivot frame."""
-    if motion.link is not None:
-        return motion.link.direction, motion.link.direction_rate, motion.link.direction_acceleration
-    axis = np.array([0.0, 0.0, 1.0])
-    swung = np.cross(motion.rate, axis)  # of the rope's axis, grab frame
-    bend = np.cross(motion.acceleration, axis) + np.cross(motion.rate, swung)
-    return -motion.attitude[:, :, 2], -_out_of(motion.attitude, swung), -_out_of(motion.attitude, bend)
 
 
 def _on_linked_grab(motion: Motion, link: Link) -> Kinematics:

@@ -207,6 +207,11 @@ class ClipMotion:
         shape = narrow_band(vibration.frequency_hz, vibration.damping)
         return self._noise(shape, math.radians(vibration.rms_deg), "vibration")
 
+    def exit_shaking(self) -> Iterator[Array]:
+        """Acceleration of the rope exits that sets waves going, m/s², block by block, shape (BLOCK, 2)."""
+        waves = self._scenario.suspension.waves
+        return self._noise(low_pass(waves.bandwidth_hz), waves.exit_rms_m_s2, "waves")
+
     def _noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
         """Blocks (BLOCK, 2) of two independent components, each of this rms."""
         if not shape or not rms:
