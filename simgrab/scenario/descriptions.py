@@ -40,6 +40,7 @@ _DRIVE = {"drive": "What closes the jaws."}
 _WORN = {"wear": "Age of the place: 0 is new."}
 _CARGO = {"cargo": "Bulk cargo in the place."}
 
+_WAVED = {"waves": "Transverse waves of the ropes, for sensors on the rope."}
 _CLOCK = {
     "clock_offset_ms": "Standard deviation of the clock's offset, drawn once a clip.",
     "clock_drift_ppm": "Standard deviation of the clock's drift, drawn once a clip.",
@@ -56,7 +57,8 @@ _LENGTH = {
     "scale_error": "Standard deviation of the relative scale error, drawn once a clip.",
 }
 _MOUNTED = {
-    "mount": "Where the sensor is: in O, in the camera's housing, on the rope 1 m below O, or on the grab's head."
+    "mount": "Where the sensor is: in O, in the camera's housing, on the slewing platform in its axis, on the rope 1 m "
+    "below O, or on the grab's head."
 }
 
 
@@ -83,6 +85,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "frames": "Number of frames.",
         "camera": "The surveillance camera at the jib head.",
         "sensors": "Sensors beside the camera, by name; they need physics.",
+        "suspension": "How the grab hangs on its ropes.",
         "swing": "How the grab swings: independent draws, or physics.",
         "grab": "The grab: its kind, shape and looks.",
         "jib": "The jib head and its ropes.",
@@ -162,6 +165,29 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "radius_m": "Working radius of the jib head when a clip begins.",
         "drag_area_m2": "Drag coefficient times area of the grab; by default from its shape.",
         "settle_s": "Time simulated before the first frame of a clip.",
+    },
+    "OneBody": _WAVED,
+    "FourRopes": _WAVED | {"tilt_ratio": "Lean of the grab's head over that of its ropes: 0 stays level."},
+    "DoublePendulum": _WAVED | {"damping": "Damping of the grab against the ropes, as a share of critical damping."},
+    "Waves": {
+        "modes": "Number of string modes; 0 is none.",
+        "damping": "Share of each mode's critical damping.",
+        "exit_rms_m_s2": "RMS of each horizontal component of the acceleration of the rope exits.",
+        "bandwidth_hz": "Frequency up to which it is white noise.",
+    },
+    "Lidar": _CLOCK | {
+        "position_m": "Place on the slewing platform: outboard of the slewing axis, sideways, above the quay.",
+        "elevation_deg": "Lowest and highest beam, above the horizontal.",
+        "azimuth_deg": "First and last beam, counter-clockwise from outboard, seen from above.",
+        "rings": "Number of elevations.",
+        "columns": "Number of azimuths.",
+        "rate_hz": "Scans a second.",
+        "range_m": "Shortest and longest distance that is measured.",
+        "range_noise_m": "Standard deviation of a distance.",
+        "angle_noise_deg": "Standard deviation of a beam's elevation and azimuth.",
+        "resolution_m": "Size of a count of the distance.",
+        "dropout": "Share of beams that get lost in clear air.",
+        "false_echo": "Share of the beams intercepted by rain, snow or fog that report a point in the air.",
     },
     "Hang": _ROPE,
     "Turn": _ROPE | {
