@@ -121,9 +121,21 @@ def _metres(values: Sequence[float] | Array) -> str:
     return ", ".join(f"{value:.3f}" for value in values)
 
 
+def _listed(parts: list[Piece]) -> str:
+    """List nodes that a jaw can name: those that show something, and groups of them, such as ``Jaw (Rod, Shell)``."""
+    below: dict[str, set[str]] = {}
+    for piece in parts:
+        for node in piece.nodes[1:-1]:  # the last is the scene's own
+            below.setdefault(node, set()).add(piece.nodes[0])
+    shown_alone = sorted({piece.nodes[0] for piece in parts})
+    groups = [f"{node} ({', '.join(sorted(found)[:4])}{', …' if len(found) > 4 else ''})" for node, found in below.items()]
+    return ", ".join(shown_alone[:20] + sorted(groups)[:20])
+
+
 def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) -> list[tuple[str, str]]:
     low, high = _extent(made)
     width, length, height = high - low
+    centre = np.concatenate([piece.vertices for piece in parts]).min(axis=0) - low  # A, from the file's origin
     mass = made.mass_of(0.0, 0.0)
     up = f"{usual_up(model)} (the format's usual one)" if keys.up == "auto" else keys.up
     others = sorted(set(model.files) - {model.name})
@@ -138,17 +150,17 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
         ("size", f"{width:.2f} m across the jaws × {length:.2f} m along them × {height:.2f} m high"),
         ("triangles", f"{sum(len(one.mesh.faces) for piece in parts for one in piece.parts):,}"),
         ("pieces", f"{len(parts)}, of which {closed} are closed; the others are drawn from both sides"),
-        ("nodes", ", ".join(sorted({piece.nodes[0] for piece in parts})[:20])),
+        ("nodes", _listed(parts)),
         ("materials", f"{len(materials)}, of which {textured} with a texture"
                       + ("; paint_rgb, wear and residue apply" if painted else "")),
-        ("centre A", f"at half the height on the ropes' axis: {_metres([-low[2]])} m above the lowest point"
-                     if keys.centre_m is None else f"given: {_metres(keys.centre_m)} m from the file's origin"),
+        ("centre A", f"({_metres(centre)}) m from the file's origin, z up"
+                     + (" (at half the height on the ropes' axis)" if keys.centre_m is None else "")),
         ("ropes", f"{keys.ropes}, ending at "
-                  + "; ".join(f"({_metres(end)})" for end in made.terminations)
-                  + " m from A" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
+                  + "; ".join(f"({_metres(end)})" for end in made.terminations + centre)
+                  + " m from the file's origin" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
         ("jaws", "; ".join(f"{jaw.node}: {f'{jaw.open_deg:g}°' if jaw.open_deg else f'{jaw.stroke_m:g} m'}"
                            for jaw in keys.jaws) or "none: swing.jaw_deg must be 0, or swing.clamp = true"),
-        ("keypoints", f"{len(made.terminations)} rope ends, {sum(map(len, made.lips.values()))} lip ends"),
+        ("keypoints", f"ends of ropes: {len(made.terminations)}; ends of lips: {sum(map(len, made.lips.values()))}"),
         ("mass", f"{mass.mass:,.0f} kg" + ("" if keys.mass_kg else
                  f" (estimated: closed pieces as solid steel, others as {1e3 * PLATE_M:g} mm plates)")),
         ("moments of inertia", f"{_metres([i / 1e3 for i in mass.inertia])} t m² about the centre of mass, "

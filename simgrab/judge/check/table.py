@@ -48,5 +48,7 @@ def _table(report: Report) -> Table:
 
 def _cells(verdict: Verdict) -> tuple[str, ...]:
     value = "" if verdict.value is None else f"{verdict.value:.4g}"
-    past = "" if verdict.reference is None else f"{verdict.reference:.4g} ({verdict.allowed:.2g})"
+    past = ""
+    if verdict.reference is not None and verdict.allowed is not None:
+        past = f"{verdict.reference:.4g} ({round(verdict.allowed, 8):.2g})"
     return verdict.scene, verdict.what, value, verdict.limit, past
