@@ -25,7 +25,7 @@ def command() -> None:
     help="Set a key of the scene, e.g. grab.scale=0.001; may be repeated.",
 )
 def check(file: Path, out: Path | None, assignments: tuple[str, ...]) -> None:
-    """Say what simgrab understands of FILE, and what looks wrong; render it from all sides.
+    """Report what simgrab reads from FILE and what looks wrong, and render it from all sides.
 
     FILE is a model, or a scene file whose [grab] is of the model "mesh". Exit status: 0 also with doubts, 2 where FILE
     cannot be a grab.
