@@ -99,7 +99,7 @@ def audit(
 
     with FrameGenerator(Recipe(data.scenario, extensions)) as generator:
         drawing: list[Callable[[], list[Proof]]] = [
-            lambda: _redraw(data, generator, ticks("drawing again")),
+            lambda: _redraw(data, generator, ticks("rendering again")),
             lambda: [silhouettes.compare(data.rows, generator, ticks("second renderer"))],
         ]
         for steps in drawing:
