@@ -136,6 +136,9 @@ def test_files_may_name_one_base(tmp_path):
 def test_unknown_scenes_are_named(tmp_path):
     with pytest.raises(ScenarioError, match="did you mean 'quay-day'"):
         scenes.load("quay-dya")
+    (tmp_path / "own.toml").write_text('name = "own"')
+    with pytest.raises(ScenarioError, match=r"no scene or file .*\(did you mean '.*own\.toml'\?\)"):
+        scenes.load(tmp_path / "own")
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(ScenarioError, match="not a simgrab manifest"):
         scenes.load(tmp_path / "manifest.json")

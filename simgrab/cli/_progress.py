@@ -25,7 +25,7 @@ def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Counts]:
 
 
 @contextmanager
-def drawing(what: str = "drawing", *, shown: bool) -> Iterator[tuple[Counts, Counts]]:
+def drawing(what: str = "rendering", *, shown: bool) -> Iterator[tuple[Counts, Counts]]:
     """Show a progress bar of frames, and of a scene's many worlds while they are checked; gives what takes each."""
     with _bars(shown=shown) as shows:
         checks = shows.add_task("checking worlds", total=None, rate="", visible=False)

@@ -21,13 +21,11 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
 
     DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it.
     """
-    from rich.console import Console
-
     from simgrab.instrument.run import runs
     from simgrab.judge.evaluate import truths
     from simgrab.judge.evaluate.evaluation import evaluate
     from simgrab.judge.evaluate.table import tables
-    from simgrab.pages.terminal import cell, table
+    from simgrab.pages.terminal import cell, stdout, table
 
     measured = runs.load(run)
     known = truths.of(measured, dataset)
@@ -35,7 +33,7 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(found.to_dict()))
     else:
-        console = Console()
+        console = stdout()
         for each in tables(found.to_dict()):
             made = table(each.rows, each.head, each.title)
             for column in made.columns[1:]:

@@ -25,22 +25,20 @@ def command() -> None:
     help="Set a key of the scene, e.g. grab.scale=0.001; may be repeated.",
 )
 def check(file: Path, out: Path | None, assignments: tuple[str, ...]) -> None:
-    """Say what simgrab understands of FILE, and what looks wrong; render it from all sides.
+    """Report what simgrab reads from FILE and what looks wrong, and render it from all sides.
 
     FILE is a model, or a scene file whose [grab] is of the model "mesh". Exit status: 0 also with doubts, 2 where FILE
     cannot be a grab.
     """
-    from rich.console import Console
-
     from simgrab import scenes
     from simgrab.judge import own_grab
-    from simgrab.pages.terminal import cell, table
+    from simgrab.pages.terminal import cell, stdout, table
 
     scene = own_grab.scene_of(file, scenes.parse_changes(assignments))
     found = own_grab.check(scene)
     folder = Path(f"{file.stem}-check") if out is None else out
     found.save(folder, file.name)
-    console = Console()
+    console = stdout()
     console.print(table(found.facts, ("", "")))
     for doubt in found.doubts or ["nothing"]:
         console.print(f"looks wrong: {cell(doubt)}", soft_wrap=True)

@@ -26,14 +26,12 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
 
     Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
     """
-    from rich.console import Console
-
     from simgrab.judge.paper.paper import PaperSettings
     from simgrab.judge.paper.run import run
     from simgrab.judge.paper.table import INCONSISTENT, rows
-    from simgrab.pages.terminal import cell, table
+    from simgrab.pages.terminal import cell, stdout, table
 
-    console = Console()
+    console = stdout()
     study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
     console.print(table(map(astuple, rows(study)), ("section", "", "published", "measured", "")))
     console.print("Contradictions within the text of the paper:")

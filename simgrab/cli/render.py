@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_option
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
-from simgrab.pages.terminal import table
+from simgrab.pages.terminal import stdout, table
 from simgrab.text import printable
 from simgrab.utilities.stores import is_url
 
@@ -86,7 +85,7 @@ def command(
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
         facts = dataclasses.asdict(summary).items()
-        Console().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
+        stdout().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
         click.echo(printable(how))
         if out is not None:
             click.echo(

@@ -77,8 +77,6 @@ def command(
     """
     import json
 
-    from rich.console import Console
-
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.run.run import Options, run
@@ -86,7 +84,7 @@ def command(
     from simgrab.instrument.run.subject import BUNDLED, open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
     from simgrab.instrument.source import camera_beside
-    from simgrab.pages.terminal import cell, table
+    from simgrab.pages.terminal import cell, stdout, table
 
     chosen: Instrument
     if instrument is not None:
@@ -107,7 +105,7 @@ def command(
     if as_json:
         click.echo(json.dumps(found.about | {"failure": found.failure, "alarms": alarms(found.events)}))
     elif not quiet:
-        console = Console()
+        console = stdout()
         console.print(table([*held(found), *(row for row in measured(found) if row[1])]))
         if paper:
             console.print(table(beside_paper(found), HEAD))

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, Protocol, get_args
 
 import msgspec
 import numpy as np
@@ -91,7 +91,11 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     rope_length_m: float | None = None
 
     def __post_init__(self) -> None:
-        if (self.status == "ok") != (self.alpha is not None):
+        if self.status not in get_args(Status):
+            raise ValueError(f"status must be one of: {', '.join(get_args(Status))}; got {self.status!r}")
+        if self.status == "ok" and self.alpha is None:
+            raise ValueError("status 'ok' needs alpha; a frame without an angle has another status, and a reason")
+        if self.status != "ok" and self.alpha is not None:
             raise ValueError(f"alpha is only allowed with status 'ok'; got {self.status!r}, {self.alpha}")
         if (self.status == "ok") == bool(self.reason):
             raise ValueError(f"a reason belongs to every status but 'ok'; got {self.status!r}, {self.reason!r}")

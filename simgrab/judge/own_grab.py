@@ -33,6 +33,7 @@ from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
 USUAL_SIDES_M, USUAL_KG = (1.2, 7.0), (500.0, 40_000.0)
 MANY_FACES = 150_000
 _ASIDE = 0.05  # share of the width by which the centre of mass may lie beside the ropes' axis
+_HINGE_M = 0.5  # a hinge so far outside of the grab is likely in another unit
 _FAR_M = 0.15  # a rope's end so far from any steel ends in the air
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
@@ -108,7 +109,7 @@ def check(scene: Scenario) -> Understood:
     found = pieces(keys, model)
     made = design(keys, found)
     missing = [f"The texture {shown(name)} is not there." for name in model.missing]
-    return Understood(_facts(keys, model, found, made), missing + _doubts(found, made), turntable(scene))
+    return Understood(_facts(keys, model, found, made), missing + _doubts(keys, found, made), turntable(scene))
 
 
 def _extent(design: Design) -> tuple[Array, Array]:
@@ -121,9 +122,21 @@ def _metres(values: Sequence[float] | Array) -> str:
     return ", ".join(f"{value:.3f}" for value in values)
 
 
+def _listed(parts: list[Piece]) -> str:
+    """List nodes that a jaw can name: those that show something, and groups of them, such as ``Jaw (Rod, Shell)``."""
+    below: dict[str, set[str]] = {}
+    for piece in parts:
+        for node in piece.nodes[1:-1]:  # the last is the scene's own
+            below.setdefault(node, set()).add(piece.nodes[0])
+    alone = sorted({piece.nodes[0] for piece in parts} - set(below))
+    groups = [f"{node} ({', '.join(sorted(held)[:4])}{', …' if len(held) > 4 else ''})" for node, held in below.items()]
+    return ", ".join(sorted(groups)[:20] + alone[:20])
+
+
 def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) -> list[tuple[str, str]]:
     low, high = _extent(made)
     width, length, height = high - low
+    centre = np.concatenate([piece.vertices for piece in parts]).min(axis=0) - low  # A, from the file's origin
     mass = made.mass_of(0.0, 0.0)
     up = f"{usual_up(model)} (the format's usual one)" if keys.up == "auto" else keys.up
     others = sorted(set(model.files) - {model.name})
@@ -138,17 +151,17 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
         ("size", f"{width:.2f} m across the jaws × {length:.2f} m along them × {height:.2f} m high"),
         ("triangles", f"{sum(len(one.mesh.faces) for piece in parts for one in piece.parts):,}"),
         ("pieces", f"{len(parts)}, of which {closed} are closed; the others are drawn from both sides"),
-        ("nodes", ", ".join(sorted({piece.nodes[0] for piece in parts})[:20])),
+        ("nodes", _listed(parts)),
         ("materials", f"{len(materials)}, of which {textured} with a texture"
                       + ("; paint_rgb, wear and residue apply" if painted else "")),
-        ("centre A", f"at half the height on the ropes' axis: {_metres([-low[2]])} m above the lowest point"
-                     if keys.centre_m is None else f"given: {_metres(keys.centre_m)} m from the file's origin"),
+        ("centre A", f"({_metres(centre)}) m from the file's origin, z up"
+                     + (" (at half the height on the ropes' axis)" if keys.centre_m is None else "")),
         ("ropes", f"{keys.ropes}, ending at "
-                  + "; ".join(f"({_metres(end)})" for end in made.terminations)
-                  + " m from A" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
+                  + "; ".join(f"({_metres(end)})" for end in made.terminations + centre)
+                  + " m from the file's origin" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
         ("jaws", "; ".join(f"{jaw.node}: {f'{jaw.open_deg:g}°' if jaw.open_deg else f'{jaw.stroke_m:g} m'}"
                            for jaw in keys.jaws) or "none: swing.jaw_deg must be 0, or swing.clamp = true"),
-        ("keypoints", f"{len(made.terminations)} rope ends, {sum(map(len, made.lips.values()))} lip ends"),
+        ("keypoints", f"ends of ropes: {len(made.terminations)}; ends of lips: {sum(map(len, made.lips.values()))}"),
         ("mass", f"{mass.mass:,.0f} kg" + ("" if keys.mass_kg else
                  f" (estimated: closed pieces as solid steel, others as {1e3 * PLATE_M:g} mm plates)")),
         ("moments of inertia", f"{_metres([i / 1e3 for i in mass.inertia])} t m² about the centre of mass, "
@@ -158,7 +171,7 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
     return facts
 
 
-def _doubts(parts: list[Piece], made: Design) -> list[str]:
+def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
     low, high = _extent(made)
     size = high - low
     found = []
@@ -177,11 +190,14 @@ def _doubts(parts: list[Piece], made: Design) -> list[str]:
         found.append(f"{faces:,} triangles take long to draw; {MANY_FACES:,} are plenty at these distances.")
     frames = made.frames(0.0)
     steel = trimesh.util.concatenate([b.steel.copy().apply_transform(frames[b.name]) for b in made.bodies])
+    advice = ("check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
+              if keys.file.lower().endswith((".glb", ".gltf")) or keys.up != "auto"
+              else "give rope_ends_m, or up if the file has y up")  # fmt: skip
     for i, end in enumerate(made.terminations):
         nearest = trimesh.triangles.closest_point(steel.triangles, np.tile(end, (len(steel.faces), 1)))
         distance = float(np.linalg.norm(nearest - end, axis=1).min())
         if distance > _FAR_M:
-            found.append(f"Rope {i} ends {distance:.2f} m from any steel: give rope_ends_m.")
+            found.append(f"Rope {i} ends {distance:.2f} m from any steel: {advice}.")
     if made.terminations[:, 2].min() < low[2] + 0.6 * size[2]:
         found.append("The ropes end in the lower part: check up and rope_ends_m.")
     kg = np.array([body.mass_kg for body in made.bodies])
@@ -192,8 +208,33 @@ def _doubts(parts: list[Piece], made: Design) -> list[str]:
                      "Give rope_ends_m or centre_m.")  # fmt: skip
     if not USUAL_KG[0] <= kg.sum() <= USUAL_KG[1]:
         found.append(f"A mass of {kg.sum():,.0f} kg is unusual: give mass_kg.")
+    found += _jaw_doubts(keys, made)
     if not any(map(len, made.lips.values())):
         found.append("There are no keypoints but the rope ends: lips_m gives others.")
+    return found
+
+
+def _jaw_doubts(keys: Mesh, made: Design) -> list[str]:
+    low, high = _extent(made)
+    closed, ajar = made.frames(0.0), made.frames(0.05 * made.max_jaw)
+    bodies = {body.name: body for body in made.bodies}
+    found = []
+    for i, jaw in enumerate(keys.jaws):
+        body = bodies[f"jaw_{i}"]
+        hinge = closed[body.name][:3, 3]
+        aside = float(np.linalg.norm(hinge - np.clip(hinge, low, high)))
+        if jaw.open_deg and aside > _HINGE_M:
+            found.append(f"The hinge of {shown(jaw.node)} lies {aside:.2f} m outside of the grab: check hinge_m, in "
+                         "metres from the file's origin, z up.")  # fmt: skip
+        if not jaw.open_deg or body.parent != made.bodies[0].name:
+            continue
+        steel = np.asarray(body.steel.vertices)
+        height = trimesh.transform_points(steel, closed[body.name])[:, 2]
+        lowest = steel[height <= np.quantile(height, 0.2)]
+        before, after = (trimesh.transform_points(lowest, frames[body.name])[:, :2] for frames in (closed, ajar))
+        outwards = np.linalg.norm(after, axis=1).mean() - np.linalg.norm(before, axis=1).mean()
+        if outwards < 0:
+            found.append(f"The lower end of {shown(jaw.node)} moves inwards as it opens: check the sign of open_deg.")
     return found
 
 

@@ -1,13 +1,19 @@
-"""Tables in the terminal, and text for them."""
+"""Tables in the terminal, the console that prints them, and text for them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from simgrab.text import printable
+
+
+def stdout(width: int | None = None) -> Console:
+    """Make a console for stdout that prints text of `cell` unchanged: ``mine:x:`` holds no emoji."""
+    return Console(width=width, emoji=False)
 
 
 def cell(text: object) -> str:

@@ -47,10 +47,12 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
             return path
         folder_there = bool(str(wanted)) and path.is_dir()
         what = f"{str(wanted)!r} is a folder, not a {kind}" if folder_there else f"no {kind} or file {str(wanted)!r}"
+        file = path.with_name(f"{path.name}.toml") if path.name else path
+        without_suffix = not folder_there and file.is_file()
     except OSError as problem:  # a name that is too long, a folder that may not be searched
         raise refuse(f"cannot read {path}: {problem.strerror}") from None
     there = names(folder)
-    hint = suggestion(str(wanted), there)
+    hint = f" (did you mean {str(file)!r}?)" if without_suffix else suggestion(str(wanted), there)
     raise refuse(f"{what}{hint}; bundled {kinds}: {', '.join(there)}")
 
 

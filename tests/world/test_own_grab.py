@@ -5,15 +5,18 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import re
 import resource
 import struct
 
+import msgspec
 import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
 from msgspec.structs import replace
 from PIL import Image
+from trimesh.transformations import translation_matrix
 
 import simgrab
 from simgrab import scenes
@@ -484,6 +487,8 @@ def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
     [
         ({"rope_ends_m": ((0, 0, 2),)}, "1 points for 4 ropes"),
         ({"ropes": 1, "rope_ends_m": ((0, 0, -2),)}, "above the grab's centre"),
+        ({"ropes": 1, "rope_ends_m": ((0, 0, 2400),)}, r"rope_ends_m: \(0, 0, 2400\) lies 23.* m from"),
+        ({"jaws": ({"node": "HookLeft", "open_deg": 5, "hinge_m": (-900, 0, 1200)},)}, r"0\.hinge_m: .* in metres"),
         ({"ropes": 1, "rope_ends_m": ((0.5, 0, 2),), "centre_m": (0, 0, 0.5)}, "0.50 m beside"),
         ({"jaws": ({"node": "Hook", "open_deg": 5},)}, "no node 'Hook'; it has 'Beam', 'HookLeft'"),
         ({"jaws": ({"node": "HookLeft"},)}, "either open_deg or stroke_m"),
@@ -509,6 +514,38 @@ def test_the_check_shows_what_was_understood_and_what_looks_wrong(files, tmp_pat
     picture = np.asarray(Image.open(tmp_path / "out" / own_grab.PICTURE))
     yellow = np.abs(picture.astype(float) @ [1, -1.28, 0]).clip(0, 255) < 30
     assert (yellow & (picture[..., 2] < 90) & (picture[..., 0] > 120)).mean() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("left", "doubt"),
+    [
+        ({}, ""),
+        ({"open_deg": -20.0}, "lower end of 'HookLeft' moves inwards as it opens"),
+        ({"hinge_m": (-4.0, 0.0, 1.2)}, "hinge of 'HookLeft' lies 2.* m outside"),
+    ],
+)
+def test_the_check_doubts_jaws_that_close_as_they_open_and_hinges_in_the_air(files, left, doubt):
+    jaws = [msgspec.to_builtins(jaw) for jaw in (replace(JAWS[0], **left), JAWS[1])]
+    changes = {"grab.jaws": jaws, "swing.clamp": True}
+    doubts = " ".join(own_grab.check(own_grab.scene_of(files["glb"], changes)).doubts)
+    assert re.search(doubt, doubts) if doubt else not re.search("inwards|hinge", doubts)
+
+
+def test_the_check_gives_points_as_keys_take_them_and_every_node_that_a_jaw_can_name(tmp_path):
+    """What is printed can be given again: nothing moves."""
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box((1, 1, 1)), node_name="Head", transform=translation_matrix((0.2, 3, 0)))
+    scene.graph.update(frame_from="world", frame_to="Jaw", matrix=translation_matrix((0.2, 2, 0)))
+    for name, height in (("Rod", -0.2), ("Shell", -0.8)):
+        pose = translation_matrix((0, height, 0))
+        scene.add_geometry(trimesh.creation.box((1, 0.6, 1)), node_name=name, parent_node_name="Jaw", transform=pose)
+    scene.export(tmp_path / "a.glb")
+    found = dict(own_grab.check(own_grab.scene_of(tmp_path / "a.glb")).facts)
+    assert found["nodes"] == "Jaw (Rod, Shell), Head, Rod, Shell"
+    ends = [[float(x) for x in end.split(", ")] for end in re.findall(r"\(([-\d., ]+)\)", found["ropes"])]
+    assert np.mean(ends, axis=0) == pytest.approx((0.2, 0.0, 3.5), abs=2e-3)
+    again = own_grab.check(own_grab.scene_of(tmp_path / "a.glb", {"grab.rope_ends_m": ends}))
+    assert dict(again.facts)["centre A"] == found["centre A"]
 
 
 def test_the_check_doubts_what_lies_on_its_side_or_is_too_small(tmp_path):

@@ -7,13 +7,13 @@ from rich.console import Console
 from rich.table import Table
 
 from simgrab.geometry import Array
-from simgrab.pages.terminal import cell
+from simgrab.pages.terminal import cell, stdout
 from simgrab.records.estimates import Estimate, Intervals
 
 
 def show(estimate: Estimate, console: Console | None = None) -> None:
     """Print an estimate, or why there is none."""
-    console = console or Console()
+    console = console or stdout()
     if not estimate.ok:
         console.print(cell(f"{estimate.estimator}: refused. {estimate.reason}"), soft_wrap=True)
         return

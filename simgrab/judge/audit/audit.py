@@ -101,7 +101,7 @@ def audit(
 
     with FrameGenerator(recipe) as generator:
         drawing: list[Callable[[], list[Proof]]] = [
-            lambda: _redraw(data, generator, ticks("drawing again")),
+            lambda: _redraw(data, generator, ticks("rendering again")),
             lambda: [silhouettes.compare(data.rows, generator, ticks("second renderer"))],
         ]
         for steps in drawing:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from rich.console import Console
 from rich.table import Table
 
 from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.pages.terminal import cell
+from simgrab.pages.terminal import cell, stdout
 
 LEAST_WIDTH = 110  # of a log, which has no width
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
@@ -17,9 +16,9 @@ COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 def show(report: Report, *, quiet: bool = False) -> None:
     """Print a check: all verdicts, or with ``quiet`` those that failed, and why."""
-    console = Console()
+    console = stdout()
     if not console.is_terminal:
-        console = Console(width=max(console.width, LEAST_WIDTH))
+        console = stdout(width=max(console.width, LEAST_WIDTH))
     if not quiet:
         console.print(_table(report))
     for verdict in report.verdicts:
@@ -49,5 +48,7 @@ def _table(report: Report) -> Table:
 
 def _cells(verdict: Verdict) -> tuple[str, ...]:
     value = "" if verdict.value is None else f"{verdict.value:.4g}"
-    past = "" if verdict.reference is None else f"{verdict.reference:.4g} ({verdict.allowed:.2g})"
+    past = ""
+    if verdict.reference is not None and verdict.allowed is not None:
+        past = f"{verdict.reference:.4g} ({round(verdict.allowed, 8):.2g})"
     return verdict.scene, verdict.what, value, verdict.limit, past

@@ -78,7 +78,29 @@ def run(name: str, records: Records) -> Estimates:
         ]
     except Exception as problem:
         raise StressError(f"{name} failed with {type(problem).__name__}: {problem}") from problem
+    for one in each if name not in ESTIMATORS else ():
+        if wrong := flaw(one, records.alpha.shape[1]):
+            raise StressError(f"{name}: {wrong}")
     return stacked(name, each, records.alpha.shape[1])
+
+
+def flaw(found: Any, frames: int) -> str:
+    """Describe what is wrong with what an estimator returned for a record of so many frames; empty where nothing is."""
+    if not isinstance(found, Estimate):
+        return f"estimate must return a simgrab.records.estimates.Estimate, got {type(found).__name__}"
+    if found.status not in ("ok", "refused"):
+        return f"status must be 'ok' or 'refused', got {found.status!r}"
+    if not found.ok:
+        return "" if found.reason else "a refusal needs a reason"
+    shape = np.asarray(found.alpha, float).shape
+    if shape != (frames,):
+        return f"alpha must have one value for each of {frames} frames, got the shape {shape}"
+    for key, value in (("beta", found.beta), ("sigma", found.sigma), ("alpha", found.alpha)):
+        sizes = np.abs(np.asarray(value, float))
+        largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)
+        if largest > np.pi / 2:
+            return f"{key} reaches {largest:.4g} rad, beyond the horizontal; angles are in radians"
+    return ""
 
 
 def _known(estimator: Estimating, records: Records) -> tuple[Array, Array]:

@@ -151,7 +151,8 @@ def _accepted(summary: Summary, accept: Accept) -> Verdict:
     if accept.says:
         text += f" ({accept.says})"
     passed = figure.count > 0 and value + reach >= low and value - reach <= high
-    return Verdict(summary.study.name, text, f"{value:.4f} ± {error:.4f}", bool(passed))
+    found = f"{value:.4f} ± {error:.4f}" if figure.count else "no value in any replication"
+    return Verdict(summary.study.name, text, found, bool(passed))
 
 
 def _consistent(summary: Summary, name: str) -> Iterator[Verdict]:

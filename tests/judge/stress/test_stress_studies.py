@@ -2,6 +2,8 @@
 
 import json
 import tomllib
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -124,6 +126,33 @@ def test_an_estimator_that_fails_is_named():
     records = geometric.draw(situation(small("noise", n=20), (0.0,)), 0, [0])
     with pytest.raises(StressError, match=r":Broken failed with ZeroDivisionError: oh"):
         estimators.run(f"{__name__}:Broken", records)
+
+
+class Wrong:
+    """Returns what is planted."""
+
+    changes: ClassVar[dict] = {}
+
+    def estimate(self, pixels, calibration, *, rope_length=None, time=None):  # noqa: ARG002
+        return replace(MeanRay().estimate(pixels, calibration), **self.changes) if self.changes else {"beta": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, "must return a simgrab.records.estimates.Estimate, got dict"),
+        ({"alpha": np.zeros(5)}, r"one value for each of 20 frames, got the shape \(5,\)"),
+        ({"alpha": np.full(20, 5.0)}, "alpha reaches 5 rad, beyond the horizontal; angles are in radians"),
+        ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
+        ({"status": "fine"}, "status must be 'ok' or 'refused', got 'fine'"),
+        ({"status": "refused"}, "a refusal needs a reason"),
+    ],
+)
+def test_what_an_estimator_must_not_return_is_refused_in_one_line(changes, said, monkeypatch):
+    records = geometric.draw(situation(small("noise", n=20), (0.0,)), 0, [0])
+    monkeypatch.setattr(Wrong, "changes", changes)
+    with pytest.raises(StressError, match=f":Wrong: .*{said}"):
+        estimators.run(f"{__name__}:Wrong", records)
 
 
 def invoke(*arguments):

@@ -91,6 +91,7 @@ def design(keys: Mesh, found: list[Piece]) -> Design:
     points = np.concatenate([piece.vertices for piece in found])
     low, high = points.min(axis=0), points.max(axis=0)
     _check_size(high - low, keys.scale)
+    _check_points(keys, low, high)
     ends = _rope_ends(keys, low, high)
     centre = np.array([*ends[:, :2].mean(axis=0), (low[2] + high[2]) / 2]) if keys.centre_m is None else keys.centre_m
     apart = float(np.linalg.norm(ends[:, :2].mean(axis=0) - np.asarray(centre)[:2]))
@@ -100,7 +101,10 @@ def design(keys: Mesh, found: list[Piece]) -> Design:
             "runs through A",
         )  # fmt: skip
     if ends[:, 2].min() <= np.asarray(centre)[2]:
-        raise ScenarioError("grab.rope_ends_m", "must lie above the grab's centre")
+        raise ScenarioError(
+            "grab.rope_ends_m", f"must lie above the grab's centre, whose z is {np.asarray(centre)[2]:.3f} m; points "
+            "are in metres from the file's origin, z up",
+        )  # fmt: skip
     bodies = _bodies(keys, found, np.asarray(centre))
     most = max((abs(math.radians(jaw.open_deg)) for jaw in keys.jaws), default=0.0)
 
@@ -128,6 +132,20 @@ def _check_size(size: Array, scale: float) -> None:
                             f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m{hint}")  # fmt: skip
     if size.min() < 1e-3:
         raise ScenarioError("grab.file", f"the grab would be flat: {stated} m")
+
+
+def _check_points(keys: Mesh, low: Array, high: Array) -> None:
+    points = {"rope_ends_m": keys.rope_ends_m, "lips_m": keys.lips_m}
+    points |= {"centre_m": () if keys.centre_m is None else (keys.centre_m,)}
+    for i, jaw in enumerate(keys.jaws):
+        points |= {f"jaws.{i}.hinge_m": (jaw.hinge_m,), f"jaws.{i}.lips_m": jaw.lips_m}
+    for key, given in points.items():
+        for point in given:
+            away = float(np.linalg.norm(np.clip(point, low, high) - point))
+            if away > MOST_SIDE_M:
+                where = ", ".join(f"{x:g}" for x in point)
+                raise ScenarioError(f"grab.{key}", f"({where}) lies {away:.4g} m from the model; points are in metres "
+                                    "from the file's origin, z up")  # fmt: skip
 
 
 #: Metres a unit.
