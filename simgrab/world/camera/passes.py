@@ -114,15 +114,27 @@ class Passes:
         GL.glUniform1i(self._uniform["shadow"], 1)
         GL.glUseProgram(0)
         self._white = _texture(np.full((1, 1, 3), 255, np.uint8))
+        self._make_framebuffers(size, self._context.offSamples)
+        self._kept: int | None = None
+        self._darkened = _WHOLE_MAP  # part of the shadow map that differs from the kept one
+
+    def resize(self, size: tuple[int, int], *, smooth: bool) -> None:
+        """Draw windows of another size from now on, with antialiasing or without; what was kept of pictures is gone."""
+        samples = self._context.offSamples if smooth else 0
+        if (size, samples) == (self._size, self._samples):
+            return
+        for framebuffer in (self._ids, self._kept_ids, self._picture, self._kept_picture, self._resolved):
+            if framebuffer is not None:
+                _free(framebuffer)
+        self._make_framebuffers(size, samples)
+
+    def _make_framebuffers(self, size: tuple[int, int], samples: int) -> None:
+        self._size, self._samples = size, samples
         self._ids = _framebuffer(size, GL.GL_R8)
         self._kept_ids: int | None = None
-        samples = self._context.offSamples
-        self._size, self._samples = size, samples
         self._picture = _framebuffer(size, GL.GL_RGBA8, samples)
         self._kept_picture: int | None = None
         self._resolved = _framebuffer(size, GL.GL_RGBA8)
-        self._kept: int | None = None
-        self._darkened = _WHOLE_MAP  # part of the shadow map that differs from the kept one
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
 
     def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
@@ -506,6 +518,16 @@ def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
     with _out_of_memory_raises(f"a framebuffer of {size[0]}x{size[1]} px"):
         GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, form, *size)
     GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
+
+
+def _free(framebuffer: int) -> None:
+    """Free a framebuffer with colour, and what is attached to it."""
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+    name = GL.GL_FRAMEBUFFER_ATTACHMENT_OBJECT_NAME
+    for point in (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT):
+        attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
+        GL.glDeleteRenderbuffers(1, [attached])
+    GL.glDeleteFramebuffers(1, [framebuffer])
 
 
 @contextmanager

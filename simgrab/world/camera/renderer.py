@@ -80,26 +80,11 @@ class Renderer:
     """
 
     def __init__(self, world: World, scenario: Scenario) -> None:
-        camera = scenario.camera
-        self.world, self.intrinsics = world, camera.intrinsics
-        self._rotation = np.eye(3)
-        self._posed: Moment | None = None
-        self._centre = np.array(camera.offset_m)
-        self.full: Window = (0, 0, camera.width_px, camera.height_px)
-        self._lens = None if self.intrinsics.distortion.is_null else Lens(self.intrinsics)
-        self._drawn = self._lens.map(self.full).source if self._lens else self.full
-        self._size = self._drawn[2] - self._drawn[0], self._drawn[3] - self._drawn[1]
-        if max(self._size) > LARGEST_BUFFER_PX:
-            raise ScenarioError(
-                "camera.distortion",
-                f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
-            )
-        self._shadowed = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
+        self.world = world
+        self._image = scenario.image
         self._reuses = gl.reuses()
-        self._rest = Tilt.at_rest(camera)
-        self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
-        self._still_coarse: View | None = None
-        self._backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
+        self._shade_kept = False
+        self._aim_at(scenario)
         model = world.model
         self.data = mujoco.MjData(model)
         self._lights_alone = mujoco.MjvOption()
@@ -114,6 +99,63 @@ class Renderer:
             self._passes = Passes(model, world.textures, self._buffer, self._size)
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
+
+    def _aim_at(self, scenario: Scenario) -> None:
+        """Take the camera of a scenario, and forget what another one saw."""
+        camera = scenario.camera
+        lens = None if camera.intrinsics.distortion.is_null else Lens(camera.intrinsics)
+        full: Window = (0, 0, camera.width_px, camera.height_px)
+        drawn = lens.map(full).source if lens else full
+        size = drawn[2] - drawn[0], drawn[3] - drawn[1]
+        if max(size) > LARGEST_BUFFER_PX:
+            raise ScenarioError(
+                "camera.distortion", f"this lens sees {size[0]}x{size[1]} px of undistorted picture, too many"
+            )
+        self.intrinsics, self._lens = camera.intrinsics, lens
+        self.full, self._drawn, self._size = full, drawn, size
+        self._rotation = np.eye(3)
+        self._posed: Moment | None = None
+        self._centre = np.array(camera.offset_m)
+        self._shadowed = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
+        self._rest = Tilt.at_rest(camera)
+        self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
+        self._still_coarse: View | None = None
+        self._backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
+
+    def revise(self, world: World, old: Scenario, new: Scenario) -> bool:
+        """Go on with another scenario whose world has the same parts, in the same OpenGL context.
+
+        Parameters
+        ----------
+        world : World
+            With the same model.
+        old, new : Scenario
+            The one that it rendered last, and the one to render.
+
+        Returns
+        -------
+        bool
+            Whether it does; else nothing has changed, and the scenario needs a renderer of its own.
+
+        Raises
+        ------
+        ScenarioError
+            If the lens sees too much; then nothing has changed either.
+        """
+        smooth = new.image.samples > 0
+        if new.image.shadow_map_px != self._image.shadow_map_px:
+            return False
+        if smooth and new.image.samples != self._image.samples:
+            return False
+        if any(getattr(old, name) != getattr(new, name) for name in ("camera", "light", "image")):
+            self._aim_at(new)
+        self.world, self._posed = world, None
+        if old.light != new.light:
+            world.relight(new)
+            self._shade_kept = False
+        self._buffer.make_current()
+        self._passes.resize(self._size, smooth=smooth)
+        return True
 
     def __enter__(self) -> Renderer:
         return self
@@ -242,7 +284,9 @@ class Renderer:
                 # Rows counted from the bottom make the camera's y point upwards.
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
-                passes.keep_shade(scene, stand)
+                if not self._shade_kept:  # it is the same for every camera
+                    passes.keep_shade(scene, stand)
+                    self._shade_kept = True
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
             rgb = passes.keep_colour(scene, self.aim(self._drawn, scene), stand, shadowed=self._shadowed)
             self._backdrop = rgb, cells
