@@ -109,14 +109,14 @@ class Studio:
             for key, value in table.get("properties", {}).items():
                 value["unit"] = unit_of(key)
         return _json({
-            "origin": printable(documents.origin), "scene": documents.start.to_dict(),
-            "default": Scenario().to_dict(), "schema": whole, "scenes": list(map(printable, documents.names())),
+            "origin": printable(documents.origin), "scene": _plain(documents.start),
+            "default": _plain(Scenario()), "schema": whole, "scenes": list(map(printable, documents.names())),
             "layouts": ["none", *layouts.names()], "detectors": DETECTORS, "root": printable(documents.root),
         })  # fmt: skip
 
     def open(self, request: Request) -> Response:
         """Give another scene, by its name."""
-        return _json(self._documents.open(request.query_params.get("scene", "")).to_dict())
+        return _json(_plain(self._documents.open(request.query_params.get("scene", ""))))
 
     async def frame(self, request: Request) -> Response:
         """Render a frame: four bytes with the length of a JSON text, big-endian, that text, and a picture file."""
@@ -184,6 +184,11 @@ class Studio:
 
 
 _KEPT = 4  # scenes: two of each side
+
+
+def _plain(scenario: Scenario) -> dict[str, Any]:
+    """Give a scene's plain data, with every table that it may have."""
+    return {"sensors": {}} | scenario.to_dict()
 
 
 def _json(data: Any, status: int = 200) -> Response:
