@@ -17,7 +17,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from simgrab import layouts
-from simgrab.errors import ScenarioError, SimgrabError
+from simgrab.errors import ScenarioError, SimgrabError, memory_problem, shortened
 from simgrab.pages.server import assets
 from simgrab.scenario import Scenario, schema
 from simgrab.scenario.descriptions import unit_of
@@ -78,7 +78,9 @@ class Studio:
     @property
     def app(self) -> Starlette:
         """The ASGI application."""
-        handlers: Any = {SimgrabError: _refused, HTTPException: _no, SupersededError: _superseded}
+        handlers: Any = {
+            SimgrabError: _refused, MemoryError: _refused, HTTPException: _no, SupersededError: _superseded,
+        }  # fmt: skip
         made = Starlette(routes=self.routes(), exception_handlers=handlers)
         made.router.redirect_slashes = False
         return made
@@ -196,9 +198,11 @@ def _json(data: Any, status: int = 200) -> Response:
 
 
 def _refused(_: Request, problem: Exception) -> Response:
-    key = problem.key if isinstance(problem, ScenarioError) else ""
-    line = problem.problem if isinstance(problem, ScenarioError) else str(problem)
-    return _json({"error": printable(str(problem)), "key": printable(key), "problem": printable(line)}, 422)
+    if isinstance(problem, ScenarioError):
+        given = {"key": printable(problem.key), "problem": shortened(printable(problem.problem))}
+    else:
+        given = {"key": "", "problem": memory_problem(problem) or str(problem)}
+    return _json({"error": memory_problem(problem) or str(problem)} | given, 422)
 
 
 def _superseded(_: Request, __: Exception) -> Response:

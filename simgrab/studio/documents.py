@@ -114,17 +114,23 @@ class Documents:
         return model
 
     def toml(self, scenario: Scenario, folder: Path | None = None) -> str:
-        """Write a scene file with every key, to lie in a folder: that of the scene at the start unless given.
+        """Write a scene file, without what has its default, to lie in a folder.
+
+        Parameters
+        ----------
+        scenario : Scenario
+        folder : Path, optional
+            That of the scene at the start unless given.
 
         Raises
         ------
         ScenarioError
             If a model that it names lies outside that folder.
         """
-        folder = folder or self.folder or self.root
-        if not scenario.models:
-            return scenario.to_toml()
-        return tomli_w.dumps(self._placed(_without_none(scenario.to_dict()), folder.resolve()))
+        written = _without_defaults(scenario.to_dict(), Scenario().to_dict())
+        if scenario.models:
+            written = self._placed(written, (folder or self.folder or self.root).resolve())
+        return tomli_w.dumps(written)
 
     def _placed(self, value: Any, folder: Path) -> Any:
         """Name models by their paths below a folder."""
@@ -187,7 +193,21 @@ class Documents:
         return models.inside(self.root, name, lambda _: ScenarioError("", f"the file must lie below {self.root}"))
 
 
+def _without_defaults(value: dict[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out of plain data what a scene file gets anyway. TOML knows no null: an absent key says the same."""
+    kept = {}
+    for key, inner in value.items():
+        before = default.get(key)
+        if inner == before or inner is None:
+            continue
+        tables = isinstance(inner, dict) and isinstance(before, dict)
+        alike = tables and all(inner.get(tag) == before.get(tag) for tag in ("model", "dist"))  # type: ignore[union-attr]
+        kept[key] = _without_defaults(inner, before) if alike else _without_none(inner)  # type: ignore[arg-type]
+    return kept
+
+
 def _without_none(value: Any) -> Any:
+    """Leave out what is null in tables, however deep."""
     if isinstance(value, dict):
         return {key: _without_none(inner) for key, inner in value.items() if inner is not None}
     return [_without_none(inner) for inner in value] if isinstance(value, list) else value

@@ -2,6 +2,9 @@
 
 import { ask, make } from "./dom.js";
 import { marked } from "./marks.js";
+import { same } from "./schema.js";
+
+const SLOW_MS = 700; // after which the page says that it waits, as where another world is built
 
 export class Viewer {
   /** `wished()` gives what to ask for: { scene, frame }; `shown` and `failed` are told what came of it. */
@@ -31,11 +34,14 @@ export class Viewer {
 
   async one(small, at) {
     const { scene, frame } = this.wished();
-    const slow = setTimeout(() => this.say("Building the world …"), 700);
+    const enough = this.about?.frame === frame && (small || !this.about.small) && same(scene, this.scene);
+    if (enough) return this.shown(this, this.about);
+    const slow = setTimeout(() => this.say("Rendering …"), SLOW_MS);
     try {
       const answer = await ask("/api/frame", { method: "POST", body: JSON.stringify({ scene, side: this.side, frame, small }) });
       const { about, picture } = await read(answer);
       if (this.next && !small) return; // something newer comes at once
+      this.scene = scene;
       this.draw(about, picture, performance.now() - at);
       this.shown(this, about);
     } catch (problem) {
