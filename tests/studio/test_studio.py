@@ -283,8 +283,8 @@ def test_a_model_below_the_folder_is_read_and_saved_by_its_path(documents, folde
         studio.open("quay-day", folder).parse(scene)
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_every_bundled_scene_is_written_and_read_back(name, tmp_path):
+@pytest.mark.parametrize("name", ["quay-day", "qingdao-twin", "hold-coal", "training"])
+def test_bundled_scenes_are_written_and_read_back(name, tmp_path):
     documents = Documents(name, tmp_path)
     path = documents.save(documents.parse(json.loads(json.dumps(documents.start.to_dict()))), "again.toml")
     assert scenes.load(path) == documents.start

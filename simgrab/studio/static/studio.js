@@ -82,7 +82,7 @@ let resting = null;
 function render(small) {
   clearTimeout(resting);
   instrument.stop();
-  if (small) resting = setTimeout(() => render(false), REST_MS);
+  if (small && !view.playing) resting = setTimeout(() => render(false), REST_MS);
   return Promise.all(sides().map((side) => viewers[side].show(small)));
 }
 
@@ -132,8 +132,10 @@ function refresh() {
 const PANELS = {
   truth: () => byId("panel-truth").replaceChildren(...truth(sides().map((side) => viewers[side].about))),
   file: async () => {
+    const scene = sceneOf(view.side);
     try {
       const text = await (await ask("/api/toml", post({}))).text();
+      if (!same(scene, sceneOf(view.side))) return; // it has changed meanwhile
       byId("panel-file").replaceChildren(make("pre", { tabindex: "0", "aria-label": "Scene file" }, text));
     } catch (problem) {
       byId("panel-file").replaceChildren(make("p", { class: "bad" }, problem.message));
@@ -174,7 +176,6 @@ async function play() {
     await new Promise((done) => setTimeout(done, Math.max(due - performance.now(), 0)));
     if (view.playing !== mine) return;
     await go(frame, true);
-    clearTimeout(resting);
     frame = Math.max(frame + 1, first + Math.floor(((performance.now() - begun) * rate) / 1000));
   }
   if (view.playing === mine) pause();
@@ -236,7 +237,13 @@ async function command() {
   byId("commanding").showModal();
 }
 
-const guarded = (act) => (...given) => Promise.resolve().then(() => act(...given)).catch(report);
+const guarded = (act) => async (...given) => {
+  try {
+    await act(...given);
+  } catch (problem) {
+    report(problem);
+  }
+};
 const on = (id, kind, act) => byId(id).addEventListener(kind, guarded(act));
 
 function listen() {

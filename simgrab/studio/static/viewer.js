@@ -20,22 +20,29 @@ export class Viewer {
   /** Show what is wished, small or at full size; gives a promise that ends when nothing more is wished. */
   show(small) {
     this.next = { small, at: performance.now() };
-    this.running ??= this.run().finally(() => (this.running = null));
+    this.running ??= this.run();
     return this.running;
   }
 
   async run() {
-    while (this.next) {
-      const { small, at } = this.next;
-      this.next = null;
-      await this.one(small, at);
+    try {
+      while (this.next) {
+        const { small, at } = this.next;
+        this.next = null;
+        await this.one(small, at);
+      }
+    } finally {
+      this.running = null;
     }
   }
 
   async one(small, at) {
     const { scene, frame } = this.wished();
     const enough = this.about?.frame === frame && (small || !this.about.small) && same(scene, this.scene);
-    if (enough) return this.shown(this, this.about);
+    if (enough) {
+      this.say("");
+      return this.shown(this, this.about);
+    }
     const slow = setTimeout(() => this.say("Rendering …"), SLOW_MS);
     try {
       const answer = await ask("/api/frame", { method: "POST", body: JSON.stringify({ scene, side: this.side, frame, small }) });
