@@ -96,6 +96,7 @@ class Rendering:
 
     def __init__(self) -> None:
         self._generators: dict[str, FrameGenerator] = {}
+        self._parts: dict[str, list[Any]] = {}
         self._small, self._full = _Latest[Scenario, Scenario](), _Latest[Wish, bytes]()
         self.turns = Turns(self._close)
 
@@ -129,6 +130,16 @@ class Rendering:
             generator.revise(scenario)
         return generator
 
+    def _build(self, side: str, wish: Wish) -> None:
+        """Build another world where one is needed: for full frames, whose antialiasing small ones lack."""
+        scenario = wish.scenario
+        parts = [getattr(scenario, name) for name in ("seed", "grab", "jib", "place", "clutter", "vary", "image")]
+        if scenario.vary:
+            parts.append(scenario.clip.of(wish.frame))
+        if wish.small and 0 <= wish.frame < scenario.frames and self._parts.get(side) != parts:
+            self._generator(side, scenario).scene(wish.frame)
+        self._parts[side] = parts
+
     def _frame(self, side: str, scenario: Scenario, number: int) -> Frame:
         if not 0 <= number < scenario.frames:
             raise ScenarioError("frames", f"there is no frame {number} of {scenario.frames}")
@@ -144,6 +155,7 @@ class Rendering:
     def _picture(self, side: str, wish: Wish) -> Picture:
         begun = time.perf_counter()
         small = self._reduced(wish.scenario) if wish.small else wish.scenario
+        self._build(side, wish)
         frame = self._frame(side, small, wish.frame)
         content = _encoded(frame, "jpeg", _PREVIEW_QUALITY) if wish.small else self._stored_of(side, wish, frame)
         milliseconds = (time.perf_counter() - begun) * 1000

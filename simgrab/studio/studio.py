@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from simgrab.errors import SimgrabError
+from simgrab.errors import ScenarioError
 from simgrab.pages.server import local
 from simgrab.pages.server.local import Address
 from simgrab.studio.documents import Documents
@@ -30,7 +30,7 @@ def serving(documents: Documents, port: int = 0) -> Iterator[Address]:
         first = rendering.picture("a", Wish(documents.start, 0))
         from simgrab.studio.app import Studio
 
-        with contextlib.suppress(SimgrabError):  # a frame that cannot be: the page shows why
+        with contextlib.suppress(ScenarioError):  # a frame that cannot be: the page shows why
             first.result()
         with local.serving(Studio(documents, rendering).app, port) as address:
             yield address

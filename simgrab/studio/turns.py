@@ -62,7 +62,7 @@ class Turns:
             self._waiting[asker] = _Waiting(rank, number, work, future)
             self._changed.notify()
         if before:
-            before.future.set_exception(SupersededError())
+            _drop(before.future)
         return future
 
     def end(self) -> None:
@@ -73,11 +73,13 @@ class Turns:
             self._waiting.clear()
             self._changed.notify()
         for one in left:
-            one.future.set_exception(SupersededError())
+            _drop(one.future)
         self._thread.join(_SECONDS_TO_END)
 
     def _run(self) -> None:
         while (one := self._next()) is not None:
+            if not one.future.set_running_or_notify_cancel():  # whoever asked has gone
+                continue
             try:
                 result = one.work()
             except BaseException as problem:
@@ -95,3 +97,8 @@ class Turns:
                 return None
             asker = min(self._waiting, key=lambda name: self._waiting[name])
             return self._waiting.pop(asker)
+
+
+def _drop(future: Future[Any]) -> None:
+    if future.set_running_or_notify_cancel():
+        future.set_exception(SupersededError())

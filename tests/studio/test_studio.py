@@ -143,6 +143,16 @@ def test_small_frames_show_the_same_and_keep_the_world(address, scene):
     assert rendering.reduced(digits).display == digits.display
 
 
+def test_a_small_frame_of_another_world_builds_it_for_full_frames_too(documents):
+    made = rendering.Rendering()
+    renderers = []
+    for small in (True, False, True):
+        made.picture("a", rendering.Wish(documents.start, 0, small)).result()
+        renderers.append(made.turns.ask("test", lambda: made._generators["a"].scene(0).renderer).result())
+    made.end()
+    assert renderers[0] is renderers[1] is renderers[2]
+
+
 def test_an_error_names_its_key(address, scene):
     scene["camera"]["beta_deg"] = 99
     assert refused(address, scene)["key"] == "camera.beta_deg"
