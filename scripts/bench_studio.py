@@ -2,7 +2,8 @@
 
 python -m scripts.bench_studio [--json FILE]
 
-A slider is moved as a user does; a time goes from its event until the browser has painted the small frame.
+A slider is moved as a user does; a time goes from its event until the browser has painted the small frame. The CPU time
+of a small frame, on all threads, is measured without a browser: it does not depend on what else the machine does.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import click
 
 from scripts.chromium import Page, page
 from simgrab import scenes
+from simgrab.studio.rendering import Rendering, Wish
 
 OPENED, MOVED = 5, 12
 KEYS = (
@@ -29,6 +31,13 @@ KEYS = (
     "weather.visibility_m",
     "light.sun_elevation_deg",
 )
+CHANGED = 8
+START = {
+    "swing.alpha.sigma_deg": 3.0,
+    "camera.beta_deg": 3.0,
+    "weather.visibility_m": 200.0,
+    "light.sun_elevation_deg": 40.0,
+}
 _READY = 'document.body?.dataset.ready === "yes"'
 _FULL = 'document.querySelector("[data-side=a]").dataset.small === "false"'
 # Move a key's slider by a step, and give ms until the small frame is painted, and then until the full one is.
@@ -76,11 +85,26 @@ def moved(shown: Page, key: str) -> list[tuple[float, float]]:
     return found[1:]
 
 
+def costs() -> dict[str, list[float]]:
+    """Measure the CPU time that a small frame takes after each key has changed, ms."""
+    found: dict[str, list[float]] = {}
+    rendering = Rendering()
+    for key, value in START.items():
+        for step in range(CHANGED + 1):
+            scenario = scenes.load("quay-day", {key: value * (1 + 0.02 * step)}, size=(960, 540))
+            begun = time.process_time()
+            rendering.picture("a", Wish(scenario, 0, small=True)).result()
+            if step:  # the first goes on from another key
+                found.setdefault(key, []).append(1000 * (time.process_time() - begun))
+    rendering.end()
+    return found
+
+
 @click.command()
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Keep all samples.")
 def main(file: Path | None) -> None:
     """Measure, and print medians with the smallest and largest."""
-    samples: dict[str, list[float]] = {}
+    samples = {f"{key}: CPU time of a small frame, ms": values for key, values in costs().items()}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "scene.toml").write_text(scenes.load("quay-day", size=(960, 540)).to_toml(), encoding="utf-8")
         begun = time.perf_counter()

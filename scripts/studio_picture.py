@@ -18,10 +18,10 @@ MOST_BYTES = 200_000
 SCENE = "port"
 CHANGES = {
     "name": SCENE, "description": "Coal on the quay apron, with a display.", "display.layout": "two-by-four", "seed": 1,
-    "camera.beta_deg": 4.0, "swing.alpha.sigma_deg": 6.0, "frames": 40,
+    "camera.beta_deg": 4.0, "swing.alpha.sigma_deg": 6.0, "frames": 16,
 }  # fmt: skip
 FULL = 'document.querySelector("[data-side=a]")?.dataset.small === "false"'
-MEASURED = 'document.querySelector("#panel-instrument progress")?.value >= 40'
+MEASURED = 'document.querySelector("#panel-instrument progress")?.value >= 16'
 
 
 def main() -> None:
@@ -41,7 +41,7 @@ def main() -> None:
               search.dispatchEvent(new Event("input"));
               for (const one of document.querySelectorAll(".section")) one.open = true;
             })()""")
-            shown.wait(MEASURED, 300)
+            shown.wait(MEASURED, 60)
             for quality in range(85, 40, -5):
                 shown.photograph(PICTURE, quality=quality)
                 if PICTURE.stat().st_size <= MOST_BYTES:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import msgspec
 
 from simgrab.calibration import Calibration
+from simgrab.errors import ScenarioError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import SHIPPED
 from simgrab.instrument.observation import Observation, one
@@ -78,9 +79,15 @@ class Measuring:
         record = self._record(scenario, detector)
         left = [number for number in (frame, *wanted) if number not in record.observations]
         if left:
-            data = rendered(left[0]).result()
+            number, data, lost = left[0], b"", ""
+            try:
+                data = rendered(number).result()
+            except ScenarioError as problem:  # a frame of the record that cannot be
+                if number == frame:
+                    raise
+                lost = str(problem)
             with self._turn:
-                record.observations[left[0]] = self._observe(record, left[0], data)
+                record.observations[number] = self._observe(record, number, data, lost)
         with self._turn:
             numbers = [number for number in wanted if number in record.observations]
             seen = [record.observations[number] for number in numbers]
@@ -100,13 +107,13 @@ class Measuring:
             self._instruments[detector] = assemble(detector=detector)
         return self._instruments[detector]
 
-    def _observe(self, record: _Record, number: int, data: bytes) -> Observation:
+    def _observe(self, record: _Record, number: int, data: bytes, lost: str) -> Observation:
         instrument, scenario = self._instrument(record.detector), record.scenario
         begin = scenario.span(scenario.clip.of(number)).start
         timed = not isinstance(scenario.swing, Iid)
         seconds = (number - begin) / scenario.clip.frame_rate_hz if timed else None
-        picture = pictures.decode(data, f"frame {number}")
-        return one(Frame(picture, seconds), instrument.detector, instrument.reader, record.calibration)
+        picture = None if lost else pictures.decode(data, f"frame {number}")
+        return one(Frame(picture, seconds, lost), instrument.detector, instrument.reader, record.calibration)
 
 
 def record_of(scenario: Scenario, frame: int) -> range:
