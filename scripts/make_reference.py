@@ -15,34 +15,9 @@ import click
 from scripts.make_tables import DOCS
 from simgrab.cli import cli
 from simgrab.scenario import schema
+from simgrab.scenario.descriptions import unit_of
 
 _COLUMNS = 88
-# By suffix, longest first: what a key's name says of its unit.
-_UNITS = {
-    "pixels_per_mm": "px/mm",
-    "deg_per_m": "°/m",
-    "mbit_s": "Mbit/s",
-    "m_min": "m/min",
-    "m_s2": "m/s²",
-    "mm_h": "mm/h",
-    "percent": "%",
-    "stops": "stops",
-    "m_s": "m/s",
-    "rpm": "1/min",
-    "deg": "°",
-    "px": "px",
-    "mm": "mm",
-    "m2": "m²",
-    "m3": "m³",
-    "hz": "Hz",
-    "ms": "ms",
-    "kg": "kg",
-    "db": "dB",
-    "ev": "stops",
-    "m": "m",
-    "s": "s",
-    "e": "electrons",
-}
 _TAGS = ("model", "dist")
 _TYPES = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true`, `false`", "null": "absent"}
 
@@ -124,7 +99,7 @@ class _KeysPage:
         required = table.get("required", ())
         for key, value in keys.items():
             default = "required" if key in required else self._default(value)
-            yield f"| `{key}` | {_unit(key)} | {self._values(value)} | {default} | {_cell(value['description'])} |"
+            yield f"| `{key}` | {unit_of(key)} | {self._values(value)} | {default} | {_cell(value['description'])} |"
 
     def _kinds(self, value: Table) -> list[str]:
         """Names of the tables that a key takes."""
@@ -174,13 +149,6 @@ class _KeysPage:
             numbers = ", ".join(f"{k} = {json.dumps(v)}" for k, v in default.items())
             return f"`{{ {numbers} }}`"
         return f"`{json.dumps(default, ensure_ascii=False)}`"
-
-
-def _unit(key: str) -> str:
-    for suffix, unit in _UNITS.items():
-        if key == suffix or key.endswith(f"_{suffix}"):
-            return unit
-    return ""
 
 
 def _bounds(value: Table) -> str:

@@ -19,7 +19,7 @@ INK, TRUTH, BLIND, PLAIN = "#1f2933", "#e6d3a8", "#bcd9e6", "#e4e7eb"
 ROOMS = [
     (0.0, 7.2, 12.0, 0.95, "cli", "one file per command, no logic", PLAIN),
     (0.0, 5.8, 5.2, 0.95, "judge", "audit · evaluate · check · stress · paper", TRUTH),
-    (5.6, 5.8, 2.7, 0.95, "browse", "datasets and runs", TRUTH),
+    (5.6, 5.8, 2.7, 0.95, "browse · studio", "pages", TRUTH),
     (8.7, 5.8, 3.3, 0.95, "training", "detector · reader", TRUTH),
     (0.0, 3.6, 6.6, 1.75, "world", "trajectory → projection → camera → label\n"
      "scenery: places, grab, jib head\nframes · output: datasets, videos", TRUTH),

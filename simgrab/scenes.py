@@ -194,6 +194,49 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
     return scenario
 
 
+def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], Model]) -> Scenario:
+    """Build the scenario of a scene's plain data, as a file would hold them; what is left out has its default.
+
+    Parameters
+    ----------
+    data : mapping
+    read : callable
+        Gives the model of a table that names one, and refuses what may not be read.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    scenario = convert(merged(Scenario().to_dict(), _with_models(data, read)), Scenario)
+    vary.check(scenario)
+    return scenario
+
+
+def model_files(scene: str | Path) -> dict[tuple[str, str], Path]:
+    """Find where the models lie that a scene names, by SHA-256 and file name.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene or a model cannot be read.
+    """
+    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
+    found: dict[tuple[str, str], Path] = {}
+
+    def noted(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        name = str(table["file"])
+        if path.suffix == ".json":
+            name = f"{copied(str(table.get('sha256')))}/{name}"
+        file = models.inside(path.parent, name, refuse)
+        model = models.read(file, refuse)
+        found[model.sha256, model.name] = file
+        return model
+
+    data = read_toml(path, _REFUSE) if path.suffix != ".json" else _scenario_of(read_json(path, _REFUSE), path)
+    _with_models(data, noted)
+    return found
+
+
 def _scenario_of(manifest: Any, where: str | Path) -> dict[str, Any]:
     scenario = manifest.get("scenario") if isinstance(manifest, dict) else None
     if not isinstance(scenario, dict):

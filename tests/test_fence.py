@@ -27,7 +27,8 @@ MAY = {room: set(ORDER[: i + 1]) for i, room in enumerate(ORDER)} | {
     "judge": SCENARIO | {"labels", "world", "instrument", "judge"},
     "training": SCENARIO | {"labels", "world", "instrument", "training"},
     "browse": SCENARIO | {"labels", "world", "instrument", "judge", "browse"},
-    "cli": SCENARIO | {"labels", "world", "instrument", "judge", "training", "browse", "cli"},
+    "studio": SCENARIO | {"labels", "world", "instrument", "studio"},
+    "cli": SCENARIO | {"labels", "world", "instrument", "judge", "training", "browse", "studio", "cli"},
 }
 FORBIDDEN_TO_INSTRUMENT = {"mujoco", "trimesh", "pyrender", "embreex"}
 ONLY_TO_TRAINING = {"torch", "onnx", "onnxscript"}
@@ -58,7 +59,7 @@ def violations(room: str, source: str) -> set[str]:
             bad.add(name)
         if room != "training" and top in ONLY_TO_TRAINING:
             bad.add(name)
-        if room not in ("pages", "browse") and top in ONLY_TO_PAGES:
+        if room not in ("pages", "browse", "studio") and top in ONLY_TO_PAGES:
             bad.add(name)
     if room == "instrument" and "read_rows" in source:  # which reads any column of the labels
         bad.add("read_rows")

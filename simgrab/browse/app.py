@@ -21,9 +21,9 @@ from starlette.routing import Route
 
 from simgrab.browse import pictures
 from simgrab.browse.exporting import FORMATS, Exports
-from simgrab.browse.masks import outline
 from simgrab.browse.subject import Subject, overlay
 from simgrab.errors import SimgrabError
+from simgrab.pages.outlines import outline
 from simgrab.pages.server import assets
 from simgrab.text import printable
 

@@ -17,7 +17,8 @@ from simgrab.browse.columns import Column
 from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
 from simgrab.labels.datasets import Dataset
 from simgrab.labels.masks import Coded
-from simgrab.labels.truth import KEYPOINT_NAMES, Row
+from simgrab.labels.overlay import marks
+from simgrab.labels.truth import Row
 
 
 class Pictures(Protocol):
@@ -136,15 +137,7 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
     width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)
     drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}
     if known is not None:
-        points = np.reshape(known.keypoints, (-1, 3))
-        box = (known.box_x0_px, known.box_y0_px, known.box_x1_px, known.box_y1_px)
-        drawn["truth"] = {
-            "box": None if None in box else box,
-            "keypoints": [
-                [name, *point] for name, point in zip(KEYPOINT_NAMES, points.tolist(), strict=True) if point[2]
-            ],
-            "mask": outline,
-        }
+        drawn["truth"] = marks(known, outline)
     if (measured := subject.measured(row)) is not None:
         drawn["measured"] = msgspec.to_builtins(measured)
     return drawn

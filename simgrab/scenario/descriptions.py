@@ -7,6 +7,32 @@ from __future__ import annotations
 
 from typing import Any
 
+# By suffix, longest first: what a key's name says of its unit.
+_UNITS = {
+    "pixels_per_mm": "px/mm",
+    "deg_per_m": "°/m",
+    "mbit_s": "Mbit/s",
+    "m_min": "m/min",
+    "m_s2": "m/s²",
+    "mm_h": "mm/h",
+    "percent": "%",
+    "stops": "stops",
+    "m_s": "m/s",
+    "rpm": "1/min",
+    "deg": "°",
+    "px": "px",
+    "mm": "mm",
+    "m2": "m²",
+    "m3": "m³",
+    "hz": "Hz",
+    "ms": "ms",
+    "kg": "kg",
+    "db": "dB",
+    "ev": "stops",
+    "m": "m",
+    "s": "s",
+    "e": "electrons",
+}
 _TAGS = ("model", "dist")
 _VIBRATION = {"vibration": "Random vibration of the camera, added to its tilt."}
 _ROPE = {
@@ -441,3 +467,14 @@ def describe(schema: dict[str, Any]) -> dict[str, Any]:
             keys[key] = value | {"description": text}
         definitions[name] = table | ({"properties": keys} if keys else {})
     return schema | {"$defs": definitions}
+
+
+def unit_of(key: str) -> str:
+    """Give the unit of a key, which is the suffix of its name; empty where it has none.
+
+    Examples
+    --------
+    >>> unit_of("beta_deg"), unit_of("hoist_m_s2"), unit_of("wear")
+    ('°', 'm/s²', '')
+    """
+    return next((unit for suffix, unit in _UNITS.items() if f"_{key}".endswith(f"_{suffix}")), "")

@@ -102,6 +102,7 @@ class FrameGenerator:
         self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
         self.projections: Mapping[int, Projection] = projections or {}
         self._scene = self._build(0, plan) if plan else None
+        self._revised = False
 
     @property
     def scenario(self) -> Scenario:
@@ -120,14 +121,31 @@ class FrameGenerator:
             self._scene.close()
             self._scene = None
 
+    def revise(self, recipe: Recipe | Scenario) -> None:
+        """Go on with another recipe. The built world stays where that recipe's frames show the same one.
+
+        Frames are to the bit those of a generator that begins with that recipe.
+        """
+        self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
+        self.projections, self._revised = {}, True
+
     def scene(self, frame: int) -> Scene:
         """Built world of a frame, which replaces another variant's."""
+        if self._scene is not None and self._revised:
+            variant, extensions = self.recipe.variant(frame), self.recipe.extensions
+            revised = self._scene.revise(variant, extensions)
+            self._revised = False
+            if not revised:
+                before, self._scene = self._scene, None
+                before.close()
+                self._scene = Scene(variant, extensions, before.replanned(variant))
         if self._scene is None or self._scene.variant.number != self.recipe.variant_number(frame):
             self.close()  # before another is built, which may fail
             self._scene = self._build(frame)
         return self._scene
 
     def _build(self, frame: int, plan: Plan | None = None) -> Scene:
+        self._revised = False
         return Scene(self.recipe.variant(frame), self.recipe.extensions, plan)
 
     def project(self, frame: int) -> Projection:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from simgrab.scenario import Variant
 from simgrab.world.camera.buffers import NONE_VISIBLE, Buffers, observe
@@ -12,7 +13,7 @@ from simgrab.world.camera.renderer import Renderer
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery import model
-from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.scenery.plan import Plan, adapted, draw_up, place_of
 from simgrab.world.trajectory.trajectory import Trajectory
 
 
@@ -48,6 +49,50 @@ class Scene:
         self.camera = Camera(self.scenario)
         self.trajectory = Trajectory(self.scenario, extensions, plan)
         self._metered: tuple[int, Exposure] | None = None
+
+    def revise(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS) -> bool:
+        """Become the scene of another variant, where that needs neither another world nor another OpenGL context.
+
+        What it makes then is, to the bit, what a scene makes that is built for that variant.
+
+        Parameters
+        ----------
+        variant : Variant
+        extensions : Extensions
+
+        Returns
+        -------
+        bool
+            Whether it did; else nothing has changed.
+
+        Raises
+        ------
+        ScenarioError
+            If the camera cannot be; then nothing has changed either.
+        """
+        old, new = self.scenario, variant.scenario
+        plan = adapted(self.world.plan, old, new) if variant.number == self.variant.number else None
+        if plan is None:
+            return False
+        camera, trajectory = Camera(new), Trajectory(new, extensions, plan)
+        world = self.world if plan is self.world.plan else replace(self.world, plan=plan)
+        if not self.renderer.revise(world, old, new):
+            return False
+        self.variant, self.scenario, self.world = variant, new, world
+        self.camera, self.trajectory, self._metered = camera, trajectory, None
+        return True
+
+    def replanned(self, variant: Variant) -> Plan:
+        """Plan the world of another variant, with this one's place where that is the same.
+
+        Raises
+        ------
+        ScenarioError
+            If the camera would be in the jib's steel.
+        """
+        alike = variant.number == self.variant.number
+        place = place_of(self.world.plan, self.scenario, variant.scenario) if alike else None
+        return draw_up(variant.scenario, variant.number, place)
 
     def project(self, frame: int) -> Projection:
         """Project a frame's moment."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -79,6 +80,19 @@ void main() {
 """
 
 
+@dataclass
+class Target:
+    """Framebuffers for windows of one size, and those in which a picture of what stands still is kept."""
+
+    size: tuple[int, int]
+    samples: int
+    ids: int
+    picture: int
+    resolved: int
+    kept_ids: int | None = None
+    kept_picture: int | None = None
+
+
 class Passes:
     """Draws geoms of one model. Call its methods while the model's OpenGL context is current.
 
@@ -91,6 +105,11 @@ class Passes:
     buffer : Offscreen
     size : tuple of 2 ints
         Of the largest window that is drawn at once, px.
+
+    Attributes
+    ----------
+    target : Target
+        In which it draws; another one may be put in its place.
     """
 
     def __init__(
@@ -114,15 +133,25 @@ class Passes:
         GL.glUniform1i(self._uniform["shadow"], 1)
         GL.glUseProgram(0)
         self._white = _texture(np.full((1, 1, 3), 255, np.uint8))
-        self._ids = _framebuffer(size, GL.GL_R8)
-        self._kept_ids: int | None = None
-        samples = self._context.offSamples
-        self._size, self._samples = size, samples
-        self._picture = _framebuffer(size, GL.GL_RGBA8, samples)
-        self._kept_picture: int | None = None
-        self._resolved = _framebuffer(size, GL.GL_RGBA8)
+        self.target = self.made(size)
         self._kept: int | None = None
         self._darkened = _WHOLE_MAP  # part of the shadow map that differs from the kept one
+
+    def made(self, size: tuple[int, int], *, smooth: bool = True) -> Target:
+        """Make framebuffers for windows of a size, with antialiasing or without; they are used as ``target``."""
+        samples = self._context.offSamples if smooth else 0
+        target = Target(
+            size, samples, ids=_framebuffer(size, GL.GL_R8), picture=_framebuffer(size, GL.GL_RGBA8, samples),
+            resolved=_framebuffer(size, GL.GL_RGBA8),
+        )  # fmt: skip
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
+        return target
+
+    def free(self, target: Target) -> None:
+        """Free framebuffers."""
+        for framebuffer in (target.ids, target.kept_ids, target.picture, target.kept_picture, target.resolved):
+            if framebuffer is not None:
+                _free(framebuffer)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
 
     def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
@@ -196,9 +225,10 @@ class Passes:
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
     ) -> NDArray[np.uint8]:
         """Draw geoms that stand still, and keep the picture for `colour_over`; see `colour`."""
-        if self._kept_picture is None:
-            self._kept_picture = _framebuffer(self._size, GL.GL_RGBA8, self._samples)
-        return self._colour_whole(self._kept_picture, scene, rect, geoms, shadowed)
+        target = self.target
+        if target.kept_picture is None:
+            target.kept_picture = _framebuffer(target.size, GL.GL_RGBA8, target.samples)
+        return self._colour_whole(target.kept_picture, scene, rect, geoms, shadowed)
 
     def colour(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
@@ -219,7 +249,7 @@ class Passes:
         -------
         ndarray of uint8, shape (h, w, 3)
         """
-        return self._colour_whole(self._picture, scene, rect, geoms, shadowed)
+        return self._colour_whole(self.target.picture, scene, rect, geoms, shadowed)
 
     def colour_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
@@ -241,12 +271,12 @@ class Passes:
         ------
         tuple of Window and ndarray of uint8, shape (h, w, 3)
         """
-        self._copy(self._kept_picture, self._picture, windows)
+        self._copy(self.target.kept_picture, self.target.picture, windows)
         whole = (0, 0, rect.width, rect.height)
         steps = [(window, geoms, True) for window, geoms in redrawn] + [(whole, moving, False)]
-        self._colour(self._picture, scene, rect, steps, shadowed)
+        self._colour(self.target.picture, scene, rect, steps, shadowed)
         for window in windows:
-            yield window, self._read(self._picture, window)
+            yield window, self._read(self.target.picture, window)
 
     def _colour_whole(
         self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], shadowed: bool
@@ -285,9 +315,9 @@ class Passes:
         """Read the mean of each pixel's samples."""
         x0, y0, x1, y1 = window
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, framebuffer)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._resolved)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self.target.resolved)
         GL.glBlitFramebuffer(*window, *window, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._resolved)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target.resolved)
         rgb = np.empty((y1 - y0, x1 - x0, 3), np.uint8)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x0, y0, x1 - x0, y1 - y0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, array=rgb)
@@ -306,15 +336,16 @@ class Passes:
         depth : ndarray of float32, shape (h, w)
             What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
-        return self._identify_whole(self._ids, scene, rect, geoms)
+        return self._identify_whole(self.target.ids, scene, rect, geoms)
 
     def keep_ids(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Draw ids and depth of geoms that stand still, and keep them for `identify_over`; see `identify`."""
-        if self._kept_ids is None:
-            self._kept_ids = _framebuffer(self._size, GL.GL_R8)
-        return self._identify_whole(self._kept_ids, scene, rect, geoms)
+        target = self.target
+        if target.kept_ids is None:
+            target.kept_ids = _framebuffer(target.size, GL.GL_R8)
+        return self._identify_whole(target.kept_ids, scene, rect, geoms)
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
@@ -323,10 +354,10 @@ class Passes:
 
         The model lists what stands still first, so each pixel is what it is when all are drawn at once.
         """
-        self._copy(self._kept_ids, self._ids, windows)
-        self._identify(self._ids, scene, rect, moving, clear=False)
+        self._copy(self.target.kept_ids, self.target.ids, windows)
+        self._identify(self.target.ids, scene, rect, moving, clear=False)
         for window in windows:
-            yield window, *self._read_ids(self._ids, window)
+            yield window, *self._read_ids(self.target.ids, window)
 
     def _identify_whole(
         self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
@@ -506,6 +537,16 @@ def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
     with _out_of_memory_raises(f"a framebuffer of {size[0]}x{size[1]} px"):
         GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, form, *size)
     GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
+
+
+def _free(framebuffer: int) -> None:
+    """Free a framebuffer with colour, and what is attached to it."""
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+    name = GL.GL_FRAMEBUFFER_ATTACHMENT_OBJECT_NAME
+    for point in (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT):
+        attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
+        GL.glDeleteRenderbuffers(1, [attached])
+    GL.glDeleteFramebuffers(1, [framebuffer])
 
 
 @contextmanager

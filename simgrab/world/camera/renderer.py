@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import cv2
 import mujoco
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.scenario import Scenario
+from simgrab.geometry import Array, Intrinsics
+from simgrab.scenario import Camera, Scenario
 from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
 from simgrab.world.camera.geoms import Geom
@@ -21,9 +22,13 @@ from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, ROPE, World
 from simgrab.world.trajectory.moment import Moment, Tilt
 
+if TYPE_CHECKING:
+    from simgrab.world.camera.passes import Target
+
 NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
 LENS_SAMPLES = 3  # ids are rendered so much finer before a lens bends them, which takes the nearest
+_KEPT_AIMS = 2
 ROPE_PIECES = 12  # a rope is cut into, so that what it may change in a picture follows it
 
 
@@ -56,6 +61,61 @@ class View:
         return View(window, self.ids[at], self.depth[at])
 
 
+@dataclass(eq=False)
+class _Aim:
+    """A camera, and what was drawn through it that stays as it is: what stands still.
+
+    Attributes
+    ----------
+    camera : Camera
+    smooth : bool
+        Whether pictures are antialiased.
+    shadowed : bool
+        Whether the sun casts shadows.
+    lens : Lens or None
+    full, drawn : Window
+        The whole picture, and what is drawn for it of the undistorted one.
+    centre : ndarray, shape (3,)
+        Of the camera, jib frame, m.
+    rest : Tilt
+    """
+
+    camera: Camera
+    smooth: bool
+    shadowed: bool
+    lens: Lens | None
+    full: Window
+    drawn: Window
+    centre: Array
+    rest: Tilt
+    target: Target | None = None
+    still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
+    still_coarse: View | None = None
+    backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> _Aim:
+        """Take the camera of a scenario; raises `ScenarioError` where its lens sees too much."""
+        camera, image = scenario.camera, scenario.image
+        lens = None if camera.intrinsics.distortion.is_null else Lens(camera.intrinsics)
+        full: Window = (0, 0, camera.width_px, camera.height_px)
+        aim = cls(
+            camera, image.samples > 0, image.shadow_map_px > 0 and scenario.light.sun > 0, lens, full,
+            lens.map(full).source if lens else full, np.array(camera.offset_m), Tilt.at_rest(camera),
+        )  # fmt: skip
+        if max(aim.size) > LARGEST_BUFFER_PX:
+            raise ScenarioError(
+                "camera.distortion",
+                f"this lens sees {aim.size[0]}x{aim.size[1]} px of undistorted picture, too many",
+            )
+        return aim
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of what is drawn, px."""
+        return self.drawn[2] - self.drawn[0], self.drawn[3] - self.drawn[1]
+
+
 class Renderer:
     """Renders moments of one world through one camera. Use as a context manager: it owns an OpenGL context.
 
@@ -73,33 +133,18 @@ class Renderer:
     ----------
     data : mujoco.MjData
         The state that was rendered last.
-    full : Window
-        The whole picture.
     fingerprint : Fingerprint
         Of OpenGL, MuJoCo and the render passes.
     """
 
     def __init__(self, world: World, scenario: Scenario) -> None:
-        camera = scenario.camera
-        self.world, self.intrinsics = world, camera.intrinsics
+        self.world = world
+        self._image = scenario.image
+        self._reuses = gl.reuses()
         self._rotation = np.eye(3)
         self._posed: Moment | None = None
-        self._centre = np.array(camera.offset_m)
-        self.full: Window = (0, 0, camera.width_px, camera.height_px)
-        self._lens = None if self.intrinsics.distortion.is_null else Lens(self.intrinsics)
-        self._drawn = self._lens.map(self.full).source if self._lens else self.full
-        self._size = self._drawn[2] - self._drawn[0], self._drawn[3] - self._drawn[1]
-        if max(self._size) > LARGEST_BUFFER_PX:
-            raise ScenarioError(
-                "camera.distortion",
-                f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
-            )
-        self._shadowed = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
-        self._reuses = gl.reuses()
-        self._rest = Tilt.at_rest(camera)
-        self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
-        self._still_coarse: View | None = None
-        self._backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
+        self._shade_kept = False
+        self._aim = _Aim.of(scenario)
         model = world.model
         self.data = mujoco.MjData(model)
         self._lights_alone = mujoco.MjvOption()
@@ -111,9 +156,60 @@ class Renderer:
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
             self._boxes = geoms.boxes(model)
-            self._passes = Passes(model, world.textures, self._buffer, self._size)
+            self._passes = Passes(model, world.textures, self._buffer, self._aim.size)
+            self._aim.target, self._aims = self._passes.target, [self._aim]
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
+
+    def revise(self, world: World, old: Scenario, new: Scenario) -> bool:
+        """Go on with another scenario whose world has the same parts, in the same OpenGL context.
+
+        Parameters
+        ----------
+        world : World
+            With the same model.
+        old, new : Scenario
+            The one that it rendered last, and the one to render.
+
+        Returns
+        -------
+        bool
+            Whether it does; else nothing has changed, and the scenario needs a renderer of its own.
+
+        Raises
+        ------
+        ScenarioError
+            If the lens sees too much; then nothing has changed either.
+        """
+        smooth = new.image.samples > 0
+        if new.image.shadow_map_px != self._image.shadow_map_px:
+            return False
+        if smooth and new.image.samples != self._image.samples:
+            return False
+        if old.light != new.light:
+            aim, others = _Aim.of(new), list[_Aim]()
+            world.relight(new)
+            self._shade_kept = False
+        else:
+            known = [one for one in self._aims if (one.camera, one.smooth) == (new.camera, smooth)]
+            aim = known[0] if known else _Aim.of(new)
+            # Beside it, that of the other size stays: small pictures and large ones take turns.
+            others = [one for one in self._aims if (one.size, one.smooth) != (aim.size, smooth)]
+        self._use(aim, [aim, *others][:_KEPT_AIMS])
+        self.world, self._posed = world, None
+        return True
+
+    def _use(self, aim: _Aim, kept: list[_Aim]) -> None:
+        """Take a camera, with framebuffers of its size, and free those of others that are not kept."""
+        self._buffer.make_current()
+        spare = [one for one in self._aims if all(one is not other for other in kept)]
+        for one in spare:
+            if aim.target is None and (one.size, one.smooth) == (aim.size, aim.smooth):
+                aim.target = one.target
+            elif one.target is not None:
+                self._passes.free(one.target)
+        aim.target = aim.target or self._passes.made(aim.size, smooth=aim.smooth)
+        self._aims, self._aim, self._passes.target = kept, aim, aim.target
 
     def __enter__(self) -> Renderer:
         return self
@@ -138,12 +234,22 @@ class Renderer:
         """Render the picture as the lens shows it, shape (height, width, 3)."""
         self._gather(moment)
         rgb = self._draw_rgb(moment)
-        return self._lens.map(self.full).resample(rgb, cv2.INTER_CUBIC) if self._lens else rgb
+        return self._aim.lens.map(self.full).resample(rgb, cv2.INTER_CUBIC) if self._aim.lens else rgb
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The pinhole and its lens."""
+        return self._aim.camera.intrinsics
+
+    @property
+    def full(self) -> Window:
+        """The whole picture."""
+        return self._aim.full
 
     @property
     def has_lens(self) -> bool:
         """Whether a lens distorts the picture, so that a `coarse_view` differs from a `view`."""
-        return self._lens is not None
+        return self._aim.lens is not None
 
     def view(self, moment: Moment, window: Window | None = None, *, grab_only: bool = False) -> View:
         """Render ids and depth through a window of the picture, as finely as labels need them.
@@ -167,10 +273,10 @@ class Renderer:
         ndarray of bool, shape (h·samples, w·samples)
         """
         self._gather(moment, grab_only=True)
-        if self._lens is None:
+        if self._aim.lens is None:
             x0, y0, x1, y1 = (samples * v for v in window)
             return self._draw_tiles((x0, y0, x1, y1), samples)[0] == GRAB
-        lens = self._lens.map(window, samples, enlarged=True)
+        lens = self._aim.lens.map(window, samples, enlarged=True)
         return lens.resample(self._draw_tiles(lens.source, samples)[0], cv2.INTER_NEAREST, NOTHING) == GRAB
 
     def coarse_view(self, moment: Moment) -> View:
@@ -182,17 +288,17 @@ class Renderer:
         """Coarse view of what stands still, always the same one; None while camera or crane does not."""
         if not self._at_rest(moment):
             return None
-        if self._still_coarse is None:
+        if self._aim.still_coarse is None:
             self._gather(moment)
             ids, depth = self._still_buffers()
-            lens = self._lens.map(self.full) if self._lens else None
-            self._still_coarse = _bent(lens, self.full, ids[::-1], depth[::-1])
-        return self._still_coarse
+            lens = self._aim.lens.map(self.full) if self._aim.lens else None
+            self._aim.still_coarse = _bent(lens, self.full, ids[::-1], depth[::-1])
+        return self._aim.still_coarse
 
     def _view(self, moment: Moment, window: Window, finer: int, *, with_place: bool = True) -> View:
-        lens = self._lens.map(window, finer) if self._lens else None
+        lens = self._aim.lens.map(window, finer) if self._aim.lens else None
         source = lens.source if lens else window
-        whole = with_place and source == self._drawn and (finer == 1 or not lens)
+        whole = with_place and source == self._aim.drawn and (finer == 1 or not lens)
         ids, depth = self._draw_whole(moment) if whole else self._draw_tiles(source, finer if lens else 1)
         return _bent(lens, window, ids, depth)
 
@@ -209,44 +315,46 @@ class Renderer:
     @property
     def _pinhole(self) -> tuple[float, Array]:
         """Focal length and centre of what is drawn of the picture, px, rows counted from the bottom."""
-        k, (x0, _, _, y1) = self.intrinsics, self._drawn
+        k, (x0, _, _, y1) = self.intrinsics, self._aim.drawn
         return k.f_px, np.array([k.cx_px - x0, y1 - k.cy_px])
 
     def _rectangles(self, points: Array) -> Array:
         """Rectangles of hulls of points, jib frame, in what is drawn of the picture, rows counted from the bottom."""
-        seen = (points - self._centre) @ self._rotation * (1, -1, 1)
+        seen = (points - self._aim.centre) @ self._rotation * (1, -1, 1)
         return changes.rectangles(seen, *self._pinhole, NEAR_M)
 
     def _at_rest(self, moment: Moment) -> bool:
         """Whether camera and crane are as the scenario has them at rest. It depends on the moment alone."""
         crane = moment.jib is None or np.array_equal(moment.jib.jib_from_place, np.eye(4))
-        return self._reuses and crane and moment.tilt == self._rest
+        return self._reuses and crane and moment.tilt == self._aim.rest
 
     def _still_buffers(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of what stands still."""
-        if self._still is None:
+        if self._aim.still is None:
             stand = [geom for geom in self._geoms if geom.stands]
-            rect = self.aim(self._drawn, self._scene)
+            rect = self.aim(self._aim.drawn, self._scene)
             ids, buffer = self._passes.keep_ids(self._scene, rect, stand)
-            self._still = ids, _metres(buffer)
-        return self._still
+            self._aim.still = ids, _metres(buffer)
+        return self._aim.still
 
     def _still_rgb(self) -> tuple[NDArray[np.uint8], NDArray[np.int32] | None]:
         """Picture of what stands still, and the cell of the shadow map for each pixel; None without shadows."""
-        if self._backdrop is None:
+        if self._aim.backdrop is None:
             scene, passes, cells = self._scene, self._passes, None
             stand = [geom for geom in self._geoms if geom.stands]
-            if self._shadowed:
+            if self._aim.shadowed:
                 jib_from_camera = np.eye(4)
-                jib_from_camera[:3, :3], jib_from_camera[:3, 3] = self._rotation, self._centre
+                jib_from_camera[:3, :3], jib_from_camera[:3, 3] = self._rotation, self._aim.centre
                 # Rows counted from the bottom make the camera's y point upwards.
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
-                passes.keep_shade(scene, stand)
+                if not self._shade_kept:  # it is the same for every camera
+                    passes.keep_shade(scene, stand)
+                    self._shade_kept = True
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
-            rgb = passes.keep_colour(scene, self.aim(self._drawn, scene), stand, shadowed=self._shadowed)
-            self._backdrop = rgb, cells
-        return self._backdrop
+            rgb = passes.keep_colour(scene, self.aim(self._aim.drawn, scene), stand, shadowed=self._aim.shadowed)
+            self._aim.backdrop = rgb, cells
+        return self._aim.backdrop
 
     def _moving_boxes(self) -> Array:
         """Corners of boxes that hold grab and ropes, jib frame, shape (n, 8, 3)."""
@@ -258,7 +366,7 @@ class Renderer:
 
     def _covered(self, boxes: Array) -> NDArray[np.bool_]:
         """Tiles of what is drawn that boxes may cover."""
-        return changes.tiles(self._rectangles(boxes), *self._size)
+        return changes.tiles(self._rectangles(boxes), *self._aim.size)
 
     def _geoms_in(self, window: tuple[float, float, float, float]) -> list[Geom]:
         """Geoms that may be seen in a window of what is drawn, rows counted from the bottom."""
@@ -274,7 +382,7 @@ class Renderer:
         k, (x0, y0, x1, y1) = self.intrinsics, window
         scale, cx, cy = NEAR_M / (k.f_px * finer), k.cx_px * finer, k.cy_px * finer
         for eye in scene.camera:
-            eye.pos = self._centre
+            eye.pos = self._aim.centre
             eye.forward, eye.up = self._rotation[:, 2], -self._rotation[:, 1]
             eye.orthographic = 0
             eye.frustum_near, eye.frustum_far = NEAR_M, FAR_M
@@ -287,10 +395,10 @@ class Renderer:
         """Draw the undistorted picture."""
         scene, passes = self._scene, self._passes
         if not self._at_rest(moment):
-            if self._shadowed:
+            if self._aim.shadowed:
                 passes.shade(scene, self._geoms)
-            rect = self.aim(self._drawn, scene)
-            return passes.colour(scene, rect, self._geoms, shadowed=self._shadowed)[::-1]
+            rect = self.aim(self._aim.drawn, scene)
+            return passes.colour(scene, rect, self._geoms, shadowed=self._aim.shadowed)[::-1]
         (backdrop, receivers), boxes = self._still_rgb(), self._moving_boxes()
         grid = self._covered(boxes)
         rgb, redrawn, moving = backdrop.copy(), [], [geom for geom in self._geoms if geom.moves]
@@ -299,13 +407,13 @@ class Renderer:
             darker = changes.tiles_of(cells.ravel()[receivers])
             redrawn = [
                 (window, [geom for geom in self._geoms_in(window) if geom.stands])
-                for window in changes.windows(darker, *self._size, changes.PASS_PX)
+                for window in changes.windows(darker, *self._aim.size, changes.PASS_PX)
             ]
             grid |= darker
             passes.shade_over(scene, moving, changes.extent(cells))
-        rect, windows = self.aim(self._drawn, scene), changes.windows(grid, *self._size, changes.COPY_PX)
+        rect, windows = self.aim(self._aim.drawn, scene), changes.windows(grid, *self._aim.size, changes.COPY_PX)
         for (x0, y0, x1, y1), part in passes.colour_over(
-            scene, rect, moving, windows, redrawn, shadowed=self._shadowed
+            scene, rect, moving, windows, redrawn, shadowed=self._aim.shadowed
         ):
             rgb[y0:y1, x0:x1] = part
         return rgb[::-1]
@@ -314,12 +422,12 @@ class Renderer:
         """Ids and depth of the undistorted picture."""
         scene, passes = self._scene, self._passes
         if not self._at_rest(moment):
-            rect = self.aim(self._drawn, scene)
+            rect = self.aim(self._aim.drawn, scene)
             ids, buffer = passes.identify(scene, rect, self._geoms)
             return ids[::-1], _metres(buffer)[::-1]
         (still_ids, still_depth), grid = self._still_buffers(), self._covered(self._moving_boxes())
         ids, depth = still_ids.copy(), still_depth.copy()
-        rect, windows = self.aim(self._drawn, scene), changes.windows(grid, *self._size, changes.COPY_PX)
+        rect, windows = self.aim(self._aim.drawn, scene), changes.windows(grid, *self._aim.size, changes.COPY_PX)
         moving = [geom for geom in self._geoms if geom.moves]
         for (x0, y0, x1, y1), own, buffer in passes.identify_over(scene, rect, moving, windows):
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
@@ -330,9 +438,9 @@ class Renderer:
         x0, y0, x1, y1 = window
         ids = np.empty((y1 - y0, x1 - x0), np.uint8)
         depth = np.empty((y1 - y0, x1 - x0), np.float32)
-        for y in range(y0, y1, self._size[1]):
-            for x in range(x0, x1, self._size[0]):
-                tile = (x, y, min(x + self._size[0], x1), min(y + self._size[1], y1))
+        for y in range(y0, y1, self._aim.size[1]):
+            for x in range(x0, x1, self._aim.size[0]):
+                tile = (x, y, min(x + self._aim.size[0], x1), min(y + self._aim.size[1], y1))
                 at = np.s_[y - y0 : tile[3] - y0, x - x0 : tile[2] - x0]
                 ids[at], depth[at] = self._draw_ids(tile, finer)
         return ids, depth
@@ -340,7 +448,7 @@ class Renderer:
     def _draw_ids(self, window: Window, finer: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         rect = self.aim(window, self._scene, finer)
         x0, y0, x1, y1 = (v / finer for v in window)
-        left, _, _, bottom = self._drawn
+        left, _, _, bottom = self._aim.drawn
         some = self._geoms_in((x0 - left, bottom - y1, x1 - left, bottom - y0))
         ids, buffer = self._passes.identify(self._scene, rect, some)
         return ids[::-1], _metres(buffer)[::-1]

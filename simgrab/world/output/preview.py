@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import geometry
-from simgrab.geometry import Intrinsics
+from simgrab.labels import overlay
 from simgrab.labels.truth import KEYPOINT_NAMES, Row
 from simgrab.utilities import pictures
 
@@ -45,13 +44,8 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
 
 def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
     """Principal point C', image of the vertical G', and the grab centre A', with the triangle they span."""
-    k = Intrinsics(
-        row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px,
-        geometry.Distortion(row.k1, row.k2, row.p1, row.p2, row.k3),
-    )  # fmt: skip
-    axis = geometry.vertical_direction(*np.radians((row.tilt_azimuth_deg, row.roll_deg)))
-    vertical = k.distort(k.from_polar(k.f_px * np.tan(np.radians(row.beta_deg)), 0.0, axis))
-    principal = _at((row.cx_px, row.cy_px), scale)
+    vertical = overlay.vertical(row)
+    principal = _at(overlay.principal(row), scale)
     cv2.drawMarker(tile, principal, VERTICAL, cv2.MARKER_CROSS, 14, 1, cv2.LINE_AA)
     if np.isfinite(vertical).all():
         cv2.line(tile, principal, _at(vertical, scale), VERTICAL, 1, cv2.LINE_AA)

@@ -24,6 +24,10 @@ STEEL, FALLS = "steel", "falls"
 NEAR_M, FAR_M = 0.1, 200.0
 SHADOW_HALF_WIDTH_SHARE = 0.8  # of the depth below O: the picture sees a little less at h = 1645 px
 SHADOW_LIGHT_DISTANCE_M = 40.0  # the shadow map's depth range starts here; farther out it shows acne
+_OF_LIGHTS = (
+    "light_pos", "light_dir", "light_pos0", "light_dir0", "light_ambient", "light_diffuse", "light_specular",
+    "light_castshadow",
+)  # fmt: skip
 DRAWN_SKY = 1.0  # at night, so that eight bits keep the darkness
 
 
@@ -91,6 +95,14 @@ class World:
             data.light_xdir[sun] = direction
             data.light_xpos[sun] = centre - SHADOW_LIGHT_DISTANCE_M * direction
 
+    def relight(self, scenario: Scenario) -> None:
+        """Give the model the lights of another scenario with the same place and jib, as `build` would."""
+        spec = mujoco.MjSpec()
+        _add_lights(spec, scenario.light, _centre(scenario), shadows=_casts_shadows(scenario))
+        lights = spec.compile()
+        for name in _OF_LIGHTS:
+            getattr(self.model, name)[:] = getattr(lights, name)
+
     def _mocap(self, body: str) -> int:
         return int(self.model.body(body).mocapid[0])
 
@@ -138,17 +150,25 @@ def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:
     # Clipping planes, fog and the shadow box scale with the extent: fix it, so that no object moves them.
-    depth = scenario.jib.head_height_m + (scenario.place.depth_m if isinstance(scenario.place, Hold) else 0.0)
-    centre = np.array([0.0, 0.0, -depth])
+    centre = _centre(scenario)
     spec.stat.extent, spec.stat.center = 1.0, centre
     visual = spec.visual
-    visual.map.znear, visual.map.zfar, visual.map.shadowclip = NEAR_M, FAR_M, SHADOW_HALF_WIDTH_SHARE * depth
+    visual.map.znear, visual.map.zfar, visual.map.shadowclip = NEAR_M, FAR_M, -SHADOW_HALF_WIDTH_SHARE * centre[2]
     visual.quality.offsamples = scenario.image.samples
     visual.quality.shadowsize = scenario.image.shadow_map_px
     visual.headlight.active = 0
+    _add_lights(spec, scenario.light, centre, shadows=_casts_shadows(scenario))
+
+
+def _centre(scenario: Scenario) -> Array:
+    """Point of the lowest ground straight below O, jib frame, m."""
+    depth = scenario.jib.head_height_m + (scenario.place.depth_m if isinstance(scenario.place, Hold) else 0.0)
+    return np.array([0.0, 0.0, -depth])
+
+
+def _casts_shadows(scenario: Scenario) -> bool:
     # A shadow map takes half of a picture's time, even of a sun that is not there.
-    shadows = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
-    _add_lights(spec, scenario.light, centre, shadows=shadows)
+    return scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light, centre: Array, *, shadows: bool) -> None:

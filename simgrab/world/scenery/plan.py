@@ -124,7 +124,7 @@ class Plan:
             )
 
 
-def draw_up(scenario: Scenario, number: int = 0) -> Plan:
+def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = None) -> Plan:
     """Plan the world of a scenario.
 
     Parameters
@@ -133,6 +133,8 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
         That varies no more.
     number : int
         Which of the worlds of one seed: what is random about place and grab, such as stains, differs between them.
+    place : sequence of Part, optional
+        That of another plan, where it is the same; see `place_of`.
 
     Raises
     ------
@@ -142,10 +144,11 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
     seed, look, head_height = scenario.seed, scenario.grab, scenario.jib.head_height_m
     grab = design_of(look)
     ropes = Ropes.of(scenario.jib, len(grab.terminations))
-    if scenario.jib.head != "none":
-        check_camera(np.array(scenario.camera.offset_m), jib.jib_steel(ropes))
-    place = places.build(scenario.place, head_height=head_height, rng=stream(seed, number, "place"))
-    place += parked_grabs(scenario.clutter, place, head_height=head_height, rng=stream(seed, number, "clutter.grabs"))
+    _check_camera(scenario, ropes)
+    if place is None:
+        built = places.build(scenario.place, head_height=head_height, rng=stream(seed, number, "place"))
+        parked = stream(seed, number, "clutter.grabs")
+        place = built + parked_grabs(scenario.clutter, built, head_height=head_height, rng=parked)
 
     def painted() -> Mapping[str, Sequence[Part]]:
         mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, number, "grab"))
@@ -162,6 +165,38 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
         suspension=scenario.suspension,
         reach_m=_reach(scenario),
     )
+
+
+def adapted(plan: Plan, old: Scenario, new: Scenario) -> Plan | None:
+    """Adapt the plan of a scenario to another one of the same number; None where that needs other parts.
+
+    Raises
+    ------
+    ScenarioError
+        If the camera would be in the jib's steel.
+    """
+    if any(getattr(old, name) != getattr(new, name) for name in _OF_PARTS):
+        return None
+    _check_camera(new, plan.ropes)
+    straight, reach = new.camera.intrinsics.distortion.is_null, _reach(new)
+    if (straight, reach) == (plan.straight, plan.reach_m):
+        return plan
+    return replace(plan, straight=straight, reach_m=reach)
+
+
+def place_of(plan: Plan, old: Scenario, new: Scenario) -> Sequence[Part] | None:
+    """Place of the plan of a scenario, where another one of the same number has the same; else None."""
+    heights = old.jib.head_height_m, new.jib.head_height_m
+    same = heights[0] == heights[1] and all(getattr(old, n) == getattr(new, n) for n in ("seed", "place", "clutter"))
+    return plan.place if same else None
+
+
+_OF_PARTS = ("seed", "grab", "jib", "place", "clutter")
+
+
+def _check_camera(scenario: Scenario, ropes: Ropes) -> None:
+    if scenario.jib.head != "none":
+        check_camera(np.array(scenario.camera.offset_m), jib.jib_steel(ropes))
 
 
 def cargo_level(load: float) -> int | None:

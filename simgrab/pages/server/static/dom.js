@@ -19,7 +19,7 @@ export const svg = (tag, attributes = {}, ...children) =>
 
 export const byId = (id) => document.getElementById(id);
 
-/** Ask the server; an answer that is an error is thrown with the line that it gives. */
+/** Ask the server; an answer that is an error is thrown with the line that it gives, and as `answer` with all of it. */
 export const ask = async (path, options = {}) => {
   let answer;
   try {
@@ -29,13 +29,13 @@ export const ask = async (path, options = {}) => {
   }
   if (answer.ok) return answer;
   const text = await answer.text();
-  let line = text.trim();
+  let given = { error: text.trim() };
   try {
-    line = JSON.parse(text).error;
+    given = JSON.parse(text);
   } catch {
     // It is a line of text.
   }
-  throw new Error(line || `${answer.status}`);
+  throw Object.assign(new Error(given.error || `${answer.status}`), { answer: given });
 };
 
 export const askJson = async (path, options) => (await ask(path, options)).json();

@@ -1,0 +1,1 @@
+"""The page of `simgrab studio`: a scene as controls beside its frames."""

@@ -1,0 +1,138 @@
+// Reads the JSON schema of scenes: what kind of control a key gets, and what values a new table has.
+
+let definitions = {};
+export const TAGS = ["model", "dist"]; // keys that select the kind of a table
+
+export const learn = (schema) => {
+  definitions = schema.$defs;
+  return definitions.Scenario.properties;
+};
+
+/** Follow a reference; what stands beside it (default, description, unit) wins. */
+export const resolved = (node) => {
+  if (!node.$ref) return node;
+  const { $ref, ...beside } = node;
+  return { ...definitions[$ref.split("/").at(-1)], ...beside };
+};
+
+const isTable = (node) => node.$ref !== undefined || node.type === "object";
+
+/** What a schema node asks for: the name of a kind of control. */
+export const kindOf = (node) => {
+  if (node.discriminator) return "kinds";
+  if (node.anyOf) {
+    if (node.anyOf.some((one) => one.type === "null")) return "optional";
+    return node.anyOf.every(isTable) ? "kinds" : "mixed";
+  }
+  if (node.$ref) return kindOf(definitions[node.$ref.split("/").at(-1)]);
+  if (node.enum) return "choice";
+  if (node.type === "boolean") return "switch";
+  if (node.type === "number" || node.type === "integer") return "number";
+  if (node.type === "string") return "text";
+  if (node.type === "array") {
+    if (node.prefixItems) return "tuple";
+    if (node.items?.enum) return "several";
+    return "list";
+  }
+  if (node.type === "object") return node.properties ? "table" : "entries";
+  return "any";
+};
+
+/** Tables that a node takes, by tag: [field of the tag, { tag: schema }]. */
+export const kinds = (node) => {
+  if (node.discriminator) {
+    const { propertyName, mapping } = node.discriminator;
+    return [propertyName, Object.fromEntries(Object.entries(mapping).map(([tag, $ref]) => [tag, resolved({ $ref })]))];
+  }
+  return ["", Object.fromEntries(node.anyOf.filter((one) => one.$ref).map((one) =>
+    [one.$ref.split("/").at(-1).toLowerCase(), resolved(one)]))];
+};
+
+/** The part of a node that takes a value, where it may also have none. */
+export const present = (node) => {
+  const { anyOf, ...beside } = node;
+  const parts = anyOf.filter((one) => one.type !== "null");
+  return parts.length === 1 ? { ...resolved(parts[0]), ...beside, default: undefined } : { ...beside, anyOf: parts };
+};
+
+export const bounds = (node) => ({
+  low: node.minimum ?? node.exclusiveMinimum, high: node.maximum ?? node.exclusiveMaximum,
+  above: node.exclusiveMinimum !== undefined, below: node.exclusiveMaximum !== undefined,
+});
+
+/** A value to begin with. */
+export const fresh = (node) => {
+  if (node.default !== undefined) return structuredClone(node.default);
+  switch (kindOf(node)) {
+    case "optional": return null;
+    case "kinds": return freshKind(node, Object.keys(kinds(node)[1])[0]);
+    case "mixed": return fresh(node.anyOf[0]);
+    case "choice": return node.enum[0];
+    case "switch": return false;
+    case "number": return freshNumber(node);
+    case "text": return "";
+    case "tuple": return node.prefixItems.map(fresh);
+    case "several": return [node.items.enum[0]];
+    case "list": return node.minItems ? [fresh(resolved(node.items ?? {}))] : [];
+    case "table": return freshTable(resolved(node));
+    case "entries": return {};
+    default: return 0;
+  }
+};
+
+const freshNumber = (node) => {
+  const { low, high, above } = bounds(node);
+  if (low === undefined || low <= -1e9) return high === undefined || high >= 0 ? 0 : high;
+  if (!above) return low;
+  return high === undefined ? low + 1 : Math.min(low + 1, (low + high) / 2);
+};
+
+const freshTable = (table) => Object.fromEntries(Object.entries(table.properties)
+  .filter(([key]) => !TAGS.includes(key))
+  .map(([key, value]) => [key, fresh(value)]));
+
+/** A new table of a kind; a distribution keeps about the values that the one before it had. */
+export const freshKind = (node, tag, before = null) => {
+  const [field, tables] = kinds(node);
+  const table = freshTable(tables[tag]);
+  const made = field ? { [field]: tag, ...table } : table;
+  if (field !== "dist" || !before) return made;
+  const { low, high, middle } = spread(before);
+  const as = {
+    constant: { value: middle }, uniform: { low, high }, choice: { values: [middle] },
+    normal: { mean: middle, sd: (high - low) / 4 || 1, low: low < high ? low : null, high: low < high ? high : null },
+    "one-of": { values: [middle] },
+  };
+  return { ...made, ...as[tag] };
+};
+
+const spread = (law) => {
+  const numbers = Array.isArray(law.values) ? law.values.filter((one) => typeof one === "number") : [];
+  const middle = law.value ?? law.mean ?? numbers[0] ?? (law.low + law.high) / 2;
+  const low = law.low ?? (numbers.length ? Math.min(...numbers) : middle);
+  const high = law.high ?? (numbers.length ? Math.max(...numbers) : middle);
+  return Number.isFinite(middle) ? { low, high, middle } : { low: 0, high: 1, middle: 0 };
+};
+
+export const same = (one, other) => {
+  if (one === other) return true;
+  if (typeof one !== "object" || typeof other !== "object" || one === null || other === null) return false;
+  if (Array.isArray(one) !== Array.isArray(other)) return false;
+  const [keys, others] = [Object.keys(one), Object.keys(other)];
+  return keys.length === others.length && keys.every((key) => same(one[key], other[key]));
+};
+
+/** Schema node of a dotted key in a scene, and its value; null where there is none. */
+export const leaves = function* (properties, scene, before = "") {
+  for (const [key, value] of Object.entries(properties)) {
+    if (scene?.[key] === undefined) continue;
+    const dotted = `${before}${key}`;
+    const kind = kindOf(value);
+    if (kind === "table") yield* leaves(resolved(value).properties, scene[key], `${dotted}.`);
+    else if (kind === "kinds" && kinds(value)[0] !== "dist") {
+      const [field, tables] = kinds(value);
+      yield [dotted, value, scene[key]];
+      yield* leaves(tables[scene[key][field]]?.properties ?? {}, scene[key], `${dotted}.`);
+    } else if (kind !== "entries") yield [dotted, value, scene[key]];
+  }
+};

@@ -1,0 +1,96 @@
+"""A generator that goes on with another scenario makes the frames of one that begins with it, to the bit."""
+
+import msgspec
+import numpy as np
+import pytest
+
+import simgrab
+from simgrab.errors import ScenarioError
+from simgrab.world.camera.renderer import Renderer
+from simgrab.world.frames import FrameGenerator
+
+START = {"place.model": "plain", "camera.width_px": 320, "camera.height_px": 180, "camera.focal.pixels_per_mm": 57.0,
+         "image.shadow_map_px": 1024, "jib.head": "none"}  # fmt: skip
+KEPT = [  # what needs no other world, each laid over the one before
+    {"camera.beta_deg": 6.0, "camera.tilt_azimuth_deg": 40.0, "swing.alpha.sigma_deg": 7.0,
+     "light.sun_azimuth_deg": 10.0},
+    {"camera.width_px": 200, "camera.height_px": 120, "image.samples": 0, "camera.distortion.k1": -0.1},
+    {"camera.width_px": 320, "camera.height_px": 180, "image.samples": 4, "camera.distortion.k1": 0.0, "light.sun": 0.0,
+     "light.floodlights": 1.0, "weather.visibility_m": 60.0},
+    {"light.floodlights": 0.0, "light.sun": 0.7,
+     "swing": {"model": "dynamic", "work": {"model": "turn", "wait_s": 0.0}}},
+]  # fmt: skip
+BUILT = [{"seed": 5}, {"image.shadow_map_px": 2048, "grab.wear": 0.9, "jib.rope_diameter_mm": 50.0}]
+
+
+def scene(*changes):
+    merged = {}
+    for change in changes:
+        merged |= change
+    if "swing" in merged:
+        merged = {key: value for key, value in merged.items() if not key.startswith("swing.")}
+    return simgrab.load("quay-day", merged)
+
+
+def same(one, other):
+    np.testing.assert_array_equal(one.rgb, other.rgb)
+    np.testing.assert_array_equal(one.depth, other.depth)
+    np.testing.assert_array_equal(one.ids, other.ids)
+    assert msgspec.structs.asdict(one.truth) == msgspec.structs.asdict(other.truth)
+
+
+@pytest.fixture
+def generator():
+    with FrameGenerator(scene(START)) as generator:
+        generator.frame(1)
+        yield generator
+
+
+def test_a_revised_generator_makes_what_a_new_one_makes_and_keeps_its_context(generator):
+    changes = [START]
+    context = generator.scene(1).renderer._buffer.context
+    for change in KEPT:
+        changes.append(change)
+        wanted = scene(*changes)
+        generator.revise(wanted)
+        found = generator.frame(1, full=True)
+        assert generator.scene(1).renderer._buffer.context is context, change
+        with FrameGenerator(wanted) as fresh:
+            same(found, fresh.frame(1, full=True))
+
+
+@pytest.mark.parametrize("change", BUILT, ids=str)
+def test_what_needs_another_world_builds_it(generator, change):
+    wanted = scene(START, change)
+    context = generator.scene(1).renderer._buffer.context
+    generator.revise(wanted)
+    found = generator.frame(1, full=True)
+    assert generator.scene(1).renderer._buffer.context is not context
+    with FrameGenerator(wanted) as fresh:
+        same(found, fresh.frame(1, full=True))
+
+
+def test_a_camera_that_cannot_be_leaves_the_generator_as_it_was():
+    start = scene(START, {"jib.head": "portal"})
+    with FrameGenerator(start) as generator:
+        before = generator.frame(1, full=True)
+        generator.revise(scene(START, {"jib.head": "portal", "camera.offset_z_m": 0.5}))
+        with pytest.raises(ScenarioError, match="steel"):
+            generator.frame(1)
+        generator.revise(start)
+        same(before, generator.frame(1, full=True))
+
+
+def test_framebuffers_are_freed(generator):
+    from OpenGL import GL
+
+    sizes = [(320, 180), (200, 120)]
+    for width, height in sizes * 3:
+        generator.revise(scene(START, {"camera.width_px": width, "camera.height_px": height}))
+        generator.frame(0)
+    alive = sum(bool(GL.glIsRenderbuffer(name)) for name in range(1, 200))
+    for width, height in sizes * 3:
+        generator.revise(scene(START, {"camera.width_px": width, "camera.height_px": height}))
+        generator.frame(0)
+    assert sum(bool(GL.glIsRenderbuffer(name)) for name in range(1, 200)) == alive
+    assert isinstance(generator.scene(0).renderer, Renderer)
