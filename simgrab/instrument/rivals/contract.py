@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simgrab.errors import RecordError
 from simgrab.geometry import Array
 from simgrab.instrument.contract import Measurement
-from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, _numbers, _table
+from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, numbers, read_table
 
 QUANTILE = 1.959964
 """Of the normal distribution, for 95 % intervals."""
@@ -46,8 +46,8 @@ class Series:
                 f"time and values must have shapes (n,) and (n, k) with n of 2 or more, got {self.time.shape} and "
                 f"{self.values.shape}"
             )
-        for name, numbers in (("time", self.time[:, None]), ("values", self.values)):
-            for row in np.flatnonzero(~np.isfinite(numbers).all(axis=1))[:1]:
+        for name, rows in (("time", self.time[:, None]), ("values", self.values)):
+            for row in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
                 raise RecordError(f"{name}, row {row + 1}: a finite number is needed")
         for row in np.flatnonzero(np.diff(self.time) <= 0)[:1] + 1:
             raise RecordError(
@@ -75,46 +75,53 @@ def read_series(folder: str | Path, *columns: str) -> Series:
         In one line: the file, and the row or column.
     """
     where = Path(folder) / "data.csv"
-    table = _table(where)
+    table = read_table(where)
     for name in (STAMP, *columns):
         if table.column_names.count(name) != 1:
             raise RecordError(f"{where}: column {name!r} is missing; there are: {', '.join(table.column_names)}")
-    values = [_numbers(where, table, name) for name in columns]
+    values = [numbers(where, table, name) for name in columns]
     values = [np.radians(v) if name.endswith("[deg]") else v for name, v in zip(columns, values, strict=True)]
     try:
-        return Series(_numbers(where, table, STAMP) / 1e9, np.stack(values, axis=-1))
+        return Series(numbers(where, table, STAMP) / 1e9, np.stack(values, axis=-1))
     except RecordError as problem:
         raise RecordError(f"{where}: {problem}") from None
 
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """Sensors of one clip, on one clock.
+    r"""Sensors of one clip, on one clock.
 
     Attributes
     ----------
     imus : mapping of str to ImuReadings
-        By mount: ``"jib-head"``, ``"rope"``, ``"grab"``. Their ``camera_from_sensor`` is not used: axes are those of
-        the mount at rest, z up.
+        By mount: ``"jib-head"``, ``"rope"``, ``"grab"``, ``"camera"``. Axes are those of the mount at rest, z up, and
+        in the camera those of the camera frame; ``camera_from_sensor`` is not used.
     inclinometer : Series or None
         On the rope: angles of its x and y axes above level, rad.
     rope : Series or None
-        Rope length, \\|OA\\|, m.
+        Rope length, \|OA\|, m.
+    target : Series or None
+        The grab in the pictures of the camera at the jib head: angles (n, 2) of its ray from the optical axis along x
+        and y of the jib frame, rad, as if the camera were level.
+    offset_m : tuple of 3 floats
+        Of that camera, as in a `simgrab.calibration.Calibration`.
     """
 
     imus: Mapping[str, ImuReadings] = field(default_factory=dict)
     inclinometer: Series | None = None
     rope: Series | None = None
+    target: Series | None = None
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def imu(self, mount: str) -> ImuReadings:
-        """Readings of the sensor on a mount; raises `RecordError` where there is none."""
+        """Return the readings of the sensor on a mount; raises `RecordError` where there is none."""
         if mount not in self.imus:
             raise RecordError(f"an inertial sensor is needed on the mount {mount!r}; there are: {sorted(self.imus)}")
         return self.imus[mount]
 
     @property
     def lengths(self) -> Series:
-        """Rope lengths; raises `RecordError` where there are none, or such as no crane has."""
+        """Return rope lengths; raises `RecordError` where there are none, or such as no crane has."""
         if self.rope is None:
             raise RecordError("the rope length is needed")
         if not (self.rope.values > 0).all():
@@ -160,7 +167,9 @@ class Swing:
         gone = reason != ""
         alpha, azimuth = np.hypot(lean[:, 0], lean[:, 1]), np.arctan2(lean[:, 1], lean[:, 0]) % (2 * np.pi)
         spread = np.full(n, np.nan) if sd is None else sd
-        return cls(*(np.where(gone, np.nan, values) for values in (alpha, azimuth, spread)), reason)
+        return cls(
+            np.where(gone, np.nan, alpha), np.where(gone, np.nan, azimuth), np.where(gone, np.nan, spread), reason
+        )  # fmt: skip
 
     def without(self, gone: NDArray[np.bool_], why: str) -> Swing:
         """Take the angles of some instants away; reasons that they have already stay."""
@@ -168,7 +177,7 @@ class Swing:
         return Swing(alpha, azimuth, sd, np.where(gone & (self.reason == ""), why, self.reason))
 
     def measurements(self) -> list[Measurement]:
-        """The swing as an instrument returns it."""
+        """Return the swing as an instrument does."""
         found = []
         for alpha, sd, reason in zip(self.alpha.tolist(), self.sd.tolist(), self.reason.tolist(), strict=True):
             if reason:

@@ -12,8 +12,6 @@ from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.rivals.contract import Method, Sensors, Swing, refusing
 from simgrab.instrument.rivals.kalman import (
-    LEAN,
-    SPEED,
     STEP_S,
     Model,
     Pendulum,
@@ -28,6 +26,9 @@ from simgrab.instrument.rivals.kalman import (
 
 START_LEAN, START_SPEED = np.radians(10.0), 0.1  # standard deviations at the start, rad and rad/s
 BIAS_SD, BIAS_WALK = 0.05, 2e-5  # of a gyroscope: rad/s at turn-on, rad/s²/√Hz
+LEVEL_SD = np.radians(2.0)  # of an accelerometer's first lean
+TARGET_SD = np.radians(0.1)  # of a target's angle in a picture
+MOUNT = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # jib frame from an untilted camera's
 REST_S = 2.0  # in which the jib stands, when a record begins
 ROPE_M = 1.0  # how far below the pivot sensors on the rope are
 RATE_SD = 2e-3  # rad/s, of the mean rate of a step: noise, and what a pendulum leaves out
@@ -156,7 +157,7 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     force, rate = (filled(averaged(imu.time, values, steps)) for values in (imu.force, imu.rate))
     still = steps < steps[0] + REST_S
     force, rate = force[:, :2] - force[still, :2].mean(axis=0), rate[:, 2] - rate[still, 2].mean()
-    pendulum, n = Pendulum(rope.at(steps)[:, 0], rate), len(steps)
+    pendulum = Pendulum(rope.at(steps)[:, 0], rate)
     # The inclinometer's own acceleration takes its share of apparent gravity: (θ + a/g)(1 − r/l).
     share = (1 - ROPE_M / pendulum.equivalent)[:, None]
     model = Model(
@@ -170,6 +171,46 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     return found.without(outside, "the inclinometer does not last so long")
 
 
+@refusing
+def jung(sensors: Sensors, time: Array) -> Swing:
+    """Kalman filter of a pendulum and of the camera's tilt, from a camera and two inertial sensors.
+
+    After Jung et al. (2012). Known: a smart camera with an infrared filter, and two inertial sensors. Filled in: all of
+    the filter, [θ, θ̇, b, τ, c] along x and y with τ where the camera sees the vertical, and b and c the gyroscopes'
+    biases; one sensor on the rope, the other in the camera's housing, whose accelerometer gives the first τ.
+    """
+    imu, housing, rope, target = sensors.imu("rope"), sensors.imu("camera"), sensors.lengths, sensors.target
+    if target is None or target.values.shape[1] != 2:
+        raise RecordError("the target's angles in the pictures are needed")
+    steps = grid(imu, housing, rope)
+    rate, turn, force = (
+        averaged(one.time, values, steps)
+        for one, values in ((imu, imu.rate), (housing, housing.rate @ MOUNT.T), (housing, housing.force @ MOUNT.T))
+    )
+    turn, force = filled(turn), filled(force)[steps < steps[0] + REST_S].mean(axis=0)
+    pendulum, n = Pendulum(rope.at(steps)[:, 0], turn[:, 2]), len(steps)
+    a, noise, drive = pendulum.rates(10), pendulum.noise(10), np.zeros((n, 10))
+    # The camera turns: the vertical moves in its picture by (ω_y, −ω_x), less the bias.
+    a[:, 6, 7], a[:, 7, 6] = turn[:, 2], -turn[:, 2]
+    a[:, 6, 9], a[:, 7, 8] = -1, 1
+    drive[:, 6], drive[:, 7] = turn[:, 1] * STEP_S, -turn[:, 0] * STEP_S
+    noise[:, 4:6] = noise[:, 8:] = BIAS_WALK**2 * STEP_S
+    noise[:, 6:8] = np.radians(0.02) ** 2 * STEP_S
+    reading = np.zeros((4, 10))
+    reading[0, 3], reading[1, 2], reading[0, 4], reading[1, 5] = 1, -1, 1, 1
+    reading[2, 0] = reading[2, 6] = reading[3, 1] = reading[3, 7] = 1
+    known = np.zeros((n, 4))
+    known[:, 2:] = -np.array(sensors.offset_m[:2]) / pendulum.length[:, None]
+    start = np.zeros(10)
+    start[6:8] = -force[:2] / force[2]
+    start_sd = np.repeat([START_LEAN, START_SPEED, BIAS_SD, LEVEL_SD, BIAS_SD], 2)
+    model = Model(start, start_sd, advance(a), drive, noise, reading, known, np.repeat([RATE_SD, TARGET_SD], 2))
+    states, covariances = kalman(model, np.hstack([rate[:, :2], averaged(target.time, target.values, steps)]))
+    found = swing(time, steps, states, covariances, imu.time)
+    outside = (time < target.time[0]) | (time > target.time[-1])
+    return found.without(outside, "the pictures do not last so long")
+
+
 INERTIAL = MappingProxyType(
     {
         "accelerometer-grab": accelerometer("grab"),
@@ -179,8 +220,7 @@ INERTIAL = MappingProxyType(
         "gyro-pendulum": gyro_pendulum("grab"),
         "schaper": schaper(),
         "kim": kim,
+        "jung": jung,
     }
 )
 """Name → method."""
-
-__all__ = ["INERTIAL", "LEAN", "SPEED", "accelerometer", "ahrs", "gyro_pendulum", "kim", "schaper"]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from simgrab.errors import RecordError
 from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.rivals.contract import QUANTILE, Series, Swing
+from simgrab.instrument.rivals.contract import Series, Swing
 
 STEP_S = 0.02
 """Readings are averaged over so long."""
@@ -54,7 +54,7 @@ class Model:
 
 
 def kalman(model: Model, readings: Array) -> tuple[Array, Array]:
-    """Filter readings (n, m), of which rows with NaN are left out.
+    """Filter readings (n, m), of which those that are NaN are left out.
 
     Returns
     -------
@@ -64,15 +64,16 @@ def kalman(model: Model, readings: Array) -> tuple[Array, Array]:
     """
     n, d = model.drive.shape
     x, p = model.start.copy(), np.diag(model.start_sd**2)
-    r = np.diag(model.reading_sd**2)
+    r = model.reading_sd**2
     states, covariances = np.empty((n, d)), np.empty((n, d, d))
     h = np.broadcast_to(model.reading, (n, *model.reading.shape[-2:]))
-    seen = np.isfinite(readings).all(axis=1)
+    seen = np.isfinite(readings)
     for i in range(n):
-        if seen[i]:
-            ph = p @ h[i].T
-            gain = np.linalg.solve(h[i] @ ph + r, ph.T).T
-            x = x + gain @ (readings[i] - model.known[i] - h[i] @ x)
+        if (some := np.flatnonzero(seen[i])).size:
+            of_some = h[i, some]
+            ph = p @ of_some.T
+            gain = np.linalg.solve(of_some @ ph + np.diag(r[some]), ph.T).T
+            x = x + gain @ (readings[i, some] - model.known[i, some] - of_some @ x)
             p = p - gain @ ph.T
             p = (p + p.T) / 2
         states[i], covariances[i] = x, p
@@ -112,7 +113,7 @@ class Pendulum:
         return np.asarray(self.length + self.longer_m)
 
     def rates(self, d: int) -> Array:
-        """Derivatives of d states by themselves, shape (n, d, d): l θ̈ + 2 (l̇ + ζωl) θ̇ + g θ = 0."""
+        """Return derivatives of d states by themselves, shape (n, d, d): l θ̈ + 2 (l̇ + ζωl) θ̇ + g θ = 0."""
         length, n = self.equivalent, len(self.length)
         paid_out = np.gradient(self.length, STEP_S)
         a = np.zeros((n, d, d))
@@ -132,7 +133,7 @@ class Pendulum:
         return q
 
     def drive(self, d: int, acceleration: Array) -> Array:
-        """What the pivot's acceleration (n, 2), m/s², adds in a step, shape (n, d)."""
+        """Return what the pivot's acceleration (n, 2), m/s², adds in a step, shape (n, d)."""
         u = np.zeros((len(self.length), d))
         push = -acceleration / self.equivalent[:, None]
         u[:, LEAN], u[:, SPEED] = push * STEP_S**2 / 2, push * STEP_S
@@ -180,7 +181,7 @@ def silent(time: Array, at: Array) -> NDArray[np.str_]:
 
 
 def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Array) -> Swing:
-    """The swing at instants (m,) from a filter's states at steps (n,), whose sensor read at times (k,)."""
+    """Return the swing at instants (m,) from a filter's states at steps (n,), whose sensor read at times (k,)."""
     lean = np.stack([np.interp(at, steps, states[:, i]) for i in range(2)], axis=-1)
     of_lean = covariances[np.clip(np.searchsorted(steps, at), 0, len(steps) - 1), LEAN, LEAN]
     along = lean / np.maximum(np.linalg.norm(lean, axis=1, keepdims=True), 1e-12)
@@ -189,9 +190,3 @@ def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Arr
     worst = np.sqrt(np.linalg.eigvalsh(of_lean)[:, -1])
     reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not settled", reason)
     return Swing.of(lean, sd, reason)
-
-
-__all__ = [
-    "LEAN", "MOST_SD", "QUANTILE", "SPEED", "STEP_S", "Model", "Pendulum", "advance", "averaged", "filled", "grid",
-    "kalman", "silent", "swing",
-]  # fmt: skip
