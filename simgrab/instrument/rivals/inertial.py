@@ -25,7 +25,7 @@ from simgrab.instrument.rivals.kalman import (
 )
 
 START_LEAN, START_SPEED = np.radians(10.0), 0.1  # standard deviations at the start, rad and rad/s
-BIAS_SD, BIAS_WALK = 0.05, 2e-5  # of a gyroscope: rad/s at turn-on, rad/s²/√Hz
+BIAS_SD, BIAS_WALK = 0.15, 2e-5  # of a gyroscope: rad/s at turn-on, rad/s²/√Hz
 LEVEL_SD = np.radians(2.0)  # of an accelerometer's first lean
 TARGET_SD = np.radians(0.1)  # of a target's angle in a picture
 MOUNT = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # jib frame from an untilted camera's
