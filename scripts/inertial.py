@@ -1,6 +1,6 @@
 """Print what an inertial sensor in the camera's housing adds: errors of α, coverage and alarms, without pictures.
 
-    python -m scripts.inertial [--clips 6] [--frames 2700] [--noise-px 1.5] [--world NAME …]
+    python -m scripts.inertial [--clips 6] [--frames 2700] [--noise-px 1.5] [--world NAME …] [--suspension KIND]
 
 The clips, cameras and noise are those of ``scripts/instrument.py``; beside `rope-aware` each is measured by
 `inertial-fusion` with two classes of sensors.
@@ -36,6 +36,11 @@ WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
     **{f"wind of 14 m/s, {name}": ("work-cycles", WIND | mount) for name, mount in MOUNTS.items()},
     "alarm-cycles, levelled": ("alarm-cycles", MOUNTS["levelled"]),
 }
+SUSPENSIONS: dict[str, dict[str, Any]] = {
+    "one-body": {},
+    "four-rope": {"suspension": {"model": "four-rope", "tilt_ratio": 0.2}},
+    "double-pendulum": {"suspension": {"model": "double-pendulum"}},
+}
 CLASSES = ("adis16448", "mems")
 
 
@@ -51,14 +56,14 @@ def readings(scene: str, changes: dict[str, Any], noise: str) -> ImuReadings:
     )  # fmt: skip
 
 
-def measure(world: str, clips: int, frames: int, noise: float) -> dict[str, dict[str, Any]]:
+def measure(world: str, clips: int, frames: int, noise: float, suspension: str) -> dict[str, dict[str, Any]]:
     """Measure clips of a world, all of them together."""
     scene, changes = WORLDS[world]
     kinds = ("rope-aware", *(f"inertial-fusion, {name}" for name in CLASSES))
     together: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
     seconds: list[float] = []
     for clip in range(clips):
-        every = {"frames": frames, "seed": 100 + clip, **changes}
+        every = {"frames": frames, "seed": 100 + clip, **changes, **SUSPENSIONS[suspension]}
         truth = swinging.record(scene, fixed=False, **{key.replace(".", "__"): value for key, value in every.items()})
         off = stream(0, clip, "offset").normal(0, OFFSET_SD_M, 3)
         x, y, z = (np.array(truth.calibration.offset_m) + off).tolist()
@@ -80,13 +85,16 @@ def measure(world: str, clips: int, frames: int, noise: float) -> dict[str, dict
 @click.option("--clips", default=6, show_default=True)
 @click.option("--frames", default=2700, show_default=True)
 @click.option("--noise-px", default=1.5, show_default=True, help="Per coordinate, 1920 px across.")
+@click.option("--suspension", default="one-body", show_default=True, type=click.Choice(list(SUSPENSIONS)))
 @click.option("--world", "worlds", multiple=True, type=click.Choice(list(WORLDS)), help="[default: all]")
-def main(clips: int, frames: int, noise_px: float, worlds: tuple[str, ...]) -> None:
+def main(clips: int, frames: int, noise_px: float, suspension: str, worlds: tuple[str, ...]) -> None:
     """Print the tables."""
-    print(f"{clips} clips of {frames} frames, noise {noise_px:g} px, offset off by {100 * OFFSET_SD_M:g} cm")
+    print(
+        f"{suspension}: {clips} clips of {frames} frames, noise {noise_px:g} px, offset off by {100 * OFFSET_SD_M:g} cm"
+    )
     for world in worlds or WORLDS:
         print(f"\n{world}")
-        for kind, f in measure(world, clips, frames, noise_px).items():
+        for kind, f in measure(world, clips, frames, noise_px, suspension).items():
             if f["rmse_deg"] is None:
                 print(f"  {kind:27s} refused")
                 continue

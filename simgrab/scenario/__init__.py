@@ -28,6 +28,7 @@ from simgrab.scenario.sensors import (
 )
 from simgrab.scenario.size import resized
 from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Place, Plain, Quay, RandomPlace, Water
+from simgrab.scenario.suspension import DoublePendulum, FourRopes, OneBody, Suspension, Waves
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
     ROPE_LENGTH_RANGE_M,
@@ -59,12 +60,14 @@ __all__ = [
     "Clutter",
     "Cycles",
     "Display",
+    "DoublePendulum",
     "Dynamic",
     "Factor",
     "FixedExposure",
     "FixedMount",
     "Forcing",
     "FourRope",
+    "FourRopes",
     "Grab",
     "Hang",
     "HoistEncoder",
@@ -84,6 +87,7 @@ __all__ = [
     "LuffEncoder",
     "Mesh",
     "MotionSensor",
+    "OneBody",
     "OneOf",
     "Optics",
     "OrangePeel",
@@ -103,11 +107,13 @@ __all__ = [
     "Splits",
     "Start",
     "Strict",
+    "Suspension",
     "Tagged",
     "Turn",
     "Variant",
     "Vibration",
     "Water",
+    "Waves",
     "Weather",
     "Wind",
     "merged",

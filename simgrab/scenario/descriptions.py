@@ -40,6 +40,7 @@ _DRIVE = {"drive": "What closes the jaws."}
 _WORN = {"wear": "Age of the place: 0 is new."}
 _CARGO = {"cargo": "Bulk cargo in the place."}
 
+_WAVED = {"waves": "Transverse waves of the ropes, for sensors on the rope."}
 _CLOCK = {
     "clock_offset_ms": "Standard deviation of the clock's offset, drawn once a clip.",
     "clock_drift_ppm": "Standard deviation of the clock's drift, drawn once a clip.",
@@ -83,6 +84,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "frames": "Number of frames.",
         "camera": "The surveillance camera at the jib head.",
         "sensors": "Sensors beside the camera, by name; they need physics.",
+        "suspension": "How the grab hangs on its ropes.",
         "swing": "How the grab swings: independent draws, or physics.",
         "grab": "The grab: its kind, shape and looks.",
         "jib": "The jib head and its ropes.",
@@ -162,6 +164,15 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "radius_m": "Working radius of the jib head when a clip begins.",
         "drag_area_m2": "Drag coefficient times area of the grab; by default from its shape.",
         "settle_s": "Time simulated before the first frame of a clip.",
+    },
+    "OneBody": _WAVED,
+    "FourRopes": _WAVED | {"tilt_ratio": "Lean of the grab's head over that of its ropes: 0 stays level."},
+    "DoublePendulum": _WAVED | {"damping": "Damping of the grab against the ropes, as a share of critical damping."},
+    "Waves": {
+        "modes": "Number of string modes; 0 is none.",
+        "damping": "Share of each mode's critical damping.",
+        "exit_rms_m_s2": "RMS of each horizontal component of the acceleration of the rope exits.",
+        "bandwidth_hz": "Frequency up to which it is white noise.",
     },
     "Hang": _ROPE,
     "Turn": _ROPE | {

@@ -25,6 +25,7 @@ from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.sensors import MotionSensor
 from simgrab.scenario.surroundings import Clutter, Jib, Light, Place, Quay
+from simgrab.scenario.suspension import DoublePendulum, OneBody, Suspension
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
 from simgrab.utilities import models
@@ -32,6 +33,8 @@ from simgrab.utilities import models
 MOST_DAYS = 366
 """Of simulated motion in a dataset."""
 MOST_SENSORS = 32
+_LATER: dict[str, Any] = {"suspension": OneBody(), "sensors": {}}
+"""Keys that scenarios did not always have, with their defaults."""
 _SENSOR_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")  # a folder of the dataset
 
 
@@ -41,8 +44,8 @@ class Scenario(Strict, frozen=True):
     ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
     that only some kinds of a table have is left out where another kind was drawn.
 
-    ``sensors`` are those beside the camera, by name. A scenario without any is written, and has the digest, as if there
-    were no such key.
+    ``sensors`` are those beside the camera, by name, and ``suspension`` is how the grab hangs on its ropes. A scenario
+    in which these are as by default is written, and has the digest, as if there were no such keys.
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
@@ -64,6 +67,7 @@ class Scenario(Strict, frozen=True):
     display: Display = Display()
     labels: Labels = Labels()
     splits: Splits = Splits()
+    suspension: Suspension = OneBody()
     sensors: dict[str, MotionSensor] = msgspec.field(default_factory=dict)
     vary: dict[str, Factor] = msgspec.field(default_factory=dict)
 
@@ -118,6 +122,10 @@ class Scenario(Strict, frozen=True):
                     f"sensors.{name}",
                     "a name has 1 to 64 of a-z, 0-9, _ and -, and begins with a letter or digit",
                 )
+        if isinstance(self.swing, Iid) and isinstance(self.suspension, DoublePendulum):
+            raise ScenarioError(
+                "suspension.model", 'independent frames have no second swing; swing.model = "dynamic", or another model'
+            )
         if self.sensors and isinstance(self.swing, Iid):
             raise ScenarioError("sensors", 'independent frames have no motion to measure; swing.model = "dynamic"')
 
@@ -149,8 +157,8 @@ class Scenario(Strict, frozen=True):
         return dict(msgspec.json.decode(self._encoded()))
 
     def _encoded(self, order: Literal["deterministic"] | None = None) -> bytes:
-        """JSON of all fields in their order; ``sensors`` only where there are some, which keeps older digests."""
-        names = (name for name in self.__struct_fields__ if name != "sensors" or self.sensors)
+        """JSON of all fields in their order; those of `_LATER` only where they are set, which keeps older digests."""
+        names = (name for name in self.__struct_fields__ if name not in _LATER or getattr(self, name) != _LATER[name])
         fields = {name: msgspec.Raw(msgspec.json.encode(getattr(self, name), order=order)) for name in names}
         return msgspec.json.encode(fields)
 

@@ -20,9 +20,9 @@ from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
 from simgrab.labels.datasets import MANIFEST
 from simgrab.labels.masks import MOST_COCO_BYTES
-from simgrab.labels.truth import SPLITS, Row
+from simgrab.labels.truth import SPLITS, Row, Truth
 from simgrab.records import frame_files
-from simgrab.scenario import Scenario
+from simgrab.scenario import OneBody, Scenario, Suspension
 from simgrab.utilities import pictures
 from simgrab.utilities.parse import parse_json, read_json
 from simgrab.utilities.strict import convert
@@ -31,6 +31,7 @@ from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import manifest, stored, tables
 from simgrab.world.output.stored import Record
+from simgrab.world.scenery.grabs import design_of
 
 # What depends on the renderer. Another fingerprint than the dataset's may differ by so much.
 DRAWN = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px", "visible_fraction", "in_frame_fraction")
@@ -84,10 +85,11 @@ def audit(
     data = _read(Path(path))
     extensions = Extensions.of(randomiser, trajectory, effects)
     extensions.refuse_others(data.path / MANIFEST)
+    recipe = Recipe(data.scenario, extensions)
     proofs = [
         _manifest_proof(data),
         identities.paper_identities(data.rows),
-        identities.poses(data.rows),
+        identities.poses(data.rows, _hanging(recipe)),
         identities.projections(data.rows),
     ]
 
@@ -97,7 +99,7 @@ def audit(
                 progress(name, done + 1, len(data.rows))
             yield
 
-    with FrameGenerator(Recipe(data.scenario, extensions)) as generator:
+    with FrameGenerator(recipe) as generator:
         drawing: list[Callable[[], list[Proof]]] = [
             lambda: _redraw(data, generator, ticks("drawing again")),
             lambda: [silhouettes.compare(data.rows, generator, ticks("second renderer"))],
@@ -125,6 +127,21 @@ def _read(path: Path) -> _Dataset:
         raise DatasetError(f"{path / MANIFEST}: not a simgrab manifest ({problem})") from None
     rows, schema, _ = frame_files.read_rows(path, Row)
     return _Dataset(path, known, scenario, schema, rows)
+
+
+def _hanging(recipe: Recipe) -> Callable[[Truth], tuple[Suspension, float]]:
+    """Give for a row how its grab hangs, and the height of its rope ends, m; each variant is drawn once."""
+    known: dict[int, tuple[Suspension, float]] = {}
+
+    def hanging(row: Truth) -> tuple[Suspension, float]:
+        number = recipe.variant_number(row.frame)
+        if number not in known:
+            scenario = recipe.variant(row.frame).scenario
+            own = not isinstance(scenario.suspension, OneBody)
+            known[number] = scenario.suspension, float(design_of(scenario.grab).terminations[0, 2]) if own else 0.0
+        return known[number]
+
+    return hanging
 
 
 def _manifest_proof(data: _Dataset) -> Proof:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from simgrab.judge.audit.proof import Findings, Proof
 from simgrab.labels.truth import Truth
+from simgrab.scenario import DoublePendulum, FourRopes, OneBody, Suspension
 
 IDENTITY_TOLERANCE = 1e-9
 PIXEL_TOLERANCE = 1e-6
@@ -47,8 +48,15 @@ def paper_identities(rows: Sequence[Truth]) -> Proof:
     return found.proof("eqs (1) and (2) of the paper hold", f"worst residual {worst:.1e}")
 
 
-def poses(rows: Sequence[Truth]) -> Proof:
-    """Check stored poses against stored angles, lengths and offsets, by SciPy's rotations."""
+def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]]) -> Proof:
+    """Check stored poses against stored angles, lengths and offsets, by SciPy's rotations.
+
+    Parameters
+    ----------
+    rows : sequence of Truth
+    hanging : callable
+        Gives for a row how its grab hangs, and the height of its rope ends in its frame, m.
+    """
     found, worst = Findings(), 0.0
     for row in rows:
         tilt, azimuth = row.beta_deg, row.tilt_azimuth_deg
@@ -56,16 +64,31 @@ def poses(rows: Sequence[Truth]) -> Proof:
         camera = Rotation.from_euler("ZYZ", [azimuth, -tilt, -azimuth], degrees=True) * down
         camera = camera * Rotation.from_euler("z", row.roll_deg, degrees=True)
         swing = row.gamma_deg + azimuth
-        grab = Rotation.from_euler("ZYZ", [swing, -row.alpha_deg, -swing + row.yaw_deg], degrees=True)
+        rope = Rotation.from_euler("ZYZ", [swing, -row.alpha_deg, -swing + row.yaw_deg], degrees=True)
+        grab = _grab_attitude(row, rope, *hanging(row))
         expected = {
             "jib_from_camera": np.column_stack([camera.as_matrix(), (row.offset_x_m, row.offset_y_m, row.offset_z_m)]),
-            "jib_from_grab": np.column_stack([grab.as_matrix(), grab.apply([0, 0, -row.rope_length_m])]),
+            "jib_from_grab": np.column_stack([grab.as_matrix(), rope.apply([0, 0, -row.rope_length_m])]),
         }
         for column, pose in expected.items():
             error = float(np.abs(_pose(getattr(row, column)) - pose).max())
             worst = max(worst, error)
             found.expect(error <= IDENTITY_TOLERANCE, f"frame {row.frame}, {column}", f"off by {error:.3g}")
     return found.proof("poses agree with angles, rope length and offset", f"worst {worst:.1e}")
+
+
+def _grab_attitude(row: Truth, along: Rotation, suspension: Suspension, end_height: float) -> Rotation:
+    """Attitude that a grab has: ``along`` OA, or as the ropes hold it, or about a stored axis that is free."""
+    stored = _pose(row.jib_from_grab)
+    match suspension:
+        case OneBody():
+            return along
+        case FourRopes():  # its axis follows the middle of the rope ends
+            leaning, ratio = stored[:, 3] + end_height * stored[:, 2], suspension.tilt_ratio
+        case DoublePendulum():
+            leaning, ratio = -stored[:, 2], 1.0
+    lean, azimuth = np.arctan2(np.hypot(*leaning[:2]), -leaning[2]), np.arctan2(leaning[1], leaning[0])
+    return Rotation.from_euler("ZYZ", [azimuth, -ratio * lean, -azimuth + np.radians(row.yaw_deg)])
 
 
 def projections(rows: Sequence[Truth]) -> Proof:

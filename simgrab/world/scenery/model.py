@@ -56,13 +56,17 @@ class World:
         place, slew = (moment.jib.jib_from_place, moment.jib.slew) if moment.jib else (np.eye(4), 0.0)
         data.mocap_pos[self._mocap("place")] = place[:3, 3]
         data.mocap_quat[self._mocap("place")] = (np.cos(slew / 2), 0, 0, -np.sin(slew / 2))
-        half = state.alpha / 2
+        lean, azimuth = state.head or (state.alpha, state.azimuth)
+        half = lean / 2
         data.joint("swing").qpos = (
             np.cos(half),
-            np.sin(half) * np.sin(state.azimuth),
-            -np.sin(half) * np.cos(state.azimuth),
+            np.sin(half) * np.sin(azimuth),
+            -np.sin(half) * np.cos(azimuth),
             0.0,
         )
+        if state.head:  # the grab's axis does not go through O: its line hangs from beside it
+            pose = state.jib_from_grab
+            model.body_pos[model.body("rope_line").id] = pose[:3, 3] + state.rope_length * pose[:3, 2]
         data.joint("hoist").qpos = -state.rope_length
         data.joint("yaw").qpos = state.yaw
         for name, position in self.plan.grab.positions(state.jaw).items():

@@ -12,7 +12,7 @@ import trimesh
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.rng import stream
-from simgrab.scenario import Dynamic, Hang, Scenario
+from simgrab.scenario import Dynamic, Hang, Scenario, Suspension
 from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
 from simgrab.world.scenery.grabs import design_of
@@ -22,6 +22,7 @@ from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.scenery.parked import parked_grabs
+from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, Moment
 
 CLEARANCE_M = 0.3
@@ -48,6 +49,7 @@ class Plan:
         Cargo that the grab may hold, one for each of `CARGO_LEVELS` or none, in the grab's frame.
     straight : bool
         Whether the lens maps straight lines to straight lines.
+    suspension : Suspension
     reach_m : float
         How far from where O is at first the grab may come.
     """
@@ -59,6 +61,7 @@ class Plan:
     painted: Callable[[], Mapping[str, Sequence[Part]]]
     heaps: Sequence[Part]
     straight: bool
+    suspension: Suspension
     reach_m: float
 
     @cached_property
@@ -99,7 +102,7 @@ class Plan:
             if missing <= 0:
                 break
             grab = replace(moment.grab, rope_length=moment.grab.rope_length - missing - 0.01)
-            moment = replace(moment, grab=grab)
+            moment = replace(moment, grab=hung(grab, self.suspension, float(self.grab.terminations[0, 2])))
         return moment
 
     def _gap(self, moment: Moment, points_jib: Array) -> float:
@@ -156,6 +159,7 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
         painted,
         grab.heaps(look.cargo, stream(seed, number, "cargo")),
         straight=scenario.camera.intrinsics.distortion.is_null,
+        suspension=scenario.suspension,
         reach_m=_reach(scenario),
     )
 

@@ -11,7 +11,7 @@ from simgrab.geometry import Array
 from simgrab.scenario import Scenario
 from simgrab.scenario.sensors import Mounting
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.sensors.motion import Motion
+from simgrab.world.sensors.motion import Link, Motion
 from simgrab.world.trajectory.moment import Tilt
 
 ROPE_M = 1.0
@@ -57,6 +57,8 @@ def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinema
         case "rope":
             return _on_rope(motion)
         case "grab":
+            if motion.link is not None:
+                return _on_linked_grab(motion, motion.link)
             return _on_grab(motion, float(body_from_sensor(mounting, scenario)[2, 3]))
 
 
@@ -90,18 +92,27 @@ def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: 
 def _on_rope(motion: Motion) -> Kinematics:
     """Kinematics on the rope: with its direction, but without turning about it as the grab does."""
     turn = geometry.rotation_z(motion.slew)
-    axis = np.array([0.0, 0.0, 1.0])
-    swung = np.cross(motion.rate, axis)  # of the rope's axis, grab frame
-    direction = -motion.attitude[:, :, 2]
-    direction_rate = -_out_of(motion.attitude, swung)
-    bend = np.cross(motion.acceleration, axis) + np.cross(motion.rate, swung)
+    direction, direction_rate, bend = motion.ropes
+    if motion.waves is not None:
+        acceleration, slope, slope_rate = motion.waves.at(ROPE_M)
+        direction, direction_rate, bend = direction + slope, direction_rate + slope_rate, bend + acceleration / ROPE_M
     spin = _about_z(motion.slew_rate)
     leaned, leaned_rate = _leaned(
         _into(turn, direction), _into(turn, direction_rate - np.cross(spin, direction))
     )  # fmt: skip
     attitude = turn @ leaned
-    force = _into(attitude, -ROPE_M * _out_of(motion.attitude, bend) - motion.gravity)
+    force = _into(attitude, ROPE_M * bend - motion.gravity)
     return Kinematics(attitude, _into(attitude, spin) + leaned_rate, force)
+
+
+def _on_linked_grab(motion: Motion, link: Link) -> Kinematics:
+    """Kinematics at T, where the ropes end, of a grab that leans otherwise than they do."""
+    length = motion.rope - link.end_height
+    acceleration = (
+        motion.rope_acceleration[:, None] * link.direction + 2 * motion.rope_rate[:, None] * link.direction_rate
+        + length[:, None] * link.direction_acceleration
+    )  # fmt: skip
+    return Kinematics(motion.attitude, motion.rate, _into(motion.attitude, acceleration - motion.gravity))
 
 
 def _on_grab(motion: Motion, height: float) -> Kinematics:

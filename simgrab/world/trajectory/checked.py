@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, Scenario
+from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, DoublePendulum, Scenario, Suspension
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import Design
+from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
 
 
@@ -30,20 +31,20 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
         due = (frame - scenario.span(clip).start) / rate
         _within("time", moment.time, due - 0.499 / rate, due + 0.499 / rate)
     design = design_of(scenario.grab)
-    now = _instant(moment, design)
+    now = _instant(moment, design, scenario.suspension)
     ahead = None
     if moment.ahead is not None:
         if now.time is None or moment.ahead.time is None:
             raise ValueError("a moment ahead needs times, and so does the moment itself")
         _within("ahead.time", moment.ahead.time, now.time + 1e-6, now.time + 1.0)
-        ahead = _instant(moment.ahead, design)
+        ahead = _instant(moment.ahead, design, scenario.suspension)
     return replace(
         now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead,
         shown=moment.shown if scenario.display_layout else None,
     )  # fmt: skip
 
 
-def _instant(moment: Moment, design: Design) -> Moment:
+def _instant(moment: Moment, design: Design, suspension: Suspension) -> Moment:
     """Moment of Python's numbers within bounds; what it is ahead of is left out."""
     grab, tilt, jib = moment.grab, moment.tilt, moment.jib
     turn = (-1e3, 1e3)
@@ -54,7 +55,14 @@ def _instant(moment: Moment, design: Design) -> Moment:
         yaw=_within("yaw", grab.yaw, *turn),
         jaw=_within("jaw", grab.jaw, 0.0, design.max_jaw),
         load=_within("load", grab.load, 0.0, 1.0 if design.holds_cargo else 0.0),
-    )
+        head=None if grab.head is None else (
+            _within("head[0]", grab.head[0], -math.pi / 2, math.pi / 2), _within("head[1]", grab.head[1], *turn)
+        ),
+    )  # fmt: skip
+    if grab.head is None:
+        grab = hung(grab, suspension, float(design.terminations[0, 2]))
+    elif not isinstance(suspension, DoublePendulum):
+        raise ValueError('head must be None: with this suspension it follows; suspension.model = "double-pendulum"')
     tilt = Tilt(
         _within("tilt.beta", tilt.beta, 0.0, math.pi / 2), _within("tilt.azimuth", tilt.azimuth, *turn),
         _within("tilt.roll", tilt.roll, *turn),

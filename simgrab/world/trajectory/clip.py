@@ -11,15 +11,16 @@ import numpy as np
 
 from simgrab import geometry
 from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.scenario import Dynamic, Scenario, Start
+from simgrab.scenario import Dynamic, OneBody, Scenario, Start
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.weight import Mass
 from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.display import Shown, shown
+from simgrab.world.trajectory.linked import LinkedPlant
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment
 from simgrab.world.trajectory.mount import Mount
 from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
-from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant
+from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant, turned
 from simgrab.world.trajectory.work import Course, Work
 
 MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
@@ -95,7 +96,7 @@ class ClipMotion:
 
     def __iter__(self) -> Iterator[Moment]:
         work, mount = Work(self._scenario, self._clip), Mount(self._scenario.camera, self.interval)
-        plant: Plant | None = None
+        plant: Plant | LinkedPlant | None = None
         for block in self.blocks(work):
             course, felt, shake = block.course, block.felt, block.shake
             for i, (drive, jaw, load) in enumerate(block.drives()):
@@ -134,40 +135,42 @@ class ClipMotion:
             gravity = np.full((BLOCK, 3), -STANDARD_GRAVITY)
             gravity[:, :2] = -np.diff(velocity, axis=0) / self.interval
             count = block * BLOCK - self._settle * self._per_frame
-            felt = _turned(gravity, -course.slew[:-1])
+            felt = turned(gravity, -course.slew[:-1])
             yield Block(count, self.interval, course, gravity, velocity, felt, wind, push, shake)
 
-    def plant(self, rope: float, jaw: float, load: float) -> Plant:
+    def plant(self, rope: float, jaw: float, load: float) -> Plant | LinkedPlant:
         """Make the grab as the clip begins."""
-        swing = self._swing
+        swing, suspension = self._swing, self._scenario.suspension
         drag_area = self._grab.cd_a_m2 if swing.drag_area_m2 is None else swing.drag_area_m2
-        plant = Plant(
-            self._grab, Ropes.of(self._scenario.jib, len(self._grab.terminations)), rope, jaw, load,
-            damping=swing.damping, yaw_damping=swing.yaw_damping, drag_area=drag_area,
-        )  # fmt: skip
+        ropes = Ropes.of(self._scenario.jib, len(self._grab.terminations))
+        shares = {"damping": swing.damping, "yaw_damping": swing.yaw_damping, "drag_area": drag_area}
+        if not isinstance(suspension, OneBody):
+            linked = LinkedPlant(self._grab, ropes, rope, jaw, load, suspension=suspension, **shares)
+            linked.begin(swing.start)
+            return linked
+        plant = Plant(self._grab, ropes, rope, jaw, load, **shares)
         plant.start(*_begin(swing.start, plant.mass, rope))
         return plant
 
     def _moment(
-        self, index: float, plant: Plant, course: Course, i: int, felt: Array, mount: Mount, shake: Array
+        self, index: float, plant: Plant | LinkedPlant, course: Course, i: int, felt: Array, mount: Mount, shake: Array
     ) -> Moment:
         scenario, slew = self._scenario, float(course.slew[i])
-        w, x, y, z, slide = plant.data.qpos.tolist()
-        down = _turned(np.array([-2 * (x * z + w * y), -2 * (y * z - w * x), 2 * (x * x + y * y) - 1]), -slew)
-        alpha, azimuth, _ = geometry.swing_of(down)
+        hung = plant.hung(slew)
         luffed, tilt = float(course.luffed[i]), mount.tilt(shake)
         return Moment(
             frame=self._first + int(index),
             grab=GrabState(
-                alpha=float(alpha),
-                azimuth=float(azimuth),
-                rope_length=-slide,
-                yaw=float(geometry.wrap(2 * math.atan2(z, w) - slew)),
+                alpha=hung.alpha,
+                azimuth=hung.azimuth,
+                rope_length=hung.rope_length,
+                yaw=float(geometry.wrap(hung.yaw)),
                 jaw=float(course.jaw[i]),
                 load=float(course.load[i]),
+                head=hung.head,
             ),
             tilt=tilt,
-            gamma=(float(azimuth) - tilt.azimuth) % (2 * math.pi),
+            gamma=(hung.azimuth - tilt.azimuth) % (2 * math.pi),
             clip=self._clip,
             time=index / scenario.clip.frame_rate_hz,
             jib=JibState(slew, self._swing.radius_m + luffed, luffed),
@@ -204,6 +207,11 @@ class ClipMotion:
         shape = narrow_band(vibration.frequency_hz, vibration.damping)
         return self._noise(shape, math.radians(vibration.rms_deg), "vibration")
 
+    def exit_shaking(self) -> Iterator[Array]:
+        """Acceleration of the rope exits that sets waves going, m/s², block by block, shape (BLOCK, 2)."""
+        waves = self._scenario.suspension.waves
+        return self._noise(low_pass(waves.bandwidth_hz), waves.exit_rms_m_s2, "waves")
+
     def _noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
         """Blocks (BLOCK, 2) of two independent components, each of this rms."""
         if not shape or not rms:
@@ -220,13 +228,6 @@ def _velocity(radius: float, course: Course) -> Array:
     out = np.stack([np.cos(course.slew), np.sin(course.slew)], axis=-1)
     around = np.stack([-out[:, 1], out[:, 0]], axis=-1)
     return np.asarray(course.luff_rate[:, None] * out + ((radius + course.luffed) * course.slew_rate)[:, None] * around)
-
-
-def _turned(vector: Array, angle: float | Array) -> Array:
-    """Turn vectors (..., 3) about z, counter-clockwise."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, z = np.moveaxis(vector, -1, 0)
-    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 
 def _begin(start: Start, mass: Mass, rope: float) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from simgrab.errors import ScenarioError
 from simgrab.rng import stream
 from simgrab.scenario import MOST_ALPHA_DEG, Iid, Scenario
 from simgrab.world.scenery.grabs import design_of
+from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
 
 CLOSED = np.radians(2.0)  # jaws wider than this hold nothing
@@ -62,5 +63,6 @@ def draw(scenario: Scenario, frame: int) -> Moment:
         jaw=float(jaw),
         load=load if jaw <= CLOSED and design.holds_cargo else 0.0,
     )
+    grab = hung(grab, scenario.suspension, float(design.terminations[0, 2]))
     present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
     return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma), present=bool(present))

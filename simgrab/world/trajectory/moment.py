@@ -30,6 +30,8 @@ class GrabState:
         Turn about the rope; opening of each shell.
     load : float
         Fill, 0 to 1.
+    head : tuple of 2 floats, or None
+        Angle between the grab's own axis and gravity, and its azimuth; None where the axis is along OA.
     """
 
     alpha: float
@@ -38,12 +40,13 @@ class GrabState:
     yaw: float
     jaw: float
     load: float
+    head: tuple[float, float] | None = None
 
     @property
     def jib_from_grab(self) -> Array:
         """Pose, shape (4, 4)."""
         pose = np.eye(4)
-        pose[:3, :3] = geometry.grab_rotation(self.alpha, self.azimuth, self.yaw)
+        pose[:3, :3] = geometry.grab_rotation(*(self.head or (self.alpha, self.azimuth)), self.yaw)
         pose[:3, 3] = geometry.grab_centre(self.alpha, self.azimuth, self.rope_length)
         return pose
 
@@ -169,6 +172,7 @@ class Moment:
             yaw=float(geometry.wrap(here.yaw + share * float(geometry.wrap(there.yaw - here.yaw)))),
             jaw=max(between(here.jaw, there.jaw), 0.0),
             load=here.load,
+            head=_lean_between(here.head, there.head, share),
         )  # fmt: skip
         first = Rotation.from_matrix(self.tilt.jib_from_camera)
         turn = (first.inv() * Rotation.from_matrix(self.ahead.tilt.jib_from_camera)).as_rotvec()
@@ -176,3 +180,14 @@ class Moment:
         jib = JibState(*(between(a, b) for a, b in zip(astuple(self.jib), astuple(self.ahead.jib), strict=True)))
         gamma = (grab.azimuth - tilt.azimuth) % (2 * math.pi)
         return replace(self, grab=grab, tilt=tilt, jib=jib, gamma=gamma, time=self.time + seconds)
+
+
+def _lean_between(
+    here: tuple[float, float] | None, there: tuple[float, float] | None, share: float
+) -> tuple[float, float] | None:
+    """Lean of a head part of the way between two, by its horizontal components."""
+    if here is None or there is None:
+        return None
+    (x0, y0), (x1, y1) = ((lean * math.cos(azimuth), lean * math.sin(azimuth)) for lean, azimuth in (here, there))
+    x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+    return math.hypot(x, y), math.atan2(y, x) % (2 * math.pi)

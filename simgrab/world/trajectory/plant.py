@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
+from simgrab import geometry
 from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.weight import Mass
@@ -22,7 +24,7 @@ MOST_STEP_S = 0.005
 AIR_KG_M3 = 1.225
 HELD_DAMPING = 2.0  # of critical: jaws in the cargo hold the grab
 # Moves as commanded whatever the grab pulls; what that adds up to is taken back within seconds.
-_HOIST_INERTIA_KG, _RETURN_1_S = 1e14, 0.5
+_HOIST_INERTIA_KG, RETURN_1_S = 1e14, 0.5
 
 Vector = tuple[float, float, float]
 
@@ -58,6 +60,31 @@ class Drive:
     held: bool
 
 
+class Hung(NamedTuple):
+    """How the grab hangs in the jib frame, rad and m: swing and |OA|, twist about the vertical, and lean of its head.
+
+    ``head`` is angle and azimuth of the grab's own axis; None where it is along OA.
+    """
+
+    alpha: float
+    azimuth: float
+    rope_length: float
+    yaw: float
+    head: tuple[float, float] | None
+
+
+def turned(vector: Array, angle: float | Array) -> Array:
+    """Turn vectors (..., 3) about z, counter-clockwise."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = np.moveaxis(vector, -1, 0)
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+
+
+def spread_m2(grab: Design, ropes: Ropes) -> float:
+    """Mean over the ropes of the product of the exit's and the termination's distance from the axis, m²."""
+    return float(np.mean(np.sum(np.array(ropes.exits)[:, :2] * grab.terminations[:, :2], axis=1)))
+
+
 class Plant:
     """The pendulum: a ball joint at O, a slide along the rope, the grab as one rigid body.
 
@@ -75,13 +102,17 @@ class Plant:
         Cd·A, m².
     """
 
+    WIDTH = 13
+    """Columns of `watch`."""
+    ACCELERATIONS = slice(9, 12)
+    """Of these, those that belong to `rates`."""
+
     def __init__(
         self, grab: Design, ropes: Ropes, rope: float, jaw: float, load: float, *, damping: float, yaw_damping: float,
         drag_area: float,
     ) -> None:  # fmt: skip
         self._grab, ends = grab, grab.terminations
-        # Mean over the ropes of the product of the exit's and the termination's distance from the axis, m².
-        self._spread_m2 = float(np.mean(np.sum(np.array(ropes.exits)[:, :2] * ends[:, :2], axis=1)))
+        self._spread_m2 = spread_m2(grab, ropes)
         self._termination_z = float(ends[0, 2])
         self._damping, self._yaw_damping, self._drag = damping, yaw_damping, drag_area
         self._jaw, self._load = jaw, load
@@ -108,6 +139,17 @@ class Plant:
     def start(self, rotation: Array, rate: Array) -> None:
         """Set the attitude, a quaternion (4,) in MuJoCo's order, and the angular velocity (3,), grab frame, rad/s."""
         self.data.qpos[:4], self.data.qvel[:3] = rotation, rate
+
+    def rates(self) -> Array:
+        """Angular velocity (3,), grab frame, rad/s."""
+        return np.array(self.data.qvel[:3])
+
+    def hung(self, slew: float) -> Hung:
+        """Give the grab's state in the jib frame, whose heading is ``slew``, rad."""
+        w, x, y, z, slide = self.data.qpos.tolist()
+        down = turned(np.array([-2 * (x * z + w * y), -2 * (y * z - w * x), 2 * (x * x + y * y) - 1]), -slew)
+        alpha, azimuth, _ = geometry.swing_of(down)
+        return Hung(float(alpha), float(azimuth), -slide, 2 * math.atan2(z, w) - slew, None)
 
     def run(self, drive: Drive, seconds: float, steps: int) -> None:
         """Integrate one interval."""
@@ -177,7 +219,7 @@ class Plant:
         torque = -stiffness * math.sin(yaw)
         data.qfrc_applied[0], data.qfrc_applied[1], data.qfrc_applied[2] = by_p * torque, by_q * torque, torque
         lag, slip = -drive.rope - float(qpos[4]), -drive.rope_rate - float(qvel[3])
-        follow = -drive.rope_acceleration + _RETURN_1_S**2 * lag + 2 * _RETURN_1_S * slip
+        follow = -drive.rope_acceleration + RETURN_1_S**2 * lag + 2 * RETURN_1_S * slip
         data.qfrc_applied[3] = _HOIST_INERTIA_KG * follow
         # Wind on the grab's own velocity over the ground: O's plus what the swing and the hoist add.
         down = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))  # the rope's axis, up

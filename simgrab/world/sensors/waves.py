@@ -1,0 +1,142 @@
+"""Transverse waves of the ropes, as string modes between O and the rope ends, which the grab does not feel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+
+KG_M_MM2 = 0.0041
+"""Mass of a metre of rope over its diameter squared: six strands about a steel core."""
+_LEAST_PULL = 0.1
+"""Of the weight, m/s² a kilogram: what a tension stays above, where a grab falls as fast as gravity has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Amplitudes of the modes at n instants, of horizontal displacement in the pivot frame of `Motion`.
+
+    At a distance s from O the ropes are displaced by Σ amplitude · sin(number · π s/length).
+
+    Attributes
+    ----------
+    amplitude, rate, acceleration : ndarray, shape (n, modes, 2)
+        m, and its derivatives by time.
+    length, length_rate, length_acceleration : ndarray, shape (n,)
+        From O to the rope ends, m.
+    """
+
+    amplitude: Array
+    rate: Array
+    acceleration: Array
+    length: Array
+    length_rate: Array
+    length_acceleration: Array
+
+    def __getitem__(self, which: NDArray[np.intp]) -> Waves:
+        return Waves(**{name: values[which] for name, values in vars(self).items()})
+
+    def at(self, distance: float) -> tuple[Array, Array, Array]:
+        """Motion of the ropes at a distance from O, m, shape (n, 3) each.
+
+        Returns
+        -------
+        acceleration : ndarray
+            m/s².
+        slope, slope_rate : ndarray
+            Derivative of the displacement by the distance, and its rate, 1/s.
+        """
+        number = np.arange(1, self.amplitude.shape[1] + 1)
+        k = number * np.pi / self.length[:, None]
+        shrinking = (self.length_rate / self.length)[:, None]
+        k_rate = -k * shrinking
+        k_acceleration = k * (2 * shrinking**2 - (self.length_acceleration / self.length)[:, None])
+        sin, cos = np.sin(k * distance), np.cos(k * distance)
+        shape = np.stack([sin, distance * k_rate * cos,
+                          distance * k_acceleration * cos - (distance * k_rate) ** 2 * sin])  # fmt: skip
+        slope = np.stack([k * cos, k_rate * cos - k * distance * k_rate * sin])
+
+        def total(*terms: tuple[Array, Array]) -> Array:
+            flat = sum(np.einsum("nm,nmi->ni", weight, values) for weight, values in terms)
+            return np.column_stack([flat, np.zeros(len(k))])
+
+        return (
+            total((shape[0], self.acceleration), (2 * shape[1], self.rate), (shape[2], self.amplitude)),
+            total((slope[0], self.amplitude)),
+            total((slope[0], self.rate), (slope[1], self.amplitude)),
+        )
+
+
+class Strings:
+    """The modes of a clip's ropes, from interval to interval, during which what acts on them is constant.
+
+    A load w(s) across the ropes, m/s², drives mode j, of frequency ω = (jπ/l)·√(tension/mass a metre), by
+    (2/l)·∫ w sin(jπs/l) ds. The load is apparent gravity less the acceleration of the straight rope, and what shakes
+    the exits. It begins settled.
+
+    Parameters
+    ----------
+    modes : int
+    damping : float
+        Share of the critical one.
+    kg_m : float
+        Mass of a metre of all ropes.
+    """
+
+    def __init__(self, modes: int, damping: float, kg_m: float) -> None:
+        self._number, self._damping, self._kg_m = np.arange(1, modes + 1)[:, None], damping, kg_m
+        self._state: tuple[Array, Array] | None = None
+
+    def step(
+        self, seconds: float, instants: Sequence[float], *, length: float, kg: float, direction: Array, bend: Array,
+        gravity: Array, shaken: Array,
+    ) -> Array:  # fmt: skip
+        """Go on by one interval.
+
+        Parameters
+        ----------
+        seconds : float
+        instants : sequence of float
+            Within the interval, s from its beginning.
+        length : float
+            From O to the rope ends, m.
+        kg : float
+            Mass of the grab.
+        direction, bend : ndarray, shape (3,)
+            Unit vector along the ropes, and its second derivative, 1/s².
+        gravity : ndarray, shape (3,)
+            Less the acceleration of O, m/s².
+        shaken : ndarray, shape (2,)
+            Further acceleration of the exits, m/s².
+
+        Returns
+        -------
+        ndarray, shape (n, 3, modes, 2)
+            Amplitudes, their rates and accelerations at the instants.
+        """
+        j, odd = self._number, np.where(self._number % 2, 1.0, -1.0)
+        pull = kg * max(float(gravity @ direction), _LEAST_PULL)
+        frequency = j * (math.pi / length) * math.sqrt(pull / self._kg_m)
+        still, swung = (_across(vector, direction)[:2] for vector in (gravity, bend))
+        load = 2 / (j * math.pi) * ((1 + odd) * still - length * odd * swung - shaken)
+        rest = load / frequency**2
+        amplitude, rate = self._state or (rest, np.zeros_like(rest))
+        slow = self._damping * frequency
+        fast = np.sqrt(frequency**2 - slow**2)
+        times = np.array([*instants, seconds])[:, None, None]
+        cos, sin = np.cos(fast * times), np.sin(fast * times)
+        first, second = amplitude - rest, (rate + slow * (amplitude - rest)) / fast
+        decay = np.exp(-slow * times)
+        value = decay * (first * cos + second * sin)
+        change = decay * ((fast * second - slow * first) * cos - (fast * first + slow * second) * sin)
+        self._state = value[-1] + rest, change[-1]
+        return np.stack([value + rest, change, -2 * slow * change - frequency**2 * value], axis=1)[:-1]
+
+
+def _across(vector: Array, direction: Array) -> Array:
+    return np.asarray(vector - direction * (vector @ direction))
