@@ -27,7 +27,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import detector
 from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.rivals.camera import CAMERA, conclude, sight
+from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, sight
 from simgrab.instrument.rivals.contract import Sensors, Series
 from simgrab.instrument.rivals.inertial import INERTIAL
 from simgrab.instrument.rivals.tracking import Place, template
@@ -148,10 +148,8 @@ def measure(condition: str, clip: int, pictures: bool) -> dict[str, Any]:
 def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors) -> dict[str, Array]:
     """Measure with the rivals' cameras, and with simgrab's own estimators and detector."""
     rope = sensors.lengths
-    found = {}
-    for name, factory in CAMERA.items():
-        instrument = factory(rope) if name == "optical-flow" else factory()
-        found[name] = _alpha(instrument(frames, camera))
+    rivals = (kawai(), matsuo(), optical_flow(rope))
+    found = {instrument.name: _alpha(instrument(frames, camera)) for instrument in rivals}
     find, places = detector(), []
     for frame in frames:
         assert frame.picture is not None

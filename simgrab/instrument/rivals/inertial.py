@@ -177,7 +177,8 @@ def jung(sensors: Sensors, time: Array) -> Swing:
 
     After Jung et al. (2012). Known: a smart camera with an infrared filter, and two inertial sensors. Filled in: all of
     the filter, [θ, θ̇, b, τ, c] along x and y with τ where the camera sees the vertical, and b and c the gyroscopes'
-    biases; one sensor on the rope, the other in the camera's housing, whose accelerometer gives the first τ.
+    biases; one sensor on the rope, the other in the camera's housing, whose accelerometer gives the first τ. Its first
+    two seconds give its gyroscope's bias too: the jib must stand then.
     """
     imu, housing, rope, target = sensors.imu("rope"), sensors.imu("camera"), sensors.lengths, sensors.target
     if target is None or target.values.shape[1] != 2:
@@ -187,7 +188,9 @@ def jung(sensors: Sensors, time: Array) -> Swing:
         averaged(one.time, values, steps)
         for one, values in ((imu, imu.rate), (housing, housing.rate @ MOUNT.T), (housing, housing.force @ MOUNT.T))
     )
-    turn, force = filled(turn), filled(force)[steps < steps[0] + REST_S].mean(axis=0)
+    still = steps < steps[0] + REST_S
+    turn, force = filled(turn), filled(force)[still].mean(axis=0)
+    turn = turn - turn[still].mean(axis=0)
     pendulum, n = Pendulum(rope.at(steps)[:, 0], turn[:, 2]), len(steps)
     a, noise, drive = pendulum.rates(10), pendulum.noise(10), np.zeros((n, 10))
     # The camera turns: the vertical moves in its picture by (ω_y, −ω_x), less the bias.
