@@ -57,7 +57,8 @@ _LENGTH = {
     "scale_error": "Standard deviation of the relative scale error, drawn once a clip.",
 }
 _MOUNTED = {
-    "mount": "Where the sensor is: in O, in the camera's housing, on the rope 1 m below O, or on the grab's head."
+    "mount": "Where the sensor is: in O, in the camera's housing, on the slewing platform in its axis, on the rope 1 m "
+    "below O, or on the grab's head."
 }
 
 
@@ -173,6 +174,20 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "damping": "Share of each mode's critical damping.",
         "exit_rms_m_s2": "RMS of each horizontal component of the acceleration of the rope exits.",
         "bandwidth_hz": "Frequency up to which it is white noise.",
+    },
+    "Lidar": _CLOCK | {
+        "position_m": "Place on the slewing platform: outboard of the slewing axis, sideways, above the quay.",
+        "elevation_deg": "Lowest and highest beam, above the horizontal.",
+        "azimuth_deg": "First and last beam, counter-clockwise from outboard, seen from above.",
+        "rings": "Number of elevations.",
+        "columns": "Number of azimuths.",
+        "rate_hz": "Scans a second.",
+        "range_m": "Shortest and longest distance that is measured.",
+        "range_noise_m": "Standard deviation of a distance.",
+        "angle_noise_deg": "Standard deviation of a beam's elevation and azimuth.",
+        "resolution_m": "Size of a count of the distance.",
+        "dropout": "Share of beams that get lost in clear air.",
+        "false_echo": "Share of the beams intercepted by rain, snow or fog that report a point in the air.",
     },
     "Hang": _ROPE,
     "Turn": _ROPE | {

@@ -1,12 +1,13 @@
-"""Sensors beside the camera: inertial measurement units, inclinometers and the crane's encoders."""
+"""Sensors beside the camera: inertial measurement units, inclinometers, the crane's encoders, and LiDARs."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from simgrab.scenario.base import Meta, Strict, Tagged
+from simgrab.errors import ScenarioError
+from simgrab.scenario.base import Meta, Share, Strict, Tagged
 
-Mounting = Literal["jib-head", "camera", "rope", "grab"]
+Mounting = Literal["jib-head", "camera", "platform", "rope", "grab"]
 Density = Annotated[float, Meta(ge=0, le=10)]
 Spread = Annotated[float, Meta(ge=0, le=1000)]
 Error = Annotated[float, Meta(ge=0, le=0.5)]
@@ -92,8 +93,9 @@ IMU_CLASSES = {"adis16448": ADIS16448, "mems": MEMS, "none": NO_NOISE}
 class Imu(Tagged, frozen=True, kw_only=True, tag="imu"):
     """An inertial measurement unit: angular rate and specific force in its own frame.
 
-    ``mount`` is where it is: at the ``jib-head`` in O, in the ``camera``'s housing, on the ``rope`` 1 m below O, or on
-    the ``grab``'s head. ``noise`` names a class of sensors ("adis16448", "mems", "none"), or is a table of errors.
+    ``mount`` is where it is: at the ``jib-head`` in O, in the ``camera``'s housing, on the slewing ``platform`` in its
+    axis, on the ``rope`` 1 m below O, or on the ``grab``'s head. ``noise`` names a class of sensors ("adis16448",
+    "mems", "none"), or is a table of errors.
     """
 
     mount: Mounting
@@ -147,5 +149,35 @@ class HoistEncoder(Clocked, frozen=True, tag="hoist-encoder"):
     scale_error: Error = 0.001
 
 
+class Lidar(Clocked, frozen=True, tag="lidar"):
+    """A scanner on the slewing platform that measures distances along a grid of beams, all at once.
+
+    ``position_m`` is outboard of the slewing axis, sideways (y of the jib frame), and above the quay. The beams are
+    evenly spaced in elevation above the horizontal and azimuth from outboard. A share ``dropout`` gets lost. In rain,
+    snow and fog beams are intercepted; of these, a share ``false_echo`` reports a point in the air.
+    """
+
+    position_m: tuple[float, float, float] = (2.0, 1.5, 14.0)
+    elevation_deg: tuple[float, float] = (-32.0, 40.0)
+    azimuth_deg: tuple[float, float] = (-14.0, 10.0)
+    rings: Annotated[int, Meta(ge=1, le=256)] = 64
+    columns: Annotated[int, Meta(ge=1, le=4096)] = 97
+    rate_hz: Annotated[float, Meta(ge=0.1, le=100)] = 10.0
+    range_m: tuple[float, float] = (0.5, 100.0)
+    range_noise_m: Annotated[float, Meta(ge=0, le=1)] = 0.02
+    angle_noise_deg: Annotated[float, Meta(ge=0, le=5)] = 0.02
+    resolution_m: Annotated[float, Meta(ge=0, le=1)] = 0.004
+    dropout: Share = 0.01
+    false_echo: Share = 0.3
+
+    def check(self) -> None:  # noqa: D102
+        for key, least, most in (("elevation_deg", -90, 90), ("azimuth_deg", -180, 180), ("range_m", 0, 1000)):
+            low, high = getattr(self, key)
+            if not least <= low < high <= most:
+                raise ScenarioError(key, f"must rise, within {least} … {most}; got {low:g} and {high:g}")
+        if max(map(abs, self.position_m)) > 100:
+            raise ScenarioError("position_m", "must be within 100 m of the slewing axis at the quay")
+
+
 Encoder = SlewEncoder | LuffEncoder | HoistEncoder
-MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder
+MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder | Lidar

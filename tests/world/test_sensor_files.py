@@ -151,7 +151,14 @@ def test_bytes_are_the_same_for_any_workers_and_in_shards(rendered, scene, tmp_p
 
 @pytest.mark.parametrize(
     "sensor",
-    [Imu(mount="rope", noise="none"), Inclinometer(mount="grab"), SlewEncoder(), LuffEncoder(), HoistEncoder()],
+    [
+        Imu(mount="rope", noise="none"),
+        Imu(mount="platform"),
+        Inclinometer(mount="grab"),
+        SlewEncoder(),
+        LuffEncoder(),
+        HoistEncoder(),
+    ],
 )
 def test_every_description_is_yaml_of_numbers(sensor):
     pose = np.diag([1.0, 1.0, 1e-7, 1.0]) if isinstance(sensor, Imu | Inclinometer) else None

@@ -6,27 +6,39 @@ handed on without the second.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from pyarrow import csv
 
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
-from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, MotionSensor, Scenario, SlewEncoder
+from simgrab.scenario import (
+    HoistEncoder,
+    Imu,
+    Inclinometer,
+    Lidar,
+    LuffEncoder,
+    MotionSensor,
+    Scenario,
+    SlewEncoder,
+    Variant,
+)
 from simgrab.world.extensions import Recipe
 from simgrab.world.output.tables import Writing
 
-if TYPE_CHECKING:
-    from simgrab.world.sensors.device import Rows
-
 STAMP = "#timestamp [ns]"
+Append = Callable[[NDArray[np.int64], Array], None]
+"""Appends rows to a table: their time stamps, ns, and values (n, columns)."""
 _BODIES = {
     "jib-head": "jib frame: origin O, x outboard, z up",
     "camera": "camera frame: x right, y down, z forward",
+    "platform": "platform frame: origin on the slewing axis at the height of the quay, x outboard, z up",
     "rope": "rope frame: origin O, z up along the rope, x as the jib's without swing",
     "grab": "grab frame: origin A, z up along the rope, x across the jaws' closing line",
 }
@@ -35,17 +47,19 @@ _BODIES = {
 def names(scenario: Scenario) -> Iterator[str]:
     """Name the files that a dataset of the scenario has for sensors."""
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
-        for sensor in scenario.sensors:
-            yield from (f"{_folder(clip, sensor)}/{file}" for file in ("data.csv", "sensor.yaml"))
-            yield _truth(clip, sensor)
+        for name, sensor in scenario.sensors.items():
+            data, truth = _tables(clip, name, sensor)
+            yield from (data, f"{_folder(clip, name)}/sensor.yaml", truth)
 
 
 def _folder(clip: int, sensor: str) -> str:
     return f"sensors/clip_{clip:03d}/{sensor}"
 
 
-def _truth(clip: int, sensor: str) -> str:
-    return f"sensors_truth/clip_{clip:03d}/{sensor}/truth.csv"
+def _tables(clip: int, name: str, sensor: MotionSensor) -> tuple[str, str]:
+    """Name the two tables of a sensor: what it reports, and the truth."""
+    kind = "parquet" if isinstance(sensor, Lidar) else "csv"
+    return f"{_folder(clip, name)}/data.{kind}", f"sensors_truth/clip_{clip:03d}/{name}/truth.{kind}"
 
 
 def check(recipe: Recipe) -> None:
@@ -72,36 +86,57 @@ def write(recipe: Recipe, writing: Writing) -> list[str]:
     """
     scenario = recipe.scenario
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
-        _write_clip(recipe.variant(scenario.span(clip).start).scenario, clip, writing)
+        _write_clip(recipe.variant(scenario.span(clip).start), clip, writing)
     return list(names(scenario))
 
 
-def _write_clip(scenario: Scenario, clip: int, writing: Writing) -> None:
+def _write_clip(variant: Variant, clip: int, writing: Writing) -> None:
     from simgrab.world.sensors.record import devices_of, record  # with SciPy's filters, as for the physics of frames
 
-    devices = devices_of(scenario, clip)
+    devices, scenario = devices_of(variant, clip), variant.scenario
     with ExitStack() as stack:
 
         def opened(name: str) -> BinaryIO:
             return stack.enter_context(stack.enter_context(writing(name)).open("wb"))
 
-        tables = {}
+        tables: dict[str, list[Append]] = {}
         for name, device in devices.items():
+            sensor = scenario.sensors[name]
             about = opened(f"{_folder(clip, name)}/sensor.yaml")
-            about.write(yaml(scenario.sensors[name], device.body_from_sensor).encode())
-            tables[name] = opened(f"{_folder(clip, name)}/data.csv"), opened(_truth(clip, name))
-            for file, columns in zip(tables[name], (device.columns, device.truth_columns), strict=True):
-                file.write((",".join([STAMP, *columns]) + "\n").encode())
+            about.write(yaml(sensor, device.body_from_sensor).encode())
+            kind = _parquet if isinstance(sensor, Lidar) else _csv
+            columns = device.columns, device.truth_columns
+            files = zip(_tables(clip, name, sensor), columns, strict=True)
+            tables[name] = [kind(stack, opened(file), names) for file, names in files]
         for name, rows in record(scenario, clip, devices):
-            _append(rows, *tables[name])
+            for append, values in zip(tables[name], (rows.values, rows.truth), strict=True):
+                append(rows.stamp_ns, values)
 
 
-def _append(rows: Rows, data: BinaryIO, truth: BinaryIO) -> None:
-    """Append rows to the two tables; numbers are written so that the same ones are read back."""
-    for file, values in ((data, rows.values), (truth, rows.truth)):
-        columns = [pa.array(rows.stamp_ns), *(pa.array(np.ascontiguousarray(column)) for column in values.T)]
-        table = pa.table(columns, names=[str(i) for i in range(len(columns))])
+def _csv(_stack: ExitStack, file: BinaryIO, columns: Sequence[str]) -> Append:
+    """Begin a table of text; numbers are written so that the same ones are read back."""
+    file.write((",".join([STAMP, *columns]) + "\n").encode())
+
+    def append(stamp_ns: NDArray[np.int64], values: Array) -> None:
+        arrays = [pa.array(stamp_ns), *(pa.array(np.ascontiguousarray(column)) for column in values.T)]
+        table = pa.table(arrays, names=[str(i) for i in range(len(arrays))])
         csv.write_csv(table, file, csv.WriteOptions(include_header=False))
+
+    return append
+
+
+def _parquet(stack: ExitStack, file: BinaryIO, columns: Sequence[str]) -> Append:
+    """Begin a table of points: times as they are, whole numbers as bytes, and the rest in single precision."""
+    kinds = {"time [s]": pa.float64(), "ring": pa.uint8(), "id": pa.uint8()}
+    stamp = pa.field(STAMP.removeprefix("#"), pa.int64())
+    schema = pa.schema([stamp, *(pa.field(name, kinds.get(name, pa.float32())) for name in columns)])
+    writer = stack.enter_context(pq.ParquetWriter(file, schema))
+
+    def append(stamp_ns: NDArray[np.int64], values: Array) -> None:
+        arrays = [pa.array(column).cast(kind.type) for column, kind in zip(values.T, list(schema)[1:], strict=True)]
+        writer.write_table(pa.table([pa.array(stamp_ns), *arrays], schema=schema))
+
+    return append
 
 
 def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
@@ -119,12 +154,13 @@ def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
 def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str]:
     kind, _, _ = sensor.__struct_config__.tag.partition("-")  # type: ignore[union-attr]  # all of them have one
     match sensor:
-        case Imu() | Inclinometer():
+        case Imu() | Inclinometer() | Lidar():
             assert body_from_sensor is not None
+            mount = "platform" if isinstance(sensor, Lidar) else sensor.mount
             yield f"sensor_type: {kind}"
-            yield f"comment: simgrab, on the {sensor.mount}"
+            yield f"comment: simgrab, on the {mount}"
             yield ""
-            yield f"# Sensor extrinsics wrt. the body frame: {_BODIES[sensor.mount]}."
+            yield f"# Sensor extrinsics wrt. the body frame: {_BODIES[mount]}."
             yield "T_BS:"
             yield "  cols: 4"
             yield "  rows: 4"
@@ -149,6 +185,13 @@ def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str
             yield f"bandwidth_hz: {_number(sensor.bandwidth_hz)}"
             yield f"noise_deg: {_number(sensor.noise_deg)}"
             yield f"resolution_deg: {_number(sensor.resolution_deg)}"
+        case Lidar():
+            for name in ("elevation_deg", "azimuth_deg", "range_m"):
+                yield f"{name}: [{', '.join(_number(value) for value in getattr(sensor, name))}]"
+            yield f"rings: {sensor.rings}"
+            yield f"columns: {sensor.columns}"
+            for name in ("range_noise_m", "angle_noise_deg", "resolution_m"):
+                yield f"{name}: {_number(getattr(sensor, name))}"
         case SlewEncoder():
             yield f"resolution_deg: {_number(sensor.resolution_deg)}"
         case LuffEncoder() | HoistEncoder():

@@ -51,6 +51,7 @@ class Device(ABC):
 
     def __init__(self, clock: Clock, each: int = 1) -> None:
         self.clock, self._each, self._next = clock, each, 0
+        self._counts: NDArray[np.int64] | None = None  # rows of each sample that was read last; one unless set
 
     def instants(self, end: float) -> Array:
         """Give the true times before ``end`` that were not given before, s."""
@@ -68,7 +69,10 @@ class Device(ABC):
         kept = samples % self._each == 0
         values, truth = self._read(motion, kept)
         stamp = np.round(self.clock.stamps(samples[kept].astype(float)) * 1e9).astype(np.int64)
-        return Rows(stamp, values, np.column_stack([motion.time[kept], truth]))
+        time = motion.time[kept]
+        if self._counts is not None:
+            stamp, time = np.repeat(stamp, self._counts), np.repeat(time, self._counts)
+        return Rows(stamp, values, np.column_stack([time, truth]))
 
     @abstractmethod
     def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors.waves import KG_M_MM2, Strings, Waves
 from simgrab.world.trajectory.clip import Block, ClipMotion
 from simgrab.world.trajectory.linked import LinkedPlant, directions
+from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
 from simgrab.world.trajectory.mount import Mount
 from simgrab.world.trajectory.noise import BLOCK
 from simgrab.world.trajectory.plant import Drive, Plant
@@ -68,8 +70,10 @@ class Motion:
         Less the acceleration of O.
     slew, slew_rate, slew_acceleration : ndarray, shape (n,)
         Of the jib.
-    radius : ndarray, shape (n,)
-        From the slewing axis to O.
+    radius, luffed : ndarray, shape (n,)
+        From the slewing axis to O, and by how much that has grown.
+    jaw, load : ndarray, shape (n,)
+        Opening of the jaws, and fill.
     shake, shake_rate : ndarray, shape (n, 2)
         Lean of the jib head from vibration, jib frame, as the tangent of its angle.
     lean, lean_rate : ndarray, shape (n, 2)
@@ -92,6 +96,9 @@ class Motion:
     slew_rate: Array
     slew_acceleration: Array
     radius: Array
+    luffed: Array
+    jaw: Array
+    load: Array
     shake: Array
     shake_rate: Array
     lean: Array
@@ -117,6 +124,23 @@ class Motion:
         if link is None:
             return -up
         return (self.rope - link.end_height)[:, None] * link.direction - link.end_height[:, None] * up
+
+    def moment(self, i: int) -> Moment:
+        """Give what pictures show at an instant; the camera hangs straight there."""
+        back = geometry.rotation_z(-float(self.slew[i]))
+        attitude, centre = back @ self.attitude[i], back @ self.centre[i]
+        alpha, azimuth, rope = (float(value) for value in geometry.swing_of(centre))
+        head = None
+        if self.link is None:
+            rope *= float(self.rope[i])
+        else:
+            lean, leaning, _ = geometry.swing_of(-attitude[:, 2])
+            head = float(lean), float(leaning)
+        turn = geometry.lean(*(head or (alpha, azimuth))).T @ attitude
+        yaw = math.atan2(turn[1, 0], turn[0, 0])
+        grab = GrabState(alpha, azimuth, rope, yaw, float(self.jaw[i]), float(self.load[i]), head)
+        jib = JibState(float(self.slew[i]), float(self.radius[i]), float(self.luffed[i]))
+        return replace(Moment.still(0, grab, Tilt(0.0, 0.0, 0.0)), time=float(self.time[i]), jib=jib)
 
     @property
     def swing(self) -> tuple[Array, Array]:
@@ -185,7 +209,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
                 gravity=block.gravity[which],
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
                 slew_acceleration=work.slew_acceleration(time + course.settled_s),
-                radius=radius + sampled.luffed,
+                radius=radius + sampled.luffed, luffed=sampled.luffed, jaw=sampled.jaw, load=sampled.load,
                 shake=shake, shake_rate=shake_rate,
                 lean=lean[:, :2] + shake, lean_rate=lean[:, 2:] + shake_rate,
             )  # fmt: skip

@@ -54,6 +54,8 @@ def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinema
         case "camera":
             rest, offset = Tilt.at_rest(scenario.camera).jib_from_camera, np.array(scenario.camera.offset_m)
             return _on_jib(motion, rest, motion.lean, motion.lean_rate, offset)
+        case "platform":
+            return _on_platform(motion)
         case "rope":
             return _on_rope(motion)
         case "grab":
@@ -65,8 +67,8 @@ def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinema
 def body_from_sensor(mounting: Mounting, scenario: Scenario) -> Array:
     """Pose of a sensor in what it is fixed to, shape (4, 4), m.
 
-    The body's frame is the jib frame, the camera frame, the grab's frame, or for the rope that of the jib leaned with
-    the rope, origin O.
+    The body's frame is the jib frame, the camera frame, the grab's frame, for the rope that of the jib leaned with the
+    rope, origin O, and for the platform the jib's axes on the slewing axis, origin at the height of the quay.
     """
     pose = np.eye(4)
     if mounting == "rope":
@@ -87,6 +89,12 @@ def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: 
     spin, spin_up = _about_z(motion.slew_rate), _about_z(motion.slew_acceleration)
     acceleration = np.cross(spin_up, arm) + np.cross(spin, np.cross(spin, arm))
     return Kinematics(attitude, rate, _into(attitude, acceleration - motion.gravity))
+
+
+def _on_platform(motion: Motion) -> Kinematics:
+    """Kinematics on the slewing axis, which turns and does not move."""
+    attitude, rate = geometry.rotation_z(motion.slew), _about_z(motion.slew_rate)
+    return Kinematics(attitude, rate, _about_z(np.full_like(motion.slew, geometry.STANDARD_GRAVITY)))
 
 
 def _on_rope(motion: Motion) -> Kinematics:

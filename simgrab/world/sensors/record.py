@@ -12,13 +12,24 @@ from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
-from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, MotionSensor, Scenario, SlewEncoder
+from simgrab.scenario import (
+    HoistEncoder,
+    Imu,
+    Inclinometer,
+    Lidar,
+    LuffEncoder,
+    MotionSensor,
+    Scenario,
+    SlewEncoder,
+    Variant,
+)
 from simgrab.world.extensions import Randomiser, Recipe
 from simgrab.world.sensors.device import Device, Rows
 from simgrab.world.sensors.encoders import EncoderDevice
 from simgrab.world.sensors.errors import streams
 from simgrab.world.sensors.imu import ImuDevice
 from simgrab.world.sensors.inclinometer import InclinometerDevice
+from simgrab.world.sensors.lidar import LidarDevice
 from simgrab.world.sensors.motion import motions
 
 
@@ -104,8 +115,8 @@ def sensors(
     if not -count <= number < count:
         raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
     number %= count
-    one = recipe.variant(scenario.span(number).start).scenario
-    devices = devices_of(one, number)
+    variant = recipe.variant(scenario.span(number).start)
+    one, devices = variant.scenario, devices_of(variant, number)
     taken: dict[str, list[Rows]] = {name: [] for name in devices}
     for name, rows in record(one, number, devices):
         taken[name].append(rows)
@@ -121,9 +132,9 @@ def sensors(
     }  # fmt: skip
 
 
-def devices_of(scenario: Scenario, clip: int) -> dict[str, Device]:
+def devices_of(variant: Variant, clip: int) -> dict[str, Device]:
     """Set up the sensors of one clip, by name."""
-    return {name: device(name, sensor, scenario, clip) for name, sensor in scenario.sensors.items()}
+    return {name: device(name, sensor, variant, clip) for name, sensor in variant.scenario.sensors.items()}
 
 
 def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, Rows]]:
@@ -153,8 +164,9 @@ def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterato
                 yield name, made.rows(motion[np.searchsorted(motion.time, due[name])])
 
 
-def device(name: str, sensor: MotionSensor, scenario: Scenario, clip: int) -> Device:
+def device(name: str, sensor: MotionSensor, variant: Variant, clip: int) -> Device:
     """Set up a sensor for one clip."""
+    scenario = variant.scenario
     opened = streams(scenario.seed, clip, name)
     match sensor:
         case Imu():
@@ -163,3 +175,5 @@ def device(name: str, sensor: MotionSensor, scenario: Scenario, clip: int) -> De
             return InclinometerDevice(sensor, scenario, opened)
         case SlewEncoder() | LuffEncoder() | HoistEncoder():
             return EncoderDevice(sensor, opened)
+        case Lidar():
+            return LidarDevice(sensor, scenario, opened, variant.number)
