@@ -1,11 +1,12 @@
 """Measure the rivals' methods on the same swings, and write the table of their errors.
 
-    python -m scripts.rivals clips [--condition NAME …] [--pictures 2] [--clips 6]
+    python -m scripts.rivals clips --part sensors --clips 6
+    python -m scripts.rivals clips --part pictures --clips 2
     python -m scripts.rivals page
 
-The first command makes clips of 30 s at 9 Hz, measures them with every method, and keeps the errors in a file a clip
-below ``runs/rivals``. Pictures, 640×360 px, are rendered for the first clips of each condition; the others have sensors
-alone. The second command writes ``docs/results/rivals.md`` from the files that there are.
+The first commands make clips of 30 s at 9 Hz, measure them with every method that takes sensors alone, or pictures of
+640×360 px too, and keep the angles in a file a clip below ``runs/rivals``. The last command writes
+``docs/results/rivals.md`` from the files that there are.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -42,6 +44,7 @@ ROPES_M = (18.0, 14.0, 22.0)
 BLOCK_S = 10.0
 REPLICATIONS = 2000
 MOUNTS = ("jib-head", "rope", "grab", "camera")
+PARTS = ("sensors", "pictures")
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rivals.md"
 
 LEVEL: dict[str, Any] = {
@@ -125,36 +128,35 @@ def _imu(recorded: Recording, scene: Scenario) -> ImuReadings:
     )  # fmt: skip
 
 
-def measure(condition: str, clip: int, pictures: bool) -> dict[str, Any]:
-    """Measure a clip by every method that its sensors and pictures allow: degrees, None where there is no angle."""
+def measure(condition: str, clip: int, part: str) -> dict[str, Any]:
+    """Measure a clip by every method of a part: angles in degrees, None where there is none."""
     scene = scenario(condition, clip)
     sensors, time, true = sensors_of(scene)
-    found: dict[str, Array] = {"constant-zero": np.zeros(len(time))}
-    if pictures:
-        frames = [Frame(frame.rgb, frame.truth.time_s) for frame in simgrab.frames(scene)]
-        camera = calibration_of(scene)
-        found |= _from_pictures(frames, camera, sensors)
-        places = list(template()(frames))
-        if sum(place.pixel is not None for place in places) >= 2:
-            seen = Sensors(sensors.imus, sensors.inclinometer, sensors.rope, sight(places, camera), sensors.offset_m)
-            found["jung"] = INERTIAL["jung"](seen, time).alpha
-    found |= {name: method(sensors, time).alpha for name, method in INERTIAL.items() if name != "jung"}
-    degrees = {
-        name: [None if np.isnan(a) else round(float(np.degrees(a)), 4) for a in alpha] for name, alpha in found.items()
-    }
+    match part:
+        case "sensors":
+            found = {name: method(sensors, time).alpha for name, method in INERTIAL.items() if name != "jung"}
+            found["constant-zero"] = np.zeros(len(time))
+        case "pictures":
+            frames = [Frame(frame.rgb, frame.truth.time_s) for frame in simgrab.frames(scene)]
+            found = _from_pictures(frames, calibration_of(scene), sensors, time)
+    degrees = {n: [None if np.isnan(x) else round(float(np.degrees(x)), 4) for x in a] for n, a in found.items()}
     return {"condition": condition, "clip": clip, "true": np.degrees(true).round(4).tolist(), "alpha": degrees}
 
 
-def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors) -> dict[str, Array]:
+def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors, time: Array) -> dict[str, Array]:
     """Measure with the rivals' cameras, and with simgrab's own estimators and detector."""
     rope = sensors.lengths
     rivals = (kawai(), matsuo(), optical_flow(rope))
     found = {instrument.name: _alpha(instrument(frames, camera)) for instrument in rivals}
+    followed = list(template()(frames))
+    if sum(place.pixel is not None for place in followed) >= 2:
+        seen = replace(sensors, target=sight(followed, camera))
+        found["jung"] = INERTIAL["jung"](seen, time).alpha
     find, places = detector(), []
     for frame in frames:
         assert frame.picture is not None
-        seen = find(frame.picture)
-        centre = None if seen.centre is None or not seen.found else (float(seen.centre[0]), float(seen.centre[1]))
+        one = find(frame.picture)
+        centre = None if one.centre is None or not one.found else (float(one.centre[0]), float(one.centre[1]))
         places.append(Place(frame.time_s, centre, "ok" if centre else "missed", "" if centre else "no grab found"))
     own: dict[str, Estimator] = {
         "rope-aware": RopeAware(), "inertial-fusion": InertialFusion(imu=sensors.imu("camera"))
@@ -173,17 +175,17 @@ def main() -> None:
 
 @main.command()
 @click.option("--condition", "conditions", multiple=True, type=click.Choice(list(CONDITIONS)), help="[default: all]")
-@click.option("--pictures", default=2, show_default=True, help="Clips of each condition that are rendered.")
-@click.option("--clips", "count", default=6, show_default=True, help="Clips of each condition.")
+@click.option("--part", type=click.Choice(PARTS), required=True, help="What the methods look at.")
+@click.option("--clips", "count", default=2, show_default=True, help="Clips of each condition.")
 @click.option("--out", type=Path, default=Path("runs/rivals"), show_default=True)
-def clips(conditions: tuple[str, ...], pictures: int, count: int, out: Path) -> None:
+def clips(conditions: tuple[str, ...], part: str, count: int, out: Path) -> None:
     """Make clips and measure them; files that are there are kept."""
     out.mkdir(parents=True, exist_ok=True)
     for clip in range(count):
         for condition in conditions or CONDITIONS:
-            file = out / f"{condition}-{clip}.json"
+            file = out / f"{condition}-{clip}-{part}.json"
             if not file.exists():
-                file.write_text(json.dumps(measure(condition, clip, clip < pictures)))
+                file.write_text(json.dumps(measure(condition, clip, part)))
                 click.echo(f"{datetime.now(UTC):%H:%M:%S} {file}")
 
 
