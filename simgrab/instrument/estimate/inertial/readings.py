@@ -128,20 +128,21 @@ def read_imu(folder: str | Path) -> ImuReadings:
     """
     folder = Path(folder)
     about, where = _about(folder / "sensor.yaml"), folder / "data.csv"
-    table = _table(where)
+    table = read_table(where)
     for name in (STAMP, *RATE, *FORCE):
         if table.column_names.count(name) != 1:
             found = "twice" if name in table.column_names else "missing"
             raise RecordError(f"{where}: column {name!r} is {found}; there are: {', '.join(table.column_names)}")
-    stamp = _numbers(where, table, STAMP)
-    rate, force = (np.stack([_numbers(where, table, name) for name in names], axis=-1) for names in (RATE, FORCE))
+    stamp = numbers(where, table, STAMP)
+    rate, force = (np.stack([numbers(where, table, name) for name in names], axis=-1) for names in (RATE, FORCE))
     try:
         return ImuReadings(stamp / 1e9, rate, force, **about)
     except RecordError as problem:
         raise RecordError(f"{where}: {problem}") from None
 
 
-def _table(path: Path) -> pa.Table:
+def read_table(path: Path) -> pa.Table:
+    """Read the CSV file of a sensor; raises `RecordError` in one line."""
     with opened(path, RecordError, "readings", most_bytes=MOST_CSV_BYTES) as file:
         text = file.read()
     try:
@@ -150,7 +151,8 @@ def _table(path: Path) -> pa.Table:
         raise RecordError(f"{path}: it is not valid CSV ({first_line(problem)})") from None
 
 
-def _numbers(path: Path, table: pa.Table, name: str) -> Array:
+def numbers(path: Path, table: pa.Table, name: str) -> Array:
+    """Return a column as numbers; raises `RecordError` naming the row of one that is not finite."""
     column = table[name]
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         raise RecordError(f"{path}: column {name!r} holds something that is not a number")
@@ -173,10 +175,10 @@ def _about(path: Path) -> dict[str, Any]:
     if data.get("sensor_type", "imu") != "imu":
         raise RecordError(f"{path}: sensor_type: an imu is needed, got {data['sensor_type']!r:.40}")
     try:
-        numbers = data["T_BS"]["data"]
-        if not all(isinstance(number, int | float) for number in numbers):  # lists within may name each other
+        entries = data["T_BS"]["data"]
+        if not all(isinstance(number, int | float) for number in entries):  # lists within may name each other
             raise TypeError("not a list of numbers")
-        pose = np.array(numbers, float).reshape(4, 4)
+        pose = np.array(entries, float).reshape(4, 4)
         found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
     except (KeyError, TypeError, ValueError, OverflowError):
         raise RecordError(f"{path}: T_BS must hold 16 numbers, and the noise densities must be numbers") from None

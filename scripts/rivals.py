@@ -1,0 +1,257 @@
+"""Measure the rivals' methods on the same swings, and write the table of their errors.
+
+    python -m scripts.rivals clips --part sensors --clips 6
+    python -m scripts.rivals clips --part pictures --clips 2
+    python -m scripts.rivals page
+
+The first commands make clips of 30 s at 9 Hz, measure them with every method that takes sensors alone, or pictures of
+640×360 px too, and keep the angles in a file a clip below ``runs/rivals``. The last command writes
+``docs/results/rivals.md`` from the files that there are.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import simgrab
+from simgrab.calibration import Calibration
+from simgrab.geometry import Array
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.detect import detector
+from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
+from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, sight
+from simgrab.instrument.rivals.contract import Sensors, Series
+from simgrab.instrument.rivals.inertial import INERTIAL
+from simgrab.instrument.rivals.tracking import Place, template
+from simgrab.scenario import Scenario
+from simgrab.world.output.tables import calibration_of
+from simgrab.world.sensors.record import Recording
+
+RATE_HZ = 9.0
+FRAMES = 270
+SIZE = (640, 360)
+ROPES_M = (18.0, 14.0, 22.0)
+BLOCK_S = 10.0
+REPLICATIONS = 2000
+MOUNTS = ("jib-head", "rope", "grab", "camera")
+PARTS = ("sensors", "pictures")
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rivals.md"
+
+LEVEL: dict[str, Any] = {
+    "camera.beta_deg": 0.0, "camera.offset_x_m": 0.0, "camera.offset_y_m": 0.0, "camera.offset_z_m": 0.0,
+    "camera.mount": {"model": "fixed"},
+}  # fmt: skip
+LEVELLED = {"camera.mount": {"model": "levelled"}}
+ACCELERATING = {"model": "turn", "slew_rpm": 0.6, "ramp_s": 6.0, "wait_s": 5.0}
+WORKING = {"model": "cycles", "dig_rope_m": 22.0, "carry_rope_m": 10.0, "dig_s": 3.0, "operator": 1.0}
+# Condition: scene, changes, and what the crane does.
+CONDITIONS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    "calm": ("free-swing", {}, {}),
+    "tilt": ("free-swing", {"camera.beta_deg": 5.0}, {}),
+    "offset": ("free-swing", {"camera.offset_y_m": 0.6, "camera.offset_z_m": -0.3}, {}),
+    "accelerating": ("free-swing", {}, {"work": ACCELERATING}),
+    "levelling": ("free-swing", LEVELLED, {"work": ACCELERATING}),
+    "leaning": ("free-swing", {"camera.mount": {"model": "rigid"}}, {"work": WORKING}),
+    "night": ("night-light-snow", {}, {}),
+    "rain": ("rain", {}, {}),
+    "wind": ("free-swing", {}, {"wind": {"mean_m_s": 14.0}}),
+    "four-rope": ("free-swing", {"suspension": {"model": "four-rope"}}, {}),
+}
+WHAT = {
+    "calm": "no wind, camera level and at the rope exit, crane at rest: free swing from 6°",
+    "tilt": "as calm, camera tilted by 5°",
+    "offset": "as calm, camera 0.6 m beside and 0.3 m below the rope exit",
+    "accelerating": "as calm, and the jib begins to slew: 0.6 rpm in 6 s",
+    "levelling": "as accelerating, with a camera that levels itself",
+    "leaning": "working cycle, camera fixed to the jib, which pitches it by 2° per metre of luffing",
+    "night": "as calm, at night in light snow",
+    "rain": "as calm, in rain of 30 mm/h",
+    "wind": "as calm, in wind of 14 m/s",
+    "four-rope": "as calm, with a head that leans by 0.2 of its ropes' lean",
+}
+
+
+def scenario(condition: str, clip: int) -> Scenario:
+    """Load the scene of one clip."""
+    scene, changes, crane = CONDITIONS[condition]
+    rope = ROPES_M[clip % len(ROPES_M)]
+    work: dict[str, Any] = dict(crane.get("work", {"model": "hang"}))
+    if work["model"] != "cycles":
+        work["rope_length_m"] = rope
+    swing: dict[str, Any] = {
+        "model": "dynamic", "damping": 0.005, "work": work,
+        "start": {"alpha_deg": 6.0, "azimuth_deg": 30.0 + 70.0 * clip, "roundness": 0.3},
+    }  # fmt: skip
+    if "wind" in crane:
+        swing["wind"] = crane["wind"]
+    imus = {f"sensors.{mount.replace('-', '_')}": {"model": "imu", "mount": mount} for mount in MOUNTS}
+    imus["sensors.camera"] |= {"noise": "mems"}
+    others = {
+        "sensors.tilt": {"model": "inclinometer", "mount": "rope"},
+        "sensors.hoist": {"model": "hoist-encoder"},
+    }
+    every = {"frames": FRAMES, "seed": 300 + clip, "camera.tilt_azimuth_deg": 100.0 * clip, "swing": swing}
+    return simgrab.load(scene, {**LEVEL, **every, **imus, **others, **changes}, size=SIZE)
+
+
+def sensors_of(scene: Scenario) -> tuple[Sensors, Array, Array]:
+    """Record a clip's sensors; returns them, and the true α (n,), rad, at the frames' times (n,), s."""
+    recorded = simgrab.sensors(scene)
+    imus = {mount: _imu(recorded[mount.replace("-", "_")], scene) for mount in MOUNTS}
+    tilt, hoist = recorded["tilt"], recorded["hoist"]
+    time = np.arange(scene.frames) / RATE_HZ
+    true = np.interp(time, recorded["rope"].true("time [s]"), np.radians(recorded["rope"].true("alpha [deg]")))
+    camera = calibration_of(scene)
+    found = Sensors(
+        imus, Series(tilt.stamp_ns / 1e9, np.radians(tilt.values)), Series(hoist.stamp_ns / 1e9, hoist.values),
+        offset_m=camera.offset_m,
+    )  # fmt: skip
+    return found, time, true
+
+
+def _imu(recorded: Recording, scene: Scenario) -> ImuReadings:
+    errors = scene.sensors[recorded.name].errors  # type: ignore[union-attr]
+    return ImuReadings(
+        recorded.stamp_ns / 1e9, recorded.values[:, :3], recorded.values[:, 3:], np.eye(3),
+        errors.gyroscope_noise_density, errors.gyroscope_random_walk, errors.accelerometer_noise_density,
+        errors.accelerometer_random_walk,
+    )  # fmt: skip
+
+
+def measure(condition: str, clip: int, part: str) -> dict[str, Any]:
+    """Measure a clip by every method of a part: angles in degrees, None where there is none."""
+    scene = scenario(condition, clip)
+    sensors, time, true = sensors_of(scene)
+    match part:
+        case "sensors":
+            found = {name: method(sensors, time).alpha for name, method in INERTIAL.items() if name != "jung"}
+            found["constant-zero"] = np.zeros(len(time))
+        case "pictures":
+            frames = [Frame(frame.rgb, frame.truth.time_s) for frame in simgrab.frames(scene)]
+            found = _from_pictures(frames, calibration_of(scene), sensors, time)
+    degrees = {n: [None if np.isnan(x) else round(float(np.degrees(x)), 4) for x in a] for n, a in found.items()}
+    return {"condition": condition, "clip": clip, "true": np.degrees(true).round(4).tolist(), "alpha": degrees}
+
+
+def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors, time: Array) -> dict[str, Array]:
+    """Measure with the rivals' cameras, and with simgrab's own estimators and detector."""
+    rope = sensors.lengths
+    rivals = (kawai(), matsuo(), optical_flow(rope))
+    found = {instrument.name: _alpha(instrument(frames, camera)) for instrument in rivals}
+    followed = list(template()(frames))
+    if sum(place.pixel is not None for place in followed) >= 2:
+        seen = replace(sensors, target=sight(followed, camera))
+        found["jung"] = INERTIAL["jung"](seen, time).alpha
+    find, places = detector(), []
+    for frame in frames:
+        assert frame.picture is not None
+        one = find(frame.picture)
+        centre = None if one.centre is None or not one.found else (float(one.centre[0]), float(one.centre[1]))
+        places.append(Place(frame.time_s, centre, "ok" if centre else "missed", "" if centre else "no grab found"))
+    own: dict[str, Estimator] = {
+        "rope-aware": RopeAware(), "inertial-fusion": InertialFusion(imu=sensors.imu("camera"))
+    }  # fmt: skip
+    return found | {name: _alpha(conclude(places, camera, estimator, rope)) for name, estimator in own.items()}
+
+
+def _alpha(measurements: Any) -> Array:
+    return np.array([np.nan if m.alpha is None else m.alpha for m in measurements])
+
+
+@click.group()
+def main() -> None:
+    """Measure the rivals, and write the page."""
+
+
+@main.command()
+@click.option("--condition", "conditions", multiple=True, type=click.Choice(list(CONDITIONS)), help="[default: all]")
+@click.option("--part", type=click.Choice(PARTS), required=True, help="What the methods look at.")
+@click.option("--clips", "count", default=2, show_default=True, help="Clips of each condition.")
+@click.option("--out", type=Path, default=Path("runs/rivals"), show_default=True)
+def clips(conditions: tuple[str, ...], part: str, count: int, out: Path) -> None:
+    """Make clips and measure them; files that are there are kept."""
+    out.mkdir(parents=True, exist_ok=True)
+    for clip in range(count):
+        for condition in conditions or CONDITIONS:
+            file = out / f"{condition}-{clip}-{part}.json"
+            if not file.exists():
+                file.write_text(json.dumps(measure(condition, clip, part)))
+                click.echo(f"{datetime.now(UTC):%H:%M:%S} {file}")
+
+
+def figures(files: list[dict[str, Any]], method: str) -> tuple[float, float, float, float] | None:
+    """RMSE of α, ends of its 95 % interval by blocks of clips, and the share of frames with an angle; degrees."""
+    squares, answered, frames = [], 0, 0
+    for one in files:
+        if method not in one["alpha"]:
+            continue
+        alpha = np.array([np.nan if a is None else a for a in one["alpha"][method]])
+        error = alpha - np.array(one["true"])
+        each = int(BLOCK_S * RATE_HZ)
+        squares += [error[i : i + each] ** 2 for i in range(0, len(error), each)]
+        answered, frames = answered + int(np.isfinite(alpha).sum()), frames + len(alpha)
+    if not frames:
+        return None
+    if not answered:
+        return np.nan, np.nan, np.nan, 0.0
+    sums = np.array([[np.nansum(s), np.isfinite(s).sum()] for s in squares])
+    draws = np.random.default_rng(0).integers(len(sums), size=(REPLICATIONS, len(sums)))
+    total = sums[draws].sum(axis=1)
+    low, high = np.quantile(np.sqrt(total[:, 0] / np.maximum(total[:, 1], 1)), [0.025, 0.975])
+    whole = sums.sum(axis=0)
+    return float(np.sqrt(whole[0] / whole[1])), float(low), float(high), answered / frames
+
+
+METHODS = (
+    "constant-zero", "kawai", "matsuo", "optical-flow", "accelerometer-grab", "accelerometer-rope", "ahrs-grab", "gao",
+    "gyro-pendulum", "schaper", "kim", "jung", "rope-aware", "inertial-fusion",
+)  # fmt: skip
+
+
+def rows(files: list[dict[str, Any]]) -> Iterator[str]:
+    """Lines of the table."""
+    names = [name for name in CONDITIONS if any(one["condition"] == name for one in files)]
+    yield "| method | " + " | ".join(names) + " |"
+    yield "|---|" + "---|" * len(names)
+    for method in METHODS:
+        cells = [f"`{method}`"]
+        for name in names:
+            found = figures([one for one in files if one["condition"] == name], method)
+            if found is None:
+                cells.append("–")
+            elif found[3] == 0:
+                cells.append("no angle")
+            else:
+                rmse, low, high, share = found
+                cells.append(f"{rmse:.2f} ({low:.2f}–{high:.2f})" + ("" if share > 0.985 else f", {100 * share:.0f} %"))
+        yield "| " + " | ".join(cells) + " |"
+
+
+@main.command()
+@click.option("--out", type=Path, default=Path("runs/rivals"), show_default=True)
+def page(out: Path) -> None:
+    """Write the table between the marks of docs/results/rivals.md, or print it where there is no such page."""
+    files = [json.loads(file.read_text()) for file in sorted(out.glob("*.json"))]
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True).stdout
+    made = [f"Recorded in commit `{commit.strip()}`, {datetime.now(UTC):%Y-%m-%d}.", "", *rows(files)]
+    if not PAGE.exists():
+        click.echo("\n".join(made))
+        return
+    begin, end = "<!-- table -->\n", "\n<!-- end of the table -->"
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(begin)
+    _, _, tail = rest.partition(end)
+    PAGE.write_text(head + begin + "\n".join(made) + end + tail, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
