@@ -27,7 +27,7 @@ from simgrab.scenario.sensors import (
     SlewEncoder,
 )
 from simgrab.scenario.size import resized
-from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Place, Plain, Quay, RandomPlace, Water
+from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Photo, Place, Plain, Quay, RandomPlace, Water
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
     ROPE_LENGTH_RANGE_M,
@@ -87,6 +87,7 @@ __all__ = [
     "OneOf",
     "Optics",
     "OrangePeel",
+    "Photo",
     "PixelFocal",
     "Place",
     "Plain",

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
-from simgrab.scenario import Scenario
+from simgrab.scenario import Photo, Scenario
 from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
+from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, ROPE, World
+from simgrab.world.scenery.places.photo import MATERIAL
 from simgrab.world.trajectory.moment import Moment, Tilt
 
 NOTHING = 255  # id of a pixel that shows no geom
@@ -111,7 +113,10 @@ class Renderer:
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
             self._boxes = geoms.boxes(model)
-            self._passes = Passes(model, world.textures, self._buffer, self._size)
+            self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
+            self._background_shown = -1
+            screen = MATERIAL if self._background else ""
+            self._passes = Passes(model, world.textures, self._buffer, self._size, screen)
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 
@@ -137,8 +142,17 @@ class Renderer:
     def rgb(self, moment: Moment) -> NDArray[np.uint8]:
         """Render the picture as the lens shows it, shape (height, width, 3)."""
         self._gather(moment)
+        if self._background:
+            self._show(self._background, moment.frame)
         rgb = self._draw_rgb(moment)
         return self._lens.map(self.full).resample(rgb, cv2.INTER_CUBIC) if self._lens else rgb
+
+    def _show(self, background: Background, frame: int) -> None:
+        """Put the photograph of a frame where the ground is."""
+        number = background.number(frame)
+        if number != self._background_shown:
+            self._passes.show(background.picture(number, self._drawn))
+            self._background_shown, self._backdrop = number, None
 
     @property
     def has_lens(self) -> bool:
