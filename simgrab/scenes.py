@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import msgspec
@@ -14,7 +15,7 @@ import numpy as np
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
-from simgrab.utilities import models, resources
+from simgrab.utilities import models, photographs, resources
 from simgrab.utilities.models import Model, copied
 from simgrab.utilities.parse import MOST_LEVELS, Refuse, parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
@@ -65,7 +66,7 @@ def load(
     data = merged(Scenario().to_dict(), _read(scene))
     for key, value in (changes or {}).items():
         change = vary.nested(key, value.item() if isinstance(value, np.generic) else value)
-        data = merged(data, _with_models(change, lambda table, refuse: models.read(table["file"], refuse)))
+        data = merged(data, _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse)))
     scenario = convert(data, Scenario)
     for key in changes or {}:
         if not f"{key}.".startswith("vary."):
@@ -111,7 +112,7 @@ def _read(scene: str | Path) -> dict[str, Any]:
         return _manifest_scenario(path)
 
     def beside(table: Mapping[str, Any], refuse: Refuse) -> Model:
-        return models.read(models.inside(path.parent, table["file"], refuse), refuse)
+        return _kind(table).read(models.inside(path.parent, table["file"], refuse), refuse)
 
     data = _with_models(read_toml(path, _REFUSE), beside)
     base = data.pop("base", None)
@@ -130,7 +131,7 @@ def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
 
     def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
-        return models.read(
+        return _kind(table).read(
             models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse), refuse
         )
 
@@ -138,8 +139,13 @@ def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     return found
 
 
+def _kind(table: Mapping[str, Any]) -> ModuleType:
+    """Give the module that reads the file of a table: photographs of a place, or the model of a grab."""
+    return photographs if table.get("model") == "photo" else models
+
+
 def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], key: str = "") -> Any:
-    """Name models of grabs, wherever a scene's plain data have one, by file name and SHA-256 instead of by path.
+    """Name models of grabs and photographs by file name and SHA-256, wherever a scene's plain data have a path.
 
     ``read`` gives the model of a table.
     """
@@ -148,7 +154,7 @@ def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], 
     if isinstance(data, Mapping):
         inner = {name: _with_models(value, read, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
         file = data.get("file")
-        if not isinstance(file, str) or not (data.get("model") == "mesh" or key == "grab"):
+        if not isinstance(file, str) or not (data.get("model") in ("mesh", "photo") or key == "grab"):
             return inner
         refuse = functools.partial(ScenarioError, f"{key}.file")
         model = read(data, refuse)
@@ -187,7 +193,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
         for name in names[: models.MOST_FILES]:
             files[name] = read(f"{folder}{name}", left)
             left -= len(files[name])
-        return models.of_files(table["file"], files, refuse)
+        return _kind(table).of_files(table["file"], files, refuse)
 
     scenario = convert(merged(Scenario().to_dict(), _with_models(data, copy)), Scenario)
     vary.check(scenario)

@@ -28,7 +28,7 @@ from simgrab.scenario.sensors import (
     SlewEncoder,
 )
 from simgrab.scenario.size import resized
-from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Place, Plain, Quay, RandomPlace, Water
+from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Photo, Place, Plain, Quay, RandomPlace, Water
 from simgrab.scenario.suspension import DoublePendulum, FourRopes, OneBody, Suspension, Waves
 from simgrab.scenario.swing import (
     MOST_ALPHA_DEG,
@@ -93,6 +93,7 @@ __all__ = [
     "OneOf",
     "Optics",
     "OrangePeel",
+    "Photo",
     "PixelFocal",
     "Place",
     "Plain",

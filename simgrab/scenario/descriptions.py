@@ -306,6 +306,10 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "fill": "How full the hold is.",
         "depth_m": "Depth of the hold.",
     },
+    "Photo": {
+        "file": "Photograph, video, or folder of photographs, in the folder of the scene's file or below.",
+        "sha256": "SHA-256 of the content; it is filled in when the scene is read.",
+    },
     "Water": {
         "freeboard_m": "Height of the ship's deck above the water.",
         "quay_height_m": "Height of the quay above the water.",

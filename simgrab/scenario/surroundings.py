@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
+from simgrab.errors import ScenarioError
 from simgrab.scenario.base import Cargo, Meta, Share, Strict, Tagged
+from simgrab.utilities import photographs
 
 
 class Jib(Strict, frozen=True):
@@ -56,7 +59,37 @@ class Water(Tagged, frozen=True, tag="water"):
     chop: Share = 0.3
 
 
-Place = Quay | Hold | Water | Plain | RandomPlace
+class Photo(Tagged, frozen=True, kw_only=True, tag="photo"):
+    """What the camera sees below the jib, from a photograph, a folder of photographs, or a video.
+
+    The file or folder lies in the folder of the scene's own file or below. A photograph fills the picture as it is: it
+    is scaled and cut to the picture's size, and not warped. It hides ground as level as ``plain``, on which the grab
+    casts its shadow. The scene's light falls on grab, ropes and jib head alone. Of a folder, each independent frame, or
+    each clip, shows a random photograph. A video begins with each clip, goes on frame by frame, and repeats.
+    """
+
+    file: Annotated[str, Meta(min_length=1, max_length=4096)]
+    sha256: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
+
+    @classmethod
+    def of(cls, path: str | Path) -> Photo:
+        """Read photographs or a video.
+
+        Raises
+        ------
+        ScenarioError
+            If they cannot be read.
+        """
+        model = photographs.read(path, lambda problem: ScenarioError("file", problem))
+        return cls(file=model.name, sha256=model.sha256)
+
+    def check(self) -> None:
+        """Refuse a file that was not read: a scene of a stranger becomes such a table too."""
+        if not self.sha256 or Path(self.file).name != self.file:
+            raise ScenarioError("file", "it is read by simgrab.load, from a scene's own folder, or by Photo.of")
+
+
+Place = Quay | Hold | Water | Plain | RandomPlace | Photo
 Kind = Literal["four-rope", "clamshell", "orange-peel", "scissors", "assembled"]
 
 

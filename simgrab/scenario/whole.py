@@ -24,7 +24,7 @@ from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.sensors import MotionSensor
-from simgrab.scenario.surroundings import Clutter, Jib, Light, Place, Quay
+from simgrab.scenario.surroundings import Clutter, Jib, Light, Photo, Place, Quay
 from simgrab.scenario.suspension import DoublePendulum, OneBody, Suspension
 from simgrab.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.scenario.weather import Weather
@@ -87,11 +87,15 @@ class Scenario(Strict, frozen=True):
             raise ScenarioError(
                 "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
             )
+        if isinstance(self.place, Photo) and self.light.floodlights > 0:
+            raise ScenarioError("light.floodlights", 'must be 0 with place.model = "photo", which holds its own light')
         self._check_display()
         self._check_sensors()
         for key in self.vary:
-            if any(part in ("grab.file", "grab.sha256") for part in key.split(JOINT)):
-                raise ScenarioError(f"vary.{key}", "a model's file varies with its table: use [vary.grab]")
+            for part in key.split(JOINT):
+                table, _, last = part.partition(".")
+                if table in ("grab", "place") and last in ("file", "sha256"):
+                    raise ScenarioError(f"vary.{key}", f"a file varies with its table: use [vary.{table}]")
         if self.vary and not self.clip.clip_frames:
             raise ScenarioError("clip.clip_frames", "vary draws new values for each clip: set clip.clip_frames")
 
@@ -140,8 +144,8 @@ class Scenario(Strict, frozen=True):
 
     @property
     def models(self) -> tuple[models.Model, ...]:
-        """Models of users' own grabs that are known in this process."""
-        named = dict.fromkeys(_models([self.grab, *self.vary.values()]))
+        """Models of users' own grabs, and users' photographs, that are known in this process."""
+        named = dict.fromkeys(_models([self.grab, self.place, *self.vary.values()]))
         return tuple(model for name, sha256 in named if (model := models.find(sha256, name)))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -177,7 +181,7 @@ def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
     """Give name and SHA-256 of all models in tables, plain or not."""
     for value in values:
         match value:
-            case Mesh():
+            case Mesh() | Photo():
                 yield value.file, value.sha256
             case {"file": str(file), "sha256": str(sha256)}:
                 yield file, sha256

@@ -93,7 +93,7 @@ class Model:
         """Of the file; where it refers to others, of what ``sha256sum`` prints of all, sorted by name."""
         digests = {name: hashlib.sha256(data).hexdigest() for name, data in self.files.items()}
         if len(digests) == 1:
-            return digests[self.name]
+            return next(iter(digests.values()))
         listed = "".join(f"{digests[name]}  {name}\n" for name in sorted(digests))
         return hashlib.sha256(listed.encode()).hexdigest()
 

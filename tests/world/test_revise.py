@@ -1,5 +1,6 @@
 """A generator that goes on with another scenario makes the frames of one that begins with it, to the bit."""
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -57,6 +58,25 @@ def test_a_revised_generator_makes_what_a_new_one_makes_and_keeps_its_context(ge
         assert generator.scene(1).renderer._buffer.context is context, change
         with FrameGenerator(wanted) as fresh:
             same(found, fresh.frame(1, full=True))
+
+
+def test_a_photograph_is_shown_anew_for_each_camera_and_frame(tmp_path):
+    for number in range(2):
+        noise = np.random.default_rng(number).integers(0, 255, (90, 160, 3), np.uint8)
+        cv2.imwrite(str(tmp_path / f"{number}.png"), cv2.resize(noise, (640, 360)))
+    (tmp_path / "yard.toml").write_text('base = "quay-day"\n[place]\nmodel = "photo"\nfile = "."\n')
+    start = {key: value for key, value in START.items() if key != "place.model"}
+    small, rough = {"camera.width_px": 200, "camera.height_px": 120}, {"image.samples": 0}
+    scenes = [simgrab.load(tmp_path / "yard.toml", start | change) for change in ({}, small, {}, rough, {})]
+    with FrameGenerator(scenes[0]) as generator:
+        context = generator.scene(0).renderer._buffer.context
+        for wanted in scenes:
+            generator.revise(wanted)
+            for number in range(4):
+                found = generator.frame(number, full=True)
+                with FrameGenerator(wanted) as fresh:
+                    same(found, fresh.frame(number, full=True))
+        assert generator.scene(0).renderer._buffer.context is context
 
 
 @pytest.mark.parametrize("change", BUILT, ids=str)

@@ -79,6 +79,19 @@ void main() {
 }
 """
 
+# Where the ground shows a photograph, this stands in for its paint: what is left of all light that could fall on it
+# darkens the photograph, pixel by pixel of the picture.
+_PHOTOGRAPH_FRAGMENT = (
+    _FRAGMENT.replace("uniform float shadowed;", "uniform float shadowed, screen;\nuniform vec2 size;")
+    .replace("uniform sampler2D paint;", "uniform sampler2D paint, photograph;")
+    .replace(
+        "    gl_FragColor =",
+        "    if (screen > 0.5)\n"
+        "        gl_FragColor = vec4(texture2D(photograph, gl_FragCoord.xy / size).rgb * light / (base + sun), 1.0);\n"
+        "    else gl_FragColor =",
+    )
+)
+
 
 @dataclass
 class Target:
@@ -105,6 +118,8 @@ class Passes:
     buffer : Offscreen
     size : tuple of 2 ints
         Of the largest window that is drawn at once, px.
+    screen : str
+        Material whose geoms show the picture that `show` was given; none unless given.
 
     Attributes
     ----------
@@ -113,8 +128,9 @@ class Passes:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, textures: Mapping[str, NDArray[np.uint8]], buffer: Offscreen, size: tuple[int, int]
-    ) -> None:
+        self, model: mujoco.MjModel, textures: Mapping[str, NDArray[np.uint8]], buffer: Offscreen,
+        size: tuple[int, int], screen: str = "",
+    ) -> None:  # fmt: skip
         if not GL.glClipControl:
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
         meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
@@ -123,12 +139,15 @@ class Passes:
         self._model, self._context = model, buffer.context
         self._pictures, self._textures = textures, dict[str, int]()
         self._painted: dict[int, int] = {}
-        self._program = _program()
+        self._program = _program(_PHOTOGRAPH_FRAGMENT if screen else _FRAGMENT)
+        self._screen, self._photograph = model.material(screen).id if screen else -1, 0
         self._uniform = {
             name: GL.glGetUniformLocation(self._program, name)
-            for name in ("shadow_from_eye", "shadowed", "paint", "shadow")
+            for name in ("shadow_from_eye", "shadowed", "paint", "shadow", "photograph", "screen", "size")
         }
         GL.glUseProgram(self._program)
+        if screen:
+            GL.glUniform1i(self._uniform["photograph"], 2)
         GL.glUniform1i(self._uniform["paint"], 0)
         GL.glUniform1i(self._uniform["shadow"], 1)
         GL.glUseProgram(0)
@@ -153,6 +172,22 @@ class Passes:
             if framebuffer is not None:
                 _free(framebuffer)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
+
+    def show(self, picture: NDArray[np.uint8]) -> None:
+        """Let geoms of the ``screen`` show a picture of the largest window's size, RGB, whose first row is the top."""
+        if not self._photograph:
+            self._photograph = int(GL.glGenTextures(1))
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._photograph)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
+        GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+        rows = np.ascontiguousarray(picture[::-1])
+        form = GL.GL_RGB, GL.GL_UNSIGNED_BYTE
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGB, rows.shape[1], rows.shape[0], 0, *form, rows)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+        GL.glUseProgram(self._program)
+        GL.glUniform2f(self._uniform["size"], rows.shape[1], rows.shape[0])
+        GL.glUseProgram(0)
 
     def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
         """Draw the shadow map of geoms."""
@@ -302,12 +337,18 @@ class Passes:
             GL.glUniformMatrix4fv(self._uniform["shadow_from_eye"], 1, True, matrix)
         GL.glActiveTexture(GL.GL_TEXTURE1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._context.shadowTex if shadowed else 0)
+        if self._photograph:
+            GL.glActiveTexture(GL.GL_TEXTURE2)
+            GL.glBindTexture(GL.GL_TEXTURE_2D, self._photograph)
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for window, geoms, clear in steps:
             with _scissors(window, self._program):
                 if clear:
                     GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
                 for geom in geoms:
+                    if self._screen >= 0:
+                        screen = self._model.geom_matid[geom.number] == self._screen
+                        GL.glUniform1f(self._uniform["screen"], float(screen))
                     self._draw(geom, self._display_list(geom.number))
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
@@ -458,9 +499,9 @@ def _scissors(window: Window, program: int = 0) -> Iterator[None]:
         GL.glUseProgram(0)
 
 
-def _program() -> int:
+def _program(fragment: str) -> int:
     program = int(GL.glCreateProgram())
-    for kind, source in ((GL.GL_VERTEX_SHADER, _VERTEX), (GL.GL_FRAGMENT_SHADER, _FRAGMENT)):
+    for kind, source in ((GL.GL_VERTEX_SHADER, _VERTEX), (GL.GL_FRAGMENT_SHADER, fragment)):
         shader = GL.glCreateShader(kind)
         GL.glShaderSource(shader, source)
         GL.glCompileShader(shader)

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array, Intrinsics
-from simgrab.scenario import Camera, Scenario
+from simgrab.scenario import Camera, Photo, Scenario
 from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
+from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, ROPE, World
+from simgrab.world.scenery.places.photo import MATERIAL
 from simgrab.world.trajectory.moment import Moment, Tilt
 
 if TYPE_CHECKING:
@@ -92,6 +94,7 @@ class _Aim:
     still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
     still_coarse: View | None = None
     backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
+    photograph: int = -1
 
     @classmethod
     def of(cls, scenario: Scenario) -> _Aim:
@@ -156,7 +159,10 @@ class Renderer:
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
             self._boxes = geoms.boxes(model)
-            self._passes = Passes(model, world.textures, self._buffer, self._aim.size)
+            self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
+            self._background_shown = -1
+            screen = MATERIAL if self._background else ""
+            self._passes = Passes(model, world.textures, self._buffer, self._aim.size, screen)
             self._aim.target, self._aims = self._passes.target, [self._aim]
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
@@ -196,6 +202,8 @@ class Renderer:
             # Beside it, that of the other size stays: small pictures and large ones take turns.
             others = [one for one in self._aims if (one.size, one.smooth) != (aim.size, smooth)]
         self._use(aim, [aim, *others][:_KEPT_AIMS])
+        if self._background:
+            self._background, self._background_shown = Background(new), -1
         self.world, self._posed = world, None
         return True
 
@@ -233,6 +241,8 @@ class Renderer:
     def rgb(self, moment: Moment) -> NDArray[np.uint8]:
         """Render the picture as the lens shows it, shape (height, width, 3)."""
         self._gather(moment)
+        if self._background:
+            self._show(self._background, moment.frame)
         rgb = self._draw_rgb(moment)
         return self._aim.lens.map(self.full).resample(rgb, cv2.INTER_CUBIC) if self._aim.lens else rgb
 
@@ -245,6 +255,15 @@ class Renderer:
     def full(self) -> Window:
         """The whole picture."""
         return self._aim.full
+
+    def _show(self, background: Background, frame: int) -> None:
+        """Put the photograph of a frame where the ground is."""
+        number = background.number(frame)
+        if number != self._background_shown:
+            self._passes.show(background.picture(number, self._aim.drawn))
+            self._background_shown = number
+        if number != self._aim.photograph:
+            self._aim.photograph, self._aim.backdrop = number, None
 
     @property
     def has_lens(self) -> bool:

