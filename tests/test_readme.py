@@ -78,7 +78,7 @@ def test_the_table_names_every_command():
 
 def test_scene_files_and_suites_read():
     found = [*blocks("toml"), *blocks("toml", TEXTS["writing-scenes.md"])]
-    assert len(found) == 5
+    assert len(found) == 6
     for block in found:
         data = tomllib.loads(block)
         if "scenes" in data:
