@@ -42,6 +42,7 @@ export class Instrument {
 
   stop() {
     this.turn++;
+    this.content.classList.add("old");
   }
 
   show(found, side) {
