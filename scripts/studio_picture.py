@@ -13,7 +13,7 @@ from simgrab import scenes
 from simgrab.studio import studio
 
 PICTURE = Path(__file__).parents[1] / "docs" / "studio.jpg"
-SIZE = (1280, 900)
+SIZE = (1280, 1010)
 MOST_BYTES = 200_000
 SCENE = "port"
 CHANGES = {

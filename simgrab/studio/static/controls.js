@@ -6,6 +6,7 @@ import { TAGS, bounds, fresh, freshKind, kindOf, kinds, leaves, present, resolve
 let count = 0;
 const id = () => `control-${++count}`;
 const MOST_STEPS = 5000; // of a slider; what has more bounds than these gets a field alone
+const MOST_BOUND = 1e7; // of a slider: beyond it stands what has no bounds of its own
 const words = (value) => (typeof value === "string" ? value : JSON.stringify(value));
 
 /** The value at a path of plain data. */
@@ -453,7 +454,7 @@ const freshOptional = (node) => {
 /** How a slider goes from one bound to the other: evenly, or by factors where they are far apart; null without bounds. */
 const scaleOf = (node) => {
   const { low, high } = bounds(node);
-  if (low === undefined || high === undefined) return null;
+  if (low === undefined || high === undefined || Math.max(-low, high) >= MOST_BOUND) return null;
   if (low > 0 && high / low >= 1000) {
     const steps = 300;
     const round = (value) => (node.type === "integer" ? Math.round(value) : Number(value.toPrecision(3)));

@@ -12,10 +12,11 @@ export class Instrument {
       this.restart();
     });
     this.content = make("div", { "aria-live": "polite" });
-    place.replaceChildren(make("p", { class: "soft" },
-      "The bundled instrument gets the image and the camera file, never the truth. One frame gives box and digits. " +
-      "The swing takes the tilt of the camera, which is estimated from frames of the same scene."),
-    make("label", { class: "field" }, "Detector ", this.select), this.content);
+    this.progress = make("p", { class: "field soft" });
+    place.replaceChildren(make("div", { class: "bar" }, make("label", { class: "field" }, "Detector ", this.select), this.progress),
+      this.content, make("p", { class: "soft" },
+        "The instrument gets the image and the camera file, never the truth. One frame gives box and digits. " +
+        "The swing takes the tilt of the camera, which is estimated from frames of the same scene."));
   }
 
   /** Measure what is shown from now on, and then more frames of its record, until there is something newer. */
@@ -41,6 +42,7 @@ export class Instrument {
 
   stop() {
     this.turn++;
+    this.content.classList.add("old");
   }
 
   show(found, side) {
@@ -62,9 +64,9 @@ export class Instrument {
       ["Rope length |OA|, m", found.rope_length_m === null ? "–" : written(found.rope_length_m), known ? written(known.rope_length_m) : "–"],
     ];
     const head = make("tr", {}, make("td"), make("th", { scope: "col" }, "Measured"), make("th", { scope: "col" }, "Truth"));
+    this.progress.replaceChildren(`Tilt from ${found.measured} of ${found.wanted} frames`,
+      make("progress", { max: found.wanted, value: found.measured, "aria-label": "Frames measured" }));
     this.content.replaceChildren(
-      make("p", {}, `Tilt from ${found.measured} of ${found.wanted} frames`, make("progress", { max: found.wanted, value: found.measured,
-        "aria-label": "Frames measured" })),
       make("div", { class: "scroll" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows.map(([label, measured, truth]) =>
         make("tr", {}, make("th", { scope: "row" }, label), make("td", { class: "number" }, measured), make("td", { class: "number soft" }, truth)))))));
     this.place.dataset.measured = found.measured;

@@ -10,7 +10,7 @@ const text = (unit, [u, v], [du, dv], words) => svg("text", { class: "angles", x
 
 const middle = ([u0, v0], [u1, v1]) => [(u0 + u1) / 2, (v0 + v1) / 2];
 
-const degrees = (value) => `${value.toFixed(1)}°`;
+const degrees = (value) => `${value.toFixed(1).replace("-", "−")}°`;
 
 /** The arc of θ about C′, clockwise from G′ to the grab centre. */
 const arc = (principal, vertical, centre, radius) => {
