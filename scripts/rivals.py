@@ -151,7 +151,10 @@ def measure(condition: str, clip: int, part: str) -> dict[str, Any]:
 def _by_lidar(condition: str, clip: int, time: Array) -> Array:
     """Measure with the LiDAR, after half a second of scans of the hanging grab."""
     scene = scenario(condition, clip, LIDAR)
-    still = {"swing.start": {}, "swing.work": {"model": "hang", "rope_length_m": ROPES_M[clip % len(ROPES_M)]}}
+    still = {
+        "swing.start.alpha_deg": 0.0,
+        "swing.work": {"model": "hang", "rope_length_m": ROPES_M[clip % len(ROPES_M)]},
+    }
     rest = scenario(condition, clip, LIDAR | still | {"frames": 5})
     return lidar(_scans(scene), _scans(rest), time, scene.jib.head_height_m).alpha
 
