@@ -14,6 +14,7 @@ from simgrab.scenario.camera import (
 )
 from simgrab.scenario.factor import Factor, OneOf
 from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
+from simgrab.scenario.markers import AprilTag, Balls, Circles, Markers, Target
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.sensors import (
@@ -52,10 +53,13 @@ __all__ = [
     "MOST_ALPHA_DEG",
     "ROPE_LENGTH_RANGE_M",
     "Alpha",
+    "AprilTag",
     "Assembled",
     "AutoExposure",
+    "Balls",
     "Camera",
     "Cargo",
+    "Circles",
     "Clamshell",
     "Clip",
     "Clutter",
@@ -87,6 +91,7 @@ __all__ = [
     "Lidar",
     "Light",
     "LuffEncoder",
+    "Markers",
     "Mesh",
     "MotionSensor",
     "OneBody",
@@ -111,6 +116,7 @@ __all__ = [
     "Strict",
     "Suspension",
     "Tagged",
+    "Target",
     "Turn",
     "Variant",
     "Vibration",

@@ -41,6 +41,7 @@ _WORN = {"wear": "Age of the place: 0 is new."}
 _CARGO = {"cargo": "Bulk cargo in the place."}
 
 _WAVED = {"waves": "Transverse waves of the ropes, for sensors on the rope."}
+_PLATE = {"position_m": "Middle of the plate from that of the rope ends, grab frame."}
 _CLOCK = {
     "clock_offset_ms": "Standard deviation of the clock's offset, drawn once a clip.",
     "clock_drift_ppm": "Standard deviation of the clock's drift, drawn once a clip.",
@@ -86,6 +87,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "camera": "The surveillance camera at the jib head.",
         "sensors": "Sensors beside the camera, by name; they need physics.",
         "suspension": "How the grab hangs on its ropes.",
+        "markers": "What is mounted for a method to look at.",
         "swing": "How the grab swings: independent draws, or physics.",
         "grab": "The grab: its kind, shape and looks.",
         "jib": "The jib head and its ropes.",
@@ -188,6 +190,23 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "resolution_m": "Size of a count of the distance.",
         "dropout": "Share of beams that get lost in clear air.",
         "false_echo": "Share of the beams intercepted by rain, snow or fog that report a point in the air.",
+    },
+    "Markers": {
+        "plate": "Plate with marks on the grab.",
+        "target": "Bright disc on the grab.",
+        "balls": "Balls between the ropes.",
+    },
+    "Circles": _PLATE | {"size_m": "Edge of the plate."},
+    "AprilTag": _PLATE | {"size_m": "Edge of the tag's black square.", "tag": "Number of the tag in its family."},
+    "Target": {
+        "diameter_m": "Diameter of the disc.",
+        "position_m": "Middle of the disc from that of the rope ends, grab frame.",
+        "rgb": "Colour: red, green and blue from 0 to 1.",
+    },
+    "Balls": {
+        "distances_m": "Distance of each ball from O.",
+        "diameter_m": "Diameter of a ball.",
+        "rgb": "Colour: red, green and blue from 0 to 1.",
     },
     "Hang": _ROPE,
     "Turn": _ROPE | {

@@ -21,6 +21,7 @@ from simgrab.scenario.camera import Camera
 from simgrab.scenario.descriptions import describe
 from simgrab.scenario.factor import JOINT, Factor, OneOf
 from simgrab.scenario.grab import FourRope, Grab, Mesh
+from simgrab.scenario.markers import Markers
 from simgrab.scenario.optics import Optics
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.sensors import MotionSensor
@@ -33,7 +34,7 @@ from simgrab.utilities import models
 MOST_DAYS = 366
 """Of simulated motion in a dataset."""
 MOST_SENSORS = 32
-_LATER: dict[str, Any] = {"suspension": OneBody(), "sensors": {}}
+_LATER: dict[str, Any] = {"suspension": OneBody(), "markers": Markers(), "sensors": {}}
 """Keys that scenarios did not always have, with their defaults."""
 _SENSOR_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")  # a folder of the dataset
 
@@ -44,8 +45,9 @@ class Scenario(Strict, frozen=True):
     ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
     that only some kinds of a table have is left out where another kind was drawn.
 
-    ``sensors`` are those beside the camera, by name, and ``suspension`` is how the grab hangs on its ropes. A scenario
-    in which these are as by default is written, and has the digest, as if there were no such keys.
+    ``sensors`` are those beside the camera, by name, ``suspension`` is how the grab hangs on its ropes, and ``markers``
+    what is mounted for a method to look at. A scenario in which these are as by default is written, and has the digest,
+    as if there were no such keys.
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
@@ -68,6 +70,7 @@ class Scenario(Strict, frozen=True):
     labels: Labels = Labels()
     splits: Splits = Splits()
     suspension: Suspension = OneBody()
+    markers: Markers = Markers()
     sensors: dict[str, MotionSensor] = msgspec.field(default_factory=dict)
     vary: dict[str, Factor] = msgspec.field(default_factory=dict)
 

@@ -77,6 +77,7 @@ class World:
         self._show(STEEL, moment.present, GRAB)
         self._show(FALLS, moment.present, ROPE)
         self._hang_ropes(data, moment)
+        self._hang_balls(data, moment)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
@@ -107,6 +108,14 @@ class World:
             for length in ropes.ROPE_CLASSES_M:
                 self._show(f"rope_{rope}/{length}", moment.present and length == shown, ROPE)
 
+    def _hang_balls(self, data: mujoco.MjData, moment: Moment) -> None:
+        """Put the balls on the line from O to the middle of the rope ends."""
+        pose = moment.grab.jib_from_grab
+        end = pose[:3, 3] + self.plan.grab.terminations[0, 2] * pose[:3, 2]
+        for number, distance in enumerate(self.plan.ball_distances_m):
+            data.mocap_pos[self._mocap(f"ball_{number}")] = distance / np.linalg.norm(end) * end
+            self._show(f"ball_{number}", moment.present, ROPE)
+
     def _show(self, stem: str, shown: bool, group: int) -> None:
         self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
 
@@ -128,6 +137,9 @@ def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
     add_parts(spec, spec.worldbody, plan.jib, group=JIB, prefix="jib")
     _add_grab(spec, plan)
     rope = _add_ropes(spec, plan.ropes)
+    for number, part in enumerate(plan.balls):
+        body = spec.worldbody.add_body(name=f"ball_{number}", mocap=True)
+        add_parts(spec, body, [part], group=HIDDEN, prefix=f"ball_{number}")
     own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope])
     textures = {part.material.name: part.material.texture for part in own if part.material.texture is not None}
     if textured:

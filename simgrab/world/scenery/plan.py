@@ -17,6 +17,7 @@ from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
+from simgrab.world.scenery.markers import ball, marked
 from simgrab.world.scenery.meshes import jib
 from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Part
@@ -50,6 +51,10 @@ class Plan:
     straight : bool
         Whether the lens maps straight lines to straight lines.
     suspension : Suspension
+    balls : sequence of Part
+        Between the ropes, each about the origin of its own frame.
+    ball_distances_m : sequence of float
+        Of each from O, towards the middle of the rope ends.
     reach_m : float
         How far from where O is at first the grab may come.
     """
@@ -62,6 +67,8 @@ class Plan:
     heaps: Sequence[Part]
     straight: bool
     suspension: Suspension
+    balls: Sequence[Part]
+    ball_distances_m: Sequence[float]
     reach_m: float
 
     @cached_property
@@ -140,7 +147,7 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
         If the camera would be in the jib's steel.
     """
     seed, look, head_height = scenario.seed, scenario.grab, scenario.jib.head_height_m
-    grab = design_of(look)
+    grab, balls = marked(design_of(look), scenario.markers), scenario.markers.balls
     ropes = Ropes.of(scenario.jib, len(grab.terminations))
     if scenario.jib.head != "none":
         check_camera(np.array(scenario.camera.offset_m), jib.jib_steel(ropes))
@@ -160,6 +167,8 @@ def draw_up(scenario: Scenario, number: int = 0) -> Plan:
         grab.heaps(look.cargo, stream(seed, number, "cargo")),
         straight=scenario.camera.intrinsics.distortion.is_null,
         suspension=scenario.suspension,
+        balls=[ball(balls, number) for number in range(len(balls.distances_m))] if balls else (),
+        ball_distances_m=balls.distances_m if balls else (),
         reach_m=_reach(scenario),
     )
 

@@ -12,6 +12,7 @@ from simgrab.geometry import Array
 from simgrab.scenario import Lidar, Scenario, Weather
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
+from simgrab.world.scenery.textures import unpainted
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, counted
 from simgrab.world.sensors.motion import Motion
@@ -108,7 +109,8 @@ class LidarDevice(Device):
             0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing.
         """
         if self._world is None:
-            world = model.build(self._scenario, draw_up(self._scenario, self._number))
+            with unpainted():
+                world = model.build(self._scenario, draw_up(self._scenario, self._number))
             self._world = world, mujoco.MjData(world.model)
         world, data = self._world
         world.pose(data, motion.moment(i))
