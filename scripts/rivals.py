@@ -2,10 +2,11 @@
 
     python -m scripts.rivals clips --part sensors --clips 6
     python -m scripts.rivals clips --part pictures --clips 2
+    python -m scripts.rivals clips --part lidar --clips 1
     python -m scripts.rivals page
 
-The first commands make clips of 30 s at 9 Hz, measure them with every method that takes sensors alone, or pictures of
-640×360 px too, and keep the angles in a file a clip below ``runs/rivals``. The last command writes
+The first commands make clips of 30 s at 9 Hz, measure them with every method that takes sensors alone, pictures of
+640×360 px too, or a LiDAR, and keep the angles in a file a clip below ``runs/rivals``. The last command writes
 ``docs/results/rivals.md`` from the files that there are.
 """
 
@@ -32,6 +33,7 @@ from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, sight
 from simgrab.instrument.rivals.contract import Sensors, Series
 from simgrab.instrument.rivals.inertial import INERTIAL
+from simgrab.instrument.rivals.lidar import Scans, lidar
 from simgrab.instrument.rivals.tracking import Place, template
 from simgrab.scenario import Scenario
 from simgrab.world.output.tables import calibration_of
@@ -44,7 +46,8 @@ ROPES_M = (18.0, 14.0, 22.0)
 BLOCK_S = 10.0
 REPLICATIONS = 2000
 MOUNTS = ("jib-head", "rope", "grab", "camera")
-PARTS = ("sensors", "pictures")
+PARTS = ("sensors", "pictures", "lidar")
+LIDAR = {"sensors.lidar0": {"model": "lidar", "rate_hz": 5.0}}
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rivals.md"
 
 LEVEL: dict[str, Any] = {
@@ -81,8 +84,8 @@ WHAT = {
 }
 
 
-def scenario(condition: str, clip: int) -> Scenario:
-    """Load the scene of one clip."""
+def scenario(condition: str, clip: int, more: dict[str, Any] | None = None) -> Scenario:
+    """Load the scene of one clip, with more changes."""
     scene, changes, crane = CONDITIONS[condition]
     rope = ROPES_M[clip % len(ROPES_M)]
     work: dict[str, Any] = dict(crane.get("work", {"model": "hang"}))
@@ -101,7 +104,7 @@ def scenario(condition: str, clip: int) -> Scenario:
         "sensors.hoist": {"model": "hoist-encoder"},
     }
     every = {"frames": FRAMES, "seed": 300 + clip, "camera.tilt_azimuth_deg": 100.0 * clip, "swing": swing}
-    return simgrab.load(scene, {**LEVEL, **every, **imus, **others, **changes}, size=SIZE)
+    return simgrab.load(scene, {**LEVEL, **every, **imus, **others, **changes, **(more or {})}, size=SIZE)
 
 
 def sensors_of(scene: Scenario) -> tuple[Sensors, Array, Array]:
@@ -139,8 +142,27 @@ def measure(condition: str, clip: int, part: str) -> dict[str, Any]:
         case "pictures":
             frames = [Frame(frame.rgb, frame.truth.time_s) for frame in simgrab.frames(scene)]
             found = _from_pictures(frames, calibration_of(scene), sensors, time)
+        case "lidar":
+            found = {"lidar": _by_lidar(condition, clip, time)}
     degrees = {n: [None if np.isnan(x) else round(float(np.degrees(x)), 4) for x in a] for n, a in found.items()}
     return {"condition": condition, "clip": clip, "true": np.degrees(true).round(4).tolist(), "alpha": degrees}
+
+
+def _by_lidar(condition: str, clip: int, time: Array) -> Array:
+    """Measure with the LiDAR, after half a second of scans of the hanging grab."""
+    scene = scenario(condition, clip, LIDAR)
+    still = {
+        "swing.start.alpha_deg": 0.0,
+        "swing.work": {"model": "hang", "rope_length_m": ROPES_M[clip % len(ROPES_M)]},
+    }
+    rest = scenario(condition, clip, LIDAR | still | {"frames": 5})
+    return lidar(_scans(scene), _scans(rest), time, scene.jib.head_height_m).alpha
+
+
+def _scans(scene: Scenario) -> Scans:
+    recorded = simgrab.sensors(scene)["lidar0"]
+    assert recorded.body_from_sensor is not None
+    return Scans.of(recorded.stamp_ns, recorded.values[:, :3].astype(float), recorded.body_from_sensor)
 
 
 def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors, time: Array) -> dict[str, Array]:
@@ -214,7 +236,7 @@ def figures(files: list[dict[str, Any]], method: str) -> tuple[float, float, flo
 
 METHODS = (
     "constant-zero", "kawai", "matsuo", "optical-flow", "accelerometer-grab", "accelerometer-rope", "ahrs-grab", "gao",
-    "gyro-pendulum", "schaper", "kim", "jung", "rope-aware", "inertial-fusion",
+    "gyro-pendulum", "schaper", "kim", "jung", "lidar", "rope-aware", "inertial-fusion",
 )  # fmt: skip
 
 

@@ -12,6 +12,8 @@ from simgrab.geometry import STANDARD_GRAVITY, Array
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.rivals.contract import Method, Sensors, Swing, refusing
 from simgrab.instrument.rivals.kalman import (
+    START_LEAN,
+    START_SPEED,
     STEP_S,
     Model,
     Pendulum,
@@ -24,7 +26,6 @@ from simgrab.instrument.rivals.kalman import (
     swing,
 )
 
-START_LEAN, START_SPEED = np.radians(10.0), 0.1  # standard deviations at the start, rad and rad/s
 BIAS_SD, BIAS_WALK = 0.15, 2e-5  # of a gyroscope: rad/s at turn-on, rad/s²/√Hz
 LEVEL_SD = np.radians(2.0)  # of an accelerometer's first lean
 TARGET_SD = np.radians(0.1)  # of a target's angle in a picture

@@ -18,6 +18,8 @@ SILENT_S = 0.2
 """There is no angle where a sensor is silent for longer."""
 MOST_SD = np.radians(1.0)
 """There is no angle while a filter is less certain of it."""
+START_LEAN, START_SPEED = np.radians(10.0), 0.1
+"""Standard deviations of a pendulum's state at the start, rad and rad/s."""
 LEAN, SPEED = slice(0, 2), slice(2, 4)
 """Of a pendulum's state: angles along x and y, rad, and their rates over the ground, rad/s."""
 
@@ -170,23 +172,23 @@ def filled(values: Array) -> Array:
     return np.stack([np.interp(i, i[seen], column[seen]) for column in values.T], axis=-1)
 
 
-def silent(time: Array, at: Array) -> NDArray[np.str_]:
+def silent(time: Array, at: Array, most_s: float = SILENT_S) -> NDArray[np.str_]:
     """Why there is no reading near instants (m,); empty where there is one."""
     after = np.searchsorted(time, at)
     before = np.clip(after - 1, 0, len(time) - 1)
     gap = time[np.clip(after, 0, len(time) - 1)] - time[before]
-    reason = np.where(gap > SILENT_S, "the sensor was silent", "")
+    reason = np.where(gap > most_s, "the sensor was silent", "")
     reason = np.where(at < time[0] - STEP_S, "before the sensor's first reading", reason)
     return np.where(at > time[-1] + STEP_S, "after the sensor's last reading", reason)
 
 
-def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Array) -> Swing:
+def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Array, most_s: float = SILENT_S) -> Swing:
     """Return the swing at instants (m,) from a filter's states at steps (n,), whose sensor read at times (k,)."""
     lean = np.stack([np.interp(at, steps, states[:, i]) for i in range(2)], axis=-1)
     of_lean = covariances[np.clip(np.searchsorted(steps, at), 0, len(steps) - 1), LEAN, LEAN]
     along = lean / np.maximum(np.linalg.norm(lean, axis=1, keepdims=True), 1e-12)
     sd = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", along, of_lean, along), 0))
-    reason = silent(times, at)
+    reason = silent(times, at, most_s)
     worst = np.sqrt(np.linalg.eigvalsh(of_lean)[:, -1])
     reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not settled", reason)
     return Swing.of(lean, sd, reason)
