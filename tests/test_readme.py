@@ -84,6 +84,8 @@ def test_scene_files_and_suites_read():
         if "scenes" in data:
             assert set(convert(data, Suite, SuiteError).scenes) == {"calm", "snow"}
             continue
+        if data.get("place", {}).get("model") == "photo":  # of files that are not there; see world/test_photo.py
+            continue
         base = load(data.pop("base"))
         assert convert(merged(base.to_dict(), data), Scenario).name == data["name"]
 

@@ -94,6 +94,11 @@ def refused(address, scene, path="/api/frame", **keys):
     return answer.json
 
 
+def plain(scenario):
+    """Plain data with the tables that a scene file may lack."""
+    return msgspec.to_builtins(scenario) | scenario.to_dict()
+
+
 def test_the_page_gets_every_key_with_its_unit_help_and_default(address):
     start = ask(address, "/api/start").json
     assert start["schema"]["$defs"]["Camera"]["properties"]["beta_deg"]["unit"] == "°"
@@ -105,8 +110,7 @@ def test_the_page_gets_every_key_with_its_unit_help_and_default(address):
     assert len(keys) > 250
     assert all(about["description"] or key == "base" for _, key, about in keys)
     assert set(start["scene"]) == {*Scenario.__struct_fields__}
-    unset = {"sensors": {}, "suspension": msgspec.to_builtins(Scenario().suspension)}
-    assert start["default"] == unset | Scenario().to_dict()
+    assert start["default"] == plain(Scenario())
     assert {"yard.toml", "quay-day"} <= set(start["scenes"])
     assert "pyproject.toml" not in start["scenes"]
 
@@ -248,7 +252,7 @@ def test_no_other_file_is_opened(address, name):
 
 
 def test_scenes_of_the_folder_and_bundled_ones_are_opened(address, documents):
-    assert ask(address, "/api/open?scene=yard.toml").json == {"sensors": {}} | documents.start.to_dict()
+    assert ask(address, "/api/open?scene=yard.toml").json == plain(documents.start)
     assert ask(address, "/api/open?scene=water-side").json["place"]["model"] == "water"
 
 
