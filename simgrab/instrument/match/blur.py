@@ -1,8 +1,8 @@
 """Blur of the lens, by the spread of edges that stand still (the slanted-edge method of ISO 12233).
 
 Light across a straight edge is the edge convolved with the lens' and the pixel's spread. For a circle of confusion of
-diameter d, the spread across an edge is a half ellipse of that width; the pixel's is a box of one pixel. The scene's own
-edges may be softer, but not sharper: of many, the sharper ones count.
+diameter d, the spread across an edge is a half ellipse of that width; the pixel's is a box of one pixel. The scene's
+own edges may be softer, but not sharper: of many, the sharper ones count.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def blur(footage: Footage, hidden: NDArray[np.bool_]) -> Blur:
 
 
 def _some(footage: Footage) -> NDArray[np.uint8]:
-    """A few frames, spread over the footage: what moves, grab and ropes, has the sharpest edges."""
+    """Take a few frames: what moves, grab and ropes, has the sharpest edges."""
     return footage.luma[:: max(footage.frames // FRAMES, 1)][:FRAMES]
 
 

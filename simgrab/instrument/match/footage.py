@@ -5,12 +5,17 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import av
 import av.error
 import numpy as np
+from av.container import InputContainer
+from av.video.frame import VideoFrame
+from av.video.reformatter import ColorRange
 from numpy.typing import NDArray
 
 from simgrab.errors import SourceError, first_line
@@ -109,7 +114,7 @@ def read(path: str | Path) -> Footage:
         raise SourceError(f"{name}: not a video that can be opened ({first_line(problem)})") from None
 
 
-def _read(container: av.container.InputContainer, name: str) -> Footage:
+def _read(container: InputContainer, name: str) -> Footage:
     if not container.streams.video:
         raise SourceError(f"{name}: it has no pictures")
     stream = container.streams.video[0]
@@ -143,26 +148,26 @@ def _read(container: av.container.InputContainer, name: str) -> Footage:
         broken = first_line(problem)
     if not luma:
         raise SourceError(f"{name}: the video ends before its first image{f' ({broken})' if broken else ''}")
-    gaps = [b - a for a, b in zip(times[:-1], times[1:], strict=True) if b > a]
+    gaps = [b - a for a, b in pairwise(times) if b > a]
     rate = 1 / median(gaps) if gaps else None
     return Footage(
         name=name, luma=np.stack(luma), rgb=np.stack(rgb), codec=codec.codec.name, frame_rate_hz=rate,
         bit_rate_mbit_s=8e-6 * sum(sizes) * rate / len(luma) if rate else None,
-        gop_frames=int(median(b - a for a, b in zip(keys[:-1], keys[1:], strict=True))) if len(keys) > 1 else None,
+        gop_frames=int(median(b - a for a, b in pairwise(keys))) if len(keys) > 1 else None,
         quantiser=float(np.mean(steps)) if steps else None, weights=weights, broken=broken,
     )  # fmt: skip
 
 
-def _luma(frame: av.VideoFrame) -> NDArray[np.uint8]:
+def _luma(frame: VideoFrame) -> NDArray[np.uint8]:
     """Y' of a frame at 0 … 255."""
-    plane = np.asarray(frame.reformat(format="gray", dst_color_range=2).to_ndarray(), np.uint8)
-    return plane
+    return np.asarray(frame.reformat(format="gray", dst_color_range=ColorRange.JPEG).to_ndarray(), np.uint8)
 
 
-def _step(frame: av.VideoFrame) -> list[float]:
+def _step(frame: VideoFrame) -> list[float]:
     """Quantisation step of an H.264 frame in levels: 2^((QP − 4)/6), after its standard."""
-    for data in frame.side_data:
-        if getattr(data.type, "name", "") == "VIDEO_ENC_PARAMS":
+    side_data: Any = frame.side_data
+    for data in side_data:
+        if data.type.name == "VIDEO_ENC_PARAMS":
             content = bytes(data)
             blocks, offset, size, kind, base = struct.unpack_from(_PARAMETERS, content)
             if kind != 1 or not blocks or offset + blocks * size > len(content):
@@ -172,12 +177,12 @@ def _step(frame: av.VideoFrame) -> list[float]:
     return []
 
 
-def to_linear(levels: NDArray[np.floating]) -> NDArray[np.float64]:
+def to_linear(levels: NDArray[Any]) -> NDArray[np.float64]:
     """Turn levels, 0 … 255, to linear light, by the transfer function of sRGB."""
     return decoded(np.clip(levels, 0, 255).astype(float) / 255)
 
 
-def slope(linear: NDArray[np.floating]) -> NDArray[np.float64]:
+def slope(linear: NDArray[Any]) -> NDArray[np.float64]:
     """Levels per unit of linear light, by the transfer function of sRGB."""
     light = np.maximum(linear, 1e-9)
     return np.asarray(255 * np.where(light <= 0.0031308, 12.92, 1.055 / 2.4 * light ** (1 / 2.4 - 1)))

@@ -176,8 +176,8 @@ def _curve(blocks: _Blocks) -> Curve:
     some = [np.flatnonzero(which == i) for i in range(BINS)]
     some = [at for at in some if len(at) >= 4]
     fields = (blocks.level, blocks.variance, blocks.shot, blocks.read)
-    found = [np.array([np.median(field[at]) for at in some]) for field in fields]
-    return Curve(*found, np.array([len(at) for at in some], float))
+    level, variance, shot, read = (np.array([np.median(field[at]) for at in some]) for field in fields)
+    return Curve(level, variance, shot, read, np.array([len(at) for at in some], float))
 
 
 def _fit(blocks: _Blocks) -> tuple[float, float]:

@@ -68,9 +68,7 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
         steps.append(step[both])
         where.append(sector[both])
     change, step, at = (np.concatenate(parts) for parts in (changes, steps, where))
-    found = [
-        -_slope(change[at == i], step[at == i]) for i in range(SECTORS) if (at == i).sum() >= LEAST_PAIRS
-    ]
+    found = [-_slope(change[at == i], step[at == i]) for i in range(SECTORS) if (at == i).sum() >= LEAST_PAIRS]
     if len(found) < SECTORS // 2:
         return unknown("too little of the picture shows even surfaces that stand still", "stops")
     value = float(np.median(found))
