@@ -1,0 +1,246 @@
+"""Prove `simgrab match` by truth: ``python -m scripts.match_truth render|score FOLDER``.
+
+``render`` draws scenes at random over the scenario's ranges, none of them bundled, and renders a video of each: optics,
+sensor, coder, display, weather and paint are known. ``score`` matches each video, which sees its pixels alone, and
+compares with the scenes: coverage of stated intervals, errors, and displays found.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from simgrab import scenes
+from simgrab.errors import ScenarioError
+from simgrab.instrument.match import Look, Quantity
+from simgrab.judge.evaluate.intervals import clopper_pearson
+from simgrab.layouts import Layout
+from simgrab.rng import stream
+from simgrab.scenario import FixedExposure, Scenario
+
+SIZES = ((640, 360), (960, 540))
+SECONDS = 5.0
+PLACES: tuple[dict[str, Any], ...] = (
+    {"model": "quay", "cargo": "coal"}, {"model": "quay", "cargo": "grain", "receiver": "truck"},
+    {"model": "quay", "cargo": "bauxite", "receiver": "none"}, {"model": "hold", "cargo": "ore"}, {"model": "water"},
+    {"model": "plain"},
+)  # fmt: skip
+
+
+def drawn(number: int) -> Scenario:
+    """Draw scene ``number``."""
+    rng = stream(3207, number, "match.truth")
+    width, height = SIZES[int(rng.random() < 0.3)]
+    night = rng.random() < 0.15
+    rate = float(rng.choice([9.0, 12.5, 15.0]))
+    grey = rng.random() < 0.2
+    changes: dict[str, Any] = {
+        "seed": number,
+        "frames": math.ceil(SECONDS * rate),
+        "clip.frame_rate_hz": rate,
+        "clip.gop_frames": int(rng.integers(20, 61)),
+        "clip.bit_rate_mbit_s": float(np.exp(rng.uniform(np.log(4.0), np.log(40.0)))) * width / 960,
+        "swing": {
+            "model": "dynamic",
+            "work": {"model": "hang", "rope_length_m": float(rng.uniform(10, 24))}
+            if rng.random() < 0.8
+            else {"model": "cycles"},
+            "settle_s": 0.0,
+            "start": {"alpha_deg": float(rng.uniform(1, 6))},
+        },
+        "camera.mount": {"model": "fixed"},
+        "camera.beta_deg": float(rng.uniform(0, 6)),
+        "camera.tilt_azimuth_deg": float(rng.uniform(-180, 180)),
+        "place": PLACES[int(rng.integers(len(PLACES)))],
+        "grab.paint_rgb": [round(v, 3) for v in colorsys.hsv_to_rgb(rng.random(), 0.75, 0.75)],
+        "grab.wear": float(rng.uniform(0, 0.6)),
+        "optics.vignetting_stops": float(rng.choice([0.0, rng.uniform(0, 2.5)], p=[0.15, 0.85])),
+        "optics.defocus_px": float(rng.choice([0.0, rng.uniform(1, 6)], p=[0.2, 0.8])),
+        "optics.exposure": {"model": "fixed", "exposure_ev": float(rng.uniform(-0.7, 0.5))},
+        "optics.sensor.full_well_e": float(np.exp(rng.uniform(np.log(400), np.log(8000)))),
+        "optics.sensor.read_noise_e": float(rng.choice([0.0, rng.uniform(2, 15)], p=[0.2, 0.8])),
+        "optics.sensor.fixed_pattern_percent": float(rng.choice([0.0, rng.uniform(0.3, 2)], p=[0.4, 0.6])),
+        "optics.night_mode": "on" if grey else "off",
+        "light.sun_elevation_deg": float(rng.uniform(25, 75)),
+        "light.sun_azimuth_deg": float(rng.uniform(-180, 180)),
+    }
+    if night:
+        changes |= {"light.sun": 0.0, "light.sky": 0.05, "light.floodlights": float(rng.uniform(0.4, 0.8))}
+    weather = rng.choice(["none", "fog", "rain", "snow"], p=[0.6, 0.15, 0.15, 0.1])
+    if weather == "fog":
+        changes["weather.visibility_m"] = float(rng.uniform(60, 400))
+    elif weather == "rain":
+        changes["weather.rain_mm_h"] = float(rng.uniform(5, 40))
+    elif weather == "snow":
+        changes["weather.snow_mm_h"] = float(rng.uniform(0.3, 2))
+    layout = rng.choice(["none", "two-by-four", "four-point-four", "own"], p=[0.35, 0.25, 0.2, 0.2])
+    changes["display.layout"] = own_layout(rng) if layout == "own" else str(layout)
+    return scenes.load("quay-day", changes | {"name": f"match-{number:03d}"}, size=(width, height))
+
+
+def own_layout(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw a layout that is not bundled: size, pitch, and where the numbers stand."""
+    w = int(rng.integers(24, 41))
+    h = int(w * rng.uniform(1.4, 1.7))
+    gap = int(rng.integers(2, 9))
+    x = int(rng.integers(40, 1880 - 4 * (w + gap)))
+    y = int(rng.integers(200, 1040 - 3 * h))
+    row = [[x + i * (w + gap), y] for i in range(4)]
+    below = [[u, v + int(1.4 * h)] for u, v in row]
+    clock = {
+        "x_px": int(rng.integers(20, 400)),
+        "y_px": int(rng.integers(20, 100)),
+        "size_px": int(rng.integers(36, 56)),
+    }
+    return {
+        "width_px": 1920, "height_px": 1080, "clock": clock, "digit_width_px": w, "digit_height_px": h,
+        "hoist_px": row, "closing_px": below,
+    }  # fmt: skip
+
+
+@click.group(help=(__doc__ or "").partition("\n")[0])
+def main() -> None:
+    """Render, then score."""
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--count", default=30, show_default=True)
+@click.option("--first", default=0, show_default=True)
+def render(folder: Path, count: int, first: int) -> None:
+    """Render videos into FOLDER."""
+    from simgrab.world.output.video.render import render_video
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(first, first + count):
+        path = folder / f"{number:03d}.mp4"
+        if path.exists():
+            continue
+        try:
+            made = render_video(drawn(number), path)
+            click.echo(f"{path}: {made.frames} frames, {made.mbit_s:.1f} Mbit/s")
+        except ScenarioError as problem:  # a draw that cannot be, such as a grab in the ground
+            click.echo(f"{path}: {problem}")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--first", default=0, show_default=True)
+@click.option("--count", default=40, show_default=True)
+def score(folder: Path, first: int, count: int) -> None:
+    """Match the videos of FOLDER that were rendered, and compare with their scenes."""
+    from simgrab.instrument.detect import detector
+    from simgrab.instrument.match import look, read
+
+    find, kept = detector(), folder / "score.jsonl"
+    done = [json.loads(line) for line in kept.read_text("utf-8").splitlines()] if kept.exists() else []
+    known = {row["video"] for row in done}
+    for number in range(first, first + count):
+        path = folder / f"{number:03d}.mp4"
+        if path.exists() and number not in known:
+            done.append(compared(number, look(read(path), find)))
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(done[-1]) + "\n")
+    click.echo(tables([row for row in done if first <= row["video"] < first + count]))
+
+
+def truths(scenario: Scenario) -> dict[str, float | None]:
+    """Give what `simgrab match` should find; None for what the scene does not have."""
+    optics, camera = scenario.optics, scenario.camera
+    assert isinstance(optics.exposure, FixedExposure)
+    gain = max(2.0**optics.exposure.exposure_ev, 1.0)
+    hue = 360 * colorsys.rgb_to_hsv(*scenario.grab.paint_rgb)[0]
+    return {
+        "width": camera.width_px, "height": camera.height_px, "frame rate": scenario.clip.frame_rate_hz,
+        "key frames": scenario.clip.gop_frames, "noise gain": gain / optics.sensor.full_well_e,
+        "read noise": gain * optics.sensor.read_noise_e / optics.sensor.full_well_e,
+        "blur": max(optics.defocus_px, 1.0), "vignetting": optics.vignetting_stops,
+        "hue": None if optics.night_mode == "on" else hue, "grey": float(optics.night_mode == "on"),
+    }  # fmt: skip
+
+
+def compared(number: int, seen: Look) -> dict[str, Any]:
+    """Compare a look with its scene."""
+    scenario = drawn(number)
+    footage, known = seen.footage, truths(scenario)
+    found: dict[str, Quantity] = {
+        "noise gain": seen.noise.gain, "read noise": seen.noise.read, "blur": seen.blur.diameter,
+        "vignetting": seen.vignetting, "hue": seen.grab.hue_deg,
+    }  # fmt: skip
+    stated = {
+        "width": footage.size[0], "height": footage.size[1], "frame rate": footage.frame_rate_hz,
+        "key frames": footage.gop_frames, "grey": float(seen.grey),
+    }  # fmt: skip
+    row: dict[str, Any] = {
+        "video": number, "stated": {name: [value, known[name]] for name, value in stated.items()}, "intervals": {},
+        "place": type(scenario.place).__name__, "night": scenario.light.floodlights > 0,
+        "fog": scenario.weather.visibility_m, "rain": scenario.weather.rain_mm_h, "snow": scenario.weather.snow_mm_h,
+        "quantiser": footage.quantiser, "still": seen.still, "reasons": {},
+    }  # fmt: skip
+    for name, quantity in found.items():
+        truth = known[name]
+        if quantity.value is None:
+            row["reasons"][name] = quantity.reason
+        else:
+            if name == "hue" and truth is not None:  # hues go round
+                truth += 360 * round((quantity.value - truth) / 360)
+            row["intervals"][name] = [quantity.value, quantity.low, quantity.high, truth]
+    layout, own = seen.display.layout, scenario.display_layout
+    row["display"] = [own is not None, layout is not None, own is not None and layout is not None and near(layout, own)]
+    return row
+
+
+def near(found: Layout, own: Layout) -> bool:
+    """Whether the middles of all cells lie within a third of a digit of the true ones."""
+    middles = [np.array([((x0 + x1) / 2, (y0 + y1) / 2) for x0, y0, x1, y1 in layout.cells]) for layout in (found, own)]
+    return bool(np.abs(middles[0] - middles[1]).max() <= own.digit_width_px / 3)
+
+
+def tables(rows: list[dict[str, Any]]) -> str:
+    """Write the results as Markdown."""
+    lines = ["| | determined | interval holds | median error | largest error |", "|---|---|---|---|---|"]
+    held = of = 0
+    for name, unit in (
+        ("noise gain", "%"),
+        ("read noise", "%"),
+        ("blur", " px"),
+        ("vignetting", " stops"),
+        ("hue", "°"),
+    ):
+        some = np.array([row["intervals"][name] for row in rows if name in row["intervals"]], float).reshape(-1, 4)
+        inside = (some[:, 1] <= some[:, 3] + 1e-9) & (some[:, 3] <= some[:, 2] + 1e-9)
+        error = np.abs(some[:, 0] - some[:, 3])
+        if unit == "%":
+            error = 100 * error[some[:, 3] > 0] / some[some[:, 3] > 0, 3]
+        held, of = held + int(inside.sum()), of + len(some)
+        share = f"{inside.sum()} of {len(some)}"
+        middle = f"{np.median(error):.2g}{unit} | {error.max():.2g}{unit}" if len(error) else "– | –"
+        lines.append(f"| {name} | {len(some)} of {len(rows)} | {share} | {middle} |")
+    low, high = clopper_pearson(held, of) or (0.0, 1.0)
+    lines.append(f"| all | | {held} of {of}: {held / max(of, 1):.1%} ({low:.1%} to {high:.1%}) | | |")
+    lines += ["", "| | right |", "|---|---|"]
+    for name in rows[0]["stated"] if rows else ():
+        pairs = [row["stated"][name] for row in rows if row["stated"][name][0] is not None]
+        right = sum(abs(a - b) <= 1e-3 * abs(b) for a, b in pairs)
+        lines.append(f"| {name} | {right} of {len(pairs)} |")
+    shown = [row["display"] for row in rows]
+    lines.append(
+        f"| display found where there is one | {sum(d[0] and d[1] for d in shown)} of {sum(d[0] for d in shown)} |"
+    )
+    lines.append(
+        f"| its digits in the right place | {sum(d[2] for d in shown)} of {sum(d[0] and d[1] for d in shown)} |"
+    )
+    lines.append(
+        f"| display found where there is none | {sum(d[1] and not d[0] for d in shown)} of {sum(not d[0] for d in shown)} |"
+    )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

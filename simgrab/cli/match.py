@@ -1,0 +1,47 @@
+"""`simgrab match`: a scene that looks like a camera's own footage."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from simgrab.cli._options import FOLDER, PATH
+
+
+@click.command(name="match")
+@click.argument("videos", type=PATH, nargs=-1, required=True, metavar="VIDEO...")
+@click.option("--out", type=FOLDER, default=Path("matched"), show_default=True, help="Folder for scene and page.")
+@click.option(
+    "--detector",
+    "name",
+    default="bundled",
+    show_default=True,
+    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
+)
+@click.option("--compare/--no-compare", default=True, show_default=True, help="Render the scene, and write the page.")
+@click.option("--json", "as_json", is_flag=True, help="Print the quantities as JSON.")
+def command(videos: tuple[Path, ...], out: Path, name: str, compare: bool, as_json: bool) -> None:
+    """Measure what VIDEO... show of their camera, and write a scene that looks alike.
+
+    Writes matched.toml, which `simgrab render` takes, and match.html, which shows footage and scene side by side. Each
+    quantity has a 95 % interval, or the reason why the footage does not determine it.
+    """
+    from rich.console import Console
+
+    from simgrab.instrument.detect import detector
+    from simgrab.judge import match as matching
+    from simgrab.pages.terminal import cell, table
+
+    matched = matching.match(videos, detector(name), compare=compare)
+    matched.save(out)
+    rows = matched.look.rows()
+    console = Console()
+    if as_json:
+        click.echo(json.dumps(dict(rows), ensure_ascii=False))
+        return
+    console.print(table(rows, ("", "")))
+    console.print(f"scene: {cell(out / matching.SCENE)}", soft_wrap=True)
+    if compare:
+        console.print(f"page: {cell(out / matching.PAGE)}", soft_wrap=True)

@@ -1,0 +1,213 @@
+"""Where the display's digits stand: two numbers of four characters, white with a dark outline, found and read."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import LayoutError
+from simgrab.instrument.match.footage import Footage
+from simgrab.instrument.read import Reader
+from simgrab.layouts import LEAST_CLOCK_PX, LEAST_DIGIT_PX, Clock, Layout
+
+FRAMES = 8
+LEAST_SEEN = 3  # times, among frames and contrasts, that a character is seen
+MOST_BESIDE = 11  # characters at one level: more are a clock
+MOST_PAIRS = 40
+WHITE, ABOVE = 190, (45, 70, 100)  # levels: of a stroke, and by how much its surroundings are darker
+FINE = 2  # pictures are enlarged so much: strokes may be a pixel wide
+WIDEST_STROKE = 0.02  # of the picture's height
+TALLEST = 0.12  # of the picture's height
+LEAST_READ = 0.7  # share of cells that the reader must be sure of
+SIZES = (1.1, 1.2, 1.3, 1.4)  # heights of cells over that of digits
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Display:
+    """Where digits stand, or why none were found.
+
+    Attributes
+    ----------
+    layout : Layout or None
+        In the picture's size.
+    reason : str
+        Empty where there is a layout.
+    read : float
+        Share of digits' cells that the reader was sure of.
+    clock : bool
+        Whether the clock was found; else the layout states a place beside the numbers.
+    """
+
+    layout: Layout | None
+    reason: str
+    read: float
+    clock: bool = False
+
+    def mask(self, height: int, width: int) -> NDArray[np.bool_]:
+        """Pixels of the display, with a margin, shape (height, width)."""
+        result = np.zeros((height, width), bool)
+        if self.layout is not None:
+            clock = self.layout.clock.cells
+            for x0, y0, x1, y1 in (*self.layout.cells, (*clock[0][:2], *clock[-1][2:])):
+                result[max(y0 - 4, 0) : y1 + 4, max(x0 - 4, 0) : x1 + 4] = True
+        return result
+
+
+def display(footage: Footage) -> Display:
+    """Find the display's digits."""
+    some = footage.luma[:: max(footage.frames // FRAMES, 1)][:FRAMES]
+    lines = _lines(_common([_boxes(frame, above) for above in ABOVE for frame in some]))
+    best = Display(None, "no two numbers of four digits stand in it", 0.0)
+    reader = Reader()
+    for hoist, closing in _pairs(lines, footage.size[0])[:MOST_PAIRS]:
+        for layout in _layouts(hoist, closing, lines, footage.size):
+            read = "".join(reader.read(frame, layout).text for frame in some)
+            digits = sum(character.isdigit() for character in read)
+            share = digits / max(digits + read.count("?"), 1)
+            if share > best.read:
+                best = Display(layout, "", share, _clock(lines, footage.size) is not None)
+    if best.read < LEAST_READ:
+        reason = best.reason or f"what looks like digits could be read in {best.read:.0%} of its cells alone"
+        return Display(None, reason, best.read)
+    return best
+
+
+def _boxes(frame: NDArray[np.uint8], above: int) -> list[Box]:
+    """Boxes of bright characters, whose strokes stand so many levels out of their surroundings."""
+    fine = np.asarray(cv2.resize(frame, None, fx=FINE, fy=FINE, interpolation=cv2.INTER_CUBIC), np.uint8)
+    side = 2 * round(FINE * WIDEST_STROKE * frame.shape[0] / 2) + 1
+    ridge = cv2.morphologyEx(fine, cv2.MORPH_TOPHAT, np.ones((side, side), np.uint8))
+    strokes = (ridge >= above) & (fine >= 90)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(strokes.astype(np.uint8), connectivity=8)
+    brightest = np.zeros(count, np.uint8)
+    np.maximum.at(brightest, labels[strokes], fine[strokes])
+    stats = stats[1:][brightest[1:] >= WHITE]
+    boxes = []
+    for x, y, w, h, area in stats.tolist():
+        tall = FINE * LEAST_DIGIT_PX[1] * 0.7 <= h <= FINE * TALLEST * frame.shape[0]
+        if tall and 0.12 * h <= w <= 1.15 * h and area >= 0.12 * w * h:
+            boxes.append((x / FINE, y / FINE, (x + w) / FINE, (y + h) / FINE))
+    return boxes
+
+
+def _common(found: Sequence[Sequence[Box]]) -> list[Box]:
+    """Boxes that several pictures show, each the median of its own."""
+    groups: list[list[Box]] = []
+    for box in (box for some in found for box in some):
+        height = box[3] - box[1]
+        for group in groups:
+            other = group[0]
+            if all(abs(box[i] + box[i + 2] - other[i] - other[i + 2]) <= 0.5 * height for i in (0, 1)) and (
+                0.8 <= height / (other[3] - other[1]) <= 1.25
+            ):
+                group.append(box)
+                break
+        else:
+            groups.append([box])
+    return [
+        (float(x0), float(y0), float(x1), float(y1))
+        for x0, y0, x1, y1 in (np.median(group, axis=0) for group in groups if len(group) >= LEAST_SEEN)
+    ]
+
+
+def _lines(boxes: list[Box]) -> list[list[Box]]:
+    """Lines of characters of one height, each from left to right."""
+    boxes = sorted(boxes)
+    lines: list[list[Box]] = []
+    for box in boxes:
+        h = box[3] - box[1]
+        for line in lines:
+            last = line[-1]
+            g = last[3] - last[1]
+            level = abs((box[1] + box[3]) - (last[1] + last[3])) <= 0.4 * max(h, g)
+            if level and 0.75 <= h / g <= 1.33 and 0 < box[0] - last[0] <= 2.6 * g and box[0] >= last[2] - 0.5:
+                line.append(box)
+                break
+        else:
+            lines.append([box])
+    return lines
+
+
+def _numbers(line: Sequence[Box]) -> list[list[Box]]:
+    """Find groups of four characters at an even pitch, with a wider gap for a point perhaps."""
+    found = []
+    centres = [(x0 + x1) / 2 for x0, _, x1, _ in line]
+    for i in range(len(line) - 3):
+        steps = [b - a for a, b in itertools.pairwise(centres[i : i + 4])]
+        height = max(y1 - y0 for _, y0, _, y1 in line[i : i + 4])
+        first, middle, last = steps
+        even = abs(first - last) <= 0.2 * height and min(steps) >= 0.4 * height
+        if even and max(first, last) <= 1.5 * height and min(first, last) - 2 <= middle <= 2.2 * max(first, last):
+            found.append(list(line[i : i + 4]))
+    return found
+
+
+def _pairs(lines: list[list[Box]], width: int) -> list[tuple[list[Box], list[Box]]]:
+    """Two numbers, side by side or one above the other."""
+    short = [line for line in lines if len(line) >= 4 and _beside(line[0], lines) <= MOST_BESIDE]
+    numbers = [(i, number) for i, line in enumerate(short) for number in _numbers(line)]
+    result = []
+    for (i, a), (j, b) in itertools.permutations(numbers, 2):
+        ha, hb = (max(y1 - y0 for _, y0, _, y1 in number) for number in (a, b))
+        if not 0.8 <= ha / hb <= 1.25:
+            continue
+        beside = abs(a[0][1] - b[0][1]) <= 0.3 * ha and 0 < b[0][0] - a[3][2] <= 0.3 * width
+        above = i != j and all(abs(p[0] + p[2] - q[0] - q[2]) <= 0.8 * ha for p, q in zip(a, b, strict=True))
+        if beside or (above and 0 < b[0][1] - a[0][1] <= 4 * ha):
+            result.append((a, b))
+    return result
+
+
+def _beside(box: Box, lines: list[list[Box]]) -> int:
+    """Count the characters in a row with one: at its level, none far from the next."""
+    height = box[3] - box[1]
+    level = [
+        other
+        for line in lines
+        for other in line
+        if 0.75 <= (other[3] - other[1]) / height <= 1.33 and abs(other[1] + other[3] - box[1] - box[3]) <= 0.6 * height
+    ]
+    level.sort()
+    apart = [i + 1 for i, (a, b) in enumerate(itertools.pairwise(level)) if b[0] - a[2] > 2.5 * height]
+    ends = [0, *apart, len(level)]
+    return next((b - a for a, b in itertools.pairwise(ends) if box in level[a:b]), 0)
+
+
+def _clock(lines: list[list[Box]], size: tuple[int, int]) -> Clock | None:
+    """Find the clock: the longest line of characters."""
+    best = max(lines, key=lambda line: _beside(line[0], lines), default=[])
+    if not best or _beside(best[0], lines) <= MOST_BESIDE:
+        return None
+    top, bottom = min(box[1] for box in best), max(box[3] for box in best)
+    height = max(round(1.12 * (bottom - top)), LEAST_CLOCK_PX)
+    clock = Clock(max(round(best[0][0] - 0.1 * height), 0), max(round(top - 0.06 * height), 0), height)
+    return clock if clock.cells[-1][2] <= size[0] and clock.cells[-1][3] <= size[1] else None
+
+
+def _layouts(hoist: list[Box], closing: list[Box], lines: list[list[Box]], size: tuple[int, int]) -> list[Layout]:
+    """Layouts whose cells hold the characters of two numbers."""
+    boxes = [*hoist, *closing]
+    height = float(np.median([y1 - y0 for _, y0, _, y1 in boxes]))
+    centres = [[(x0 + x1) / 2 for x0, _, x1, _ in number] for number in (hoist, closing)]
+    pitch = float(np.median([c[k + 1] - c[k] for c in centres for k in (0, 2)]))
+    point = all(c[2] - c[1] > 1.2 * pitch for c in centres)
+    result = []
+    for scale in SIZES:
+        h = max(round(scale * height), LEAST_DIGIT_PX[1])
+        w = max(min(int(pitch - 0.5), round(0.68 * h)), LEAST_DIGIT_PX[0])
+        corners = list[tuple[tuple[int, int], ...]]()
+        for number, at in zip((hoist, closing), centres, strict=True):
+            middle = float(np.median([(y0 + y1) / 2 for _, y0, _, y1 in number]))
+            corners.append(tuple((max(round(x - w / 2), 0), max(round(middle - h / 2), 0)) for x in at))
+        clock = _clock(lines, size) or Clock(0, 0, LEAST_CLOCK_PX)
+        try:
+            result.append(Layout(size[0], size[1], clock, w, h, corners[0], corners[1], 2, point))
+        except LayoutError:
+            continue
+    return result

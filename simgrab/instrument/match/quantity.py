@@ -1,0 +1,69 @@
+"""A quantity with its interval, or the reason why there is none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What footage determines of one quantity.
+
+    Attributes
+    ----------
+    value : float or None
+        None where the footage does not determine it.
+    low, high : float
+        Ends of the 95 % interval; infinite where there is none.
+    reason : str
+        Why it is not determined; empty where it is.
+    unit : str
+        As reports write it; empty for none.
+    """
+
+    value: float | None
+    low: float = -math.inf
+    high: float = math.inf
+    reason: str = ""
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.value is None) != bool(self.reason):
+            raise ValueError("a quantity has either a value or the reason why it has none")
+        if self.value is not None and not self.low <= self.value <= self.high:
+            raise ValueError(f"{self.value:g} lies outside its interval, {self.low:g} to {self.high:g}")
+
+    @property
+    def known(self) -> bool:
+        """Whether the footage determines it."""
+        return self.value is not None
+
+    def holds(self, truth: float) -> bool:
+        """Whether the interval holds a value."""
+        return self.low <= truth <= self.high
+
+    def text(self) -> str:
+        """Write value and interval, or the reason."""
+        if self.value is None:
+            return f"not determined by this footage: {self.reason}"
+        unit = f" {self.unit}" if self.unit else ""
+        if self.low == self.high:
+            return f"{self.value:.4g}{unit}"
+        return f"{self.value:.4g}{unit} ({self.low:.4g} to {self.high:.4g})"
+
+
+def exact(value: float, unit: str = "") -> Quantity:
+    """Give a quantity that the file states."""
+    return Quantity(value, value, value, unit=unit)
+
+
+def about(value: float, sd: float, unit: str = "", least: float = -math.inf) -> Quantity:
+    """Give a quantity of a normal error, bounded below."""
+    value = max(value, least)
+    return Quantity(value, max(value - 1.96 * sd, least), value + 1.96 * sd, unit=unit)
+
+
+def unknown(reason: str, unit: str = "") -> Quantity:
+    """Give a quantity that the footage does not determine."""
+    return Quantity(None, reason=reason, unit=unit)

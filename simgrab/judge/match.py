@@ -1,0 +1,263 @@
+"""From what footage shows of a camera to a scene that is rendered alike, and a page that shows both."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import tomli_w
+
+from simgrab import scenes
+from simgrab.errors import SourceError
+from simgrab.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
+from simgrab.instrument.detect import Detector
+from simgrab.instrument.match import Look, Quantity, look, read
+from simgrab.instrument.match.footage import to_linear
+from simgrab.pages import html
+from simgrab.pages.plots import Figure
+from simgrab.scenario import Scenario
+from simgrab.utilities.files import write
+from simgrab.utilities.pictures import encode
+from simgrab.world.frames import frames
+from simgrab.world.output.video.render import render_video
+
+BASE = "quay-day"
+SECONDS = 10.0
+SHOWN_FRAMES = 24
+"""Of ours, to compare with theirs."""
+SIDES_PX = (64, 4096)
+SCENE, PAGE = "matched.toml", "match.html"
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """A matched scene.
+
+    Attributes
+    ----------
+    look : Look
+        Of the user's footage.
+    scene : str
+        The scene's file.
+    ours : Look or None
+        Of a video rendered by the scene; None where it was not wanted.
+    """
+
+    look: Look
+    scene: str
+    ours: Look | None
+
+    def save(self, folder: Path) -> None:
+        """Write scene and page into a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write(folder / SCENE, self.scene.encode())
+        if self.ours is not None:
+            write(folder / PAGE, page(self).encode())
+
+
+def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = True) -> Matched:
+    """Look at a camera's footage, and write a scene whose frames look alike.
+
+    Parameters
+    ----------
+    videos : sequence of str or Path
+        Of one camera; each quantity is that of the video that determines it best.
+    detector : Detector
+    compare : bool
+        Whether to render the scene, and to look at it in the same way.
+
+    Raises
+    ------
+    SourceError
+        If a video cannot be read, or they differ in size.
+    """
+    seen = together([look(read(video), detector) for video in videos])
+    scenario, text = scene_of(seen)
+    if not compare:
+        return Matched(seen, text, None)
+    small = min(scenario.frames, SHOWN_FRAMES)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ours.mp4"
+        render_video(scenes.load(_written(text, folder), {"frames": small}), path)
+        return Matched(seen, text, look(read(path), detector))
+
+
+def together(looks: Sequence[Look]) -> Look:
+    """Take each quantity from the video that determines it best."""
+    first = looks[0]
+    for other in looks[1:]:
+        if other.footage.size != first.footage.size:
+            raise SourceError(f"{other.footage.name}: is of another size than {first.footage.name}: match each alone")
+    bright = [one for one in looks if not one.dark] or list(looks)
+
+    def best(of: Callable[[Look], Quantity]) -> Look:
+        return min(bright, key=lambda one: of(one).high - of(one).low if of(one).known else math.inf)
+
+    noisy = best(lambda one: one.noise.gain)
+    return replace(
+        best(lambda one: one.level),
+        noise=noisy.noise,
+        blur=best(lambda one: one.blur.diameter).blur,
+        vignetting=best(lambda one: one.vignetting).vignetting,
+        display=max(bright, key=lambda one: one.display.read).display,
+        grab=best(lambda one: one.grab.size_px).grab,
+    )
+
+
+def scene_of(seen: Look) -> tuple[Scenario, str]:
+    """Write the scene of a look: the scenario, and its file with what is not determined as comments."""
+    width, height = (min(max(side - side % 2, SIDES_PX[0]), SIDES_PX[1]) for side in seen.footage.size)
+    optics: dict[str, Any] = {}
+    if seen.vignetting.value is not None:
+        optics["vignetting_stops"] = _rounded(min(seen.vignetting.value, 8.0))
+    if seen.blur.diameter.value is not None:
+        optics["defocus_px"] = _rounded(seen.blur.diameter.value)
+    if seen.grey:
+        optics["night_mode"] = "on"
+    data: dict[str, Any] = {
+        "camera": {
+            "width_px": width,
+            "height_px": height,
+            "focal": {
+                "model": "pixels",
+                "focal_length_px": _rounded(PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM * width / 1920),
+            },
+        },
+        "swing": {"model": "dynamic"},
+        "clip": _clip(seen),
+        "optics": optics,
+        "image": {"format": "png"},
+    }
+    rate = data["clip"].get("frame_rate_hz", 9.0)
+    frames_wanted = max(math.ceil(SECONDS * rate), 1)
+    if seen.display.layout is not None:
+        data["display"] = {"layout": msgspec.to_builtins(seen.display.layout)}
+    if seen.grab.paint_rgb is not None:
+        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in seen.grab.paint_rgb]}
+    head = {"base": BASE, "name": "matched", "frames": frames_wanted}
+    if seen.level.value is not None:
+        stops = _exposure(head | data, seen.level.value)
+        optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
+        optics |= _sensor(seen, max(2.0**stops, 1.0))
+    text = _comments(seen) + tomli_w.dumps(head | data)
+    with tempfile.TemporaryDirectory() as folder:
+        return scenes.load(_written(text, folder)), text
+
+
+def _clip(seen: Look) -> dict[str, Any]:
+    footage, clip = seen.footage, dict[str, Any]()
+    if footage.frame_rate_hz is not None:
+        clip["frame_rate_hz"] = _rounded(min(max(footage.frame_rate_hz, 0.01), 120.0))
+    if footage.bit_rate_mbit_s:
+        clip["bit_rate_mbit_s"] = _rounded(min(max(footage.bit_rate_mbit_s, 0.01), 200.0))
+    if footage.gop_frames:
+        clip["gop_frames"] = min(max(footage.gop_frames, 1), 1000)
+    return clip
+
+
+def _sensor(seen: Look, gain: float) -> dict[str, Any]:
+    """Give the sensor whose noise is what was measured, at a gain of the exposure."""
+    shot, read_noise = seen.noise.gain.value, seen.noise.read.value
+    if not shot:
+        return {}
+    well = min(max(gain / shot, 100.0), 1e6)
+    return {
+        "sensor": {
+            "full_well_e": _rounded(well),
+            "read_noise_e": _rounded(min((read_noise or 0.0) * well / gain, 1000.0)),
+        }
+    }
+
+
+def _exposure(data: dict[str, Any], level: float) -> float:
+    """Find the stops by which the scene's frames get a mean luminance."""
+    with tempfile.TemporaryDirectory() as folder:
+        scenario = scenes.load(_written(tomli_w.dumps(data), folder), {"display.layout": "none"})
+        (frame,) = frames(scenario, (0,), buffers=False)
+    light = to_linear(frame.rgb[::2, ::2]) @ (0.2126, 0.7152, 0.0722)
+
+    def off(stops: float) -> float:
+        return float(np.minimum(light * 2.0**stops, 1.0).mean()) - level
+
+    low, high = -8.0, 8.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (middle, high) if off(middle) < 0 else (low, middle)
+    return (low + high) / 2
+
+
+def _written(text: str, folder: str) -> Path:
+    path = Path(folder) / SCENE
+    path.write_text(text, "utf-8")
+    return path
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _comments(seen: Look) -> str:
+    """Say where each value is from; a comment has one line, whatever the video is called."""
+    lines = [f"Matched to {seen.footage.name}. 95 % intervals:"]
+    lines += [f"{name}: {text}" for name, text in seen.rows()]
+    lines.append("The focal length is that of the paper's camera: footage alone does not determine it.")
+    lines.append(f"What is not stated here is as in {BASE}.")
+    return "".join(f"# {''.join(c if c.isprintable() else '?' for c in line)}\n" for line in lines) + "\n"
+
+
+def page(matched: Matched) -> str:
+    """Write the page: theirs and ours side by side, with histograms, spectra and noise curves."""
+    theirs, ours = matched.look, matched.ours
+    assert ours is not None
+    rows = [(name, text, own) for (name, text), (_, own) in zip(theirs.rows(), ours.rows(), strict=True)]
+    return html.page(
+        "match.html", name=theirs.footage.name, rows=rows,
+        theirs=encode(theirs.footage.rgb[0][..., ::-1], "jpeg", 90),
+        ours=encode(ours.footage.rgb[0][..., ::-1], "jpeg", 90),
+        figures=[(title, figure) for title, figure in _figures(theirs, ours)], scene=matched.scene,
+    )  # fmt: skip
+
+
+def _figures(theirs: Look, ours: Look) -> list[tuple[str, Figure]]:
+    both = (("theirs", theirs, "tab:blue"), ("ours", ours, "tab:orange"))
+    histogram, spectrum, curve = (Figure((5, 3)) for _ in range(3))
+    axes = [figure.add_subplot() for figure in (histogram, spectrum, curve)]
+    for name, one, colour in both:
+        counts = np.bincount(one.footage.luma[0].ravel(), minlength=256) / one.footage.luma[0].size
+        axes[0].step(np.arange(256), counts, label=name, color=colour, where="mid")
+        frequency, power = _spectrum(one.footage.luma[0])
+        axes[1].loglog(frequency, power, label=name, color=colour)
+        if one.noise.curve is not None:
+            axes[2].plot(one.noise.curve.level, np.sqrt(one.noise.curve.variance), "o-", label=name, color=colour)
+    labels = (
+        ("luma, levels", "share of the pixels"), ("frequency, cycles a pixel", "power, levels²"),
+        ("luma, levels", "noise, standard deviation, levels"),
+    )  # fmt: skip
+    for each, (x, y) in zip(axes, labels, strict=True):
+        each.set_xlabel(x)
+        each.set_ylabel(y)
+        if each.get_legend_handles_labels()[0]:
+            each.legend()
+    for figure in (histogram, spectrum, curve):
+        figure.tight_layout()
+    return [("Histogram of one frame", histogram), ("Spectrum of one frame", spectrum), ("Noise", curve)]
+
+
+def _spectrum(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radial mean of the power spectrum of a picture's middle."""
+    side = min(luma.shape)
+    y, x = (luma.shape[0] - side) // 2, (luma.shape[1] - side) // 2
+    part = luma[y : y + side, x : x + side].astype(float)
+    window = np.hanning(side)
+    power = np.abs(np.fft.fft2((part - part.mean()) * window * window[:, None])) ** 2 / side**2
+    f = np.fft.fftfreq(side)
+    radius = np.hypot(f, f[:, None])
+    which = np.digitize(radius.ravel(), edges := np.linspace(0, 0.5, 60))
+    total, count = np.bincount(which, power.ravel(), 61), np.bincount(which, minlength=61)
+    return (edges[1:] + edges[:-1]) / 2, (total[1:60] / np.maximum(count[1:60], 1))
