@@ -11,7 +11,7 @@ from browser import needs_chromium
 
 from scripts.chromium import page
 from simgrab import scenes
-from simgrab.scenario import RandomPlace, Scenario
+from simgrab.scenario import RandomPlace, Scenario, schema
 from simgrab.studio import studio
 
 pytestmark = [pytest.mark.slow, needs_chromium]
@@ -56,6 +56,7 @@ def folder(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("studio")
     (folder / "yard.toml").write_text(tomli_w.dumps(SCENE))
+    (folder / "other.toml").write_text(tomli_w.dumps(SCENE | {"name": "other", "light": {"sky": 0.5}}))
     return folder
 
 
@@ -141,6 +142,110 @@ def test_a_control_of_each_type_changes_its_key_and_nothing_else(shown, folder, 
         assert scene(shown) == after
 
 
+# Change every control, one after another, in every kind of every table; the server is not asked. What the page would
+# send must differ at the control's key alone.
+SWEEP = """(async () => {
+  const ask = window.fetch;
+  let sent = null;
+  window.fetch = async (path, options) => {
+    if (path === "/api/frame") sent = JSON.parse(options.body).scene;
+    return new Response(JSON.stringify({ error: "not asked", key: "", problem: "" }), { status: 422 });
+  };
+  const changed = async (act) => {
+    sent = null;
+    act();
+    for (let i = 0; i < 2000 && sent === null; i++) await new Promise((done) => setTimeout(done, 1));
+    return sent;
+  };
+  const isTable = (value) => value && typeof value === "object" && !Array.isArray(value);
+  const flat = (value, path = "") => (!isTable(value) ? [[path, JSON.stringify(value)]]
+    : Object.entries(value).flatMap(([key, inner]) => flat(inner, path ? `${path}.${key}` : key)));
+  const differing = (one, other) => {
+    const [before, after] = [new Map(flat(one)), new Map(flat(other))];
+    return [...new Set([...before.keys(), ...after.keys()])].filter((key) => before.get(key) !== after.get(key));
+  };
+  const move = (line) => {
+    const slider = line.querySelector("input[type=range]");
+    const input = slider ?? line.querySelector("select, input:not([type=color])");
+    if (slider) put(slider, Number(slider.value) + (slider.value === slider.max ? -1 : 1));
+    else if (input.tagName === "SELECT") put(input, [...input.options].find((one) => one.value !== input.value).value);
+    else if (line.classList.contains("is-several")) line.querySelectorAll("input")[1].click();
+    else if (input.type === "checkbox") input.click();
+    else put(input, input.type === "number" ? Number(input.value) + 1 : `${input.value}x`);
+  };
+  const above = (key) => key.replace(/[^.]*$/, "");
+  const visited = new Set();
+  const wrong = [];
+  let now = await changed(() => put(part("description", "input"), "swept"));
+  const sweep = async (within) => {
+    for (const key of [...within.querySelectorAll(".key:not(.is-kind)")].map((one) => one.dataset.key)) {
+      const line = row(key);
+      const tags = [...document.querySelectorAll(".is-kind")].filter((one) => key.startsWith(above(one.dataset.key)))
+        .map((one) => one.querySelector("select").value).join("/");
+      if (visited.has(`${key} ${tags}`)) continue;
+      visited.add(`${key} ${tags}`);
+      const after = await changed(() => move(line));
+      const found = after === null ? ["nothing"] : differing(now, after);
+      const owner = key.replace(/(\\.\\d+)+$/, "");
+      if (found.join() !== owner) wrong.push([key, tags, found]);
+      if (after !== null) await changed(() => press("undo"));
+    }
+  };
+  await sweep(document.getElementById("controls"));
+  const done = new Set();
+  for (;;) {
+    const depth = ([key]) => key.split(".").length;
+    const left = [...document.querySelectorAll(".is-kind")].flatMap((one) => [...one.querySelector("select").options]
+      .map((option) => [one.dataset.key, option.value])).filter(([key, value]) => !done.has(`${key}=${value}`));
+    const next = left.sort((one, other) => depth(other) - depth(one))[0];
+    if (!next) break;
+    const [key, value] = next;
+    done.add(`${key}=${value}`);
+    if (row(key).querySelector("select").value === value) continue;
+    const after = await changed(() => put(row(key).querySelector("select"), value));
+    if (after === null || !differing(now, after).every((one) => one.startsWith(above(key)))) wrong.push([key, value]);
+    now = after;
+    await sweep(row(key).parentElement);
+  }
+  window.fetch = ask;
+  return { visited: [...visited].map((one) => one.split(" ")[0]), kinds: [...done], wrong };
+})()"""
+
+
+def expected_keys(definitions, table, path):
+    """Dotted keys of all controls of a table, in all kinds; lists and what is either a name or a table are left out."""
+    for key, node in definitions[table]["properties"].items():
+        parts = [part["$ref"].rsplit("/", 1)[1] for part in node.get("anyOf", [node]) if "$ref" in part]
+        plain = [part for part in node.get("anyOf", ()) if "$ref" not in part and part.get("type") != "null"]
+        if key in ("model", "dist", "base", "sensors", "vary") or (parts and plain):
+            continue
+        if parts:
+            for part in parts:
+                yield from expected_keys(definitions, part, f"{path}{key}.")
+        elif node.get("type") != "array" or "prefixItems" in node or "enum" in node["items"]:
+            yield f"{path}{key}"
+
+
+def test_every_control_of_the_schema_changes_its_key_alone(shown):
+    found = shown.evaluate(SWEEP)
+    assert found["wrong"] == []
+    missing = set(expected_keys(schema()["$defs"], "Scenario", "")) - set(found["visited"])
+    assert missing == set()
+    assert len(set(found["visited"])) > 200
+    assert {"grab.model=mesh", "swing.model=dynamic", "swing.alpha.law.dist=rayleigh"} <= set(found["kinds"])
+
+
+def test_two_scenes_are_edited_apart(shown, folder):
+    shown.evaluate('put(document.getElementById("compare"), "other.toml")')
+    shown.wait('view("b").dataset.small === "false"')
+    shown.evaluate('document.querySelector("#which input[value=b]").click()')
+    shown.evaluate('put(part("camera.beta_deg", "input[type=number]"), 9)')
+    shown.wait('document.querySelector("#panel-truth")')
+    assert scene(shown) == scenes.load(folder / "other.toml", {"camera.beta_deg": 9.0})
+    shown.evaluate('document.querySelector("#which input[value=a]").click()')
+    assert scene(shown) == scenes.load(folder / "yard.toml")
+
+
 def test_sensors_and_what_varies_are_added_and_removed(shown, folder):
     before = scenes.load(folder / "yard.toml")
     settle(shown, 'put(row("swing.model").querySelector("select"), "dynamic");')
@@ -215,7 +320,7 @@ def test_layers_are_switched_and_drawn(shown):
 
 
 def test_frames_play_beside_another_seed_and_the_instrument_measures(shown):
-    settle(shown, 'put(document.getElementById("compare"), "another seed");')
+    shown.evaluate('put(document.getElementById("compare"), "another seed")')
     shown.wait('view("b").dataset.small === "false"')
     assert shown.evaluate(
         "view('a').querySelector('canvas').toDataURL() !== view('b').querySelector('canvas').toDataURL()"

@@ -169,14 +169,14 @@ async function play() {
   byId("play").textContent = "Pause";
   byId("play").setAttribute("aria-pressed", "true");
   const first = view.frame >= frames() - 1 ? 0 : view.frame;
-  const begun = performance.now();
   const rate = sceneOf("a").clip.frame_rate_hz;
-  for (let frame = first; view.playing === mine && frame < frames();) {
-    const due = begun + ((frame - first) * 1000) / rate;
+  await go(first, true); // which may take longer, as where a world is built
+  const begun = performance.now();
+  while (view.playing === mine && view.frame < frames() - 1) {
+    const due = begun + ((view.frame + 1 - first) * 1000) / rate;
     await new Promise((done) => setTimeout(done, Math.max(due - performance.now(), 0)));
     if (view.playing !== mine) return;
-    await go(frame, true);
-    frame = Math.max(frame + 1, first + Math.floor(((performance.now() - begun) * rate) / 1000));
+    await go(Math.max(view.frame + 1, first + Math.floor(((performance.now() - begun) * rate) / 1000)), true);
   }
   if (view.playing === mine) pause();
 }
