@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -68,6 +69,8 @@ class Renderer:
     ----------
     world : World
     scenario : Scenario
+    station : callable, optional
+        Gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the scenario's.
 
     Attributes
     ----------
@@ -79,7 +82,9 @@ class Renderer:
         Of OpenGL, MuJoCo and the render passes.
     """
 
-    def __init__(self, world: World, scenario: Scenario) -> None:
+    def __init__(
+        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None
+    ) -> None:
         camera = scenario.camera
         self.world, self.intrinsics = world, camera.intrinsics
         self._rotation = np.eye(3)
@@ -95,7 +100,8 @@ class Renderer:
                 f"this lens sees {self._size[0]}x{self._size[1]} px of undistorted picture, too many",
             )
         self._shadowed = scenario.image.shadow_map_px > 0 and scenario.light.sun > 0
-        self._reuses = gl.reuses()
+        self._station = station
+        self._reuses = station is None and gl.reuses()
         self._rest = Tilt.at_rest(camera)
         self._still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
         self._still_coarse: View | None = None
@@ -129,7 +135,10 @@ class Renderer:
         """Pose world and camera as at a moment, which every rendering does first; returns the state."""
         if moment is not self._posed:
             self._posed = None  # posing may fail
-            self._rotation = moment.tilt.jib_from_camera
+            if self._station:
+                self._rotation, self._centre = self._station(moment)
+            else:
+                self._rotation = moment.tilt.jib_from_camera
             self.world.pose(self.data, moment)
             self._posed = moment
         return self.data
