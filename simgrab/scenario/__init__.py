@@ -26,6 +26,7 @@ from simgrab.scenario.sensors import (
     Lidar,
     LuffEncoder,
     MotionSensor,
+    SideCamera,
     SlewEncoder,
 )
 from simgrab.scenario.size import resized
@@ -111,6 +112,7 @@ __all__ = [
     "SensorFocal",
     "Share",
     "Shutter",
+    "SideCamera",
     "SlewEncoder",
     "Splits",
     "Start",

@@ -234,6 +234,16 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "diameter_m": "Diameter of a ball.",
         "rgb": "Colour: red, green and blue from 0 to 1.",
     },
+    "SideCamera": {
+        "mount": "What it is mounted on: the slewing platform or the jib head.",
+        "position_m": "Place: outboard of the slewing axis, sideways, above the quay; or from O.",
+        "azimuth_deg": "Direction of the optical axis, counter-clockwise from outboard, seen from above.",
+        "elevation_deg": "Direction of the optical axis above the horizontal.",
+        "width_px": "Width of the picture.",
+        "height_px": "Height of the picture.",
+        "focal_length_px": "Focal length in pixels.",
+        "rate_hz": "Pictures a second.",
+    },
     "Hang": _ROPE,
     "Turn": _ROPE | {
         "slew_rpm": "Final slewing speed; its sign is the direction.",

@@ -1,7 +1,8 @@
-"""Sensors beside the camera: inertial measurement units, inclinometers, the crane's encoders, and LiDARs."""
+"""Sensors beside the camera: inertial measurement units, inclinometers, the crane's encoders, LiDARs, cameras."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from simgrab.errors import ScenarioError
@@ -179,5 +180,34 @@ class Lidar(Clocked, frozen=True, tag="lidar"):
             raise ScenarioError("position_m", "must be within 100 m of the slewing axis at the quay")
 
 
+class SideCamera(Tagged, frozen=True, tag="camera"):
+    """A further camera, whose pictures stand upright and show neither weather nor errors of lens and sensor.
+
+    On the slewing ``platform``, ``position_m`` is outboard of the slewing axis, sideways (y of the jib frame), and
+    above the quay; at the ``jib-head`` it is from O. ``azimuth_deg`` is that of its optical axis from outboard,
+    counter-clockwise, and ``elevation_deg`` that above the horizontal. It runs with the clock of the frames.
+    """
+
+    mount: Literal["platform", "jib-head"] = "platform"
+    position_m: tuple[float, float, float] = (2.0, -1.5, 14.0)
+    azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    elevation_deg: Annotated[float, Meta(ge=-89, le=89)] = 10.0
+    width_px: Annotated[int, Meta(ge=64, le=4096)] = 1280
+    height_px: Annotated[int, Meta(ge=64, le=4096)] = 960
+    focal_length_px: Annotated[float, Meta(ge=100, le=100_000)] = 700.0
+    rate_hz: Annotated[float, Meta(ge=0.1, le=200)] = 9.0
+
+    def check(self) -> None:  # noqa: D102
+        if max(map(abs, self.position_m)) > 100:
+            raise ScenarioError("position_m", "must be within 100 m of what it is mounted on")
+
+    def count(self, seconds: float) -> int:
+        """Return the number of pictures in a clip of some seconds."""
+        number = math.ceil(seconds * self.rate_hz)
+        while number and (number - 1) / self.rate_hz >= seconds:
+            number -= 1
+        return number + (number / self.rate_hz < seconds)
+
+
 Encoder = SlewEncoder | LuffEncoder | HoistEncoder
-MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder | Lidar
+MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder | Lidar | SideCamera

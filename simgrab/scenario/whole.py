@@ -136,6 +136,10 @@ class Scenario(Strict, frozen=True):
         if self.sensors and isinstance(self.swing, Iid):
             raise ScenarioError("sensors", 'independent frames have no motion to measure; swing.model = "dynamic"')
 
+    def with_camera(self, camera: Camera) -> Scenario:
+        """Return the same world seen by another camera, without display."""
+        return msgspec.structs.replace(self, camera=camera, display=Display(layout="none"))
+
     def span(self, clip: int) -> range:
         """Frames of one clip, in order; the last clip may be shorter."""
         return self.clip.span(clip, self.frames)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -131,6 +132,8 @@ class Renderer:
     ----------
     world : World
     scenario : Scenario
+    station : callable, optional
+        Gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the scenario's.
 
     Attributes
     ----------
@@ -140,10 +143,13 @@ class Renderer:
         Of OpenGL, MuJoCo and the render passes.
     """
 
-    def __init__(self, world: World, scenario: Scenario) -> None:
+    def __init__(
+        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None
+    ) -> None:
         self.world = world
         self._image = scenario.image
-        self._reuses = gl.reuses()
+        self._station = station
+        self._reuses = station is None and gl.reuses()
         self._rotation = np.eye(3)
         self._posed: Moment | None = None
         self._shade_kept = False
@@ -233,7 +239,10 @@ class Renderer:
         """Pose world and camera as at a moment, which every rendering does first; returns the state."""
         if moment is not self._posed:
             self._posed = None  # posing may fail
-            self._rotation = moment.tilt.jib_from_camera
+            if self._station:
+                self._rotation, self._aim.centre = self._station(moment)
+            else:
+                self._rotation = moment.tilt.jib_from_camera
             self.world.pose(self.data, moment)
             self._posed = moment
         return self.data

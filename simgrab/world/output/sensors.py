@@ -26,6 +26,7 @@ from simgrab.scenario import (
     LuffEncoder,
     MotionSensor,
     Scenario,
+    SideCamera,
     SlewEncoder,
     Variant,
 )
@@ -50,6 +51,13 @@ def names(scenario: Scenario) -> Iterator[str]:
         for name, sensor in scenario.sensors.items():
             data, truth = _tables(clip, name, sensor)
             yield from (data, f"{_folder(clip, name)}/sensor.yaml", truth)
+            if isinstance(sensor, SideCamera):
+                seconds = len(scenario.span(clip)) / scenario.clip.frame_rate_hz
+                yield from (f"{_folder(clip, name)}/data/{_picture(k)}" for k in range(sensor.count(seconds)))
+
+
+def _picture(number: int) -> str:
+    return f"{number:06d}.jpg"
 
 
 def _folder(clip: int, sensor: str) -> str:
@@ -93,7 +101,7 @@ def write(recipe: Recipe, writing: Writing) -> list[str]:
 def _write_clip(variant: Variant, clip: int, writing: Writing) -> None:
     from simgrab.world.sensors.record import devices_of, record  # with SciPy's filters, as for the physics of frames
 
-    devices, scenario = devices_of(variant, clip), variant.scenario
+    devices, scenario = devices_of(variant, clip, renders=True), variant.scenario
     with ExitStack() as stack:
 
         def opened(name: str) -> BinaryIO:
@@ -101,16 +109,34 @@ def _write_clip(variant: Variant, clip: int, writing: Writing) -> None:
 
         tables: dict[str, list[Append]] = {}
         for name, device in devices.items():
+            stack.callback(device.close)
             sensor = scenario.sensors[name]
             about = opened(f"{_folder(clip, name)}/sensor.yaml")
             about.write(yaml(sensor, device.body_from_sensor).encode())
             kind = _parquet if isinstance(sensor, Lidar) else _csv
-            columns = device.columns, device.truth_columns
-            files = zip(_tables(clip, name, sensor), columns, strict=True)
-            tables[name] = [kind(stack, opened(file), names) for file, names in files]
+            data, truth = _tables(clip, name, sensor)
+            first = _listing if isinstance(sensor, SideCamera) else kind
+            tables[name] = [
+                first(stack, opened(data), device.columns),
+                kind(stack, opened(truth), device.truth_columns),
+            ]
         for name, rows in record(scenario, clip, devices):
             for append, values in zip(tables[name], (rows.values, rows.truth), strict=True):
                 append(rows.stamp_ns, values)
+            for number, picture in zip(rows.values[:, 0].tolist(), rows.pictures, strict=False):
+                with writing(f"{_folder(clip, name)}/data/{_picture(int(number))}") as path:
+                    path.write_bytes(picture)
+
+
+def _listing(_stack: ExitStack, file: BinaryIO, _columns: Sequence[str]) -> Append:
+    """Begin a table of pictures, by their file's name."""
+    file.write(f"{STAMP},filename\n".encode())
+
+    def append(stamp_ns: NDArray[np.int64], values: Array) -> None:
+        rows = zip(stamp_ns.tolist(), values[:, 0].tolist(), strict=True)
+        file.write("".join(f"{stamp},{_picture(int(number))}\n" for stamp, number in rows).encode())
+
+    return append
 
 
 def _csv(_stack: ExitStack, file: BinaryIO, columns: Sequence[str]) -> Append:
@@ -154,7 +180,7 @@ def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
 def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str]:
     kind, _, _ = sensor.__struct_config__.tag.partition("-")  # type: ignore[union-attr]  # all of them have one
     match sensor:
-        case Imu() | Inclinometer() | Lidar():
+        case Imu() | Inclinometer() | Lidar() | SideCamera():
             assert body_from_sensor is not None
             mount = "platform" if isinstance(sensor, Lidar) else sensor.mount
             yield f"sensor_type: {kind}"
@@ -185,6 +211,14 @@ def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str
             yield f"bandwidth_hz: {_number(sensor.bandwidth_hz)}"
             yield f"noise_deg: {_number(sensor.noise_deg)}"
             yield f"resolution_deg: {_number(sensor.resolution_deg)}"
+        case SideCamera():
+            f, half = _number(sensor.focal_length_px), (sensor.width_px / 2, sensor.height_px / 2)
+            yield f"resolution: [{sensor.width_px}, {sensor.height_px}]"
+            yield "camera_model: pinhole"
+            yield "# fu, fv, cu, cv; (0, 0) is the outer corner of the top-left pixel"
+            yield f"intrinsics: [{f}, {f}, {_number(half[0])}, {_number(half[1])}]"
+            yield "distortion_model: radial-tangential"
+            yield "distortion_coefficients: [0.0, 0.0, 0.0, 0.0]"
         case Lidar():
             for name in ("elevation_deg", "azimuth_deg", "range_m"):
                 yield f"{name}: [{', '.join(_number(value) for value in getattr(sensor, name))}]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,11 +28,14 @@ class Rows:
     values : ndarray, shape (n, columns)
     truth : ndarray, shape (n, truth columns)
         The first is the true time.
+    pictures : sequence of bytes
+        Encoded, one a row; none but of a camera that renders.
     """
 
     stamp_ns: NDArray[np.int64]
     values: Array
     truth: Array
+    pictures: Sequence[bytes] = ()
 
 
 class Device(ABC):
@@ -43,6 +47,8 @@ class Device(ABC):
         With units in brackets; of ``values`` and ``truth`` of its rows.
     body_from_sensor : ndarray, shape (4, 4), or None
         Nominal pose; None for what has none.
+    pictures : sequence of bytes
+        Of the rows that were read last.
     """
 
     columns: tuple[str, ...]
@@ -51,6 +57,8 @@ class Device(ABC):
 
     def __init__(self, clock: Clock, each: int = 1) -> None:
         self.clock, self._each, self._next = clock, each, 0
+        self._close: Callable[[], None] | None = None
+        self.pictures: Sequence[bytes] = ()
         self._counts: NDArray[np.int64] | None = None  # rows of each sample that was read last; one unless set
 
     def instants(self, end: float) -> Array:
@@ -72,7 +80,13 @@ class Device(ABC):
         time = motion.time[kept]
         if self._counts is not None:
             stamp, time = np.repeat(stamp, self._counts), np.repeat(time, self._counts)
-        return Rows(stamp, values, np.column_stack([time, truth]))
+        return Rows(stamp, values, np.column_stack([time, truth]), self.pictures)
+
+    def close(self) -> None:
+        """Free what it renders with, if it does."""
+        if self._close:
+            self._close()
+            self._close = None
 
     @abstractmethod
     def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -20,10 +20,12 @@ from simgrab.scenario import (
     LuffEncoder,
     MotionSensor,
     Scenario,
+    SideCamera,
     SlewEncoder,
     Variant,
 )
 from simgrab.world.extensions import Randomiser, Recipe
+from simgrab.world.sensors.camera import CameraDevice
 from simgrab.world.sensors.device import Device, Rows
 from simgrab.world.sensors.encoders import EncoderDevice
 from simgrab.world.sensors.errors import streams
@@ -132,9 +134,10 @@ def sensors(
     }  # fmt: skip
 
 
-def devices_of(variant: Variant, clip: int) -> dict[str, Device]:
-    """Set up the sensors of one clip, by name."""
-    return {name: device(name, sensor, variant, clip) for name, sensor in variant.scenario.sensors.items()}
+def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[str, Device]:
+    """Set up the sensors of one clip, by name; with ``renders`` cameras render their pictures. Close them."""
+    sensors = variant.scenario.sensors.items()
+    return {name: device(name, sensor, variant, clip, renders=renders) for name, sensor in sensors}
 
 
 def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, Rows]]:
@@ -164,7 +167,7 @@ def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterato
                 yield name, made.rows(motion[np.searchsorted(motion.time, due[name])])
 
 
-def device(name: str, sensor: MotionSensor, variant: Variant, clip: int) -> Device:
+def device(name: str, sensor: MotionSensor, variant: Variant, clip: int, *, renders: bool = False) -> Device:
     """Set up a sensor for one clip."""
     scenario = variant.scenario
     opened = streams(scenario.seed, clip, name)
@@ -177,3 +180,5 @@ def device(name: str, sensor: MotionSensor, variant: Variant, clip: int) -> Devi
             return EncoderDevice(sensor, opened)
         case Lidar():
             return LidarDevice(sensor, scenario, opened, variant.number)
+        case SideCamera():
+            return CameraDevice(sensor, scenario, variant.number, renders=renders)
