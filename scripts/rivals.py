@@ -2,12 +2,13 @@
 
     python -m scripts.rivals clips --part sensors --clips 6
     python -m scripts.rivals clips --part pictures --clips 2
+    python -m scripts.rivals clips --part marks --clips 1
     python -m scripts.rivals clips --part lidar --clips 1
     python -m scripts.rivals page
 
-The first commands make clips of 30 s at 9 Hz, measure them with every method that takes sensors alone, pictures of
-640×360 px too, or a LiDAR, and keep the angles in a file a clip below ``runs/rivals``. The last command writes
-``docs/results/rivals.md`` from the files that there are.
+The first commands make clips of 30 s at 9 Hz and measure them with every method that takes sensors alone, pictures of
+640×360 px too, marks on the grab in pictures of 960×540 px (for 15 s), or a LiDAR. The angles are kept in a file a clip
+and part below ``runs/rivals``. The last command writes ``docs/results/rivals.md`` from the files that there are.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_fl
 from simgrab.instrument.rivals.contract import Sensors, Series
 from simgrab.instrument.rivals.inertial import INERTIAL
 from simgrab.instrument.rivals.lidar import Scans, lidar
+from simgrab.instrument.rivals.marks import Fiducial, Layer, Layered, circles, level_layers, target
 from simgrab.instrument.rivals.tracking import Place, template
 from simgrab.scenario import Scenario
 from simgrab.world.output.tables import calibration_of
@@ -46,7 +48,12 @@ ROPES_M = (18.0, 14.0, 22.0)
 BLOCK_S = 10.0
 REPLICATIONS = 2000
 MOUNTS = ("jib-head", "rope", "grab", "camera")
-PARTS = ("sensors", "pictures", "lidar")
+PARTS = ("sensors", "pictures", "marks", "lidar")
+MARKED_SIZE, MARKED_FRAMES = (960, 540), 135
+TARGET: dict[str, Any] = {"markers.target": {}}
+SIDES_M, UP_M = {"wu": 0.4, "matsuo-target": 0.5}, 1.64  # of marks, and of the rope ends over A
+PLACES_M = {"wu": (1.0, -0.45, UP_M), "matsuo-target": (-1.0, -0.45, UP_M)}
+FINDERS = {"wu": circles, "matsuo-target": target}
 LIDAR = {"sensors.lidar0": {"model": "lidar", "rate_hz": 5.0}}
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rivals.md"
 
@@ -84,7 +91,7 @@ WHAT = {
 }
 
 
-def scenario(condition: str, clip: int, more: dict[str, Any] | None = None) -> Scenario:
+def scenario(condition: str, clip: int, more: dict[str, Any] | None = None, size: tuple[int, int] = SIZE) -> Scenario:
     """Load the scene of one clip, with more changes."""
     scene, changes, crane = CONDITIONS[condition]
     rope = ROPES_M[clip % len(ROPES_M)]
@@ -104,7 +111,7 @@ def scenario(condition: str, clip: int, more: dict[str, Any] | None = None) -> S
         "sensors.hoist": {"model": "hoist-encoder"},
     }
     every = {"frames": FRAMES, "seed": 300 + clip, "camera.tilt_azimuth_deg": 100.0 * clip, "swing": swing}
-    return simgrab.load(scene, {**LEVEL, **every, **imus, **others, **changes, **(more or {})}, size=SIZE)
+    return simgrab.load(scene, {**LEVEL, **every, **imus, **others, **changes, **(more or {})}, size=size)
 
 
 def sensors_of(scene: Scenario) -> tuple[Sensors, Array, Array]:
@@ -138,14 +145,55 @@ def measure(condition: str, clip: int, part: str) -> dict[str, Any]:
     match part:
         case "sensors":
             found = {name: method(sensors, time).alpha for name, method in INERTIAL.items() if name != "jung"}
-            found["constant-zero"] = np.zeros(len(time))
+            found["constant-zero"] = np.zeros(MARKED_FRAMES)
         case "pictures":
             frames = [Frame(frame.rgb, frame.truth.time_s) for frame in simgrab.frames(scene)]
             found = _from_pictures(frames, calibration_of(scene), sensors, time)
+        case "marks":
+            found = _by_marks(condition, clip, sensors.lengths, MARKED_FRAMES)
         case "lidar":
             found = {"lidar": _by_lidar(condition, clip, time)}
     degrees = {n: [None if np.isnan(x) else round(float(np.degrees(x)), 4) for x in a] for n, a in found.items()}
     return {"condition": condition, "clip": clip, "true": np.degrees(true).round(4).tolist(), "alpha": degrees}
+
+
+def _by_marks(condition: str, clip: int, rope: Series, count: int) -> dict[str, Array]:
+    """Measure with circles and a target, with layers measured at rest and with assumed ones, and with a tag."""
+    circled = TARGET | {"markers.plate": {"model": "circles"}}
+    frames, camera = _marked(condition, clip, circled)
+    still = simgrab.frames(_at_rest(condition, clip, circled))
+    rest = sorted(((frame.truth.rope_length_m, frame.rgb) for frame in still), key=lambda pair: pair[0])
+    found = {}
+    for name, find in FINDERS.items():
+        seen = [(length, find(picture)) for length, picture in rest]
+        measured = [Layer(length, mark) for length, mark in seen if mark is not None]
+        assumed = level_layers(camera, np.array(PLACES_M[name]), SIDES_M[name], [length for length, _ in rest])
+        for suffix, layers in (("", assumed), ("-layers", measured)):
+            method = Layered(name, find, layers, SIDES_M[name], UP_M, rope) if layers else None
+            found[name + suffix] = np.full(count, np.nan) if method is None else _alpha(method(frames, camera))
+    frames, camera = _marked(condition, clip, {"markers.plate": {"model": "apriltag"}})
+    found["fiducial"] = _alpha(Fiducial(0.8, (1.0, -0.45, 0.0))(frames, camera))
+    return found
+
+
+def _marked(condition: str, clip: int, marks: dict[str, Any]) -> tuple[list[Frame], Calibration]:
+    scene = scenario(condition, clip, marks | {"frames": MARKED_FRAMES}, MARKED_SIZE)
+    return [Frame(frame.rgb, frame.truth.time_s) for frame in simgrab.frames(scene)], calibration_of(scene)
+
+
+def _at_rest(condition: str, clip: int, marks: dict[str, Any]) -> Scenario:
+    """Scene with the same camera and the grab hanging still, at ropes of several lengths."""
+    scene, changes, _ = CONDITIONS[condition]
+    tilt = {"camera.tilt_azimuth_deg": 100.0 * clip, "seed": 300 + clip}
+    steady = {key: value for key, value in changes.items() if key != "suspension"}
+    still: dict[str, Any] = {
+        "swing.model": "iid", "swing.alpha.sigma_deg": 0.0, "frames": 8,
+        "swing.rope_length_m": {"dist": "uniform", "low": 9.5, "high": 23.0},
+        "swing.yaw_deg": {"dist": "constant", "value": 0.0}, "swing.jaw_deg": {"dist": "constant", "value": 0.0},
+        "swing.load": {"dist": "constant", "value": 0.0},
+    }  # fmt: skip
+    base = "quay-day" if scene == "free-swing" else scene
+    return simgrab.load(base, {**LEVEL, **tilt, **steady, **still, **marks}, size=MARKED_SIZE)
 
 
 def _by_lidar(condition: str, clip: int, time: Array) -> Array:
@@ -218,7 +266,7 @@ def figures(files: list[dict[str, Any]], method: str) -> tuple[float, float, flo
         if method not in one["alpha"]:
             continue
         alpha = np.array([np.nan if a is None else a for a in one["alpha"][method]])
-        error = alpha - np.array(one["true"])
+        error = alpha - np.array(one["true"][: len(alpha)])
         each = int(BLOCK_S * RATE_HZ)
         squares += [error[i : i + each] ** 2 for i in range(0, len(error), each)]
         answered, frames = answered + int(np.isfinite(alpha).sum()), frames + len(alpha)
@@ -235,8 +283,9 @@ def figures(files: list[dict[str, Any]], method: str) -> tuple[float, float, flo
 
 
 METHODS = (
-    "constant-zero", "kawai", "matsuo", "optical-flow", "accelerometer-grab", "accelerometer-rope", "ahrs-grab", "gao",
-    "gyro-pendulum", "schaper", "kim", "jung", "lidar", "rope-aware", "inertial-fusion",
+    "constant-zero", "kawai", "matsuo", "matsuo-target", "matsuo-target-layers", "wu", "wu-layers", "fiducial",
+    "optical-flow", "accelerometer-grab", "accelerometer-rope", "ahrs-grab", "gao", "gyro-pendulum", "schaper", "kim",
+    "jung", "lidar", "rope-aware", "inertial-fusion",
 )  # fmt: skip
 
 

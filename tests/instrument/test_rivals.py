@@ -3,20 +3,23 @@
 from dataclasses import replace
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
 import simgrab
 from simgrab.calibration import Calibration
-from simgrab.errors import RecordError
+from simgrab.errors import CalibrationError, RecordError
 from simgrab.geometry import to_camera
 from simgrab.instrument.contract import Frame, flaw
 from simgrab.instrument.estimate import PendulumSmoother, ZeroTilt
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.rivals.camera import CAMERA, Tracked, conclude, kawai, sight
 from simgrab.instrument.rivals.contract import Sensors, Series, Swing, read_series
-from simgrab.instrument.rivals.inertial import INERTIAL
+from simgrab.instrument.rivals.inertial import INERTIAL, MOUNT
 from simgrab.instrument.rivals.kalman import Model, kalman
+from simgrab.instrument.rivals.lidar import Scans, clusters, lidar, read_scans
+from simgrab.instrument.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
 from simgrab.instrument.rivals.tracking import Place, flow, template
 from simgrab.records.observations import Detection
 from simgrab.world.output.tables import calibration_of
@@ -319,3 +322,134 @@ def test_an_estimator_without_its_rope_refuses_with_the_reason():
     assert "fewer than" in short[0].reason
     with pytest.raises(RecordError, match="fewer than two"):
         sight([Place(0.0, None, "missed", "none")], CAMERA_FILE)
+
+
+def circled(centre, side=40.0, radius=12.0):
+    """A white plate with four black circles on grey, drawn eight times as large; and its middle."""
+    scale = 8
+    large = np.full((240 * scale, 320 * scale, 3), 90, np.uint8)
+    x, y = np.array(centre) * scale
+    half = side * scale
+    cv2.rectangle(large, (int(x - half), int(y - half)), (int(x + half), int(y + half)), (255, 255, 255), -1)
+    for dx in (-0.5, 0.5):
+        for dy in (-0.5, 0.5):
+            spot = int(x + dx * half), int(y + dy * half)
+            cv2.circle(large, spot, int(radius * scale), (0, 0, 0), -1)
+    return cv2.resize(large, (320, 240), interpolation=cv2.INTER_AREA)
+
+
+def test_circles_and_target_are_found_to_parts_of_a_pixel():
+    found = circles(circled((150.25, 110.5)))
+    assert found.pixel == pytest.approx((150.25, 110.5), abs=0.2)
+    assert found.side_px == pytest.approx(40, rel=0.03)
+    nothing = np.full((240, 320, 3), 90, np.uint8)
+    assert circles(nothing) is None
+    assert target(nothing) is None
+    large = np.full((960, 1280, 3), 90, np.uint8)
+    cv2.circle(large, (400, 500), 40, (255, 40, 10), -1)
+    spot = target(cv2.resize(large, (320, 240), interpolation=cv2.INTER_AREA))
+    assert spot.pixel == pytest.approx((100.1, 125.1), abs=0.2)
+    assert spot.side_px == pytest.approx(20, rel=0.1)
+
+
+def test_layers_take_out_a_tilt_that_is_taken_for_swing_without_them():
+    rope = Series(np.array([0.0, 10.0]), np.array([[20.0], [20.0]]))
+    level = level_layers(CAMERA_FILE, np.array([0.0, 0.0, 1.5]), 0.5, [10, 20, 30])
+    assert level[1].mark == Mark((160.0, 120.0), pytest.approx(400 * 0.5 / 18.5))
+    swing = np.radians(4)
+    u, v = level[1].mark.pixel
+    frames = [
+        Frame(np.zeros((4, 4, 3), np.uint8), 1.0),
+        Frame(None, 2.0, "cut off"),
+        Frame(np.ones((4, 4, 3), np.uint8), 3.0),
+    ]
+    for tilt in (0.0, np.radians(5)):
+        shift = 400 * np.tan(tilt)
+
+        def find(picture, shift=shift):
+            return None if picture.any() else Mark((u + shift + 400 * np.tan(swing), v), level[1].mark.side_px)
+
+        rest = [replace(layer, mark=Mark((layer.mark.pixel[0] + shift, v), layer.mark.side_px)) for layer in level]
+        with_layers = Layered("x", find, rest, 0.5, 1.5, rope)(frames, CAMERA_FILE)
+        assert [m.status for m in with_layers] == ["ok", "lost", "missed"]
+        assert with_layers[0].alpha == pytest.approx(swing, abs=1e-6)
+        without = Layered("x", find, level, 0.5, 1.5, rope)(frames, CAMERA_FILE)
+        assert abs(without[0].alpha - swing - tilt) < np.radians(0.2)
+    with pytest.raises(CalibrationError, match="increasing rope lengths"):
+        Layered("x", find, level[::-1], 0.5, 1.5, rope)
+
+
+def test_a_tag_gives_the_swing_of_its_plate():
+    tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(TAGS), 0, 400)
+    size, place, alpha, azimuth = 0.8, np.array([1.0, -0.45, 0.0]), np.radians(5), np.radians(30)
+    end = 16 * np.array([np.sin(alpha) * np.cos(azimuth), np.sin(alpha) * np.sin(azimuth), -np.cos(alpha)])
+    half = size / 2 * 1.25
+    corners = np.array([[half, half, 0], [half, -half, 0], [-half, -half, 0], [-half, half, 0]]) + place + end
+    camera = msgspec.structs.replace(
+        CAMERA_FILE, width_px=960, height_px=720, focal_length_px=1200.0, cx_px=480.0, cy_px=360.0
+    )
+    seen = corners @ MOUNT  # in the frame of an untilted camera
+    pixels = (seen[:, :2] / seen[:, 2:] * 1200 + (480, 360)).astype(np.float32)
+    plate = cv2.copyMakeBorder(tag, 50, 50, 50, 50, cv2.BORDER_CONSTANT, value=255)
+    # The tag's top is towards the grab's x, its right towards −y.
+    source = np.array([[0, 0], [500, 0], [500, 500], [0, 500]], np.float32)
+    turn = cv2.getPerspectiveTransform(source - 0.5, 4 * pixels[[0, 1, 2, 3]] - 0.5)
+    large = cv2.warpPerspective(plate, turn, (3840, 2880), borderValue=128)
+    picture = np.repeat(cv2.resize(large, (960, 720), interpolation=cv2.INTER_AREA)[..., None], 3, axis=2)
+    frames = [Frame(picture, 0.0), Frame(np.full_like(picture, 128), 0.1), Frame(None, 0.2, "cut off")]
+    found = Fiducial(size, tuple(place))(frames, camera)
+    assert [m.status for m in found] == ["ok", "missed", "lost"]
+    assert np.degrees(found[0].alpha) == pytest.approx(5, abs=0.2)
+
+
+def scan(alpha, rng):
+    """Echoes of a jib's end, four ropes and a box of 2.5 m that hangs 18 m below O, on the side of the LiDAR."""
+    jib = rng.uniform((17, -1.4, 27.5), (26, 1.4, 28.5), (130, 3))
+    face = rng.uniform((-1.2, -1.2, -1.5), (-1.1, 1.2, 1.5), (130, 3))
+    top = (25.0, 0.0, 28.0)
+    lean = np.array([np.sin(alpha), 0.0, -np.cos(alpha)])
+    ropes = top + rng.uniform(1, 16, (40, 1)) * lean + rng.choice([-0.5, 0.5], (40, 3)) * (1, 1, 0)
+    ground = rng.uniform((10, -20, -0.1), (60, 20, 0.1), (300, 3))
+    return np.concatenate([jib, top + 18 * lean + face, ropes, ground]) + rng.normal(0, 0.02, (600, 3))
+
+
+def test_a_lidar_recovers_a_swing_and_says_what_it_misses():
+    rng, time = np.random.default_rng(0), np.arange(0, 20, 0.1)
+    true = np.radians(6) * np.cos(np.sqrt(9.80665 / 18.4) * time)
+    scans = Scans(time, tuple(scan(a, rng) for a in true))
+    rest = Scans(np.arange(5.0), tuple(scan(0.0, rng) for _ in range(5)))
+    found = lidar(scans, rest, time, 28.0)
+    settled = time > 3
+    assert (found.reason[settled] == "").all()
+    error = np.degrees(found.alpha - np.abs(true))[settled]
+    assert np.sqrt(np.mean(error**2)) < 0.3
+    nothing = tuple(points[:0] for points in scans.points)
+    assert "no cluster of the jib's end" in lidar(Scans(time, nothing), rest, time, 28.0).reason[0]
+    assert "at rest there is no cluster" in lidar(scans, Scans(time, nothing), time, 28.0).reason[0]
+    gap = np.flatnonzero((time < 8) | (time > 12))
+    sparse = lidar(Scans(time[gap], tuple(scans.points[i] for i in gap)), rest, time, 28.0)
+    assert (sparse.reason[(time > 8.1) & (time < 11.9)] == "the sensor was silent").all()
+
+
+def test_scans_that_cannot_be_are_refused(tmp_path):
+    stamps, points = np.array([0, 0, 100], np.int64), np.array([[1.0, 2, 3], [np.nan, 0, 0], [4, 5, 6]])
+    scans = Scans.of(stamps, points, np.eye(4))
+    assert [len(p) for p in scans.points] == [1, 1]
+    with pytest.raises(RecordError, match="row 3: must not decrease"):
+        Scans.of(np.array([0, 100, 50], np.int64), points, np.eye(4))
+    with pytest.raises(RecordError, match="scan 2: must increase"):
+        Scans(np.array([1.0, 0.0]), (points, points))
+    (tmp_path / "data.parquet").write_bytes(b"nothing")
+    with pytest.raises(RecordError, match=r"data.parquet: it cannot be read as scans"):
+        read_scans(tmp_path, np.eye(4))
+
+
+def test_clusters_leave_sparse_points_out():
+    rng = np.random.default_rng(0)
+    ball = rng.normal(0, 0.2, (60, 3))
+    far = rng.normal(0, 0.2, (30, 3)) + (5, 0, 0)
+    line = np.stack([np.linspace(0.8, 4.2, 6), np.zeros(6), np.zeros(6)], axis=-1)
+    found = clusters(np.concatenate([far, line, ball]), 0.7, 10)
+    assert [len(rows) >= n for rows, n in zip(found, (58, 28), strict=True)] == [True, True]
+    assert set(range(32, 34)) & {row for rows in found for row in rows.tolist()} == set()
+    assert clusters(ball[:3], 0.7, 10) == []
