@@ -303,6 +303,32 @@ def test_identities_refuse_small_errors(dataset):
         assert proof(bent).status == "failed", column
 
 
+def test_poses_follow_the_suspension(dataset):
+    """Rows whose heads lean by 0.2 of their ropes pass as such, fail as others, and pass where the head is free."""
+    import msgspec
+
+    from simgrab.labels.truth import Row
+    from simgrab.scenario import DoublePendulum, FourRopes, OneBody
+    from simgrab.world.trajectory.hanging import hung
+    from simgrab.world.trajectory.moment import GrabState
+
+    rows = []
+    for plain in pq.read_table(dataset / "labels.parquet").to_pylist():
+        row = msgspec.convert(plain, Row)
+        alpha, azimuth, yaw = np.radians((row.alpha_deg, row.gamma_deg + row.tilt_azimuth_deg, row.yaw_deg))
+        state = hung(GrabState(alpha, azimuth, row.rope_length_m, yaw, 0.0, 0.0), FourRopes(tilt_ratio=0.2), 1.64)
+        pose = tuple(state.jib_from_grab[:3].ravel().tolist())
+        rows.append(msgspec.structs.replace(row, jib_from_grab=pose))
+
+    def status(suspension, rows=rows):
+        return identities.poses(rows, lambda _: (suspension, 1.64)).status
+
+    assert status(FourRopes(tilt_ratio=0.2)) == status(DoublePendulum()) == "passed"
+    assert status(OneBody()) == status(FourRopes(tilt_ratio=0.21)) == "failed"
+    turned = [msgspec.structs.replace(row, yaw_deg=row.yaw_deg + 1e-6) for row in rows]
+    assert status(FourRopes(tilt_ratio=0.2), turned) == status(DoublePendulum(), turned) == "failed"
+
+
 @pytest.mark.slow
 def test_an_exported_part_passes_and_lacks_no_row(dataset, tmp_path):
     export(simgrab.open(dataset)[1:5:2], tmp_path / "part", format="simgrab", part=True)

@@ -48,14 +48,31 @@ def test_energy_stays(suspension):
     plant = linked(suspension)
     bottom = -plant.mass.mass * STANDARD_GRAVITY * (20.0 - plant.mass.centre_z)
     energy = []
-    for _ in range(300):
+    for _ in range(150):
         energy.append(plant.energy() - bottom)
         plant.run(still(), 0.02, 4)
     assert np.ptp(energy) < 1e-11 * energy[0]
     slower = linked(suspension, damping=0.005)
-    for _ in range(100):
+    for _ in range(60):
         slower.run(still(), 0.02, 4)
-    assert slower.energy() - bottom < 0.99 * energy[0]
+    assert slower.energy() - bottom < 0.995 * energy[0]
+
+
+def test_friction_at_the_rope_ends_takes_what_it_rubs_away():
+    """dE/dt is minus the friction times the square of the rate at which the grab turns out of the ropes' line."""
+    plant, step = linked(DoublePendulum(damping=0.2)), 0.005
+    for _ in range(5):
+        plant.run(still(), 0.02, 4)
+    energy, powers = [plant.energy()], []
+    for _ in range(2):
+        frame, forces = plant._frame(plant._at, plant._speed), plant._forces(still())
+        direction, rate = frame.rope.direction, frame.rope.jacobian @ frame.rope_rate
+        out = frame.rate - frame.attitude.T @ np.cross(direction, rate)
+        powers.append(forces.joint_damping * (out[0] ** 2 + out[1] ** 2))
+        plant.run(still(), step, 1)
+        energy.append(plant.energy())
+    assert (energy[1] - energy[0]) / step == pytest.approx(-np.mean(powers), rel=1e-3)
+    assert powers[0] > 0.1
 
 
 @pytest.mark.parametrize(("azimuth", "axis"), [(0.0, 1), (90.0, 0)])
@@ -97,7 +114,7 @@ def test_a_ratio_of_one_is_grab_and_ropes_as_one_body():
     one.start(*_begin(ROUND, one.mass, 20.0))
     other = linked(FourRopes(tilt_ratio=1.0), **shares)
     np.testing.assert_allclose(other.rates()[2:], one.rates(), atol=1e-15)
-    for i in range(400):
+    for i in range(200):
         # Slow wind, push, hoist and turn at once, and a load and jaws that change.
         t = 0.02 * i
         rate = -0.5 if i >= 50 else -0.01 * i
@@ -107,7 +124,7 @@ def test_a_ratio_of_one_is_grab_and_ropes_as_one_body():
             velocity=(0.3, 0.0), heading=0.001 * i, gravity=(0.1, -0.2, -STANDARD_GRAVITY),
         )  # fmt: skip
         for plant in (one, other):
-            plant.hold(0.2 + 0.0005 * i, 0.0)
+            plant.hold(0.2 + 0.001 * i, 0.0)
             plant.run(drive, 0.02, 4)
     ours, theirs = other.hung(0.1), one.hung(0.1)
     # Its ropes turn the grab back continuously, the one body's in steps of 20 ms.
@@ -147,7 +164,7 @@ def test_a_double_pendulum_moves_as_mujocos_does():
     link = np.array([0.0, data.qvel[0], 0.0]) + Rotation.from_euler("y", a).apply([data.qvel[1], 0.0, 0.0])
     data.qvel[3:6] = plant._speed[2:5] - attitude.inv().apply(link)
     drive = still(gravity=(0.3, -0.2, -STANDARD_GRAVITY))
-    for i in range(1500):
+    for i in range(800):
         plant.run(replace(drive, rope=20.0 + rate * h * i, rope_rate=rate), h, 1)
         mujoco.mj_step(model, data)
     mujoco.mj_kinematics(model, data)
@@ -204,6 +221,8 @@ def test_four_ropes_obey_lagranges_equations(ratio):
 def test_moving_jaws_keep_the_momentum_of_a_grab_that_its_ropes_lower():
     plant = linked(FREE)
     plant._speed[-1] = 0.5
+    for i in range(50):  # out of line
+        plant.run(still(20.0 + 0.5 * 0.02 * i, rope_rate=0.5), 0.02, 1)
     frame = plant._frame(plant._at, plant._speed)
 
     def momentum(mass):

@@ -48,14 +48,18 @@ def paper_identities(rows: Sequence[Truth]) -> Proof:
     return found.proof("eqs (1) and (2) of the paper hold", f"worst residual {worst:.1e}")
 
 
-def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]]) -> Proof:
+def _as_one_body(_row: Truth) -> tuple[Suspension, float]:
+    return OneBody(), 0.0
+
+
+def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]] = _as_one_body) -> Proof:
     """Check stored poses against stored angles, lengths and offsets, by SciPy's rotations.
 
     Parameters
     ----------
     rows : sequence of Truth
     hanging : callable
-        Gives for a row how its grab hangs, and the height of its rope ends in its frame, m.
+        Gives for a row how its grab hangs, and the height of its rope ends in its frame, m; one body unless given.
     """
     found, worst = Findings(), 0.0
     for row in rows:
