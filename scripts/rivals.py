@@ -1,6 +1,6 @@
 """Measure the rivals' methods on the same swings, and write the table of their errors.
 
-    python -m scripts.rivals clips --part sensors --clips 6
+    python -m scripts.rivals clips --part sensors --clips 4
     python -m scripts.rivals clips --part pictures --clips 2
     python -m scripts.rivals clips --part marks --clips 1
     python -m scripts.rivals clips --part lidar --clips 1
@@ -100,7 +100,7 @@ def scenario(condition: str, clip: int, more: dict[str, Any] | None = None, size
         work["rope_length_m"] = rope
     swing: dict[str, Any] = {
         "model": "dynamic", "damping": 0.005, "work": work,
-        "start": {"alpha_deg": 6.0, "azimuth_deg": 30.0 + 70.0 * clip, "roundness": 0.3},
+        "start": {"alpha_deg": 6.0, "azimuth_deg": (30.0 + 70.0 * clip) % 360.0, "roundness": 0.3},
     }  # fmt: skip
     if "wind" in crane:
         swing["wind"] = crane["wind"]
@@ -110,7 +110,7 @@ def scenario(condition: str, clip: int, more: dict[str, Any] | None = None, size
         "sensors.tilt": {"model": "inclinometer", "mount": "rope"},
         "sensors.hoist": {"model": "hoist-encoder"},
     }
-    every = {"frames": FRAMES, "seed": 300 + clip, "camera.tilt_azimuth_deg": 100.0 * clip, "swing": swing}
+    every = {"frames": FRAMES, "seed": 300 + clip, "camera.tilt_azimuth_deg": 100.0 * clip % 360.0, "swing": swing}
     return simgrab.load(scene, {**LEVEL, **every, **imus, **others, **changes, **(more or {})}, size=size)
 
 
@@ -184,7 +184,7 @@ def _marked(condition: str, clip: int, marks: dict[str, Any]) -> tuple[list[Fram
 def _at_rest(condition: str, clip: int, marks: dict[str, Any]) -> Scenario:
     """Scene with the same camera and the grab hanging still, at ropes of several lengths."""
     scene, changes, _ = CONDITIONS[condition]
-    tilt = {"camera.tilt_azimuth_deg": 100.0 * clip, "seed": 300 + clip}
+    tilt = {"camera.tilt_azimuth_deg": 100.0 * clip % 360.0, "seed": 300 + clip}
     steady = {key: value for key, value in changes.items() if key != "suspension"}
     still: dict[str, Any] = {
         "swing.model": "iid", "swing.alpha.sigma_deg": 0.0, "frames": 8,
