@@ -230,15 +230,12 @@ def tables(rows: list[dict[str, Any]]) -> str:
         right = sum(abs(a - b) <= 1e-3 * abs(b) for a, b in pairs)
         lines.append(f"| {name} | {right} of {len(pairs)} |")
     shown = [row["display"] for row in rows]
-    lines.append(
-        f"| display found where there is one | {sum(d[0] and d[1] for d in shown)} of {sum(d[0] for d in shown)} |"
+    counts = (
+        ("display found where there is one", [d[1] for d in shown if d[0]]),
+        ("its digits in the right place", [d[2] for d in shown if d[0] and d[1]]),
+        ("no display found where there is none", [not d[1] for d in shown if not d[0]]),
     )
-    lines.append(
-        f"| its digits in the right place | {sum(d[2] for d in shown)} of {sum(d[0] and d[1] for d in shown)} |"
-    )
-    lines.append(
-        f"| display found where there is none | {sum(d[1] and not d[0] for d in shown)} of {sum(not d[0] for d in shown)} |"
-    )
+    lines += [f"| {name} | {sum(right)} of {len(right)} |" for name, right in counts]
     return "\n".join(lines)
 
 

@@ -103,17 +103,18 @@ def _common(found: Sequence[Sequence[Box]]) -> list[Box]:
         height = box[3] - box[1]
         for group in groups:
             other = group[0]
-            if all(abs(box[i] + box[i + 2] - other[i] - other[i + 2]) <= 0.5 * height for i in (0, 1)) and (
-                0.8 <= height / (other[3] - other[1]) <= 1.25
-            ):
+            apart = [abs(box[i] + box[i + 2] - other[i] - other[i + 2]) / height for i in (0, 1)]
+            if apart[0] <= 0.7 and apart[1] <= 0.4 and 0.8 <= height / (other[3] - other[1]) <= 1.25:
                 group.append(box)
                 break
         else:
             groups.append([box])
-    return [
-        (float(x0), float(y0), float(x1), float(y1))
-        for x0, y0, x1, y1 in (np.median(group, axis=0) for group in groups if len(group) >= LEAST_SEEN)
-    ]
+    result = []
+    for group in groups:
+        if len(group) >= LEAST_SEEN:  # a digit that changes is as wide as the widest
+            low, middle, high = np.quantile(group, (0.1, 0.5, 0.9), axis=0)
+            result.append((float(low[0]), float(middle[1]), float(high[2]), float(middle[3])))
+    return result
 
 
 def _lines(boxes: list[Box]) -> list[list[Box]]:
@@ -142,7 +143,7 @@ def _numbers(line: Sequence[Box]) -> list[list[Box]]:
         steps = [b - a for a, b in itertools.pairwise(centres[i : i + 4])]
         height = max(y1 - y0 for _, y0, _, y1 in line[i : i + 4])
         first, middle, last = steps
-        even = abs(first - last) <= 0.2 * height and min(steps) >= 0.4 * height
+        even = abs(first - last) <= 0.35 * height and min(steps) >= 0.4 * height
         if even and max(first, last) <= 1.5 * height and min(first, last) - 2 <= middle <= 2.2 * max(first, last):
             found.append(list(line[i : i + 4]))
     return found
@@ -161,6 +162,18 @@ def _pairs(lines: list[list[Box]], width: int) -> list[tuple[list[Box], list[Box
         above = i != j and all(abs(p[0] + p[2] - q[0] - q[2]) <= 0.8 * ha for p, q in zip(a, b, strict=True))
         if beside or (above and 0 < b[0][1] - a[0][1] <= 4 * ha):
             result.append((a, b))
+    # A character of the lower number may be lost in what lies behind it: two that stand below others will do.
+    for _, a in numbers:
+        height = max(y1 - y0 for _, y0, _, y1 in a)
+        drops: dict[int, int] = {}
+        for x0, y0, x1, _ in (box for line in lines for box in line):
+            if (
+                any(abs(x0 + x1 - p[0] - p[2]) <= 0.5 * height for p in a)
+                and 1.05 * height < y0 - a[0][1] <= 3 * height
+            ):
+                drops[round(y0 - a[0][1])] = drops.get(round(y0 - a[0][1]), 0) + 1
+        for drop in (drop for drop, count in drops.items() if count >= 2):
+            result.append((a, [(x0, y0 + drop, x1, y1 + drop) for x0, y0, x1, y1 in a]))
     return result
 
 

@@ -16,7 +16,7 @@ from simgrab.instrument.match.quantity import Quantity, exact, unknown
 LEAST_FOUND = 3
 COLOURFUL = 0.25  # saturation from which a pixel is taken for paint
 LEAST_SHARE = 0.04  # of the box that must be so
-_HUE_SD_DEG = 8.0  # of light that is not white, and of rust and cargo on the paint
+_HUE_SD_DEG = 10.0  # of light that is not white, and of rust and cargo on the paint
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,11 +31,13 @@ _ROUNDS = 12
 _TUNE = 2.5  # robust deviations at which a block begins to count less
 # A coder that predicts each frame from the one before lets noise correlate in time, and takes a part of it. Measured on
 # videos of known noise (``scripts/match_truth.py``): the share lost is about this of the correlation, within so much.
-LOST, LOST_SD, LOST_SD_PER = 0.65, 0.03, 0.3
+LOST_ALWAYS, LOST, LOST_SD, LOST_SD_PER = 0.02, 0.8, 0.04, 0.35
 MOST_CORRELATION = 0.45
 LEAST_STEPS = 0.5  # deviation over the coder's step, below which even more is lost
+# Dark noise reaches where the coding of light bends: variance grows by about this of its relative variance.
+BENT = 1.2
 TILT = 0.06  # relative error of variances per 100 levels
-CLEAR = 5.0  # deviations that a level must be above black
+CLEAR = 7.0  # deviations that a level must be above black
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ def noise(footage: Footage, still: Still | None, hidden: NDArray[np.bool_]) -> N
         return _none(f"coding removes it: {correlation:.0%} of a frame's noise is that of the frame before", curve)
     if np.ptp(np.quantile(blocks.level, (0.05, 0.95))) < LEAST_LEVELS:
         return _none("what stands still has too few different levels", curve)
-    kept = 1 - LOST * correlation
+    kept = 1 - LOST_ALWAYS - LOST * correlation
     gain, read = (value / kept for value in _fit(blocks))
     if gain <= 0:
         return _none("its variance does not grow with the light", curve)
@@ -187,9 +189,11 @@ def _fit(blocks: _Blocks) -> tuple[float, float]:
     which = np.digitize(blocks.level, np.linspace(DARKEST, BRIGHTEST, BINS + 1))
     weight = base = 1 / np.sqrt(np.bincount(which)[which])
     gain = read = 0.0
+    light, bent = blocks.shot / blocks.read, np.ones(len(weight))
     for _ in range(_ROUNDS):
-        (gain, read), _ = nnls(design * weight[:, None], weight)
-        ratio = 1 / np.maximum(design @ (gain, read), 1e-9) - 1  # measured over fitted variance
+        (gain, read), _ = nnls(design * (bent * weight)[:, None], weight)
+        bent = 1 + BENT * np.minimum((gain * light + read) / light**2, 0.15)
+        ratio = 1 / np.maximum(bent * (design @ (gain, read)), 1e-9) - 1  # measured over fitted variance
         scale = max(1.4826 * float(np.median(np.abs(ratio - np.median(ratio)))), 0.02)
         weight = base * np.sqrt(np.clip(1 - (ratio / (2 * _TUNE * scale)) ** 2, 0, None))
         if not weight.any():

@@ -23,7 +23,7 @@ LEAST_PAIRS = 40  # of cells, in a sector
 FOCAL_PER_WIDTH = PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM / 1920  # typical; the law's shape hardly depends on it
 EVEN = 0.25  # of a cell's logarithm, by which its neighbour may differ
 MOST_SD = 0.6
-_SD = 0.06  # stops, of the method itself
+_SD = 0.12  # stops, of the method itself
 
 
 def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArray[np.bool_]) -> Quantity:

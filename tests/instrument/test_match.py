@@ -1,0 +1,135 @@
+"""What footage shows of its camera, on pictures whose camera is known, and on footage that shows nothing."""
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from simgrab.errors import SourceError
+from simgrab.instrument.detect import detector
+from simgrab.instrument.match import Footage, look, read
+from simgrab.instrument.match.blur import blur
+from simgrab.instrument.match.display import display
+from simgrab.instrument.match.footage import BT709
+from simgrab.instrument.match.noise import noise
+from simgrab.instrument.match.shading import vignetting
+from simgrab.instrument.match.still import still
+from simgrab.utilities.srgb import encoded
+
+SIZE = 384, 216
+GAIN, READ = 4e-4, 3e-3
+
+
+def footage(rgb: np.ndarray) -> Footage:
+    """Footage of frames, shape (frames, height, width, 3), that no coder has touched."""
+    luma = np.rint(rgb @ np.array(BT709)).astype(np.uint8)
+    return Footage("made", luma, rgb[::4], "raw", 9.0, 1.0, 10, None, BT709)
+
+
+def scene(rng: np.random.Generator, diameter: float = 0.0, stops: float = 0.0) -> np.ndarray:
+    """Linear light of bars in many directions and levels, blurred by a disc, and darkened outwards."""
+    width, height = SIZE
+    fine, light = 4, np.full((4 * height, 4 * width), 0.15, np.float32)
+    for x in range(20, width - 20, 48):
+        for y in range(20, height - 20, 48):
+            corners = cv2.boxPoints(((fine * x, fine * y), (fine * 26, fine * 20), float(rng.uniform(0, 90))))
+            cv2.fillPoly(light, [corners.astype(np.int32)], float(rng.uniform(0.03, 0.6)))
+    if diameter > 1:
+        reach = np.arange(-25, 26)
+        disc = (np.hypot(reach, reach[:, None]) <= diameter * fine / 2).astype(np.float32)
+        light = cv2.filter2D(light, -1, disc / disc.sum())
+    light = cv2.resize(light, SIZE, interpolation=cv2.INTER_AREA)
+    x, y = np.arange(width) + 0.5 - width / 2, (np.arange(height) + 0.5 - height / 2)[:, None]
+    focal = 1644.8 / 1920 * width
+    law = np.log1p((x**2 + y**2) / focal**2) / np.log1p((width**2 + height**2) / 4 / focal**2)
+    return np.repeat((light * 2.0 ** (-stops * law))[..., None], 3, axis=2)
+
+
+def taken(light: np.ndarray, rng: np.random.Generator, frames: int = 24) -> np.ndarray:
+    """Frames with shot and read noise."""
+    sd = np.sqrt(GAIN * light + READ**2)
+    return np.stack([
+        np.rint(255 * encoded(np.clip(light + sd * rng.standard_normal(light.shape), 0, 1))).astype(np.uint8)
+        for _ in range(frames)
+    ])  # fmt: skip
+
+
+def nothing(one: Footage) -> np.ndarray:
+    return np.zeros(one.luma.shape[1:], bool)
+
+
+def test_noise_of_a_known_sensor_is_found():
+    rng = np.random.default_rng(1)
+    one = footage(taken(scene(rng), rng))
+    found = noise(one, still(one), nothing(one))
+    assert found.gain.holds(GAIN)
+    assert found.read.holds(READ)
+    assert found.gain.value == pytest.approx(GAIN, rel=0.1)
+    assert found.gain.high - found.gain.low < 0.5 * GAIN
+
+
+@pytest.mark.parametrize("diameter", [0.0, 2.0, 3.5])
+def test_blur_of_a_known_lens_is_found(diameter):
+    rng = np.random.default_rng(2)
+    one = footage(taken(scene(rng, diameter), rng, 8))
+    found = blur(one, nothing(one)).diameter
+    assert found.holds(max(diameter, 1.0))
+    assert found.value == pytest.approx(max(diameter, 1.0), abs=0.3)
+
+
+@pytest.mark.parametrize("stops", [0.0, 1.5])
+def test_vignetting_of_a_known_lens_is_found(stops):
+    rng = np.random.default_rng(3)
+    one = footage(taken(scene(rng, stops=stops), rng, 8))
+    found = vignetting(one, None, nothing(one))
+    assert found.holds(stops)
+    assert found.value == pytest.approx(stops, abs=0.15)
+
+
+def test_footage_without_a_display_has_none():
+    rng = np.random.default_rng(4)
+    assert display(footage(taken(scene(rng), rng, 8))).layout is None
+
+
+def video(path: Path, frames: np.ndarray) -> Path:
+    """Code frames without loss of luma."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10, options={"qp": "0", "preset": "ultrafast"})
+        stream.height, stream.width = frames.shape[1:3]
+        stream.pix_fmt = "yuv420p"
+        for frame in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        container.mux(stream.encode())
+    return path
+
+
+def test_a_black_video_determines_nothing_but_what_its_file_states(tmp_path):
+    seen = look(read(video(tmp_path / "black.mp4", np.zeros((10, 96, 128, 3), np.uint8))), detector())
+    assert seen.dark
+    determined = {name for name, text in seen.rows() if not text.startswith("not determined")}
+    assert determined == {
+        "size", "coder", "frame rate", "bit rate", "quantiser step", "grey picture", "frames with a grab",
+    }  # fmt: skip
+
+
+def test_one_frame_determines_neither_noise_nor_rate(tmp_path):
+    rng = np.random.default_rng(5)
+    seen = look(read(video(tmp_path / "one.mp4", taken(scene(rng), rng, 1))), detector())
+    assert not seen.noise.gain.known
+    assert "too few frames" in seen.noise.gain.text()
+    assert not seen.grab.size_px.known
+    assert seen.display.layout is None
+
+
+@pytest.mark.parametrize("content", [b"", b"hello" * 100, None])
+def test_what_is_no_video_is_refused_in_one_line(tmp_path, content):
+    path = tmp_path / "broken.mp4"
+    if content is None:
+        whole = video(path, np.zeros((10, 96, 128, 3), np.uint8)).read_bytes()
+        content = whole[: len(whole) // 3]
+    path.write_bytes(content)
+    with pytest.raises(SourceError) as refused:
+        read(path)
+    assert "\n" not in str(refused.value)
