@@ -78,13 +78,11 @@ def test_the_table_names_every_command():
 
 def test_scene_files_and_suites_read():
     found = [*blocks("toml"), *blocks("toml", TEXTS["writing-scenes.md"])]
-    assert len(found) == 6
+    assert len(found) == 5
     for block in found:
         data = tomllib.loads(block)
         if "scenes" in data:
             assert set(convert(data, Suite, SuiteError).scenes) == {"calm", "snow"}
-            continue
-        if data.get("place", {}).get("model") == "photo":  # of files that are not there; see world/test_photo.py
             continue
         base = load(data.pop("base"))
         assert convert(merged(base.to_dict(), data), Scenario).name == data["name"]

@@ -154,7 +154,10 @@ def test_each_clip_has_the_motion_of_its_own_draw():
 
 IMU = {"model": "imu", "mount": "grab"}
 REFUSED = [
-    ({"sensors.imu0": IMU | {"mount": "hook"}}, "sensors.imu0.mount: must be one of: jib-head, camera, rope, grab"),
+    (
+        {"sensors.imu0": IMU | {"mount": "hook"}},
+        "sensors.imu0.mount: must be one of: jib-head, camera, platform, rope, grab",
+    ),
     ({"sensors.imu0": {"model": "imu"}}, "sensors.imu0.mount: missing"),
     ({"sensors.imu0": {"mount": "grab"}}, "sensors.imu0.model: missing; one of: imu, inclinometer, slew-encoder"),
     ({"sensors.imu0": IMU | {"noise": "cheap"}}, "noise: must be one of: adis16448, mems, none, or a table; got"),

@@ -128,10 +128,12 @@ const section = (form, key, entries) => {
   return { element, update };
 };
 
+const GROUPS = ["table", "kinds", "entries", "list", "mixed"];
+
 /** A control with its label, help and error. */
 const control = (form, node, path, preset = form.preset(path)) => {
   const kind = kindOf(node);
-  if (["table", "kinds", "entries", "list", "mixed"].includes(kind)) return group(form, node, path, preset);
+  if (GROUPS.includes(kind)) return group(form, node, path, preset);
   const label = id();
   const inner = (MAKERS[kind] ?? MAKERS.any)(form, node, path, label);
   const key = path.at(-1);
@@ -384,8 +386,11 @@ const MAKERS = {
     const update = (value) => {
       on.checked = value !== null && value !== undefined;
       if (on.checked && !part) {
-        part = (MAKERS[kindOf(inner)] ?? MAKERS.any)(form, inner, path, id());
-        part.element.querySelector?.("input[type=number]")?.setAttribute("aria-label", path.join("."));
+        if (GROUPS.includes(kindOf(inner))) part = body(form, inner, path, freshOptional(inner));
+        else {
+          part = (MAKERS[kindOf(inner)] ?? MAKERS.any)(form, inner, path, id());
+          part.element.querySelector?.("input[type=number]")?.setAttribute("aria-label", path.join("."));
+        }
         place.replaceChildren(part.element);
       }
       if (!on.checked && part) {
