@@ -35,7 +35,6 @@ def record(name) -> Scenario:
 SCENES = {
     "presets": presets,
     "training": lambda: scenes.load("training", SMALL | SHALLOW | {"frames": 3, "clip.clip_frames": 2}),
-    "qingdao-night-snow": lambda: record("qingdao-night-snow"),
     "qingdao-heavy-snow": lambda: record("qingdao-heavy-snow"),
 }
 KILLED = ("presets", "qingdao-heavy-snow")  # half-way: one that varies and one in time
