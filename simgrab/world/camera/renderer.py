@@ -21,14 +21,13 @@ from simgrab.world.camera import changes, geoms
 from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Lens, PictureMap, Window
-from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, ROPE, World
+from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, NOTHING, ROPE, World
 from simgrab.world.scenery.places.photo import MATERIAL
 from simgrab.world.trajectory.moment import Moment, Tilt
 
 if TYPE_CHECKING:
     from simgrab.world.camera.passes import Target
 
-NOTHING = 255  # id of a pixel that shows no geom
 LARGEST_BUFFER_PX = 8192
 LENS_SAMPLES = 3  # ids are rendered so much finer before a lens bends them, which takes the nearest
 _KEPT_AIMS = 2

@@ -19,6 +19,7 @@ from simgrab.world.trajectory.moment import Moment
 
 # Geom groups identify what a pixel belongs to.
 PLACE, JIB, ROPE, GRAB, HIDDEN = 0, 1, 2, 3, 5
+NOTHING = 255  # id of a pixel, or an echo, that shows no geom
 STEEL, FALLS = "steel", "falls"
 
 NEAR_M, FAR_M = 0.1, 200.0

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array, Intrinsics
 from simgrab.scenario import Camera, FixedMount, PixelFocal, Scenario, SideCamera
 from simgrab.utilities import pictures
+from simgrab.world.scenery import model
+from simgrab.world.scenery.plan import draw_up
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock
 from simgrab.world.sensors.motion import Motion
@@ -15,8 +17,6 @@ from simgrab.world.trajectory.moment import Moment
 
 QUALITY = 95
 SKY_RGB = (176, 190, 205)
-NOTHING = 255
-"""Id of pixels in which there is nothing."""
 
 
 class CameraDevice(Device):
@@ -75,15 +75,13 @@ class CameraDevice(Device):
     def _picture(self, moment: Moment) -> NDArray[np.uint8]:
         if self._close is None:
             from simgrab.world.camera.renderer import Renderer  # with OpenGL
-            from simgrab.world.scenery import model
-            from simgrab.world.scenery.plan import draw_up
 
             world = model.build(self._scenario, draw_up(self._scenario, self._number))
             seen = self._scenario.with_camera(self._camera)
             self._renderer = Renderer(world, seen, self.station)
             self._close = self._renderer.close
         picture = np.array(self._renderer.rgb(moment))
-        picture[self._renderer.view(moment).ids == NOTHING] = SKY_RGB
+        picture[self._renderer.view(moment).ids == model.NOTHING] = SKY_RGB
         return picture
 
 

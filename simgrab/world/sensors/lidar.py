@@ -17,8 +17,6 @@ from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, counted
 from simgrab.world.sensors.motion import Motion
 
-NOTHING = 255
-"""Id of an echo from the air."""
 _DB_KM = math.log(10) / 10 / 1000  # 1/m
 _SHOWN = np.array([1, 1, 1, 1, 0, 0], np.uint8)  # groups of geoms: place, jib, ropes, grab
 
@@ -83,7 +81,7 @@ class LidarDevice(Device):
         echo = air & (echoed < sensor.false_echo)
         if gamma > 0:
             true = np.where(air, -np.log1p(-where * intercepted) / (2 * gamma), true)
-        ids = np.where(air, NOTHING, ids)
+        ids = np.where(air, model.NOTHING, ids)
         with np.errstate(invalid="ignore", over="ignore"):
             bright = true * np.exp(gamma * true) <= most
         back = bright & (lost >= sensor.dropout) & (~air | echo) & (true >= sensor.range_m[0])
@@ -122,7 +120,7 @@ class LidarDevice(Device):
             self._sensor.range_m[1],
         )  # fmt: skip
         hit = (geom >= 0) & (far <= self._sensor.range_m[1])
-        return np.where(hit, far, np.inf), np.where(hit, world.model.geom_group[geom], NOTHING).astype(int)
+        return np.where(hit, far, np.inf), np.where(hit, world.model.geom_group[geom], model.NOTHING).astype(int)
 
 
 def _directions(angles: Array) -> Array:

@@ -13,7 +13,12 @@ THICKNESS_M = 1.0
 
 def plain(*, head_height: float) -> list[Part]:
     """Build the yard: one concrete slab, its top ``head_height`` metres below the rope exit."""
-    slab = trimesh.creation.box((2 * HALF_WIDTH_M, 2 * HALF_WIDTH_M, THICKNESS_M))
-    slab.apply_translation((0.0, 0.0, -head_height - THICKNESS_M / 2))
     concrete = Material("yard", texture=textures.load("concrete"), tile_m=8.0, specular=0.05)
-    return [Part("yard", slab, concrete)]
+    return [Part("yard", slab(head_height), concrete)]
+
+
+def slab(head_height: float) -> trimesh.Trimesh:
+    """Give level ground, its top ``head_height`` metres below the rope exit."""
+    ground = trimesh.creation.box((2 * HALF_WIDTH_M, 2 * HALF_WIDTH_M, THICKNESS_M))
+    ground.apply_translation((0.0, 0.0, -head_height - THICKNESS_M / 2))
+    return ground
