@@ -18,6 +18,7 @@ SEARCH = 0.8  # how far it is sought, as a share of that side
 LEAST_SCORE = 0.4  # correlation below which a target counts as not found
 LEAST_PX, MOST_PX = 12, 400  # side of a template
 FEATURES, LEAST_FEATURES = 120, 12
+NOT_YET = "the target was not yet found"
 BACK_PX = 0.7  # how far a feature may end from where it began when followed forth and back
 
 
@@ -57,6 +58,14 @@ def _missing(frame: Frame, why: str) -> Place:
     return Place(frame.time_s, None, "missed", why)
 
 
+def _first(find: Detector, picture: Picture) -> tuple[Array, Array] | None:
+    """Box (4,) and centre (2,) of the target in a picture; the middle of the box where the detector has no centre."""
+    found = find(picture)
+    if not found.found or found.box is None:
+        return None
+    return found.box, found.centre if found.centre is not None else (found.box[:2] + found.box[2:]) / 2
+
+
 def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
     """Track by normalised correlation with a template, refined by a parabola.
 
@@ -78,12 +87,12 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
                 continue
             grey = _grey(frame.picture)
             if patch is None:
-                found = find(frame.picture)
-                if not found.found or found.box is None:
-                    yield _missing(frame, "the target was not yet found")
+                begun = _first(find, frame.picture)
+                if begun is None:
+                    yield _missing(frame, NOT_YET)
                     continue
-                centre = found.centre if found.centre is not None else (found.box[:2] + found.box[2:]) / 2
-                side = float(max(found.box[2] - found.box[0], found.box[3] - found.box[1]))
+                (x0, y0, x1, y1), centre = begun
+                side = float(max(x1 - x0, y1 - y0))
                 half = int(np.clip(PATCH * side / 2, LEAST_PX / 2, MOST_PX / 2))
                 reach = max(int(SEARCH * side / 2), 4)
                 corner = np.floor(centre - half).astype(int)
@@ -144,13 +153,12 @@ def flow(start: Detector | None = None) -> Tracker:
                 continue
             grey = _grey(frame.picture)
             if before is None:
-                found = find(frame.picture)
-                if not found.found or found.box is None:
-                    yield _missing(frame, "the target was not yet found")
+                begun = _first(find, frame.picture)
+                if begun is None:
+                    yield _missing(frame, NOT_YET)
                     continue
-                x0, y0, x1, y1 = found.box
+                (x0, y0, x1, y1), centre = begun
                 corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
-                centre = found.centre if found.centre is not None else corners.mean(axis=0)
             else:
                 moved = _moved(before, grey, points)
                 if moved is None:
