@@ -31,7 +31,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import detector
 from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, sight
+from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
 from simgrab.instrument.rivals.contract import Sensors, Series
 from simgrab.instrument.rivals.inertial import INERTIAL
 from simgrab.instrument.rivals.lidar import Scans, lidar
@@ -87,7 +87,7 @@ WHAT = {
     "night": "as calm, at night in light snow",
     "rain": "as calm, in rain of 30 mm/h",
     "wind": "as calm, in wind of 14 m/s",
-    "four-rope": "as calm, with a head that leans by 0.2 of its ropes' lean",
+    "four-rope": "as calm, with a head that its ropes hold level",
 }
 
 
@@ -117,7 +117,7 @@ def scenario(condition: str, clip: int, more: dict[str, Any] | None = None, size
 def sensors_of(scene: Scenario) -> tuple[Sensors, Array, Array]:
     """Record a clip's sensors; returns them, and the true α (n,), rad, at the frames' times (n,), s."""
     recorded = simgrab.sensors(scene)
-    imus = {mount: _imu(recorded[mount.replace("-", "_")], scene) for mount in MOUNTS}
+    imus = {mount: imu_readings(recorded[mount.replace("-", "_")], scene) for mount in MOUNTS}
     tilt, hoist = recorded["tilt"], recorded["hoist"]
     time = np.arange(scene.frames) / RATE_HZ
     true = np.interp(time, recorded["rope"].true("time [s]"), np.radians(recorded["rope"].true("alpha [deg]")))
@@ -129,7 +129,8 @@ def sensors_of(scene: Scenario) -> tuple[Sensors, Array, Array]:
     return found, time, true
 
 
-def _imu(recorded: Recording, scene: Scenario) -> ImuReadings:
+def imu_readings(recorded: Recording, scene: Scenario) -> ImuReadings:
+    """Give what a recorded IMU reported, with the noise densities of its data sheet."""
     errors = scene.sensors[recorded.name].errors  # type: ignore[union-attr]
     return ImuReadings(
         recorded.stamp_ns / 1e9, recorded.values[:, :3], recorded.values[:, 3:], np.eye(3),
@@ -220,7 +221,7 @@ def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors, t
     found = {instrument.name: _alpha(instrument(frames, camera)) for instrument in rivals}
     followed = list(template()(frames))
     if sum(place.pixel is not None for place in followed) >= 2:
-        seen = replace(sensors, target=sight(followed, camera))
+        seen = replace(sensors, target=target_angles(followed, camera))
         found["jung"] = INERTIAL["jung"](seen, time).alpha
     find, places = detector(), []
     for frame in frames:

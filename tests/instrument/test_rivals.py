@@ -14,7 +14,7 @@ from simgrab.geometry import to_camera
 from simgrab.instrument.contract import Frame, flaw
 from simgrab.instrument.estimate import PendulumSmoother, ZeroTilt
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.rivals.camera import CAMERA, Tracked, conclude, kawai, sight
+from simgrab.instrument.rivals.camera import CAMERA, Tracked, conclude, kawai, target_angles
 from simgrab.instrument.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.instrument.rivals.inertial import INERTIAL, MOUNT
 from simgrab.instrument.rivals.kalman import Model, kalman
@@ -66,7 +66,7 @@ def _target(scene, time):
         Place(t, None if i % 10 == 9 else (u, v), "missed" if i % 10 == 9 else "ok", "none" if i % 10 == 9 else "")
         for i, (t, (u, v)) in enumerate(zip(time.tolist(), pixels.tolist(), strict=True))
     ]
-    return sight(places, calibration_of(scene))
+    return target_angles(places, calibration_of(scene))
 
 
 @pytest.fixture(scope="module")
@@ -321,7 +321,7 @@ def test_an_estimator_without_its_rope_refuses_with_the_reason():
     assert short[0].status == "refused"
     assert "fewer than" in short[0].reason
     with pytest.raises(RecordError, match="fewer than two"):
-        sight([Place(0.0, None, "missed", "none")], CAMERA_FILE)
+        target_angles([Place(0.0, None, "missed", "none")], CAMERA_FILE)
 
 
 def circled(centre, side=40.0, radius=12.0):

@@ -87,7 +87,7 @@ def _measurement(place: Place, alpha: Array, ends: Array | None, i: int, refusal
     )
 
 
-def sight(places: Sequence[Place], calibration: Calibration) -> Series:
+def target_angles(places: Sequence[Place], calibration: Calibration) -> Series:
     """Angles of a target's rays along x and y of the jib frame, as if the camera were level; for `Sensors.target`."""
     seen = [(place.time, place.pixel) for place in places if place.time is not None and place.pixel is not None]
     if len(seen) < 2:
