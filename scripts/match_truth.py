@@ -18,7 +18,7 @@ import numpy as np
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.instrument.match import Look, Quantity
+from simgrab.instrument.match import Appearance, Quantity
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.layouts import Layout
 from simgrab.rng import stream
@@ -136,7 +136,7 @@ def render(folder: Path, count: int, first: int) -> None:
 def score(folder: Path, first: int, count: int) -> None:
     """Match the videos of FOLDER that were rendered, and compare with their scenes."""
     from simgrab.instrument.detect import detector
-    from simgrab.instrument.match import look, read
+    from simgrab.instrument.match import measure, read
 
     find, kept = detector(), folder / "score.jsonl"
     done = [json.loads(line) for line in kept.read_text("utf-8").splitlines()] if kept.exists() else []
@@ -144,7 +144,7 @@ def score(folder: Path, first: int, count: int) -> None:
     for number in range(first, first + count):
         path = folder / f"{number:03d}.mp4"
         if path.exists() and number not in known:
-            done.append(compared(number, look(read(path), find)))
+            done.append(compared(number, measure(read(path), find)))
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(done[-1]) + "\n")
     click.echo(tables([row for row in done if first <= row["video"] < first + count]))
@@ -165,8 +165,8 @@ def truths(scenario: Scenario) -> dict[str, float | None]:
     }  # fmt: skip
 
 
-def compared(number: int, seen: Look) -> dict[str, Any]:
-    """Compare a look with its scene."""
+def compared(number: int, seen: Appearance) -> dict[str, Any]:
+    """Compare what was measured with its scene."""
     scenario = drawn(number)
     footage, known = seen.footage, truths(scenario)
     found: dict[str, Quantity] = {

@@ -36,7 +36,7 @@ def command(videos: tuple[Path, ...], out: Path, name: str, compare: bool, as_js
 
     matched = matching.match(videos, detector(name), compare=compare)
     matched.save(out)
-    rows = matched.look.rows()
+    rows = matched.theirs.rows()
     console = Console()
     if as_json:
         click.echo(json.dumps(dict(rows), ensure_ascii=False))

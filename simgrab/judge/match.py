@@ -17,7 +17,7 @@ from simgrab import scenes
 from simgrab.errors import SourceError
 from simgrab.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect import Detector
-from simgrab.instrument.match import Look, Quantity, look, read
+from simgrab.instrument.match import Appearance, Quantity, measure, read
 from simgrab.instrument.match.footage import to_linear
 from simgrab.pages import html
 from simgrab.pages.plots import Figure
@@ -41,17 +41,17 @@ class Matched:
 
     Attributes
     ----------
-    look : Look
+    theirs : Appearance
         Of the user's footage.
     scene : str
         The scene's file.
-    ours : Look or None
+    ours : Appearance or None
         Of a video rendered by the scene; None where it was not wanted.
     """
 
-    look: Look
+    theirs: Appearance
     scene: str
-    ours: Look | None
+    ours: Appearance | None
 
     def save(self, folder: Path) -> None:
         """Write scene and page into a folder."""
@@ -62,7 +62,7 @@ class Matched:
 
 
 def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = True) -> Matched:
-    """Look at a camera's footage, and write a scene whose frames look alike.
+    """Measure a camera's footage, and write a scene whose frames look alike.
 
     Parameters
     ----------
@@ -70,33 +70,33 @@ def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = T
         Of one camera; each quantity is that of the video that determines it best.
     detector : Detector
     compare : bool
-        Whether to render the scene, and to look at it in the same way.
+        Whether to render the scene, and to measure it in the same way.
 
     Raises
     ------
     SourceError
         If a video cannot be read, or they differ in size.
     """
-    seen = together([look(read(video), detector) for video in videos])
+    seen = together([measure(read(video), detector) for video in videos])
     scenario, text = scene_of(seen)
     if not compare:
         return Matched(seen, text, None)
-    small = min(scenario.frames, SHOWN_FRAMES)
+    few = msgspec.structs.replace(scenario, frames=min(scenario.frames, SHOWN_FRAMES))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ours.mp4"
-        render_video(scenes.load(_written(text, folder), {"frames": small}), path)
-        return Matched(seen, text, look(read(path), detector))
+        render_video(few, path)
+        return Matched(seen, text, measure(read(path), detector))
 
 
-def together(looks: Sequence[Look]) -> Look:
+def together(parts: Sequence[Appearance]) -> Appearance:
     """Take each quantity from the video that determines it best."""
-    first = looks[0]
-    for other in looks[1:]:
+    first = parts[0]
+    for other in parts[1:]:
         if other.footage.size != first.footage.size:
             raise SourceError(f"{other.footage.name}: is of another size than {first.footage.name}: match each alone")
-    bright = [one for one in looks if not one.dark] or list(looks)
+    bright = [one for one in parts if not one.dark] or list(parts)
 
-    def best(of: Callable[[Look], Quantity]) -> Look:
+    def best(of: Callable[[Appearance], Quantity]) -> Appearance:
         return min(bright, key=lambda one: of(one).high - of(one).low if of(one).known else math.inf)
 
     noisy = best(lambda one: one.noise.gain)
@@ -110,8 +110,8 @@ def together(looks: Sequence[Look]) -> Look:
     )
 
 
-def scene_of(seen: Look) -> tuple[Scenario, str]:
-    """Write the scene of a look: the scenario, and its file with what is not determined as comments."""
+def scene_of(seen: Appearance) -> tuple[Scenario, str]:
+    """Write the scene that matches footage: the scenario, and its file with what is not determined as comments."""
     width, height = (min(max(side - side % 2, SIDES_PX[0]), SIDES_PX[1]) for side in seen.footage.size)
     optics: dict[str, Any] = {}
     if seen.vignetting.value is not None:
@@ -140,17 +140,15 @@ def scene_of(seen: Look) -> tuple[Scenario, str]:
         data["display"] = {"layout": msgspec.to_builtins(seen.display.layout)}
     if seen.grab.paint_rgb is not None:
         data["grab"] = {"paint_rgb": [_rounded(channel) for channel in seen.grab.paint_rgb]}
-    head = {"base": BASE, "name": "matched", "frames": frames_wanted}
+    data = {"name": "matched", "frames": frames_wanted} | data
     if seen.level.value is not None:
-        stops = _exposure(head | data, seen.level.value)
+        stops = _exposure(data, seen.level.value)
         optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
         optics |= _sensor(seen, max(2.0**stops, 1.0))
-    text = _comments(seen) + tomli_w.dumps(head | data)
-    with tempfile.TemporaryDirectory() as folder:
-        return scenes.load(_written(text, folder)), text
+    return scenes.load(BASE, data), _comments(seen) + tomli_w.dumps({"base": BASE} | data)
 
 
-def _clip(seen: Look) -> dict[str, Any]:
+def _clip(seen: Appearance) -> dict[str, Any]:
     footage, clip = seen.footage, dict[str, Any]()
     if footage.frame_rate_hz is not None:
         clip["frame_rate_hz"] = _rounded(min(max(footage.frame_rate_hz, 0.01), 120.0))
@@ -161,7 +159,7 @@ def _clip(seen: Look) -> dict[str, Any]:
     return clip
 
 
-def _sensor(seen: Look, gain: float) -> dict[str, Any]:
+def _sensor(seen: Appearance, gain: float) -> dict[str, Any]:
     """Give the sensor whose noise is what was measured, at a gain of the exposure."""
     shot, read_noise = seen.noise.gain.value, seen.noise.read.value
     if not shot:
@@ -177,9 +175,7 @@ def _sensor(seen: Look, gain: float) -> dict[str, Any]:
 
 def _exposure(data: dict[str, Any], level: float) -> float:
     """Find the stops by which the scene's frames get a mean luminance."""
-    with tempfile.TemporaryDirectory() as folder:
-        scenario = scenes.load(_written(tomli_w.dumps(data), folder), {"display.layout": "none"})
-        (frame,) = frames(scenario, (0,), buffers=False)
+    (frame,) = frames(scenes.load(BASE, data | {"display.layout": "none"}), (0,), buffers=False)
     light = to_linear(frame.rgb[::2, ::2]) @ (0.2126, 0.7152, 0.0722)
 
     def off(stops: float) -> float:
@@ -192,17 +188,11 @@ def _exposure(data: dict[str, Any], level: float) -> float:
     return (low + high) / 2
 
 
-def _written(text: str, folder: str) -> Path:
-    path = Path(folder) / SCENE
-    path.write_text(text, "utf-8")
-    return path
-
-
 def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _comments(seen: Look) -> str:
+def _comments(seen: Appearance) -> str:
     """Say where each value is from; a comment has one line, whatever the video is called."""
     lines = [f"Matched to {seen.footage.name}. 95 % intervals:"]
     lines += [f"{name}: {text}" for name, text in seen.rows()]
@@ -213,7 +203,7 @@ def _comments(seen: Look) -> str:
 
 def page(matched: Matched) -> str:
     """Write the page: theirs and ours side by side, with histograms, spectra and noise curves."""
-    theirs, ours = matched.look, matched.ours
+    theirs, ours = matched.theirs, matched.ours
     assert ours is not None
     rows = [(name, text, own) for (name, text), (_, own) in zip(theirs.rows(), ours.rows(), strict=True)]
     return html.page(
@@ -224,7 +214,7 @@ def page(matched: Matched) -> str:
     )  # fmt: skip
 
 
-def _figures(theirs: Look, ours: Look) -> list[tuple[str, Figure]]:
+def _figures(theirs: Appearance, ours: Appearance) -> list[tuple[str, Figure]]:
     both = (("theirs", theirs, "tab:blue"), ("ours", ours, "tab:orange"))
     histogram, spectrum, curve = (Figure((5, 3)) for _ in range(3))
     axes = [figure.add_subplot() for figure in (histogram, spectrum, curve)]

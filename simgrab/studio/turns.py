@@ -57,7 +57,7 @@ class Turns:
                 future.set_exception(SupersededError())
                 return future
             before = self._waiting.pop(asker, None)
-            # Whoever asks again and again keeps the place in the queue.
+            # An asker that repeats keeps its place in the queue.
             number = before.number if before and before.rank == rank else next(self._count)
             self._waiting[asker] = _Waiting(rank, number, work, future)
             self._changed.notify()
@@ -78,7 +78,7 @@ class Turns:
 
     def _run(self) -> None:
         while (one := self._next()) is not None:
-            if not one.future.set_running_or_notify_cancel():  # whoever asked has gone
+            if not one.future.set_running_or_notify_cancel():  # its asker has gone
                 continue
             try:
                 result = one.work()

@@ -9,7 +9,7 @@ import pytest
 
 from simgrab.errors import SourceError
 from simgrab.instrument.detect import detector
-from simgrab.instrument.match import Footage, look, read
+from simgrab.instrument.match import Footage, measure, read
 from simgrab.instrument.match.blur import blur
 from simgrab.instrument.match.display import display
 from simgrab.instrument.match.footage import BT709
@@ -106,7 +106,7 @@ def video(path: Path, frames: np.ndarray) -> Path:
 
 
 def test_a_black_video_determines_nothing_but_what_its_file_states(tmp_path):
-    seen = look(read(video(tmp_path / "black.mp4", np.zeros((10, 96, 128, 3), np.uint8))), detector())
+    seen = measure(read(video(tmp_path / "black.mp4", np.zeros((10, 96, 128, 3), np.uint8))), detector())
     assert seen.dark
     determined = {name for name, text in seen.rows() if not text.startswith("not determined")}
     assert determined == {
@@ -116,7 +116,7 @@ def test_a_black_video_determines_nothing_but_what_its_file_states(tmp_path):
 
 def test_one_frame_determines_neither_noise_nor_rate(tmp_path):
     rng = np.random.default_rng(5)
-    seen = look(read(video(tmp_path / "one.mp4", taken(scene(rng), rng, 1))), detector())
+    seen = measure(read(video(tmp_path / "one.mp4", taken(scene(rng), rng, 1))), detector())
     assert not seen.noise.gain.known
     assert "too few frames" in seen.noise.gain.text()
     assert not seen.grab.size_px.known

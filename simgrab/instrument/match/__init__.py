@@ -3,8 +3,8 @@
 Pixels alone come in. Each result has a 95 % interval, or the reason why the footage does not determine it.
 """
 
+from simgrab.instrument.match.appearance import Appearance, measure
 from simgrab.instrument.match.footage import Footage, read
-from simgrab.instrument.match.look import Look, look
 from simgrab.instrument.match.quantity import Quantity, unknown
 
-__all__ = ["Footage", "Look", "Quantity", "look", "read", "unknown"]
+__all__ = ["Appearance", "Footage", "Quantity", "measure", "read", "unknown"]

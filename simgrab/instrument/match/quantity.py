@@ -58,12 +58,6 @@ def exact(value: float, unit: str = "") -> Quantity:
     return Quantity(value, value, value, unit=unit)
 
 
-def about(value: float, sd: float, unit: str = "", least: float = -math.inf) -> Quantity:
-    """Give a quantity of a normal error, bounded below."""
-    value = max(value, least)
-    return Quantity(value, max(value - 1.96 * sd, least), value + 1.96 * sd, unit=unit)
-
-
 def unknown(reason: str, unit: str = "") -> Quantity:
     """Give a quantity that the footage does not determine."""
     return Quantity(None, reason=reason, unit=unit)

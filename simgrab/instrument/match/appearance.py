@@ -17,11 +17,11 @@ from simgrab.instrument.match.shading import vignetting
 from simgrab.instrument.match.still import still
 
 DARK = 4.0  # levels: a picture whose brightest parts are below shows nothing
-_PATTERN = "the scene's own texture cannot be told from it while the camera stands still"
+_PATTERN = "the scene's own texture looks the same while the camera stands still"
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Appearance:
     """What footage shows of a camera.
 
     Attributes
@@ -96,24 +96,24 @@ class Look:
         ]  # fmt: skip
 
 
-def look(footage: Footage, detector: Detector) -> Look:
+def measure(footage: Footage, detector: Detector) -> Appearance:
     """Measure all that pixels show.
 
     Parameters
     ----------
     footage : Footage
     detector : Detector
-        That looks for the grab.
+        That detects the grab.
     """
     black = "the picture is black"
     dark = float(np.quantile(footage.luma, 0.999)) < DARK
     grey = footage.grey
-    hidden = unknown(black if dark else "haze and rain cannot be told from pale surroundings without a clear view")
+    hidden = unknown(black if dark else "haze and rain look like pale surroundings without a clear view to compare")
     tone = unknown(black if dark else "nothing of known brightness is in it")
     pattern = unknown(black if dark else _PATTERN, "%")
     if dark:
         none = unknown(black)
-        return Look(
+        return Appearance(
             footage, grey, True, Noise(none, none, None), Blur(unknown(black, "px"), np.zeros(0)),
             unknown(black, "stops"), none, (none, none), pattern, hidden, tone, Display(None, black, 0.0),
             Grab(exact(0.0), unknown(black, "px"), unknown(black, "°"), None, np.zeros((0, 4))), 0.0,
@@ -125,7 +125,7 @@ def look(footage: Footage, detector: Detector) -> Look:
     covered = overlay.copy()
     for x0, y0, x1, y1 in found.boxes.astype(int).tolist():
         covered[max(y0, 0) : y1 + 1, max(x0, 0) : x1 + 1] = True
-    return Look(
+    return Appearance(
         footage, grey, False, noise(footage, standing, overlay), blur(footage, overlay),
         vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
         *_means(footage), pattern, hidden, tone, shown, found, standing.share if standing else 0.0,
