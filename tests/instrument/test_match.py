@@ -6,6 +6,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from browser import needs_chromium, shown
 
 from simgrab.errors import SourceError
 from simgrab.instrument.detect import detector
@@ -16,6 +17,7 @@ from simgrab.instrument.match.footage import BT709
 from simgrab.instrument.match.noise import noise
 from simgrab.instrument.match.shading import vignetting
 from simgrab.instrument.match.still import still
+from simgrab.judge import match as matching
 from simgrab.utilities.srgb import encoded
 
 SIZE = 384, 216
@@ -121,6 +123,17 @@ def test_one_frame_determines_neither_noise_nor_rate(tmp_path):
     assert "too few frames" in seen.noise.gain.text()
     assert not seen.grab.size_px.known
     assert seen.display.layout is None
+
+
+@needs_chromium
+def test_the_page_shows_both_and_fits_a_phone(tmp_path):
+    rng = np.random.default_rng(6)
+    theirs, ours = (
+        measure(read(video(tmp_path / f"{name}.mp4", taken(scene(rng), rng))), detector()) for name in ("<b>x", "ours")
+    )
+    text = matching.page(matching.Matched(theirs, f"# {theirs.footage.name} {'x' * 300}", ours))
+    assert "<b>x" not in text
+    assert len(shown(text, tmp_path)["figures"]) == 5  # two frames, histogram, spectrum, noise
 
 
 @pytest.mark.parametrize("content", [b"", b"hello" * 100, None])
