@@ -14,7 +14,8 @@ from simgrab.scenario import Lidar, Weather, variant
 from simgrab.world.extensions import Recipe
 from simgrab.world.output import sensors as files
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.sensors.lidar import NOTHING, LidarDevice, extinction
+from simgrab.world.scenery.model import NOTHING
+from simgrab.world.sensors.lidar import LidarDevice, extinction
 from simgrab.world.sensors.motion import motions
 
 PLAIN = {

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes as steel
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
-from simgrab.world.scenery.places import plain, shapes
+from simgrab.world.scenery.places import shapes
+from simgrab.world.scenery.places.plain import slab
 
 SPAN_M = 64.0  # of the ground's picture, which repeats
 _PIXELS = 2048
@@ -32,10 +33,9 @@ _TEXTURES = (
 def random_place(*, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Build the place, in the jib frame: level ground ``head_height`` metres below the rope exit, and what is on it."""
     paint = np.random.default_rng(rng.integers(2**63))  # of its own, so that shapes are the same unpainted
-    slab = plain.slab(0.0)
     picture = _picture(paint) if textures.painting() else np.zeros((1, 1, 3), np.uint8)
     ground = Material("ground", texture=picture, tile_m=SPAN_M, specular=float(paint.uniform(0, 0.1)))
-    parts = [Part("ground", slab, ground)]
+    parts = [Part("ground", slab(0.0), ground)]
     parts += [_standing(number, rng, paint) for number in range(int(rng.integers(0, _MOST_SOLIDS + 1)))]
     return [part.moved(shapes.pose(0, 0, -head_height)) for part in parts]
 
