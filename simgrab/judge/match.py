@@ -24,6 +24,7 @@ from simgrab.pages.plots import Figure
 from simgrab.scenario import Scenario
 from simgrab.utilities.files import write
 from simgrab.utilities.pictures import encode
+from simgrab.utilities.srgb import decoded, encoded
 from simgrab.world.frames import frames
 from simgrab.world.output.video.render import render_video
 
@@ -138,13 +139,14 @@ def scene_of(seen: Appearance) -> tuple[Scenario, str]:
     frames_wanted = max(math.ceil(SECONDS * rate), 1)
     if seen.display.layout is not None:
         data["display"] = {"layout": msgspec.to_builtins(seen.display.layout)}
-    if seen.grab.paint_rgb is not None:
-        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in seen.grab.paint_rgb]}
     data = {"name": "matched", "frames": frames_wanted} | data
+    stops = 0.0
     if seen.level.value is not None:
         stops = _exposure(data, seen.level.value)
         optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
         optics |= _sensor(seen, max(2.0**stops, 1.0))
+    if seen.grab.paint_rgb is not None:
+        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in _paint(seen.grab.paint_rgb, stops)]}
     return scenes.load(BASE, data), _comments(seen) + tomli_w.dumps({"base": BASE} | data)
 
 
@@ -186,6 +188,12 @@ def _exposure(data: dict[str, Any], level: float) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if off(middle) < 0 else (low, middle)
     return (low + high) / 2
+
+
+def _paint(shown: Sequence[float], stops: float) -> list[float]:
+    """Undo an exposure: the colour, 0 to 1, that paint has in a picture of a usual exposure."""
+    light = decoded(np.asarray(shown, float)) / 2.0**stops
+    return encoded(light / max(float(light.max()), 1.0)).tolist()
 
 
 def _rounded(value: float) -> float:
