@@ -20,7 +20,7 @@ LEAST_SHARE = 0.04  # of the box that must be so
 RUST_DEG = (-15.0, 42.0)  # hues of rust, and of most cargo that lies on a grab
 LEAST_PAINTED = 0.1  # of all colour: so much of another hue is the paint, and the rest rust and cargo
 HUE_BINS = 36
-HUE_REACH_DEG = 30.0  # from the most frequent hue
+HUE_REACH_DEG = 20.0  # from the most frequent hue
 _HUE_SD_DEG = 10.0  # of light that is not white, and of rust and cargo on the paint
 
 
