@@ -42,8 +42,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 )
 @click.option(
     "--scene",
-    type=PATH,
-    help="A scene file, such as training.toml of `match`. Frames of it are rendered into OUT-frames.",
+    help="A scene, such as training.toml of `match`. Frames of it are rendered into OUT-frames.",
 )
 @click.option(
     "--frames",
@@ -74,7 +73,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: Path | None, frames: int | None,
+    datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: str | None, frames: int | None,
     hard: tuple[Path, ...], start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None,
     patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
@@ -124,7 +123,7 @@ def detector(
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
 
-def _asked(grab: Path | None, scene: Path | None, frames: int | None, seed: int) -> Scenario:
+def _asked(grab: Path | None, scene: str | None, frames: int | None, seed: int) -> Scenario:
     """Scenario of the frames to render: of a user's own grab, or of a scene."""
     from simgrab import scenes
     from simgrab.judge import own_grab

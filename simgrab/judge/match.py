@@ -185,20 +185,13 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
     if seen.grab.paint_rgb is not None:
         measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
     scene = msgspec.structs.replace(scene, vary=scene.vary | measured)
-    return _comments(seen) + tomli_w.dumps(_without_none(scene.to_dict()))
+    return _comments(seen) + scene.to_toml()
 
 
 def _size(seen: Appearance) -> tuple[int, int]:
     """Width and height that can be rendered, px."""
     width, height = (min(max(side - side % 2, SIDES_PX[0]), SIDES_PX[1]) for side in seen.footage.size)
     return width, height
-
-
-def _without_none(data: Any) -> Any:
-    """Plain data less keys that are absent, which TOML cannot write."""
-    if isinstance(data, dict):
-        return {key: _without_none(value) for key, value in data.items() if value is not None}
-    return [_without_none(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def _clip(seen: Appearance) -> dict[str, Any]:

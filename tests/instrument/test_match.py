@@ -1,5 +1,6 @@
 """What footage shows of its camera, on pictures whose camera is known, and on footage that shows nothing."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -8,17 +9,20 @@ import numpy as np
 import pytest
 from browser import needs_chromium, shown
 
+from simgrab import scenes
 from simgrab.errors import SourceError
 from simgrab.instrument.detect import detector
 from simgrab.instrument.match import Footage, measure, read
 from simgrab.instrument.match.blur import blur
 from simgrab.instrument.match.display import display
 from simgrab.instrument.match.footage import BT709
-from simgrab.instrument.match.grab import _paint
+from simgrab.instrument.match.grab import Grab, _paint
 from simgrab.instrument.match.noise import noise
+from simgrab.instrument.match.quantity import exact
 from simgrab.instrument.match.shading import vignetting
 from simgrab.instrument.match.still import still
 from simgrab.judge import match as matching
+from simgrab.scenario import variants
 from simgrab.utilities.srgb import decoded, encoded
 
 SIZE = 384, 216
@@ -110,6 +114,27 @@ def test_paint_is_as_bright_under_any_exposure():
     for stops in (-3.0, 0.0, 1.0):
         np.testing.assert_allclose(matching._paint(encoded(light * 2**stops), stops), [0.2, 0.4, 0.6], atol=1e-9)
     assert max(matching._paint((0.2, 0.4, 0.6), -6.0)) <= 1.0
+
+
+def test_a_scene_to_train_on_varies_what_was_measured_within_its_interval(tmp_path):
+    rng = np.random.default_rng(9)
+    seen = measure(read(video(tmp_path / "seen.mp4", taken(scene(rng, 3.0, 1.0), rng))), detector())
+    found = Grab(exact(1.0), exact(80.0, "px"), exact(214.0, "°"), (0.1, 0.2, 0.4), np.zeros((0, 4)))
+    matched, _ = matching.scene_of(replace(seen, grab=found))
+    path = tmp_path / "training.toml"
+    path.write_text(matching.training_scene(replace(seen, grab=found), matched), encoding="utf-8")
+    drawn = [one.scenario for one, _ in variants(scenes.load(path, {"frames": 96}))]
+    assert len({one.place for one in drawn}) > 3
+    assert {one.grab.paint_rgb for one in drawn} == {matched.grab.paint_rgb}
+    assert {(one.camera.width_px, one.camera.height_px) for one in drawn} == {seen.footage.size}
+    for values, quantity in (
+        ([one.optics.defocus_px for one in drawn], seen.blur.diameter),
+        ([one.optics.vignetting_stops for one in drawn], seen.vignetting),
+    ):
+        assert quantity.known
+        assert quantity.low <= min(values) < max(values) <= quantity.high
+    wells = [one.optics.sensor.full_well_e for one in drawn]
+    assert wells == pytest.approx([1 / seen.noise.gain.value] * len(drawn), rel=1e-3)
 
 
 def test_footage_without_a_display_has_none():

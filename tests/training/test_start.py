@@ -101,9 +101,20 @@ def test_a_detector_learns_a_users_own_grab(tmp_path):
     assert len({row.variant for row in known.rows}) == 10
     assert known.scenario.grab.file == "ball.stl"
     assert (tmp_path / "out" / "settle.onnx").exists()
-    before = CliRunner().invoke(cli, ["train", "detector", "--out", str(tmp_path / "none")])
-    assert before.exit_code == 2
-    assert "give DATASETS, or --grab" in before.output
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ((), "give DATASETS, --grab or --scene"),
+    (("--frames", "40"), "give DATASETS, --grab or --scene"),
+    (("--scene", "training", "--grab", "ball.stl"), "not both"),
+    (("--scene", "quay-day"), "lets nothing vary"),
+    (("--scene", "no-such-scene"), "no-such-scene"),
+])  # fmt: skip
+def test_what_cannot_be_drawn_is_refused_before_frames_are(options, message, tmp_path):
+    run = CliRunner().invoke(cli, ["train", "detector", *options, "--out", str(tmp_path / "none")])
+    assert run.exit_code != 0
+    assert message in run.output or message in str(run.exception)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_frames_of_an_own_grab_vary_all_but_the_grab(tmp_path):
