@@ -71,10 +71,11 @@ class _Peel:
                 "beam", kit.placed(self._beam(), (0, 0, hz)), "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True
             ),
         ]
+        tine, bar = self._tine(), self._rod()
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"tine_{k}", self._tine(), "beam", azimuth, (hx, 0.0), (hx, hz)))
+            bodies.append(kit.hinged(f"tine_{k}", tine, "beam", azimuth, (hx, 0.0), (hx, hz)))
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"rod_{k}", self._rod(), "head", azimuth, (px, pz), (px, pz)))
+            bodies.append(kit.hinged(f"rod_{k}", bar, "head", azimuth, (px, pz), (px, pz)))
         count = self.keys.tines
 
         def positions(jaw: float) -> dict[str, float]:
@@ -100,8 +101,9 @@ class _Peel:
         end = np.subtract(self.tine_pin, cylinder.head_pin)
         along = end / np.linalg.norm(end)
         bodies = [kit.body("head", [*self._head(), *self._column(), *self._beam()])]
+        tine = self._tine()
         for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"tine_{k}", self._tine(), "head", azimuth, (hx, hz), (hx, hz)))
+            bodies.append(kit.hinged(f"tine_{k}", tine, "head", azimuth, (hx, hz), (hx, hz)))
         barrel, piston = self._barrel(cylinder)
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
