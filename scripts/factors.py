@@ -27,7 +27,7 @@ from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.moment import Moment
 
 ALARM = 0.001  # a draw so rare should be inspected
-DRAWN = 1_000_000  # of a distribution, to sample its distribution function
+DRAWN = 250_000  # of a distribution, to sample its distribution function
 DRAWS_FOR_TENTHS = 60  # with fewer, an empty tenth is not significant
 COLUMNS = (
     "box_centre_x", "box_centre_y", "box_width", "box_height", "box_area", "alpha_deg", "rope_length_m",
