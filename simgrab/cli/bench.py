@@ -131,3 +131,13 @@ def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path 
             made.columns[i].justify = "right"
         console.print(made)
         console.print(board.NOTE, highlight=False)
+
+
+@command.command()
+@click.argument("scores", nargs=-1, required=True, type=PATH)
+@click.option("--out", type=FILE, required=True, help="HTML page.")
+def report(scores: tuple[Path, ...], out: Path) -> None:
+    """Make the leaderboard from SCORES, CSV files of `bench score --out`: one page, with a table for each file."""
+    from simgrab.judge.bench import board
+
+    board.save_page([board.read(path) for path in scores], out)
