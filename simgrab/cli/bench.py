@@ -137,7 +137,7 @@ def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path 
 @click.argument("scores", nargs=-1, required=True, type=PATH)
 @click.option("--out", type=FILE, required=True, help="HTML page.")
 def report(scores: tuple[Path, ...], out: Path) -> None:
-    """Make the leaderboard from SCORES, CSV files of `bench score --out`: one page, with a table for each file."""
+    """Make the leaderboard: a page with a table for each of SCORES, CSV files of `bench score --out`."""
     from simgrab.judge.bench import board
 
     board.save_page([board.read(path) for path in scores], out)
