@@ -85,7 +85,7 @@ class Published(Checked, frozen=True):
     commitment : str
         SHA-256 of the season, seed and salt included.
     truth_sha256 : str
-        Of all truth tables, one after another.
+        Of all truth tables, one after another, and of the truth of the sensors.
     clips : dict of str to int
         Number of frames of each clip.
     sensors : tuple of str
