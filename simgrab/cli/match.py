@@ -25,8 +25,9 @@ from simgrab.cli._options import FOLDER, PATH
 def command(videos: tuple[Path, ...], out: Path, name: str, compare: bool, as_json: bool) -> None:
     """Measure what VIDEO... show of their camera, and write a scene that looks alike.
 
-    Writes matched.toml, which `simgrab render` takes, and match.html, which shows footage and scene side by side. Each
-    quantity has a 95 % interval, or the reason why the footage does not determine it.
+    Writes two scenes for `simgrab render`: matched.toml, a clip, and training.toml, worlds to train a detector on.
+    match.html shows footage and scene side by side. Each quantity has a 95 % interval, or the reason why the footage
+    does not determine it.
     """
     from rich.console import Console
 
@@ -42,6 +43,7 @@ def command(videos: tuple[Path, ...], out: Path, name: str, compare: bool, as_js
         click.echo(json.dumps(dict(rows), ensure_ascii=False))
         return
     console.print(table(rows, ("", "")))
-    console.print(f"scene: {cell(out / matching.SCENE)}", soft_wrap=True)
+    for label, name in (("scene", matching.SCENE), ("to train on", matching.TRAINING)):
+        console.print(f"{label}: {cell(out / name)}", soft_wrap=True)
     if compare:
         console.print(f"page: {cell(out / matching.PAGE)}", soft_wrap=True)

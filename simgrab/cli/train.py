@@ -7,7 +7,7 @@ import functools
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,9 @@ from simgrab.cli._options import FOLDER, PATH
 from simgrab.cli._progress import board, drawing
 from simgrab.cli._resume import resumable
 from simgrab.text import printable
+
+if TYPE_CHECKING:
+    from simgrab.scenario import Scenario
 
 
 @click.group(name="train")
@@ -37,7 +40,16 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     type=PATH,
     help="Your own grab: a model, or a scene file with it. Frames of it are rendered into OUT-frames.",
 )
-@click.option("--frames", type=click.IntRange(40, 1_000_000), help="Frames of --grab.  [default: 960]")
+@click.option(
+    "--scene",
+    type=PATH,
+    help="A scene file, such as training.toml of `match`. Frames of it are rendered into OUT-frames.",
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(40, 1_000_000),
+    help="Frames of --grab or --scene.  [default: 960 of --grab, else the scene's own]",
+)
 @click.option(
     "--hard",
     type=PATH,
@@ -62,9 +74,9 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def detector(
-    datasets: tuple[Path, ...], out: Path, grab: Path | None, frames: int | None, hard: tuple[Path, ...],
-    start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None, patience: int, device: str,
-    threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
+    datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: Path | None, frames: int | None,
+    hard: tuple[Path, ...], start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None,
+    patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
@@ -74,10 +86,12 @@ def detector(
     from simgrab.training import need_torch
     from simgrab.training.folder import check
 
-    if not datasets and grab is None:
-        raise click.UsageError("give DATASETS, or --grab")
-    if frames is not None and grab is None:
-        raise click.UsageError("--frames belongs to --grab")
+    if grab is not None and scene is not None:
+        raise click.UsageError("give --grab or --scene, not both")
+    if not (datasets or grab or scene):
+        raise click.UsageError("give DATASETS, --grab or --scene")
+    if frames is not None and not (grab or scene):
+        raise click.UsageError("--frames belongs to --grab and --scene")
     check(out, resume=resume)  # before torch is imported, which takes seconds
     need_torch()
     from simgrab.instrument.detect import Bundled, located
@@ -87,13 +101,16 @@ def detector(
     from simgrab.training.device import named
 
     begin = None if start is None else located(start)
-    if grab is not None:  # frames take minutes: what can be refused is refused before
+    if grab or scene:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:
             Bundled(begin)
         for dataset in (*datasets, *hard):
             read(dataset)
-        datasets = (*datasets, _frames_of(grab, out.absolute(), frames, seed, shown=not (quiet or as_json)))
+        datasets = (
+            *datasets,
+            _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=not (quiet or as_json)),
+        )
     chosen = functools.partial(
         recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
         patience=patience, device=device, threads=threads,
@@ -107,15 +124,27 @@ def detector(
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
 
-def _frames_of(file: Path, out: Path, frames: int | None, seed: int, *, shown: bool) -> Path:
-    """Render frames of a user's own grab beside the nets, or what is missing of them."""
+def _asked(grab: Path | None, scene: Path | None, frames: int | None, seed: int) -> Scenario:
+    """Scenario of the frames to render: of a user's own grab, or of a scene."""
+    from simgrab import scenes
     from simgrab.judge import own_grab
     from simgrab.training.detector.own_grab import FRAMES, scene_of
+
+    if grab is not None:
+        return scene_of(own_grab.grab_of(grab), frames=frames or FRAMES, seed=seed)
+    assert scene is not None
+    drawn = scenes.load(scene, {"seed": seed} | ({} if frames is None else {"frames": frames}))
+    if not drawn.vary:
+        raise click.UsageError(f"{printable(scene)} lets nothing vary: all of its frames would show one world")
+    return drawn
+
+
+def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
+    """Render a scene's frames beside the nets, or what is missing of them."""
     from simgrab.world.extensions import Recipe
     from simgrab.world.output.dataset import render
     from simgrab.world.output.pool import automatic
 
-    scene = scene_of(own_grab.grab_of(file), frames=frames or FRAMES, seed=seed)
     path, (workers, _) = out.with_name(f"{out.name}-frames"), automatic(Recipe(scene))
     with drawing("rendering frames", shown=shown) as (progress, checking):
         render(scene, path, workers=workers, resume=True, progress=progress, checking=checking)

@@ -14,6 +14,7 @@ import numpy as np
 import tomli_w
 
 from simgrab import scenes
+from simgrab.distributions import Uniform
 from simgrab.errors import SourceError
 from simgrab.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect import Detector
@@ -21,9 +22,10 @@ from simgrab.instrument.match import Appearance, Quantity, measure, read
 from simgrab.instrument.match.footage import to_linear
 from simgrab.pages import html
 from simgrab.pages.plots import Figure
-from simgrab.scenario import Scenario
+from simgrab.scenario import Factor, OneOf, Scenario
 from simgrab.utilities.files import write
 from simgrab.utilities.pictures import encode
+from simgrab.utilities.srgb import decoded, encoded
 from simgrab.world.frames import frames
 from simgrab.world.output.video.render import render_video
 
@@ -32,7 +34,9 @@ SECONDS = 10.0
 SHOWN_FRAMES = 24
 """Of ours, to compare with theirs."""
 SIDES_PX = (64, 4096)
-SCENE, PAGE = "matched.toml", "match.html"
+SCENE, TRAINING, PAGE = "matched.toml", "training.toml", "match.html"
+TRAINING_FRAMES = 960
+LEVEL_SPREAD = 1.25  # by which the exposure of training frames varies about what was measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +49,22 @@ class Matched:
         Of the user's footage.
     scene : str
         The scene's file.
+    training : str
+        The file of a scene to train on.
     ours : Appearance or None
         Of a video rendered by the scene; None where it was not wanted.
     """
 
     theirs: Appearance
     scene: str
+    training: str
     ours: Appearance | None
 
     def save(self, folder: Path) -> None:
-        """Write scene and page into a folder."""
+        """Write scenes and page into a folder."""
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / SCENE, self.scene.encode())
+        write(folder / TRAINING, self.training.encode())
         if self.ours is not None:
             write(folder / PAGE, page(self).encode())
 
@@ -79,13 +87,14 @@ def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = T
     """
     seen = together([measure(read(video), detector) for video in videos])
     scenario, text = scene_of(seen)
+    training = training_scene(seen, scenario)
     if not compare:
-        return Matched(seen, text, None)
+        return Matched(seen, text, training, None)
     few = msgspec.structs.replace(scenario, frames=min(scenario.frames, SHOWN_FRAMES))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ours.mp4"
         render_video(few, path)
-        return Matched(seen, text, measure(read(path), detector))
+        return Matched(seen, text, training, measure(read(path), detector))
 
 
 def together(parts: Sequence[Appearance]) -> Appearance:
@@ -112,7 +121,7 @@ def together(parts: Sequence[Appearance]) -> Appearance:
 
 def scene_of(seen: Appearance) -> tuple[Scenario, str]:
     """Write the scene that matches footage: the scenario, and its file with what is not determined as comments."""
-    width, height = (min(max(side - side % 2, SIDES_PX[0]), SIDES_PX[1]) for side in seen.footage.size)
+    width, height = _size(seen)
     optics: dict[str, Any] = {}
     if seen.vignetting.value is not None:
         optics["vignetting_stops"] = _rounded(min(seen.vignetting.value, 8.0))
@@ -138,14 +147,58 @@ def scene_of(seen: Appearance) -> tuple[Scenario, str]:
     frames_wanted = max(math.ceil(SECONDS * rate), 1)
     if seen.display.layout is not None:
         data["display"] = {"layout": msgspec.to_builtins(seen.display.layout)}
-    if seen.grab.paint_rgb is not None:
-        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in seen.grab.paint_rgb]}
     data = {"name": "matched", "frames": frames_wanted} | data
+    stops = 0.0
     if seen.level.value is not None:
         stops = _exposure(data, seen.level.value)
         optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
         optics |= _sensor(seen, max(2.0**stops, 1.0))
+    if seen.grab.paint_rgb is not None:
+        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in _paint(seen.grab.paint_rgb, stops)]}
     return scenes.load(BASE, data), _comments(seen) + tomli_w.dumps({"base": BASE} | data)
+
+
+def training_scene(seen: Appearance, matched: Scenario) -> str:
+    """Write the scene `training` as the camera shows it: what was measured varies within its interval only.
+
+    Everything is written out, because a file cannot take back what its base lets vary.
+    """
+    changes: dict[str, Any] = {"name": "matched-training", "frames": TRAINING_FRAMES}
+    drawn = dict[str, tuple[float, float]]()
+    if seen.vignetting.known:
+        drawn["optics.vignetting_stops"] = (min(seen.vignetting.low, 8.0), min(seen.vignetting.high, 8.0))
+    if seen.blur.diameter.known:
+        drawn["optics.defocus_px"] = (max(seen.blur.diameter.low, 0.0), seen.blur.diameter.high)
+    if seen.level.value:
+        low, high = seen.level.value / LEVEL_SPREAD, seen.level.value * LEVEL_SPREAD
+        drawn["optics.exposure.target_level"] = (min(max(low, 0.01), 0.7), min(max(high, 0.012), 0.9))
+    for name, value in _sensor(seen, 1.0).get("sensor", {}).items():
+        changes[f"optics.sensor.{name}"] = value
+    if seen.grey:
+        changes["optics.night_mode"] = "on"
+    if seen.display.layout is not None:
+        changes["display.layout"] = msgspec.to_builtins(seen.display.layout)
+    scene = scenes.load("training", changes | {key: _rounded(low) for key, (low, _) in drawn.items()}, size=_size(seen))
+    measured: dict[str, Factor] = {
+        key: Uniform(_rounded(low), _rounded(high)) for key, (low, high) in drawn.items() if low < high
+    }
+    if seen.grab.paint_rgb is not None:
+        measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
+    scene = msgspec.structs.replace(scene, vary=scene.vary | measured)
+    return _comments(seen) + tomli_w.dumps(_without_none(scene.to_dict()))
+
+
+def _size(seen: Appearance) -> tuple[int, int]:
+    """Width and height that can be rendered, px."""
+    width, height = (min(max(side - side % 2, SIDES_PX[0]), SIDES_PX[1]) for side in seen.footage.size)
+    return width, height
+
+
+def _without_none(data: Any) -> Any:
+    """Plain data less keys that are absent, which TOML cannot write."""
+    if isinstance(data, dict):
+        return {key: _without_none(value) for key, value in data.items() if value is not None}
+    return [_without_none(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def _clip(seen: Appearance) -> dict[str, Any]:
@@ -186,6 +239,12 @@ def _exposure(data: dict[str, Any], level: float) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if off(middle) < 0 else (low, middle)
     return (low + high) / 2
+
+
+def _paint(shown: Sequence[float], stops: float) -> list[float]:
+    """Undo an exposure: the colour, 0 to 1, that paint has in a picture of a usual exposure."""
+    light = decoded(np.asarray(shown, float)) / 2.0**stops
+    return encoded(light / max(float(light.max()), 1.0)).tolist()
 
 
 def _rounded(value: float) -> float:

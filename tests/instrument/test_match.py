@@ -14,11 +14,12 @@ from simgrab.instrument.match import Footage, measure, read
 from simgrab.instrument.match.blur import blur
 from simgrab.instrument.match.display import display
 from simgrab.instrument.match.footage import BT709
+from simgrab.instrument.match.grab import _paint
 from simgrab.instrument.match.noise import noise
 from simgrab.instrument.match.shading import vignetting
 from simgrab.instrument.match.still import still
 from simgrab.judge import match as matching
-from simgrab.utilities.srgb import encoded
+from simgrab.utilities.srgb import decoded, encoded
 
 SIZE = 384, 216
 GAIN, READ = 4e-4, 3e-3
@@ -90,6 +91,27 @@ def test_vignetting_of_a_known_lens_is_found(stops):
     assert found.value == pytest.approx(stops, abs=0.15)
 
 
+@pytest.mark.parametrize(("paint", "hue"), [((40, 84, 140), 214), ((200, 160, 20), 47), ((170, 40, 30), 4)])
+def test_the_hue_of_paint_under_rust_and_red_ore_is_found(paint, hue):
+    rng = np.random.default_rng(8)
+    grab = np.full((200, 200, 3), (110, 60, 35), np.uint8)  # rust
+    grab[np.kron(rng.random((20, 20)) < 0.3, np.ones((10, 10), bool))] = paint
+    grab[:60] = (120, 120, 118)  # bare steel
+    smeared = cv2.GaussianBlur(grab, (3, 3), 0)
+    boxes = [(smeared, np.array([0.0, 0.0, 200.0, 200.0]))] * 3
+    found, rgb = _paint(footage(np.stack([smeared] * 3)), boxes)
+    assert found.low < hue < found.high
+    assert found.high - found.low < 50
+    assert rgb is not None
+
+
+def test_paint_is_as_bright_under_any_exposure():
+    light = decoded(np.array([0.2, 0.4, 0.6]))
+    for stops in (-3.0, 0.0, 1.0):
+        np.testing.assert_allclose(matching._paint(encoded(light * 2**stops), stops), [0.2, 0.4, 0.6], atol=1e-9)
+    assert max(matching._paint((0.2, 0.4, 0.6), -6.0)) <= 1.0
+
+
 def test_footage_without_a_display_has_none():
     rng = np.random.default_rng(4)
     assert display(footage(taken(scene(rng), rng, 8))).layout is None
@@ -112,7 +134,7 @@ def test_a_black_video_determines_nothing_but_what_its_file_states(tmp_path):
     assert seen.dark
     determined = {name for name, text in seen.rows() if not text.startswith("not determined")}
     assert determined == {
-        "size", "coder", "frame rate", "bit rate", "quantiser step", "grey picture", "frames with a grab",
+        "size", "coder", "frame rate", "bit rate", "quantiser step", "grey picture", "share of frames with a grab",
     }  # fmt: skip
 
 

@@ -90,7 +90,7 @@ class Appearance:
             ("tone curve", self.tone.text()),
             ("share hidden by weather", self.hidden.text()),
             ("display's digits", digits),
-            ("frames with a grab", self.grab.found.text()),
+            ("share of frames with a grab", self.grab.found.text()),
             ("longer side of the grab", self.grab.size_px.text()),
             ("hue of its paint", self.grab.hue_deg.text()),
         ]  # fmt: skip

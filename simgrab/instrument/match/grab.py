@@ -6,6 +6,7 @@ import colorsys
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +17,10 @@ from simgrab.instrument.match.quantity import Quantity, exact, unknown
 LEAST_FOUND = 3
 COLOURFUL = 0.25  # saturation from which a pixel is taken for paint
 LEAST_SHARE = 0.04  # of the box that must be so
+RUST_DEG = (-15.0, 42.0)  # hues of rust, and of most cargo that lies on a grab
+LEAST_PAINTED = 0.1  # of all colour: so much of another hue is the paint, and the rest rust and cargo
+HUE_BINS = 36
+HUE_REACH_DEG = 20.0  # from the most frequent hue
 _HUE_SD_DEG = 10.0  # of light that is not white, and of rust and cargo on the paint
 
 
@@ -66,27 +71,51 @@ def _paint(
 ) -> tuple[Quantity, tuple[float, float, float] | None]:
     if footage.grey:
         return unknown("the picture is grey", "°"), None
-    hues, colours = list[float](), list[NDArray[np.float64]]()
-    for frame, (x0, y0, x1, y1) in pairs:
-        w, h = x1 - x0, y1 - y0
-        part = frame[int(y0 + 0.15 * h) : int(y1 - 0.15 * h), int(x0 + 0.15 * w) : int(x1 - 0.15 * w)]
-        rgb = part.reshape(-1, 3).astype(float) / 255
-        if not len(rgb):
-            continue
-        most, least = rgb.max(axis=1), rgb.min(axis=1)
-        colourful = (most - least > COLOURFUL * np.maximum(most, 0.05)) & (most > 0.12)
-        if colourful.mean() < LEAST_SHARE:
-            continue
-        middle = np.median(rgb[colourful], axis=0)
-        colours.append(middle)
-        hues.append(360 * colorsys.rgb_to_hsv(*middle)[0])
-    if len(hues) < LEAST_FOUND:
+    shown = [rgb for frame, box in pairs if len(rgb := _colourful(frame, box))]
+    if len(shown) < LEAST_FOUND:
         return unknown("little of the grab shows any colour", "°"), None
+    most = _paint_hue(np.concatenate(shown))
+    shown = [rgb[np.abs(_turn(_hue(rgb) - most)) < HUE_REACH_DEG] for rgb in shown]
+    shown = [rgb for rgb in shown if len(rgb)]
+    colours = [np.median(rgb, axis=0) for rgb in shown]
+    hues = [360 * colorsys.rgb_to_hsv(*colour)[0] for colour in colours]
     angles = np.radians(hues)
     centre = math.degrees(math.atan2(np.sin(angles).mean(), np.cos(angles).mean())) % 360
-    away = (np.array(hues) - centre + 180) % 360 - 180
+    away = _turn(np.array(hues) - centre)
     sd = math.hypot(float(away.std()), _HUE_SD_DEG)
     if sd > 40:
         return unknown("its colours differ too much from frame to frame", "°"), None
     r, g, b = (float(v) for v in np.median(colours, axis=0))
     return Quantity(centre, centre - 1.96 * sd, centre + 1.96 * sd, unit="°"), (r, g, b)
+
+
+def _colourful(frame: NDArray[np.uint8], box: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colourful pixels of a box's inner part, shape (n, 3), 0 to 1; none where they are few."""
+    x0, y0, x1, y1 = box
+    w, h = x1 - x0, y1 - y0
+    part = frame[int(y0 + 0.15 * h) : int(y1 - 0.15 * h), int(x0 + 0.15 * w) : int(x1 - 0.15 * w)]
+    rgb = part.reshape(-1, 3).astype(float) / 255
+    most, least = rgb.max(axis=1, initial=0.0), rgb.min(axis=1, initial=1.0)
+    colourful = (most - least > COLOURFUL * np.maximum(most, 0.05)) & (most > 0.12)
+    return rgb[colourful] if colourful.sum() >= max(LEAST_SHARE * len(rgb), 1) else rgb[:0]
+
+
+def _paint_hue(rgb: NDArray[np.float64]) -> float:
+    """Degrees: the most frequent hue of colourful pixels, shape (n, 3), other than rust where enough is other."""
+    hue, chroma = _hue(rgb), np.ptp(rgb, axis=1)
+    low, high = RUST_DEG
+    other = (hue - low) % 360 > high - low
+    if chroma[other].sum() >= LEAST_PAINTED * chroma.sum():
+        hue, chroma = hue[other], chroma[other]
+    counts = np.histogram(hue, HUE_BINS, (0, 360), weights=chroma)[0]
+    smooth = counts + (np.roll(counts, 1) + np.roll(counts, -1)) / 2
+    return (float(smooth.argmax()) + 0.5) * 360 / HUE_BINS
+
+
+def _hue(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(cv2.cvtColor(rgb[None].astype(np.float32), cv2.COLOR_RGB2HSV)[0, :, 0], float)
+
+
+def _turn(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Differences of hues, in [-180, 180)."""
+    return (degrees + 180) % 360 - 180
