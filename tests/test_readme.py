@@ -183,4 +183,4 @@ def test_the_page_on_own_pipelines_holds_instruments_that_measure():
         exec(block, names)
         make = names["mine"] if "mine" in names else names["Mine"]
         told.append([m.status for m in make()(frames, camera)])
-    assert told == [["ok", "lost"], ["missed", "lost"]]
+    assert told == [["ok", "lost"], ["refused", "refused"], ["missed", "lost"]]

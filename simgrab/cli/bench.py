@@ -9,10 +9,19 @@ import click
 
 from simgrab import scenes
 from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER, NEW_FOLDER, PATH
-from simgrab.judge.bench.season import TRACKS
+from simgrab.judge.bench.season import SENSORS
 from simgrab.text import printable
+from simgrab.utilities.parse import shown
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print errors only.")
+
+
+def _sensors(_context: click.Context, _option: click.Parameter, text: str | None) -> tuple[str, ...]:
+    """Read kinds of sensors, in any order."""
+    given = [name.strip() for name in text.split(",")] if text else []
+    if unknown := [name for name in given if name not in SENSORS]:
+        raise click.BadParameter(f"{shown(unknown[0])}: no kind of sensor; there are: {', '.join(SENSORS)}")
+    return tuple(kind for kind in SENSORS if kind in given)
 
 
 @click.group(name="bench")
@@ -26,20 +35,21 @@ def command() -> None:
 @click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True, help="Seed of all clips.")
 @click.option("--hidden", is_flag=True, help="Draw a secret seed and salt, to be published when the season ends.")
 @click.option("--full", is_flag=True, help="All 144 clips in place of the nightly 12.")
+@click.option("--sensors", callback=_sensors, help=f"Beside the camera: some of {','.join(SENSORS)}.  [default: none]")
 @click.option("--frames", type=click.IntRange(2, 100_000), default=540, show_default=True, help="Frames of each clip.")
 @click.option("--size", callback=lambda _c, _o, text: scenes.parse_size(text), default="960x540", show_default=True)
 @click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: as cores and memory allow]")
 @quiet_option
 def prepare(
-    out: Path, name: str, seed: int, hidden: bool, full: bool, frames: int, size: tuple[int, int],
-    workers: int | None, quiet: bool,
+    out: Path, name: str, seed: int, hidden: bool, full: bool, sensors: tuple[str, ...], frames: int,
+    size: tuple[int, int], workers: int | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Render a season. Interrupted, the same command continues it."""
     from simgrab.cli._progress import bar
     from simgrab.judge.bench.files import hidden_like, prepare
     from simgrab.judge.bench.season import Season
 
-    season = Season(name, "full" if full else "nightly", frames, *size, seed)
+    season = Season(name, "full" if full else "nightly", frames, *size, seed, sensors=sensors)
     if hidden:
         season = hidden_like(season, out)
     with bar("rendering", shown=not quiet, unit="clips") as progress:
@@ -53,10 +63,18 @@ def prepare(
 @click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the entry.")
 @click.option("--instrument", default="bundled", show_default=True, help="Or a pipeline, as package.module:factory.")
 @click.option("--method", default="", help="Name in the table.  [default: the instrument's]")
-@click.option("--track", type=click.Choice(TRACKS), default="picture+rope", show_default=True, help="What it looks at.")
+@click.option(
+    "--track",
+    default="picture+rope",
+    show_default=True,
+    help="What it may see: picture, rope and sensors, joined with +.",
+)
 @quiet_option
 def run(season: Path, out: Path, instrument: str, method: str, track: str, quiet: bool) -> None:
-    """Let an instrument measure the clips of SEASON, and write its entry. It never reads the truth."""
+    """Let an instrument measure the clips of SEASON, and write its entry. It never reads the truth.
+
+    With a track such as picture+rope+imu an instrument is given the folders of these sensors.
+    """
     from simgrab.cli._progress import bar
     from simgrab.instrument.run.subject import open_instrument
     from simgrab.judge.bench.entry import run
@@ -78,7 +96,7 @@ def check(season: Path, entry: Path) -> None:
     from simgrab.judge.bench.files import published
 
     known = published(season)
-    found = problems(entry, known.name, known.clips)
+    found = problems(entry, known)
     for problem in found:
         click.echo(printable(problem))
     if not found:
@@ -102,8 +120,8 @@ def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path 
     from simgrab.judge.bench.score import score
     from simgrab.pages.terminal import table
 
-    found, frames = season_of(season), published(season).clips
-    scores = score([read(entry, found.name, frames) for entry in entries], targets(season))
+    found, known = season_of(season), published(season)
+    scores = score([read(entry, known) for entry in entries], targets(season))
     board.save(scores, found, csv_file=out, page=page)
     if not quiet:
         console = Console()
@@ -113,3 +131,13 @@ def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path 
             made.columns[i].justify = "right"
         console.print(made)
         console.print(board.NOTE, highlight=False)
+
+
+@command.command()
+@click.argument("scores", nargs=-1, required=True, type=PATH)
+@click.option("--out", type=FILE, required=True, help="HTML page.")
+def report(scores: tuple[Path, ...], out: Path) -> None:
+    """Make the leaderboard: a page with a table for each of SCORES, CSV files of `bench score --out`."""
+    from simgrab.judge.bench import board
+
+    board.save_page([board.read(path) for path in scores], out)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol, get_args
+from pathlib import Path
+from typing import Annotated, Literal, Protocol, get_args, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -142,4 +143,23 @@ class Instrument(Protocol):
         -------
         sequence of Measurement
             One a frame, in order.
+        """
+
+
+@runtime_checkable
+class TakesSensors(Protocol):
+    """An instrument that can use sensors beside the camera."""
+
+    def with_sensors(self, sensors: Mapping[str, Path]) -> Instrument:
+        """Return an instrument for one record, which is measured next.
+
+        Parameters
+        ----------
+        sensors : mapping of str to Path
+            Folder of each sensor that may be used, by name: ``imu0`` has ``data.csv`` and ``sensor.yaml``.
+
+        Raises
+        ------
+        RecordError
+            If the readings cannot be used: then every frame of the record is refused, with this reason.
         """

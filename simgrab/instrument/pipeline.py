@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,6 +35,7 @@ WITH_DISPLAY, WITHOUT = RopeAware.name, MeanRay.name
 INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
+IMU = "imu0"  # in the camera's housing, among sensors
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
 
@@ -111,6 +112,22 @@ class Pipeline:
                 f"from (digit_layout); {WITHOUT} needs none"
             )
         return self.estimator
+
+    def with_sensors(self, sensors: Mapping[str, Path]) -> Pipeline:
+        """Measure with `InertialFusion` and the inertial sensor ``imu0`` in the camera's housing (`TakesSensors`).
+
+        Raises
+        ------
+        RunError
+            If there is no such sensor, or an estimator or a tilt was chosen.
+        RecordError
+            If its readings cannot be used.
+        """
+        if self.estimator is not None or self.calibrate_s is not None or self.tilt is not None:
+            raise RunError("with an inertial sensor nothing else is to be chosen; leave out estimator and calibration")
+        if IMU not in sensors:
+            raise RunError(f"{self.name} uses the sensor {IMU}; there are: {', '.join(sensors) or 'none'}")
+        return replace(self, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
 
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:
         """Measure a record, and return the tilt that was used."""
@@ -260,8 +277,5 @@ def assemble(
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
     chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
-    if imu is not None:
-        if estimator is not None or calibrate_s is not None or tilt is not None:
-            raise RunError("with an inertial sensor nothing else is to be chosen; leave out estimator and calibration")
-        chosen = InertialFusion(imu=read_imu(imu), intervals=INTERVALS)
-    return Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
+    pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
+    return pipeline if imu is None else pipeline.with_sensors({IMU: Path(imu)})

@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import re
+import shutil
 
 import av
 import msgspec
@@ -11,13 +13,18 @@ import pytest
 from click.testing import CliRunner
 
 from simgrab.cli import cli
-from simgrab.errors import BenchError
-from simgrab.instrument.contract import Measurement
-from simgrab.judge.bench import board, entry, season
+from simgrab.errors import BenchError, InstrumentError
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP, read_imu
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.judge.bench import board, entry, files, season
 from simgrab.judge.bench.entry import About, Answers, Entry
-from simgrab.judge.bench.files import Target, hidden_like, published, season_of, targets
+from simgrab.judge.bench.files import Published, Target, hidden_like, published, season_of, targets
 from simgrab.judge.bench.score import THRESHOLDS_DEG, recall, sanity, score
 from simgrab.judge.bench.season import Season
+from simgrab.records.observations import Detection, Reading
+from simgrab.world.output.sensors import yaml
+from simgrab.world.output.tables import calibration_of
 
 
 def target(name="a", n=90, peak_deg=12.0, phase=0.0):
@@ -30,6 +37,7 @@ TARGETS = (
     *(target(name, 50, 6.0, phase) for phase, name in enumerate("defgh")),
 )  # fmt: skip
 FRAMES = {t.clip: len(t.times) for t in TARGETS}
+OPEN = Published("open", season.VERSION, "", "", FRAMES)
 
 
 def off_by(error_deg, targets=TARGETS, width_deg=0.2, name="method"):
@@ -73,6 +81,36 @@ def test_the_commitment_binds_to_everything_that_a_season_is():
     changes = ({"seed": 6}, {"salt": "b"}, {"frames": 541}, {"subset": "full"}, {"width_px": 1920}, {"name": "winter"})
     others = [msgspec.structs.replace(one, **change) for change in changes]
     assert len({season.commitment for season in (one, *others)}) == 7
+
+
+def test_a_season_without_sensors_has_the_commitment_that_it_had_before_there_were_any():
+    assert Season().commitment == "5ab75c881399c521c3a559c87c939dbb861fa978b9fa12c4bf0cb4ba5feaf237"
+    assert Season(sensors=("imu",)).commitment not in (Season().commitment, Season(sensors=("lidar",)).commitment)
+
+
+def test_sensors_change_no_scenario_of_a_picture_and_their_errors_follow_from_the_seasons_seed():
+    clips = season.nightly()[:2]
+    with_imu = Season(sensors=("imu", "encoders"))
+    scenes = [with_imu.scenario(clip) for clip in clips]
+    assert scenes == [Season().scenario(clip) for clip in clips]
+    measured = [with_imu.with_sensors(scene) for scene in scenes]
+    assert [set(scene.sensors) for scene in measured] == [{"imu0", "slew", "luff", "hoist"}] * 2
+    assert measured[0].seed != measured[1].seed  # by which noise is drawn
+    assert msgspec.structs.replace(measured[0], sensors={}) == scenes[0]
+
+
+@pytest.mark.parametrize("sensors", [("gps",), ("lidar", "imu"), ("imu", "imu")])
+def test_unknown_sensors_and_another_order_are_refused(sensors):
+    with pytest.raises(BenchError, match="sensors: must be some of imu, encoders, cameras, lidar, in this order"):
+        Season(sensors=sensors)
+
+
+def test_a_track_is_one_of_the_season():
+    assert season.sensors_of("picture+rope", ("imu",)) == ()
+    assert season.sensors_of("picture+imu+lidar", ("imu", "cameras", "lidar")) == ("imu", "lidar")
+    for track in ("", "imu", "rope", "picture+imu+rope", "picture+rope+rope", "picture+lidar", "picture+"):
+        with pytest.raises(ValueError, match=f"got {re.escape(repr(track))}"):
+            season.sensors_of(track, ("imu",))
 
 
 def test_the_truth_scores_everything_and_the_others_made_from_it_what_they_must():
@@ -135,9 +173,10 @@ def test_an_entry_that_is_better_in_some_clips_alone_shares_the_rank():
 
 
 def test_tracks_are_ranked_apart():
-    rope = Entry(About("rope", "picture+rope", "open"), off_by(0.05).clips)
-    found = [s for s in score([rope, off_by(1.2)], TARGETS) if not s.sanity]
-    assert [(s.about.method, s.rank) for s in found] == [("method", 1), ("rope", 1)]
+    tracks = ("picture", "picture+rope", "picture+rope+imu", "picture+lidar")
+    entries = [Entry(About(track, track, "open"), off_by(0.05 + i).clips) for i, track in enumerate(tracks)]
+    found = [s for s in score(entries[::-1], TARGETS) if not s.sanity]
+    assert [(s.about.method, s.rank) for s in found] == [(track, 1) for track in tracks]
 
 
 def test_ranks_follow_the_average_recall():
@@ -182,6 +221,23 @@ def test_scores_are_the_same_to_the_last_digit():
     assert [row["method"] for row in rows] == ["method", "other", "truth", "last value", "constant 0°"]
 
 
+def test_a_report_is_the_page_of_the_scores_and_needs_their_file_alone(tmp_path):
+    scores = score([off_by(0.3), off_by(0.6, name="<i>")], TARGETS[1:3])
+    board.save(scores, Season(), csv_file=tmp_path / "a.csv", page=tmp_path / "a.html")
+    board.save_page([board.read(tmp_path / "a.csv")], tmp_path / "b.html")
+    page = (tmp_path / "b.html").read_text()
+    assert page == (tmp_path / "a.html").read_text()
+    assert "&lt;i&gt;" in page
+    board.save_page([board.read(tmp_path / "a.csv")] * 2, tmp_path / "c.html")
+    assert (tmp_path / "c.html").read_text().count("<h2>Season open: 2 clips, 100 frames") == 2
+    text = (tmp_path / "a.csv").read_text()
+    short, mixed = text + "open,1\n", text.replace("open", "autumn", 1)
+    for bad in ("", text.replace("rank", "place"), text.splitlines()[0], short, mixed):
+        (tmp_path / "bad.csv").write_text(bad)
+        with pytest.raises(BenchError, match=r"bad\.csv: not scores of simgrab bench"):
+            board.read(tmp_path / "bad.csv")
+
+
 def entered(folder):
     """Write a right entry for `TARGETS`."""
     folder.mkdir()
@@ -197,7 +253,7 @@ def entered(folder):
 
 
 def test_what_is_written_is_read_back(tmp_path):
-    found = entry.read(entered(tmp_path / "e"), "open", FRAMES)
+    found = entry.read(entered(tmp_path / "e"), OPEN)
     answers = found.clips["b"]
     assert answers.status[2] == "missed"
     assert math.isnan(answers.alpha[2])
@@ -248,11 +304,11 @@ def test_a_bad_file_is_refused_by_its_line(tmp_path, what):
     lines = file.read_text().splitlines()
     edit(lines)
     file.write_text("\n".join(lines) + "\n")
-    (problem,) = entry.problems(tmp_path / "e", "open", FRAMES)
+    (problem,) = entry.problems(tmp_path / "e", OPEN)
     assert "a.csv" in problem
     assert words in problem
     with pytest.raises(BenchError, match=r"a\.csv"):
-        entry.read(tmp_path / "e", "open", FRAMES)
+        entry.read(tmp_path / "e", OPEN)
 
 
 def test_all_problems_of_an_entry_are_listed(tmp_path):
@@ -261,17 +317,18 @@ def test_all_problems_of_an_entry_are_listed(tmp_path):
     (folder / "b.csv").write_bytes(b"\xff\xfe")
     (folder / "notes.txt").write_text("")
     (folder / "entry.json").write_text('{"method": "m", "track": "lidar", "season": "open"}')
-    found = entry.problems(folder, "open", FRAMES)
+    found = entry.problems(folder, OPEN)
     assert len(found) == 4
     for words in (
-        "track: must be one of picture, picture+rope, got 'lidar'",
+        "any of 'rope', 'imu', 'encoders', 'cameras', 'lidar' joined with + in this order; got 'lidar'",
         "notes.txt: not a file",
         "UTF-8",
         "a.csv",
     ):
         assert any(words in problem for problem in found)
     other = entered(tmp_path / "other")
-    assert "season 'open'; these clips are of season 'autumn'" in entry.problems(other, "autumn", FRAMES)[0]
+    autumn = msgspec.structs.replace(OPEN, name="autumn")
+    assert "season 'open'; these clips are of season 'autumn'" in entry.problems(other, autumn)[0]
 
 
 class Still:
@@ -281,6 +338,119 @@ class Still:
 
     def __call__(self, frames, calibration):  # noqa: ARG002
         return [Measurement(status="ok", alpha=0.0, alpha_low=0.0, alpha_high=0.01) for _ in frames]
+
+
+class Sensed(Still):
+    """An instrument that reads the sensor in the camera's housing."""
+
+    def with_sensors(self, sensors):
+        assert sensors.keys() == {"imu0"}
+        assert len(read_imu(sensors["imu0"]).time) == 400
+        return self
+
+
+class Middle:
+    """A detector that finds the grab in the middle of any picture, and a reader that reads 20 m."""
+
+    name = "middle"
+
+    def __call__(self, _picture):
+        return Detection("found", "", 1.0, box=np.array([300.0, 200, 340, 240]), centre=np.array([320.0, 220]))
+
+    def read(self, _picture, _layout, *, display_constant_m):
+        return Reading("read", "", "2000", "2000", np.ones(8), 20.0, 20.0, 20.0 + display_constant_m)
+
+
+@pytest.fixture
+def sensed(tmp_path, monkeypatch):
+    """Public part of a season of two clips of 4 s with an inertial sensor each."""
+    camera = calibration_of(Season().scenario(season.nightly()[0]))
+    frames = [Frame(np.zeros((540, 960, 3), np.uint8), i / 9) for i in range(36)]
+    monkeypatch.setattr(entry, "open_source", lambda _path: frames)
+    monkeypatch.setattr(entry.calibration, "load", lambda _path: camera)
+    for seed, clip in enumerate("ab"):
+        folder = tmp_path / "season" / "clips" / clip / "imu0"
+        folder.mkdir(parents=True)
+        readings = np.random.default_rng(seed).normal([0, 0, 0, 0, 0, -9.8], 0.01, (400, 6))
+        rows = [f"{10_000_000 * i}," + ",".join(map(str, row)) for i, row in enumerate(readings.tolist())]
+        (folder / "data.csv").write_text("\n".join([",".join((STAMP, *RATE, *FORCE)), *rows]) + "\n")
+        (folder / "sensor.yaml").write_text(yaml(season.SENSORS["imu"]["imu0"], np.eye(4)))
+    commit(tmp_path / "season")
+    return tmp_path / "season"
+
+
+def commit(folder, clips="ab"):
+    digests = {clip: files._sensors_sha256(folder, clip) for clip in clips}
+    public = Published("open", season.VERSION, "", "", dict.fromkeys(clips, 36), ("imu",), digests)
+    (folder / "clips" / "season.json").write_text(json.dumps(msgspec.to_builtins(public)))
+
+
+def test_a_method_is_given_the_sensors_of_its_track(sensed, tmp_path):
+    entry.run(sensed, tmp_path / "e", Sensed(), "picture+imu")
+    assert entry.problems(tmp_path / "e", published(sensed)) == []
+    found = entry.read(tmp_path / "e", published(sensed))
+    assert (found.about.track, found.about.reasons) == ("picture+imu", {})
+    assert found.clips["b"].ok.all()
+    without = msgspec.structs.replace(published(sensed), sensors=(), sensors_sha256={})
+    (problem,) = entry.problems(tmp_path / "e", without)
+    assert "joined with + in this order; got 'picture+imu'" in problem
+    entry.run(sensed, tmp_path / "f", Still(), "picture+rope")  # takes none, and needs none
+    with pytest.raises(InstrumentError, match="still takes no sensors: it has no method with_sensors"):
+        entry.run(sensed, tmp_path / "g", Still(), "picture+imu")
+    with pytest.raises(BenchError, match="track: must be 'picture', and any of 'rope', 'imu' joined"):
+        entry.run(sensed, tmp_path / "g", Sensed(), "picture+rope+lidar")
+    assert not (tmp_path / "g").exists()
+
+
+def nan(lines):
+    lines[7] = lines[7].rsplit(",", 1)[0] + ",nan"
+
+
+def jump(lines):
+    lines[200:] = [f"{10_000_000 * i}," + line.partition(",")[2] for i, line in enumerate(lines[200:], 150)]
+
+
+def pause(lines):
+    del lines[200:260]
+
+
+HOSTILE = {
+    "NaN": (nan, "row 7: a finite number is needed"),
+    "a clock that jumps back": (jump, "row 200: must increase, got 1.500000 s after 1.980000 s"),
+    "rows missing": (pause, "the sensor is silent for 0.61 s at 1.98 s"),
+    "an empty file": (list.clear, "it is not valid CSV"),
+    "half a file": (
+        lambda lines: lines.__delitem__(slice(150, None)),
+        "the sensor's readings last from 0.00 to 1.48 s",
+    ),
+    "text": (lambda lines: lines.append("9999999999,a,b,c,d,e,f"), "holds something that is not a number"),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_sensor_that_cannot_be_used_is_a_status_and_a_reason(sensed, tmp_path, what):
+    edit, words = HOSTILE[what]
+    file = sensed / "clips" / "a" / "imu0" / "data.csv"
+    lines = file.read_text().splitlines()
+    edit(lines)
+    file.write_text("".join(f"{line}\n" for line in lines))
+    commit(sensed, "a")
+    entry.run(sensed, tmp_path / "e", Pipeline(Middle(), Middle()), "picture+rope+imu")
+    found = entry.read(tmp_path / "e", published(sensed))
+    assert set(found.clips["a"].status) == {"refused"}
+    assert words in found.about.reasons["a"]
+
+
+def test_sensors_of_another_clip_are_refused_for_every_method(sensed, tmp_path):
+    for clip, folder in (("a", "b"), ("a", None)):
+        shutil.rmtree(sensed / "clips" / clip)
+        if folder:
+            shutil.copytree(sensed / "clips" / folder, sensed / "clips" / clip)
+        entry.run(sensed, tmp_path / f"{folder}", Sensed(), "picture+imu")
+        found = entry.read(tmp_path / f"{folder}", published(sensed))
+        assert set(found.clips["a"].status) == {"refused"}
+        assert found.clips["b"].ok.all()
+        assert "clips/a: not the sensors' files that season.json commits to" in found.about.reasons["a"]
 
 
 @pytest.mark.slow
@@ -299,6 +469,8 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
         "480x270",
         "--workers",
         "1",
+        "--sensors",
+        "imu",
         "--seed",
         "4",
     ]
@@ -308,7 +480,7 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
         assert result.exit_code == status, result.output
         return result.output
 
-    assert Season(frames=3, width_px=480, height_px=270, seed=4).commitment in call(*prepare)
+    assert Season(frames=3, width_px=480, height_px=270, seed=4, sensors=("imu",)).commitment in call(*prepare)
     assert "holds another season" in str(CliRunner().invoke(cli, [*prepare[:-1], "5"]).exception)
     odd = ["bench", "prepare", "--out", str(tmp_path / "odd"), "--size", "961x540"]
     assert "961" in str(CliRunner().invoke(cli, odd).exception)
@@ -323,12 +495,21 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
     (tmp_path / "season" / "truth" / f"{clip}.manifest.json").rename(work / f"{clip}.manifest.json")
     call(*prepare)
     assert video.stat().st_mtime_ns == before
-    public = [path for path in video.parent.iterdir() if path.suffix != ".mp4"]
-    assert {path.name for path in public} == {f"{clip}.camera.toml", "season.json", "targets.csv"}
+    digest = published(tmp_path / "season").sensors_sha256
+    (video.with_suffix("") / "imu0" / "data.csv").unlink()  # is recorded again, and the same
+    call(*prepare)
+    assert video.stat().st_mtime_ns == before
+    assert published(tmp_path / "season").sensors_sha256 == digest
+    public = [path for path in video.parent.rglob("*") if path.is_file() and path.suffix != ".mp4"]
+    assert {path.name for path in public} == {
+        f"{clip}.camera.toml", "season.json", "targets.csv", "data.csv", "sensor.yaml"
+    }  # fmt: skip
     for word in ("seed", "salt", "beta", "tilt", "alpha"):
         assert word not in "".join(path.read_text() for path in public)
     with av.open(str(video)) as film:
         assert set(film.metadata) <= {"major_brand", "minor_version", "compatible_brands", "encoder"}
+    call("bench", "run", place, "--out", tmp_path / "fusion", "--track", "picture+rope+imu")
+    assert "valid" in call("bench", "check", place, tmp_path / "fusion")
     monkeypatch.setattr("simgrab.instrument.run.subject.open_instrument", lambda _name: Still())
     call("bench", "run", place, "--out", out, "--track", "picture")
     (tmp_path / "season" / "truth").rename(tmp_path / "secret")  # which methods and entrants do not have
@@ -341,6 +522,8 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
         ("truth", "1.000000000"),
     ]
     assert "SwingBench" in (tmp_path / "s.html").read_text()
+    call("bench", "report", tmp_path / "s.csv", "--out", tmp_path / "r.html")
+    assert (tmp_path / "r.html").read_text() == (tmp_path / "s.html").read_text()
     (out / f"{clip}.csv").unlink()
     call("bench", "check", place, out, status=1)
     secret = tmp_path / "season" / "truth" / "season.json"

@@ -6,7 +6,7 @@ import importlib
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 
 from simgrab.calibration import Calibration
-from simgrab.errors import InstrumentError, SimgrabError
-from simgrab.instrument.contract import Frame, Instrument, Measurement, flaw
+from simgrab.errors import InstrumentError, RecordError, SimgrabError
+from simgrab.instrument.contract import Frame, Instrument, Measurement, TakesSensors, flaw
 from simgrab.instrument.pipeline import Pipeline, bundled
 
 BUNDLED = "bundled"
@@ -49,7 +49,7 @@ def open_instrument(name: str) -> Instrument:
     return checked(made, name)
 
 
-def checked(instrument: Any, what: str = "instrument") -> Instrument:
+def checked(instrument: Any, what: str = "instrument") -> Pipeline | CheckedInstrument:
     """Check an instrument against the contract, so that whatever goes wrong in it is an `InstrumentError`."""
     if isinstance(instrument, Pipeline | CheckedInstrument):
         return instrument
@@ -85,6 +85,18 @@ class CheckedInstrument:
                 given.append(one)
         passing.reach(None)  # so that those it did not ask for are counted too
         return tuple(self._plain(i, one) for i, one in enumerate(given))
+
+    def with_sensors(self, sensors: Mapping[str, Path]) -> Instrument:
+        """Return the instrument for a record with sensors; see `TakesSensors`."""
+        if not isinstance(self.instrument, TakesSensors):
+            raise InstrumentError(f"{self.name} takes no sensors: it has no method with_sensors")
+        unusable: RecordError | None = None
+        with one_line(f"{self.name}: with_sensors"):
+            try:
+                return checked(self.instrument.with_sensors(sensors), f"{self.name}: with_sensors")
+            except RecordError as problem:
+                unusable = problem
+        raise unusable
 
     def _plain(self, i: int, given: object) -> Measurement:
         if not isinstance(given, Measurement):

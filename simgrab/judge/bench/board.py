@@ -5,13 +5,18 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from simgrab.errors import BenchError
+import numpy as np
+
+from simgrab.errors import BenchError, first_line
+from simgrab.judge.bench.entry import About
 from simgrab.judge.bench.score import SCORER, THRESHOLDS_DEG, Figure, Score
 from simgrab.judge.bench.season import Season
 from simgrab.utilities.destination import writing
 from simgrab.utilities.files import write
+from simgrab.utilities.parse import read_text
 
 HEAD = (
     "method", "track", "rank", "average recall (%)", "answered (%)", "RMSE (°)", "95 % (°)", "at 10° (°)",
@@ -54,12 +59,38 @@ def _text(figure: Figure, times: float, digits: int) -> str:
     return f"{value} ({times * figure.low:.{digits}f} to {times * figure.high:.{digits}f})"
 
 
+_FIXED = ("season", "commitment", "scorer", "rank", "method", "track", "sanity", "clips", "frames")
+_COLUMNS = (*_FIXED, *(f"{name}{end}" for name in _FIGURES for end in ("", "_low", "_high")))
+
+
+@dataclass(frozen=True)
+class Board:
+    """Scores of one season.
+
+    Attributes
+    ----------
+    season, scorer : str
+        Name of the season, and version of the scorer.
+    scores : tuple of Score
+        At least one.
+    """
+
+    season: str
+    scorer: str
+    scores: tuple[Score, ...]
+
+    @property
+    def title(self) -> str:
+        """What was scored, and by what."""
+        one = self.scores[0]
+        return f"Season {self.season}: {one.clips} clips, {one.frames} frames, scorer {self.scorer}"
+
+
 def table(scores: Sequence[Score], season: Season) -> str:
     """Scores as a CSV file: each figure with the ends of its interval, to nine decimals."""
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
-    fixed = ["season", "commitment", "scorer", "rank", "method", "track", "sanity", "clips", "frames"]
-    out.writerow(fixed + [f"{name}{end}" for name in _FIGURES for end in ("", "_low", "_high")])
+    out.writerow(_COLUMNS)
     for one in scores:
         ends = [
             v for name in _FIGURES for v in (one.figures[name].value, one.figures[name].low, one.figures[name].high)
@@ -72,15 +103,50 @@ def table(scores: Sequence[Score], season: Season) -> str:
     return text.getvalue()
 
 
+def read(path: Path) -> Board:
+    """Read scores from a CSV file that `table` made.
+
+    Raises
+    ------
+    BenchError
+        In one line, with the file.
+    """
+    lines = csv.DictReader(io.StringIO(read_text(path, BenchError)), strict=True)
+    try:
+        if tuple(lines.fieldnames or ()) != _COLUMNS:
+            raise ValueError("the header is not that of bench score --out")
+        found = list(lines)
+        if len({(row["season"], row["scorer"]) for row in found}) != 1:
+            raise ValueError("it must hold scores of one season and one scorer")
+        scores = tuple(_parsed(row) for row in found)
+    except (ValueError, TypeError, csv.Error) as problem:  # TypeError: a line that is too short
+        raise BenchError(f"{path}: not scores of simgrab bench ({first_line(problem)})") from None
+    return Board(found[0]["season"], found[0]["scorer"], scores)
+
+
+def _parsed(row: dict[str, str]) -> Score:
+    figures = {
+        name: Figure(*(float(row[f"{name}{end}"]) if row[f"{name}{end}"] else None for end in ("", "_low", "_high")))
+        for name in _FIGURES
+    }
+    about = About(row["method"], row["track"], row["season"])
+    sanity = bool(int(row["sanity"]))
+    return Score(about, int(row["frames"]), int(row["clips"]), figures, sanity, np.empty(0), int(row["rank"]))
+
+
 def save(scores: Sequence[Score], season: Season, *, csv_file: Path | None, page: Path | None) -> None:
     """Write scores as a CSV file, as a page, or both."""
     if csv_file is not None:
         with writing(csv_file, BenchError):
             write(csv_file, table(scores, season).encode())
     if page is not None:
-        from simgrab.pages import html
+        save_page([Board(season.name, SCORER, tuple(scores))], page)
 
-        lead = f"Season {season.name}: {scores[0].clips} clips, {scores[0].frames} frames. Scorer {SCORER}."
-        text = html.page("bench.html", lead=lead, head=HEAD, rows=rows(scores), note=NOTE)
-        with writing(page, BenchError):
-            write(page, text.encode())
+
+def save_page(boards: Sequence[Board], page: Path) -> None:
+    """Write the leaderboard of some seasons as one HTML page."""
+    from simgrab.pages import html
+
+    shown = [(board.title, rows(board.scores)) for board in boards]
+    with writing(page, BenchError):
+        write(page, html.page("bench.html", head=HEAD, boards=shown, note=NOTE).encode())

@@ -11,7 +11,8 @@ import io
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, get_args
@@ -21,14 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab import calibration
-from simgrab.errors import BenchError
+from simgrab.errors import BenchError, RecordError, shortened
 from simgrab.geometry import Array
 from simgrab.instrument.alarm import probability
 from simgrab.instrument.contract import Instrument, Measurement, Status
 from simgrab.instrument.run.run import measure
+from simgrab.instrument.run.subject import checked
 from simgrab.instrument.source import open_source
-from simgrab.judge.bench.files import CLIPS, published
-from simgrab.judge.bench.season import TRACKS
+from simgrab.judge.bench.files import CLIPS, Name, Published, published, sensor_folders
+from simgrab.judge.bench.season import SENSORS, sensors_of
 from simgrab.utilities.destination import check_new_folder, writing
 from simgrab.utilities.files import drafted_folder, write
 from simgrab.utilities.parse import read_json, read_text
@@ -49,10 +51,12 @@ class About(Checked, frozen=True):
     method : str
     track : str
         What it looked at: "picture" (the picture without the display), "picture+rope" (the rope length on the display
-        too).
+        too), and so on with sensors (`simgrab.judge.bench.season.sensors_of`).
     season : str
         Name of the season.
     description : str
+    reasons : dict of str to str
+        Most frequent reason of the frames without an angle, of each clip that has such frames.
     """
 
     error = BenchError
@@ -61,10 +65,10 @@ class About(Checked, frozen=True):
     track: str
     season: str
     description: Annotated[str, Meta(max_length=1000)] = ""
+    reasons: dict[Name, Annotated[str, Meta(max_length=1000)]] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102
-        if self.track not in TRACKS:
-            raise ValueError(f"track: must be one of {', '.join(TRACKS)}, got {self.track!r}")
+        sensors_of(self.track, tuple(SENSORS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,10 @@ def run(
     folder: Path, out: Path, instrument: Instrument, track: str, *, method: str = "",
     progress: Callable[[int, int], None] | None = None,
 ) -> None:  # fmt: skip
-    """Let an instrument measure a season's clips, and write an entry. It is given videos and camera files alone.
+    """Let an instrument measure a season's clips, and write an entry.
+
+    It is given videos, camera files, and the folders of the sensors that the track allows. Where these are not the
+    season's, or cannot be used, every frame of the clip is refused.
 
     Parameters
     ----------
@@ -125,7 +132,7 @@ def run(
         New folder.
     instrument : Instrument
     track : str
-        One of `TRACKS`.
+        Of the season (`simgrab.judge.bench.season.sensors_of`).
     method : str
         Name in the table; the instrument's unless given.
     progress : callable, optional
@@ -137,18 +144,27 @@ def run(
     """
     check_new_folder(out, BenchError)
     season = published(folder)
-    about = About(method or instrument.name, track, season.name)
-    files = dict[str, str]()
-    for count, name in enumerate(season.clips, 1):
+    instrument = checked(instrument)
+    with_sensors = bool(_sensors(track, season.sensors))
+    files, reasons = dict[str, str](), dict[str, str]()
+    for count, (name, frames) in enumerate(season.clips.items(), 1):
         video = folder / CLIPS / f"{name}.mp4"
         begun = time.perf_counter()
-        found = measure(
-            open_source(video), calibration.load(video.with_suffix(".camera.toml")), instrument, source=name
-        )
-        each = (time.perf_counter() - begun) / len(found.measurements)
-        files[f"{name}.csv"] = written(name, found.measurements, each)
+        try:
+            subject: Instrument = instrument
+            if with_sensors:
+                subject = instrument.with_sensors(sensor_folders(folder, season, name, track))
+            camera = calibration.load(video.with_suffix(".camera.toml"))
+            measurements = measure(open_source(video), camera, subject, source=name).measurements
+        except RecordError as problem:
+            measurements = (Measurement(status="refused", reason=str(problem)),) * frames
+        each = (time.perf_counter() - begun) / len(measurements)
+        files[f"{name}.csv"] = written(name, measurements, each)
+        if without := Counter(m.reason for m in measurements if m.status != "ok"):
+            reasons[name] = shortened(without.most_common(1)[0][0])
         if progress:
             progress(count, len(season.clips))
+    about = About(method or instrument.name, track, season.name, reasons=reasons)
     with writing(out, BenchError):
         out.parent.mkdir(parents=True, exist_ok=True)
     with writing(out, BenchError), drafted_folder(out) as draft:
@@ -169,23 +185,27 @@ def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> s
     return text.getvalue()
 
 
-def read(folder: Path, season: str, frames: Mapping[str, int]) -> Entry:
+def _sensors(track: str, sensors: Sequence[str]) -> tuple[str, ...]:
+    try:
+        return sensors_of(track, sensors)
+    except ValueError as problem:
+        raise BenchError(str(problem)) from None
+
+
+def read(folder: Path, season: Published) -> Entry:
     """Read an entry, and check its format.
 
     Parameters
     ----------
     folder : Path
-    season : str
-        Name of the season.
-    frames : mapping of str to int
-        Number of frames of each clip.
+    season : Published
 
     Raises
     ------
     BenchError
         In one line the first of its problems, and how many there are; see `problems`.
     """
-    entry, found = _read(folder, season, frames)
+    entry, found = _read(folder, season)
     if found:
         more = f" (and {len(found) - 1} more; see simgrab bench check)" if len(found) > 1 else ""
         raise BenchError(f"{found[0]}{more}")
@@ -193,23 +213,27 @@ def read(folder: Path, season: str, frames: Mapping[str, int]) -> Entry:
     return entry
 
 
-def problems(folder: Path, season: str, frames: Mapping[str, int]) -> list[str]:
+def problems(folder: Path, season: Published) -> list[str]:
     """List what is wrong with an entry's format: file, line and what is right; parameters as those of `read`."""
-    return _read(folder, season, frames)[1]
+    return _read(folder, season)[1]
 
 
-def _read(folder: Path, season: str, frames: Mapping[str, int]) -> tuple[Entry | None, list[str]]:
+def _read(folder: Path, season: Published) -> tuple[Entry | None, list[str]]:
     found, clips, about = list[str](), dict[str, Answers](), None
     try:
         about = convert(read_json(folder / ABOUT, BenchError), About, BenchError, folder / ABOUT)
-        if about.season != season:
-            found.append(f"{folder / ABOUT}: season {about.season!r}; these clips are of season {season!r}")
+        if about.season != season.name:
+            found.append(f"{folder / ABOUT}: season {about.season!r}; these clips are of season {season.name!r}")
+        try:
+            sensors_of(about.track, season.sensors)
+        except ValueError as problem:
+            found.append(f"{folder / ABOUT}: {problem}")
     except BenchError as problem:
         found.append(str(problem))
-    wanted = {ABOUT, *(f"{clip}.csv" for clip in frames)}
+    wanted = {ABOUT, *(f"{clip}.csv" for clip in season.clips)}
     strange = sorted(path.name for path in folder.glob("[!.]*") if path.name not in wanted)
     found += [f"{folder / name}: not a file of this season" for name in strange[:MOST_PROBLEMS]]
-    for clip, count in frames.items():
+    for clip, count in season.clips.items():
         try:
             clips[clip] = _answers(folder / f"{clip}.csv", clip, count)
         except BenchError as problem:

@@ -1,7 +1,8 @@
 """A season's files: what methods may see, and the truth apart from it.
 
 ``clips`` holds a video and a camera file of each clip, ``season.json`` and ``targets.csv``. ``truth`` holds each clip's
-truth table and manifest, and the season with its seed and salt.
+truth table and manifest, and the season with its seed and salt. Where the season has sensors, ``clips`` has a folder of
+each clip with what they report, and ``truth`` one with the truth of it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import io
 import json
 import secrets
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -23,19 +25,20 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import BenchError
+from simgrab.errors import BenchError, RecordError
 from simgrab.geometry import Array
-from simgrab.judge.bench.season import VERSION, Clip, Season
+from simgrab.judge.bench.season import SENSORS, VERSION, Clip, Season, check_sensors, sensors_of
 from simgrab.judge.evaluate.swings import HARDLY, SURELY
 from simgrab.scenario import Scenario
 from simgrab.utilities import machine, parquet
 from simgrab.utilities.destination import locked_folder, writing
 from simgrab.utilities.files import write
-from simgrab.utilities.parse import cannot, read_bytes, read_json
+from simgrab.utilities.parse import cannot, opened, read_bytes, read_json
 from simgrab.utilities.processes import Pool
 from simgrab.utilities.strict import Checked, convert
 from simgrab.world import gl
 from simgrab.world.extensions import Recipe
+from simgrab.world.output import sensors
 from simgrab.world.output.pool import SILENT_S, memory_bytes, vet
 from simgrab.world.output.video.render import render_video
 from simgrab.world.scenery import textures
@@ -46,6 +49,7 @@ CLIPS, TRUTH, SEASON, TARGETS = "clips", "truth", "season.json", "targets.csv"
 _WORK = ".work"
 MOST_ATTEMPTS = 20
 MOST_TRUTH_BYTES = 100_000_000  # of a clip
+MOST_SENSOR_BYTES = 2**32  # of a file
 _SIDES = (".mp4", ".camera.toml", ".parquet", ".manifest.json")  # the last one says that a clip is finished
 
 
@@ -81,9 +85,13 @@ class Published(Checked, frozen=True):
     commitment : str
         SHA-256 of the season, seed and salt included.
     truth_sha256 : str
-        Of all truth tables, one after another.
+        Of all truth tables, one after another, and of the truth of the sensors.
     clips : dict of str to int
         Number of frames of each clip.
+    sensors : tuple of str
+        Of `simgrab.judge.bench.season.SENSORS`.
+    sensors_sha256 : dict of str to str
+        Of what the sensors of each clip report: all files in the order of their names, each after its name.
     """
 
     error = BenchError
@@ -92,11 +100,14 @@ class Published(Checked, frozen=True):
     version: str
     commitment: str
     truth_sha256: str
-    clips: Annotated[
-        dict[Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=100)], int], Meta(min_length=1)
-    ]
+    clips: Annotated[dict[Name, Annotated[int, Meta(ge=1, le=1_000_000)]], Meta(min_length=1)]
+    sensors: tuple[str, ...] = ()
+    sensors_sha256: dict[Name, str] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102
+        check_sensors(self.sensors)
+        if self.sensors and self.sensors_sha256.keys() != self.clips.keys():
+            raise ValueError("sensors_sha256: must have the same clips as clips")
         if self.version != VERSION:
             raise ValueError(f"version: {self.version!r}; this simgrab has version {VERSION!r} of the clips")
 
@@ -147,9 +158,13 @@ def prepare(
         write(folder / CLIPS / TARGETS, _targets(found))
         about = Published(
             season.name, VERSION, season.commitment, _truth_sha256(season, folder),
-            {target.clip: len(target.times) for target in found},
+            {target.clip: len(target.times) for target in found}, season.sensors,
+            {clip.name: _sensors_sha256(folder, clip.name) for clip in season.clips if season.sensors},
         )  # fmt: skip
-        write(folder / CLIPS / SEASON, _json(msgspec.to_builtins(about)))
+        public = msgspec.to_builtins(about)
+        if not season.sensors:  # which seasons did not always have
+            del public["sensors"], public["sensors_sha256"]
+        write(folder / CLIPS / SEASON, _json(public))
 
 
 def hidden_like(season: Season, folder: Path) -> Season:
@@ -164,11 +179,11 @@ def _finished(season: Season, folder: Path, clip: Clip) -> bool:
     """Whether a clip was rendered; refuses one that this version would not render."""
     if not all(_place(folder, clip, side).exists() for side in _SIDES):
         return False
-    path = _place(folder, clip, _SIDES[-1])
+    path, scenario = _place(folder, clip, _SIDES[-1]), _drawn(season, clip)
     digest = read_json(path, BenchError).get("digest")
-    if digest != _drawn(season, clip).digest():
+    if digest != scenario.digest():
         raise BenchError(f"{path}: rendered by another version of simgrab; choose another --out")
-    return True
+    return all(_sensor_file(folder, clip, name).exists() for name in sensors.names(season.with_sensors(scenario)))
 
 
 def _drawn(season: Season, clip: Clip) -> Scenario:
@@ -187,13 +202,28 @@ def _place(folder: Path, clip: Clip, side: str) -> Path:
     return folder / (CLIPS if side in _SIDES[:2] else TRUTH) / f"{clip.name}{side}"
 
 
+def _sensor_file(folder: Path, clip: Clip, name: str) -> Path:
+    """Where a sensor's file lies, of the name that it has in a dataset: ``sensors/clip_000/imu0/data.csv``."""
+    part, _, name = name.split("/", 2)
+    return folder / (CLIPS if part == "sensors" else TRUTH) / clip.name / name
+
+
 def _render(season: Season, folder: Path, clip: Clip) -> None:
-    """Render a clip, and move its files to where they belong, the manifest last."""
+    """Render a clip, record its sensors, and move its files to where they belong, the manifest last."""
     work = folder / _WORK / f"{clip.name}.mp4"
     moves = {work.with_suffix(side): _place(folder, clip, side) for side in _SIDES}
+    scenario = _drawn(season, clip)
     if not all(one.exists() or other.exists() for one, other in moves.items()):
         work.parent.mkdir(exist_ok=True)
-        render_video(_drawn(season, clip), work, resume=True)
+        render_video(scenario, work, resume=True)
+
+    @contextmanager
+    def writing_sensor(name: str) -> Iterator[Path]:
+        path = _sensor_file(folder, clip, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield path
+
+    sensors.write(Recipe(season.with_sensors(scenario)), writing_sensor)
     for one, other in moves.items():
         if one.exists():
             one.replace(other)
@@ -239,7 +269,38 @@ def _truth_sha256(season: Season, folder: Path) -> str:
     for clip in season.clips:
         path = _place(folder, clip, ".parquet")
         digest.update(read_bytes(path, BenchError, most_bytes=MOST_TRUTH_BYTES))
+        if season.sensors:
+            digest.update(_folder_sha256(folder / TRUTH / clip.name).encode())
     return digest.hexdigest()
+
+
+def _sensors_sha256(folder: Path, clip: str) -> str:
+    return _folder_sha256(folder / CLIPS / clip)
+
+
+def _folder_sha256(folder: Path) -> str:
+    """SHA-256 of all files below a folder, each after its name; hidden ones left out."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("[!.]*"), key=Path.as_posix):
+        if path.is_file():
+            name = path.relative_to(folder).as_posix()
+            with opened(path, BenchError, most_bytes=MOST_SENSOR_BYTES) as file:
+                digest.update(f"{name} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def sensor_folders(folder: Path, season: Published, clip: str, track: str) -> dict[str, Path]:
+    """Give the folder of each sensor that a track allows, by the sensor's name.
+
+    Raises
+    ------
+    RecordError
+        If the files of the clip's sensors are not those that the season commits to.
+    """
+    kinds = sensors_of(track, season.sensors)
+    if kinds and _sensors_sha256(folder, clip) != season.sensors_sha256[clip]:
+        raise RecordError(f"{folder / CLIPS / clip}: not the sensors' files that {SEASON} commits to")
+    return {name: folder / CLIPS / clip / name for kind in kinds for name in SENSORS[kind]}
 
 
 def targets(folder: Path) -> tuple[Target, ...]:

@@ -17,7 +17,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.alarm import Rule, events
 from simgrab.judge.bench.entry import About, Answers, Entry
 from simgrab.judge.bench.files import Target
-from simgrab.judge.bench.season import TRACKS
+from simgrab.judge.bench.season import track_order
 from simgrab.judge.evaluate import swings
 
 SCORER = "1"
@@ -83,7 +83,7 @@ def score(entries: Sequence[Entry], targets: Sequence[Target]) -> tuple[Score, .
         raise BenchError("no frame of these clips shows a grab")
     season = entries[0].about.season if entries else "open"
     result = list[Score]()
-    for track in TRACKS:
+    for track in sorted({entry.about.track for entry in entries}, key=track_order):
         result += _ranked([_score(entry, targets, sanity=False) for entry in entries if entry.about.track == track])
     return (*result, *(_score(entry, targets, sanity=True) for entry in sanity(targets, season)))
 

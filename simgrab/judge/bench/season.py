@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Annotated, Any
@@ -12,7 +13,8 @@ import msgspec
 from simgrab import scenes
 from simgrab.errors import BenchError
 from simgrab.rng import stream
-from simgrab.scenario import Scenario
+from simgrab.scenario import HoistEncoder, Imu, Lidar, LuffEncoder, MotionSensor, Scenario, SideCamera, SlewEncoder
+from simgrab.utilities.parse import shown
 from simgrab.utilities.strict import Checked
 
 Meta = msgspec.Meta
@@ -21,7 +23,12 @@ WEATHERS = ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "
 MOUNTS = ("levelled", "rigid", "fixed")
 OFFSETS_M = {"near": 0.2, "beside": 0.6, "far": 1.2}  # of the camera from the rope exit, across the jib
 SWINGS = ("work", "alarm")
-TRACKS = ("picture", "picture+rope")  # what a method may look at
+SENSORS: dict[str, dict[str, MotionSensor]] = {  # that clips may have beside the camera; no picture shows them
+    "imu": {"imu0": Imu(mount="camera", noise="mems")},
+    "encoders": {"slew": SlewEncoder(), "luff": LuffEncoder(), "hoist": HoistEncoder()},
+    "cameras": {"side0": SideCamera(), "side1": SideCamera(position_m=(2.0, 1.5, 14.0))},
+    "lidar": {"lidar0": Lidar()},
+}
 WIND_M_S = {"windy-day": 12.0, "heavy-snow": 8.0}  # mean; 4 in the other weathers
 LEAST_TILT_DEG, MOST_TILT_DEG = 1.0, 6.0
 _CYCLES = {"model": "cycles", "dig_rope_m": 22.5, "carry_rope_m": 10.0, "dig_slew_deg": 15.0}
@@ -57,6 +64,35 @@ def nightly() -> tuple[Clip, ...]:
     return tuple(Clip(WEATHERS[i % 8], MOUNTS[i % 3], offsets[i // 3 % 3], SWINGS[(i + i // 8) % 2]) for i in range(12))
 
 
+def check_sensors(sensors: Sequence[str]) -> None:
+    """Refuse sensors that are not some of `SENSORS` in their order; raises ValueError."""
+    if list(sensors) != [kind for kind in SENSORS if kind in sensors]:
+        raise ValueError(f"sensors: must be some of {', '.join(SENSORS)}, in this order; got {', '.join(sensors)}")
+
+
+def sensors_of(track: str, sensors: Sequence[str]) -> tuple[str, ...]:
+    """Name the sensors that a track allows, of those that a season has.
+
+    Raises
+    ------
+    ValueError
+        If it is no track of such a season. ``picture`` is one; the display's rope length and sensors are joined to it
+        with +, in the order of `SENSORS`.
+    """
+    parts, more = track.split("+"), ("rope", *sensors)
+    if parts != ["picture", *(part for part in more if part in parts)]:
+        raise ValueError(
+            f"track: must be 'picture', and any of {', '.join(map(repr, more))} joined with + in this order; "
+            f"got {shown(track)}"
+        )
+    return tuple(part for part in parts if part in sensors)
+
+
+def track_order(track: str) -> list[int]:
+    """Sort key of a track: ``picture`` first, then with ``rope``, then with sensors in the order of `SENSORS`."""
+    return [("picture", "rope", *SENSORS).index(part) for part in track.split("+")]
+
+
 class Season(Checked, frozen=True):
     """What a season is made of. Seed and salt are secret until it ends.
 
@@ -72,6 +108,8 @@ class Season(Checked, frozen=True):
     seed : int
     salt : str
         Keeps the seed from being guessed from its digest.
+    sensors : tuple of str
+        Of `SENSORS`, in their order. They change no picture.
     """
 
     error = BenchError
@@ -83,6 +121,10 @@ class Season(Checked, frozen=True):
     height_px: Annotated[int, Meta(ge=180, le=4096, multiple_of=2)] = 540
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
     salt: Annotated[str, Meta(max_length=200)] = ""
+    sensors: tuple[str, ...] = ()
+
+    def check(self) -> None:  # noqa: D102
+        check_sensors(self.sensors)
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -92,10 +134,16 @@ class Season(Checked, frozen=True):
     @property
     def commitment(self) -> str:
         """SHA-256 of all of these, which is published when the season begins."""
-        return hashlib.sha256(msgspec.json.encode(self)).hexdigest()
+        known = msgspec.to_builtins(self)
+        if not self.sensors:  # which seasons did not always have
+            del known["sensors"]
+        return hashlib.sha256(msgspec.json.encode(known)).hexdigest()
 
     def scenario(self, clip: Clip, attempt: int = 0) -> Scenario:
-        """Scenario of one clip: its seed, tilt and wind follow from the season's seed, the clip and the attempt."""
+        """Scenario of one clip, without sensors.
+
+        Its seed, tilt and wind follow from the season's seed, the clip and the attempt.
+        """
         rng = stream(self.seed, attempt, f"bench.{clip.name}")
         changes = {
             "seed": int(rng.integers(2**53)),
@@ -113,3 +161,8 @@ class Season(Checked, frozen=True):
             "display.layout": "two-by-four",
         }
         return scenes.load(clip.weather, changes, size=(self.width_px, self.height_px))
+
+    def with_sensors(self, scenario: Scenario) -> Scenario:
+        """Add the season's sensors to the scenario of a clip, whose seed their errors follow from."""
+        chosen = {name: sensor for kind in self.sensors for name, sensor in SENSORS[kind].items()}
+        return msgspec.structs.replace(scenario, sensors=chosen)
