@@ -124,12 +124,16 @@ class Foreign(Blender):
         tints = ((1.0, 0.62, 0.28), (1.0, 0.80, 0.55), (0.90, 0.95, 1.0), (1.0, 0.95, 0.88))
         camera = self._exported.jib_from_camera[0][:3, 3]
         tint = tints[int(rng.integers(len(tints)))]
-        places = [camera + (rng.uniform(-2.5, 2.5), side * rng.uniform(1.0, 3.0), rng.uniform(0.2, 1.2)) for side in (-1, 1)]
+        places = [
+            camera + (rng.uniform(-2.5, 2.5), side * rng.uniform(1.0, 3.0), rng.uniform(0.2, 1.2)) for side in (-1, 1)
+        ]
         for place in places:  # at the jib head, behind the camera
             self._lamp(place, (rng.uniform(-2, 2), rng.uniform(-2, 2), -25.0), 4000 * rng.uniform(0.6, 1.6), tint)
         for _ in range(int(rng.integers(1, 4))):  # masts of the yard
             angle, far = rng.uniform(0, 2 * math.pi), rng.uniform(22, 45)
-            place = np.array((far * math.cos(angle), far * math.sin(angle), self._table["ground_m"] + rng.uniform(18, 30)))
+            place = np.array(
+                (far * math.cos(angle), far * math.sin(angle), self._table["ground_m"] + rng.uniform(18, 30))
+            )
             tint = tints[int(rng.integers(len(tints)))]
             self._lamp(place, (0.0, 0.0, self._table["ground_m"]), 20000 * rng.uniform(0.3, 1.2), tint)
         return world

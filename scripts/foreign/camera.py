@@ -64,9 +64,10 @@ def photographed(
     )
     if "light" in replaced:
         own = structs.replace(
-            own, light=structs.replace(own.light, floodlights=0.0, sky=1.0),
+            own,
+            light=structs.replace(own.light, floodlights=0.0, sky=1.0),
             optics=structs.replace(own.optics, exposure=FixedExposure()),
-        )  # fmt: skip
+        )
     if "sensor" in replaced:
         rgb = foreign_sensor(_lit(own, buffers, light), rng)
     else:
@@ -86,16 +87,19 @@ def _lit(scenario: Scenario, buffers: Buffers, light: Light) -> Light:
         return light
     assert buffers.view is not None
     by = lamps.illumination(
-        scenario.light, buffers.view.depth, intrinsics=scenario.camera.intrinsics,
-        jib_from_camera=buffers.projection.moment.tilt.jib_from_camera, offset=np.array(scenario.camera.offset_m),
-    )  # fmt: skip
+        scenario.light,
+        buffers.view.depth,
+        intrinsics=scenario.camera.intrinsics,
+        jib_from_camera=buffers.projection.moment.tilt.jib_from_camera,
+        offset=np.array(scenario.camera.offset_m),
+    )
     return lamps.lit(light, by)
 
 
 def foreign_sensor(light: Light, rng: Generator) -> Picture:
-    """Take a picture with a colour filter mosaic, Poisson and read noise, denoising, sharpening and an own tone curve."""
+    """Take a picture with a colour filter mosaic, Poisson and read noise, denoising, sharpening and tone curve."""
     height, width = light.shape[:2]
-    y, x = np.mgrid[-1:1:complex(height), -1:1:complex(width)]  # type: ignore[misc]
+    y, x = np.mgrid[-1 : 1 : complex(height), -1 : 1 : complex(width)]
     x, y = x - rng.uniform(-0.1, 0.1), y - rng.uniform(-0.1, 0.1)
     falloff = 1 / (1 + rng.uniform(0.05, 0.45) * (x * x + (height / width) ** 2 * y * y)) ** 2
     level = np.maximum(light, 0) * falloff[..., None]
@@ -159,9 +163,16 @@ def coded(rgb: Picture, coder: str, quality: float) -> Picture:
     still = {
         "webp": (".webp", [cv2.IMWRITE_WEBP_QUALITY, round(15 + 55 * quality)]),
         "avif": (".avif", [cv2.IMWRITE_AVIF_QUALITY, round(20 + 40 * quality), cv2.IMWRITE_AVIF_SPEED, 9]),
-        "4:1:1 JPEG": (".jpg", [cv2.IMWRITE_JPEG_QUALITY, round(18 + 50 * quality),
-                                cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_411]),
-    }  # fmt: skip
+        "4:1:1 JPEG": (
+            ".jpg",
+            [
+                cv2.IMWRITE_JPEG_QUALITY,
+                round(18 + 50 * quality),
+                cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+                cv2.IMWRITE_JPEG_SAMPLING_FACTOR_411,
+            ],
+        ),
+    }
     if coder in still:
         suffix, options = still[coder]
         _, data = cv2.imencode(suffix, bgr, options)
@@ -172,9 +183,14 @@ def coded(rgb: Picture, coder: str, quality: float) -> Picture:
 def _filmed(rgb: Picture, coder: str, quality: float) -> Picture:
     """Code a picture as the only one of a video."""
     height, width = rgb.shape[:2]
-    names = {"hevc": ("libx265", {"crf": str(round(40 - 14 * quality)), "preset": "veryfast", "x265-params": "log-level=none:pools=1"}),
-             "vp9": ("libvpx-vp9", {"crf": str(round(56 - 22 * quality)), "b": "0", "cpu-used": "6"}),
-             "mpeg4": ("mpeg4", {"qmin": str(round(18 - 13 * quality)), "qmax": str(round(18 - 13 * quality))})}  # fmt: skip
+    names = {
+        "hevc": (
+            "libx265",
+            {"crf": str(round(40 - 14 * quality)), "preset": "veryfast", "x265-params": "log-level=none:pools=1"},
+        ),
+        "vp9": ("libvpx-vp9", {"crf": str(round(56 - 22 * quality)), "b": "0", "cpu-used": "6"}),
+        "mpeg4": ("mpeg4", {"qmin": str(round(18 - 13 * quality)), "qmax": str(round(18 - 13 * quality))}),
+    }
     name, options = names[coder]
     even = np.pad(rgb, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
     file = io.BytesIO()
@@ -186,6 +202,6 @@ def _filmed(rgb: Picture, coder: str, quality: float) -> Picture:
         for packet in packets:
             container.mux(packet)
     file.seek(0)
-    with av.open(file) as container:
-        frame = next(container.decode(video=0))
+    with av.open(file, "r") as coded_file:
+        frame = next(coded_file.decode(video=0))
         return np.ascontiguousarray(frame.to_ndarray(format="rgb24")[:height, :width])

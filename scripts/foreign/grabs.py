@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,16 @@ import numpy as np
 import shapely
 import trimesh
 from numpy.random import Generator
+from trimesh import Trimesh
 from trimesh.creation import box, cylinder, extrude_polygon, icosphere
 from trimesh.visual.material import PBRMaterial
 
-Mesh = trimesh.Trimesh
-Point = tuple[float, float, float]
+from simgrab.geometry import Array
+from simgrab.scenario.grab import Jaw
+
+Point = Sequence[float]
 Paints = dict[str, PBRMaterial]
-Pieces = list[tuple[Mesh, str]]  # each with the name of its paint
+Pieces = list[tuple[Trimesh, str]]  # each with the name of its paint
 PLATE_M = 0.025
 PAINTS_HSV = ((0.03, 0.85), (0.10, 0.9), (0.16, 0.75), (0.33, 0.5), (0.55, 0.6), (0.62, 0.75), (0.0, 0.0), (0.95, 0.7))
 
@@ -42,8 +46,8 @@ def write(path: Path, kind: str, rng: Generator) -> dict[str, Any]:
     return keys | {"up": "z"}
 
 
-def _faceted(mesh: Mesh) -> Mesh:
-    return Mesh(mesh.vertices, mesh.faces, process=False)
+def _faceted(mesh: Trimesh) -> Trimesh:
+    return Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
 def _paints(rng: Generator) -> Paints:
@@ -65,20 +69,18 @@ def _paints(rng: Generator) -> Paints:
 
 
 def _rgb(h: float, s: float, v: float) -> tuple[float, float, float]:
-    import colorsys
-
     return colorsys.hsv_to_rgb(h, s, v)
 
 
-def _block(low: Point, high: Point) -> Mesh:
+def _block(low: Point, high: Point) -> Trimesh:
     return box(bounds=np.array([low, high]))
 
 
-def _bar(start: Point, end: Point, radius: float, sections: int = 14) -> Mesh:
+def _bar(start: Point, end: Point, radius: float, sections: int = 14) -> Trimesh:
     return cylinder(radius=radius, segment=np.array([start, end]), sections=sections)
 
 
-def _beam(start: Point, end: Point, width: float, height: float) -> Mesh:
+def _beam(start: Point, end: Point, width: float, height: float) -> Trimesh:
     """Return a rectangular tube's outside from point to point; its width stays level."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     along = b - a
@@ -92,7 +94,7 @@ def _beam(start: Point, end: Point, width: float, height: float) -> Mesh:
     return box((length, width, height), transform=pose)
 
 
-def _plate(outline: Any, y: float, thickness: float = PLATE_M) -> Mesh:
+def _plate(outline: Any, y: float, thickness: float = PLATE_M) -> Trimesh:
     """Stand a plate upright: its outline in (x, z), its middle at y."""
     mesh = extrude_polygon(shapely.Polygon(outline) if not hasattr(outline, "exterior") else outline, thickness)
     turn = np.array([(1, 0, 0, 0), (0, 0, -1, y + thickness / 2), (0, 1, 0, 0), (0, 0, 0, 1)], float)
@@ -100,7 +102,7 @@ def _plate(outline: Any, y: float, thickness: float = PLATE_M) -> Mesh:
     return mesh
 
 
-def _wheel(centre: Point, radius: float, width: float, axis: int) -> Mesh:
+def _wheel(centre: Point, radius: float, width: float, axis: int) -> Trimesh:
     half = np.zeros(3)
     half[axis] = width / 2
     return _bar(tuple(np.subtract(centre, half)), tuple(np.add(centre, half)), radius, 24)
@@ -120,14 +122,15 @@ def _shell(side: int, hinge: tuple[float, float], reach: float, bottom: float, l
     """
     x0, top = hinge[0], hinge[1]
     corners = np.array(
-        [(0.012, bottom), (0.45 * reach, bottom + 0.02), (0.86 * reach, bottom + 0.28 * (top - bottom)),
-         (reach, bottom + 0.72 * (top - bottom)), (0.93 * reach, top + 0.10)]
-    )  # fmt: skip
-    bends = int(rng.integers(1, 3))
-    curve = corners
-    for _ in range(bends):  # Chaikin: cut the corners
-        curve = np.concatenate([curve[:1], *((0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b) for a, b in
-                                             zip(curve[:-1], curve[1:], strict=True)), curve[-1:]])  # fmt: skip
+        [
+            (0.012, bottom),
+            (0.45 * reach, bottom + 0.02),
+            (0.86 * reach, bottom + 0.28 * (top - bottom)),
+            (reach, bottom + 0.72 * (top - bottom)),
+            (0.93 * reach, top + 0.10),
+        ]
+    )
+    curve = _rounded(corners, int(rng.integers(1, 3)))
     back = shapely.LineString(curve).buffer(PLATE_M / 2, cap_style="flat", join_style="mitre")
     end = [*curve, (x0 + 0.16, top + 0.16), (x0 - 0.05, top), (0.012, 0.6 * bottom + 0.4 * top)]
     pieces: Pieces = [(_plate(_sided(back, side), 0.0, length), "paint")]
@@ -145,16 +148,40 @@ def _shell(side: int, hinge: tuple[float, float], reach: float, bottom: float, l
     pieces.append((_plate(_sided(shapely.Polygon(lip), side), 0.0, length * 1.02), "worn"))
     if rng.random() < 0.5:
         for y in np.linspace(-0.45 * length, 0.45 * length, int(rng.integers(3, 8))):
-            pieces.append((_block(*_ordered((0.012 * side, float(y) - 0.05, bottom - 0.16),
-                                            (0.13 * side, float(y) + 0.05, bottom + 0.05))), "steel"))  # fmt: skip
-    pieces.append((_block(*_ordered((side * 0.90 * reach, -length / 2, top + 0.04),
-                                    (side * 1.02 * reach, length / 2, top + 0.15))), "second"))  # fmt: skip
+            pieces.append(
+                (
+                    _block(
+                        *_ordered(
+                            (0.012 * side, float(y) - 0.05, bottom - 0.16),
+                            (0.13 * side, float(y) + 0.05, bottom + 0.05),
+                        )
+                    ),
+                    "steel",
+                )
+            )
+    pieces.append(
+        (
+            _block(
+                *_ordered((side * 0.90 * reach, -length / 2, top + 0.04), (side * 1.02 * reach, length / 2, top + 0.15))
+            ),
+            "second",
+        )
+    )
     return pieces
+
+
+def _rounded(corners: Array, times: int) -> Array:
+    """Cut the corners of an open line so many times (Chaikin 1974)."""
+    for _ in range(times):
+        a, b = corners[:-1], corners[1:]
+        cut = np.stack([0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b], axis=1).reshape(-1, 2)
+        corners = np.concatenate([corners[:1], cut, corners[-1:]])
+    return corners
 
 
 def _ordered(a: Point, b: Point) -> tuple[Point, Point]:
     low, high = np.minimum(a, b), np.maximum(a, b)
-    return tuple(map(float, low)), tuple(map(float, high))  # type: ignore[return-value]
+    return tuple(map(float, low)), tuple(map(float, high))
 
 
 def _sided(outline: Any, side: int) -> Any:
@@ -194,8 +221,6 @@ def _ends(ropes: int, z: float, x: float, y: float) -> tuple[Point, ...]:
 
 
 def _keys(ropes: int, ends: tuple[Point, ...], height: float, kg: float, jaws: list[dict[str, Any]]) -> dict[str, Any]:
-    from simgrab.scenario.grab import Jaw
-
     made = tuple(Jaw(**jaw) for jaw in jaws)
     return {"ropes": ropes, "rope_ends_m": ends, "centre_m": (0.0, 0.0, height / 2), "mass_kg": kg, "jaws": made}
 
@@ -209,8 +234,14 @@ def _framed(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
     ends = _ends(4, height, 0.35, 0.45)
     head = _head(head_z, height - 0.06, half_x, half_y, ends, rng)
     for y in (-0.42 * length, 0.42 * length):
-        outline = [(-0.30, hinge_z - 0.18), (0.30, hinge_z - 0.18), (0.34, hinge_z + 0.15), (0.8 * half_x, head_z + 0.05),
-                   (-0.8 * half_x, head_z + 0.05), (-0.34, hinge_z + 0.15)]  # fmt: skip
+        outline = [
+            (-0.30, hinge_z - 0.18),
+            (0.30, hinge_z - 0.18),
+            (0.34, hinge_z + 0.15),
+            (0.8 * half_x, head_z + 0.05),
+            (-0.8 * half_x, head_z + 0.05),
+            (-0.34, hinge_z + 0.15),
+        ]
         hole = shapely.Point(0, (hinge_z + head_z) / 2).buffer(0.16)
         head.append((_plate(shapely.Polygon(outline).difference(hole), y, 0.04), "paint"))
     head.append((_beam((0, -0.42 * length, hinge_z + 0.02), (0, 0.42 * length, hinge_z + 0.02), 0.22, 0.22), "second"))
@@ -219,17 +250,24 @@ def _framed(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
     opening = float(rng.uniform(42, 58))
     for name, side in (("left", -1), ("right", 1)):
         nodes[name] = _shell(side, (pin, hinge_z), reach, 0.03, length, rng)
-        jaws.append({
-            "node": name, "hinge_m": (side * pin, 0.0, hinge_z), "axis": (0.0, 1.0, 0.0), "open_deg": -side * opening,
-            "lips_m": ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03)),
-        })  # fmt: skip
+        jaws.append(
+            {
+                "node": name,
+                "hinge_m": (side * pin, 0.0, hinge_z),
+                "axis": (0.0, 1.0, 0.0),
+                "open_deg": -side * opening,
+                "lips_m": ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03)),
+            }
+        )
     for side, y in ((-1, -0.3), (-1, 0.3), (1, -0.3), (1, 0.3)):
         top = np.array((side * 0.7 * half_x, y * length, head_z + 0.02))
         foot = np.array((side * 0.93 * reach, y * length, hinge_z + 0.08))
         turn = np.radians(-side * opening)
         arm = foot - (side * pin, y * length, hinge_z)
         moved = np.array((side * pin, y * length, hinge_z)) + (
-            np.cos(turn) * arm[0] + np.sin(turn) * arm[2], 0.0, -np.sin(turn) * arm[0] + np.cos(turn) * arm[2]
+            np.cos(turn) * arm[0] + np.sin(turn) * arm[2],
+            0.0,
+            -np.sin(turn) * arm[0] + np.cos(turn) * arm[2],
         )
         before, after = foot - top, moved - top
         name = f"ram{len(nodes)}"
@@ -240,7 +278,9 @@ def _framed(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
         ]
         angle = float(np.degrees(np.arctan2(after[0], after[2]) - np.arctan2(before[0], before[2])))
         angle = (angle + 180) % 360 - 180
-        jaws.append({"node": name, "hinge_m": tuple(map(float, top)), "axis": (0.0, 1.0, 0.0), "open_deg": angle or 0.1})
+        jaws.append(
+            {"node": name, "hinge_m": tuple(map(float, top)), "axis": (0.0, 1.0, 0.0), "open_deg": angle or 0.1}
+        )
     return nodes, _keys(4, ends, height, float(rng.uniform(7000, 11000)), jaws)
 
 
@@ -259,17 +299,32 @@ def _levered(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
     for name, side in (("left", -1), ("right", 1)):
         pieces = _shell(side, (0.2, 0.62 * pin_z), reach, 0.03, length, rng)
         up = head_z - 0.12
-        lever = [(0.85 * reach, 0.55 * pin_z), (1.0 * reach, 0.72 * pin_z), (0.12, pin_z + 0.16), (-0.80 * reach, up + 0.1),
-                 (-0.92 * reach, up - 0.12), (-0.10, pin_z - 0.16)]  # fmt: skip
+        lever = [
+            (0.85 * reach, 0.55 * pin_z),
+            (1.0 * reach, 0.72 * pin_z),
+            (0.12, pin_z + 0.16),
+            (-0.80 * reach, up + 0.1),
+            (-0.92 * reach, up - 0.12),
+            (-0.10, pin_z - 0.16),
+        ]
         for y in (-0.36, 0.36):
             pieces.append((_plate(_sided(shapely.Polygon(lever), side), (y + 0.035 * side) * length, 0.05), "second"))
-        pieces.append((_beam((-side * 0.86 * reach, -0.4 * length, up), (-side * 0.86 * reach, 0.4 * length, up), 0.2, 0.2),
-                       "paint"))  # fmt: skip
+        pieces.append(
+            (
+                _beam((-side * 0.86 * reach, -0.4 * length, up), (-side * 0.86 * reach, 0.4 * length, up), 0.2, 0.2),
+                "paint",
+            )
+        )
         nodes[name] = pieces
-        jaws.append({
-            "node": name, "hinge_m": (0.0, 0.0, pin_z), "axis": (0.0, 1.0, 0.0), "open_deg": -side * opening,
-            "lips_m": ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03)),
-        })  # fmt: skip
+        jaws.append(
+            {
+                "node": name,
+                "hinge_m": (0.0, 0.0, pin_z),
+                "axis": (0.0, 1.0, 0.0),
+                "open_deg": -side * opening,
+                "lips_m": ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03)),
+            }
+        )
     return nodes, _keys(4, ends, height, float(rng.uniform(7000, 12000)), jaws)
 
 
@@ -293,11 +348,16 @@ def _tined(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
     for i in range(tines):
         angle = 2 * np.pi * i / tines
         turn = trimesh.transformations.rotation_matrix(angle, (0, 0, 1))
-        profile = np.array([(hub_r, hub_z), (0.95 * reach, 0.78 * hub_z), (reach, 0.45 * hub_z), (0.66 * reach, 0.15 * hub_z),
-                            (0.05, 0.02)])  # fmt: skip
-        for _ in range(2):
-            profile = np.concatenate([profile[:1], *((0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b) for a, b in
-                                                     zip(profile[:-1], profile[1:], strict=True)), profile[-1:]])  # fmt: skip
+        profile = np.array(
+            [
+                (hub_r, hub_z),
+                (0.95 * reach, 0.78 * hub_z),
+                (reach, 0.45 * hub_z),
+                (0.66 * reach, 0.15 * hub_z),
+                (0.05, 0.02),
+            ]
+        )
+        profile = _rounded(profile, 2)
         spine = shapely.LineString(profile).buffer(0.09, cap_style="flat")
         pieces: Pieces = [(_plate(spine, 0.0, 0.09), "paint")]
         blade = _plate(shapely.LineString(profile).buffer(0.014, cap_style="flat"), 0.0, 1.0)
@@ -312,9 +372,21 @@ def _tined(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
         name = f"tine{i}"
         nodes[name] = [(piece.apply_transform(turn), paint) for piece, paint in pieces]
         axis = tuple(map(float, turn[:3, :3] @ (0.0, 1.0, 0.0)))
-        jaws.append({"node": name, "hinge_m": tuple(map(float, turn[:3, :3] @ (hub_r, 0.0, hub_z))), "axis": axis,
-                     "open_deg": -opening})  # fmt: skip
+        jaws.append(
+            {
+                "node": name,
+                "hinge_m": tuple(map(float, turn[:3, :3] @ (hub_r, 0.0, hub_z))),
+                "axis": axis,
+                "open_deg": -opening,
+            }
+        )
         nodes[f"ram{i}"] = [(piece.apply_transform(turn), paint) for piece, paint in ram]
-        jaws.append({"node": f"ram{i}", "hinge_m": tuple(map(float, turn[:3, :3] @ arm[0])), "axis": axis,
-                     "open_deg": -0.45 * opening})  # fmt: skip
+        jaws.append(
+            {
+                "node": f"ram{i}",
+                "hinge_m": tuple(map(float, turn[:3, :3] @ arm[0])),
+                "axis": axis,
+                "open_deg": -0.45 * opening,
+            }
+        )
     return nodes, _keys(ropes, ends, height, float(rng.uniform(4000, 9000)), jaws)

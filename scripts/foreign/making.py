@@ -17,6 +17,7 @@ import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
 from scipy.ndimage import distance_transform_edt
 from skimage import data as samples_of_skimage
 
@@ -26,7 +27,7 @@ from scripts.foreign.worlds import CONDITIONS, Condition, Look, World, beside, s
 from simgrab.errors import RendererError
 from simgrab.rng import stream
 from simgrab.utilities.files import write
-from simgrab.world.camera.lens import Lens
+from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.camera.renderer import LENS_SAMPLES
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.output import stored
@@ -167,17 +168,13 @@ class Maker:
                 }
                 for light, replaced in lights.items()
             ]  # fmt: skip
-            window = _id_window(projection.window, full, lens)
-            agreement = folder / f"ids-{look.name}.json"
-            if window and projection.moment.present and not agreement.exists():
-                finer, source, _ = window
-                jobs[0] |= {"ids": str(place / "ids.npy"), "ids_finer": finer,
-                            "ids_window": _within(source, seen_by(generator), finer)}  # fmt: skip
+            window, agreement = IdWindow.of(generator), folder / f"ids-{look.name}.json"
+            if window and not agreement.exists():
+                jobs[0] |= {"ids": str(place / "ids.npy"), "ids_finer": window.finer, "ids_window": window.rendered}
             self.trace(jobs)
-            if jobs[0]["ids"] and window:
-                ours = stored_mask(record)
-                theirs = _bent_ids(np.load(place / "ids.npy"), jobs[0]["ids_window"], window, seen_by(generator), full)
-                write(agreement, msgspec.json.encode(Agreement.of(ours, theirs)))
+            if window and jobs[0]["ids"]:
+                theirs = window.mask(np.load(place / "ids.npy"))
+                write(agreement, msgspec.json.encode(Agreement.of(stored_mask(record), theirs)))
             buffers = scene.draw(projection)
             for name in missing:
                 condition = CONDITIONS[name]
@@ -192,49 +189,74 @@ class Maker:
 
 def stored_mask(record: Record) -> Mask:
     """Pixels of the visible grab, shape (height, width)."""
-    from pycocotools import mask as coco_mask
-
     return np.asarray(coco_mask.decode(record.mask), bool)
 
 
-_IdWindow = tuple[int, tuple[int, int, int, int], Any]
+@dataclass(frozen=True, eq=False)
+class IdWindow:
+    """Where ids of the grab and some pixels around it are rendered.
 
-
-def _id_window(window: Any, full: Any, lens: Lens | None) -> _IdWindow | None:
-    """Samples a pixel, window of the finer undistorted picture, and map, of the ids of a part of the picture.
-
-    The part is the grab's box within the picture, with a margin.
+    Attributes
+    ----------
+    full : tuple of 4 ints
+        The whole picture.
+    part : tuple of 4 ints
+        Of the picture: the grab's box with a margin.
+    lens : PictureMap or None
+        Of that part, `finer` times as fine before the lens bends it.
+    seen : tuple of 4 ints
+        Window of the undistorted picture that is exported.
     """
-    x0, y0 = (max(int(v) - MARGIN_PX, 0) for v in window[:2])
-    x1, y1 = (min(int(v) + MARGIN_PX, int(f)) for v, f in zip(window[2:], full[2:], strict=True))
-    if x0 >= x1 or y0 >= y1:
-        return None
-    if lens is None:
-        return 1, (x0, y0, x1, y1), (x0, y0, x1, y1)
-    bent = lens.map((x0, y0, x1, y1), LENS_SAMPLES)
-    return LENS_SAMPLES, bent.source, ((x0, y0, x1, y1), bent)
 
+    full: Window
+    part: Window
+    lens: PictureMap | None
+    seen: Window
 
-def _within(source: Sequence[int], seen: Sequence[int], finer: int) -> list[int]:
-    """Cut a window of the finer undistorted picture to what is rendered of it, counted from its corner."""
-    left, top, right, bottom = (finer * v for v in seen)
-    x0, y0, x1, y1 = source
-    return [max(x0, left) - left, max(y0, top) - top, min(x1, right) - left, min(y1, bottom) - top]
+    @classmethod
+    def of(cls, generator: FrameGenerator) -> IdWindow | None:
+        """Make it for a generator's first frame; None where that shows no grab."""
+        projection, renderer = generator.project(0), generator.scene(0).renderer
+        k = generator.scenario.camera.intrinsics
+        if not projection.moment.present or not projection.meets(k.width_px, k.height_px):
+            return None
+        x0, y0, x1, y1 = projection.window
+        part = (
+            max(x0 - MARGIN_PX, 0), max(y0 - MARGIN_PX, 0),
+            min(x1 + MARGIN_PX, k.width_px), min(y1 + MARGIN_PX, k.height_px),
+        )  # fmt: skip
+        lens = None if k.distortion.is_null else Lens(k).map(part, LENS_SAMPLES)
+        return cls(renderer.full, part, lens, seen_by(generator))
 
+    @property
+    def finer(self) -> int:
+        """Samples a pixel and direction."""
+        return LENS_SAMPLES if self.lens else 1
 
-def _bent_ids(ids: NDArray[np.uint8], rendered: Sequence[int], window: _IdWindow, seen: Any, full: Any) -> Mask:
-    """Mask of the grab in the whole picture, from ids of a part of the undistorted one."""
-    finer, (sx0, sy0, sx1, sy1), how = window
-    part = np.full((sy1 - sy0, sx1 - sx0), NOTHING, np.uint8)
-    x0, y0 = rendered[0] + finer * seen[0] - sx0, rendered[1] + finer * seen[1] - sy0
-    part[y0 : y0 + ids.shape[0], x0 : x0 + ids.shape[1]] = ids
-    mask = np.zeros((full[3], full[2]), bool)
-    at = how
-    if finer > 1:
-        at, bent = how
-        part = bent.resample(part, cv2.INTER_NEAREST, NOTHING)
-    mask[at[1] : at[3], at[0] : at[2]] = part == GRAB
-    return mask
+    @property
+    def source(self) -> Window:
+        """Window of the finer undistorted picture that the part needs, counted from the corner of `seen`."""
+        x0, y0, x1, y1 = self.lens.source if self.lens else self.part
+        left, top = self.finer * self.seen[0], self.finer * self.seen[1]
+        return x0 - left, y0 - top, x1 - left, y1 - top
+
+    @property
+    def rendered(self) -> Window:
+        """What of `source` lies in the exported picture."""
+        x0, y0, x1, y1 = self.source
+        width, height = self.seen[2] - self.seen[0], self.seen[3] - self.seen[1]
+        return max(x0, 0), max(y0, 0), min(x1, self.finer * width), min(y1, self.finer * height)
+
+    def mask(self, ids: NDArray[np.uint8]) -> Mask:
+        """Mask of the grab, shape of the picture, from ids of what was `rendered`."""
+        (x0, y0, x1, y1), (left, top, right, bottom) = self.source, self.rendered
+        part = np.full((y1 - y0, x1 - x0), NOTHING, np.uint8)
+        part[top - y0 : bottom - y0, left - x0 : right - x0] = ids
+        if self.lens:
+            part = self.lens.resample(part, cv2.INTER_NEAREST, NOTHING)
+        mask = np.zeros((self.full[3], self.full[2]), bool)
+        mask[self.part[1] : self.part[3], self.part[0] : self.part[2]] = part == GRAB
+        return mask
 
 
 def _surfaces() -> dict[str, Any]:
@@ -246,4 +268,3 @@ def _surfaces() -> dict[str, Any]:
 def picture(folder: Path, name: str) -> Path | None:
     """Path of a condition's picture, where it is made."""
     return next((path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").exists()), None)
-

@@ -123,7 +123,7 @@ def _quick(a: Sequence[Case], b: Sequence[Case], picks: NDArray[np.int64]) -> di
         "map50_95_less": None if None in maps else maps[0] - maps[1],  # type: ignore[operator]
         "median_px": medians[0],
         "p95_px": centres[0].get("p95_px"),
-        "median_ratio": medians[0] / medians[1] if all(medians) else None,
+        "median_ratio": medians[0] / medians[1] if medians[0] and medians[1] else None,
     }
 
 
@@ -222,5 +222,3 @@ def sheet(root: Path, worlds: Sequence[World], name: str, columns: int = 4) -> b
     rows = [np.concatenate(tiles[i : i + columns], axis=1) for i in range(0, len(tiles), columns)]
     _, data = cv2.imencode(".jpg", np.concatenate(rows), [cv2.IMWRITE_JPEG_QUALITY, 88])
     return data.tobytes()
-
-

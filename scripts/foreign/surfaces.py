@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-Rgb = tuple[float, float, float]
+Rgb = Sequence[float]
 PLACE, ROPE, GRAB = 0, 2, 3
 RUST: tuple[Rgb, ...] = ((0.16, 0.055, 0.02), (0.09, 0.035, 0.018), (0.25, 0.10, 0.035))
 #: By words in a geom's name.
@@ -35,7 +36,7 @@ class Surfaces:
             return self.wire()
         if any(w in word for w in WATER):
             return self.water(colour)
-        if group == PLACE and any(w in word for w in LOOSE) or (group == GRAB and "cargo" in word):
+        if (group == PLACE and any(w in word for w in LOOSE)) or (group == GRAB and "cargo" in word):
             return self.loose(colour)
         if group == PLACE and any(w in word for w in MINERAL):
             return self.mineral(colour)
@@ -142,9 +143,7 @@ class Surfaces:
         shader = tree.nodes["Principled BSDF"]
         return material, tree, shader, tree.nodes.new("ShaderNodeTexCoord").outputs["Object"]
 
-    def _noise(
-        self, tree: Any, at: Any, scale: float, detail: float, roughness: float, distortion: float = 0.0
-    ) -> Any:
+    def _noise(self, tree: Any, at: Any, scale: float, detail: float, roughness: float, distortion: float = 0.0) -> Any:
         node = tree.nodes.new("ShaderNodeTexNoise")
         node.noise_dimensions = "4D"
         inputs = node.inputs
@@ -188,7 +187,9 @@ class Surfaces:
     def _into(self, tree: Any, value: Any, shader: Any, name: str) -> None:
         tree.links.new(value, shader.inputs[name])
 
-    def _bump(self, tree: Any, shader: Any, height: Any, strength: float, metres: float, *, inverted: bool = False) -> None:
+    def _bump(
+        self, tree: Any, shader: Any, height: Any, strength: float, metres: float, *, inverted: bool = False
+    ) -> None:
         node = tree.nodes.new("ShaderNodeBump")
         node.invert = inverted
         node.inputs["Strength"].default_value, node.inputs["Distance"].default_value = strength, metres

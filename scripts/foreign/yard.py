@@ -13,8 +13,10 @@ from scripts.foreign.surfaces import Surfaces
 HALF_WIDTH_M = 150.0
 REACH = 0.85  # of the depth: how far from the optical axis things stand
 TINTS = ((0.9, 0.88, 0.84), (0.8, 0.62, 0.45), (0.6, 0.63, 0.68), (0.95, 0.85, 0.65), (0.45, 0.42, 0.40))
-LIVERY = ((0.5, 0.05, 0.03), (0.03, 0.12, 0.35), (0.05, 0.25, 0.12), (0.75, 0.35, 0.03), (0.6, 0.6, 0.58), (0.2, 0.1, 0.05),
-          (0.7, 0.55, 0.05), (0.05, 0.05, 0.055))  # fmt: skip
+LIVERY = (
+    (0.5, 0.05, 0.03), (0.03, 0.12, 0.35), (0.05, 0.25, 0.12), (0.75, 0.35, 0.03), (0.6, 0.6, 0.58), (0.2, 0.1, 0.05),
+    (0.7, 0.55, 0.05), (0.05, 0.05, 0.055),
+)  # fmt: skip
 
 
 class Yard:
@@ -62,7 +64,9 @@ class Yard:
             image = self._images[int(rng.integers(len(self._images)))]
             soil = self._surfaces.photograph(image, TINTS[int(rng.integers(len(TINTS)))], float(rng.uniform(1.0, 4.0)))
             at = middle[:2] + rng.normal(0, 0.4 * depth, 2)
-            self._box((*at, ground + 0.01 * (number + 1)), (*rng.uniform(4, 30, 2), 0.02), rng.uniform(0, math.pi), soil)
+            self._box(
+                (*at, ground + 0.01 * (number + 1)), (*rng.uniform(4, 30, 2), 0.02), rng.uniform(0, math.pi), soil
+            )
         turn, white = rng.uniform(0, math.pi), self._surfaces.mineral((0.7, 0.68, 0.6))
         for number in range(int(rng.integers(0, 6))):
             side = np.array((-math.sin(turn), math.cos(turn)))
@@ -113,10 +117,8 @@ class Yard:
         z = height * np.clip(1 - r, 0, 1) ** 1.1 * np.clip(rough, 0.7, 1.0)
         x, y = radius * r * np.cos(a) * (1 + 0.1 * np.sin(3 * a)), radius * r * np.sin(a)
         points = np.stack([x + at[0], y + at[1], z + at[2]], -1).reshape(-1, 3)
-        faces = [
-            (i * sectors + j, (i + 1) * sectors + j, (i + 1) * sectors + (j + 1) % sectors, i * sectors + (j + 1) % sectors)
-            for i in range(rings - 1) for j in range(sectors)
-        ]  # fmt: skip
+        quads = ((i, j, (j + 1) % sectors) for i in range(rings - 1) for j in range(sectors))
+        faces = [(n * i + j, n * i + n + j, n * i + n + k, n * i + k) for n in (sectors,) for i, j, k in quads]
         image, tint = self._images[int(rng.integers(len(self._images)))], TINTS[int(rng.integers(len(TINTS)))]
         material = (self._surfaces.photograph(image, tint, 1.2) if rng.random() < 0.5
                     else self._surfaces.loose(tuple(map(float, rng.uniform(0.02, 0.4) * np.array(tint)))))  # fmt: skip
@@ -149,7 +151,9 @@ class Yard:
     def _person(self, at: Any, tallest: float) -> None:
         if tallest < 1.85:
             return
-        vest = self._surfaces.mineral(((0.8, 0.35, 0.02), (0.55, 0.75, 0.05), (0.1, 0.1, 0.15))[int(self._rng.integers(3))])
+        vest = self._surfaces.mineral(
+            ((0.8, 0.35, 0.02), (0.55, 0.75, 0.05), (0.1, 0.1, 0.15))[int(self._rng.integers(3))]
+        )
         x, y, z = at
         for aside in (-0.1, 0.1):
             self._rod((x + aside, y, z), (x + aside, y, z + 0.85), 0.09, self._dark)
@@ -166,7 +170,9 @@ class Yard:
         for number in range(int(rng.integers(1, 6))):
             if (number + 1) * each > tallest:
                 return
-            self._box((*at[:2], at[2] + (number + 0.5) * each), (x, y, each - 0.03), turn + rng.normal(0, 0.03), material)
+            self._box(
+                (*at[:2], at[2] + (number + 0.5) * each), (x, y, each - 0.03), turn + rng.normal(0, 0.03), material
+            )
 
     def _livery(self) -> Any:
         return self._liveries[int(self._rng.integers(len(self._liveries)))]

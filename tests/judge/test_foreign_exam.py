@@ -61,7 +61,9 @@ def test_a_grab_by_other_code_opens_outwards_on_ropes_that_end_on_top(tmp_path, 
 
     def widest(opening):
         frames = design.frames(opening)
-        points = [body.steel.vertices @ frames[body.name][:3, :3].T + frames[body.name][:3, 3] for body in design.bodies]
+        points = [
+            body.steel.vertices @ frames[body.name][:3, :3].T + frames[body.name][:3, 3] for body in design.bodies
+        ]
         return np.concatenate(points)
 
     closed, opened = widest(0.0), widest(design.max_jaw)
@@ -85,7 +87,11 @@ def test_masks_agree_within_a_pixel_or_say_how_far_not():
 
 @pytest.fixture(scope="module")
 def drawn():
-    changes = SMALL | {"display.layout": "two-by-four", "optics.recompress_quality": 60, "optics.exposure.model": "auto"}
+    changes = SMALL | {
+        "display.layout": "two-by-four",
+        "optics.recompress_quality": 60,
+        "optics.exposure.model": "auto",
+    }
     scenario = scenes.load("quay-day", changes | {"camera.distortion": {"k1": -0.1}, "camera.width_px": 960,
                                                   "camera.height_px": 540})  # fmt: skip
     with FrameGenerator(scenario) as generator:
@@ -193,7 +199,7 @@ def seen(number, found, name="cycles"):
     row = structs.replace(TRUTH, variant=number)
     box = np.array([100.0, 100.0, 200.0, 180.0]) + found
     detection = Detection("found", "", 0.9, box, np.full(4, 2.0), box[:2] + 50, np.full(2, 2.0), None, None)
-    read = Read("", name, "2015 2100", "2015 2100", Reading("read", "2015 2100", 20.15, 21.0, 0.99))
+    read = Read("", name, "2015 2100", "2015 2100", Reading("read", "", "2015", "2100", np.ones(8), 20.15, 21.0, 22.65))
     return scoring.Seen(world, Case(row, True, world.time, detection, world.name), read)
 
 
@@ -204,7 +210,14 @@ def test_the_table_sets_a_condition_beside_mujoco(folder):
     global TRUTH
     known = scoring.record(folder / "worlds" / "tune-0001", "own").truth
     TRUTH = structs.replace(
-        known, present=True, box_x0_px=100, box_y0_px=100, box_x1_px=200, box_y1_px=180, grab_u_px=150.0, grab_v_px=150.0
+        known,
+        present=True,
+        box_x0_px=100,
+        box_y0_px=100,
+        box_x1_px=200,
+        box_y1_px=180,
+        grab_u_px=150.0,
+        grab_v_px=150.0,
     )
     ours, theirs = [seen(i, 0.0, "mujoco") for i in range(8)], [seen(i, 4.0 * (i % 2)) for i in range(8)]
     row = scoring.compare(theirs, ours, 20)
