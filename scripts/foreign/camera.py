@@ -104,7 +104,7 @@ def foreign_sensor(light: Light, rng: Generator) -> Picture:
     falloff = 1 / (1 + rng.uniform(0.05, 0.45) * (x * x + (height / width) ** 2 * y * y)) ** 2
     level = np.maximum(light, 0) * falloff[..., None]
     middle = float(np.quantile(level[::8, ::8].mean(axis=-1), 0.5))
-    level *= rng.uniform(0.10, 0.22) / max(middle, 1e-6)
+    level *= rng.uniform(0.07, 0.18) / max(middle, 1e-6)
     balance = np.array((rng.uniform(0.85, 1.15), 1.0, rng.uniform(0.85, 1.15)))
     well, read = rng.uniform(1500, 9000), rng.uniform(3, 12)
     mosaic = np.empty((height, width))
@@ -112,7 +112,7 @@ def foreign_sensor(light: Light, rng: Generator) -> Picture:
         mosaic[rows::2, columns::2] = (level[..., channel] * balance[channel])[rows::2, columns::2]
     electrons = rng.poisson(np.minimum(mosaic, 4.0) * well) + rng.normal(0, read, mosaic.shape)
     raw = np.clip(electrons / well, 0, 1) * 65535
-    rgb = cv2.demosaicing(raw.astype(np.uint16), cv2.COLOR_BayerRG2BGR)[..., ::-1].astype(np.float32) / 65535
+    rgb = cv2.demosaicing(raw.astype(np.uint16), cv2.COLOR_BayerBG2RGB).astype(np.float32) / 65535
     shoulder = rng.uniform(0.0, 0.6)
     toned = encoded((rgb * (1 + shoulder) / (1 + shoulder * rgb)).astype(float))
     contrast = rng.uniform(0.0, 0.5)

@@ -9,7 +9,7 @@ import numpy as np
 
 Rgb = Sequence[float]
 PLACE, ROPE, GRAB = 0, 2, 3
-RUST: tuple[Rgb, ...] = ((0.16, 0.055, 0.02), (0.09, 0.035, 0.018), (0.25, 0.10, 0.035))
+RUST: tuple[Rgb, ...] = ((0.09, 0.035, 0.016), (0.045, 0.02, 0.013), (0.14, 0.06, 0.025))
 #: By words in a geom's name.
 WATER = ("water", "sea")
 LOOSE = ("coal", "ore", "grain", "bauxite", "sulphur", "cargo", "pile", "heap", "bulk")
@@ -45,9 +45,9 @@ class Surfaces:
     def steel(self, colour: Rgb) -> Any:
         """Painted steel, here and there rusty, with bare metal where it is scratched."""
         made, tree, shader, at = self._begin("steel")
-        patches = self._noise(tree, at, self._scale * float(self._rng.uniform(1.0, 3.0)), 8.0, 0.65)
-        edge = 0.62 - 0.3 * self._wear
-        share = self._ramp(tree, patches, (edge, (0, 0, 0)), (edge + 0.06, (1, 1, 1)))
+        patches = self._noise(tree, at, self._scale * float(self._rng.uniform(0.4, 1.5)), 12.0, 0.72)
+        edge = 0.70 - 0.17 * self._wear
+        share = self._ramp(tree, patches, (edge, (0, 0, 0)), (edge + 0.10, (1, 1, 1)))
         fine = self._noise(tree, at, 14.0, 6.0, 0.7)
         dark, light = (tuple(min(max(c * f, 0.0), 1.0) for c in colour) for f in (0.72, 1.18))
         paint = self._ramp(tree, fine, (0.3, dark), (0.7, light))
@@ -87,10 +87,9 @@ class Surfaces:
         dark, light = (tuple(min(c * f, 1.0) for c in colour) for f in (0.5, 1.25))
         base = self._ramp(tree, stains, (0.3, dark), (0.52, colour), (0.75, light))
         speck = self._ramp(tree, grain, (0.3, (0.75,) * 3), (0.7, (1.0,) * 3))
-        cracks = self._ramp(
-            tree, self._voronoi(tree, at, float(self._rng.uniform(0.15, 0.4)), "DISTANCE_TO_EDGE"),
-            (0.0, (0.35,) * 3), (0.012, (1.0,) * 3),
-        )  # fmt: skip
+        depth = float(self._rng.uniform(0.45, 1.0))
+        cells = self._voronoi(tree, self._bent(tree, at), float(self._rng.uniform(0.1, 0.3)), "DISTANCE_TO_EDGE")
+        cracks = self._ramp(tree, cells, (0.0, (depth,) * 3), (0.008, (1.0,) * 3))
         self._into(tree, self._product(tree, self._product(tree, base, speck), cracks), shader, "Base Color")
         self._into(tree, self._ramp(tree, stains, (0.35, (0.35,) * 3), (0.5, (0.9,) * 3)), shader, "Roughness")
         self._bump(tree, shader, grain, 0.3, 0.02)
@@ -152,6 +151,17 @@ class Surfaces:
         inputs["Distortion"].default_value = distortion
         tree.links.new(at, inputs["Vector"])
         return node.outputs[0]
+
+    def _bent(self, tree: Any, at: Any) -> Any:
+        """Move coordinates about at random, so that lines between cells are not straight."""
+        noise, added = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeVectorMath")
+        noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = 0.4, 8.0
+        added.operation, added.inputs[2].default_value = "MULTIPLY_ADD", (0, 0, 0)
+        added.inputs[1].default_value = (2.0, 2.0, 2.0)
+        tree.links.new(at, noise.inputs["Vector"])
+        tree.links.new(noise.outputs["Color"], added.inputs[0])
+        tree.links.new(at, added.inputs[2])
+        return added.outputs["Vector"]
 
     def _voronoi(self, tree: Any, at: Any, scale: float, feature: str) -> Any:
         node = tree.nodes.new("ShaderNodeTexVoronoi")

@@ -107,11 +107,18 @@ class World:
         """Time of day."""
         return TIMES[self.number // len(FAMILIES) % len(TIMES)]
 
+    @property
+    def empty(self) -> bool:
+        """Whether its grab is absent: in a quarter of the worlds, spread over families and times."""
+        return (self.number // len(FAMILIES) + self.number) % len(FAMILIES) == len(FAMILIES) - 1
+
     def scenario(self, size: tuple[int, int]) -> Scenario:
         """Draw its scenario: of an instant, without weather, and without motion blur."""
         base = FAMILIES[self.number % len(FAMILIES)][1]
         still = {"clip.clip_frames": 1, "shutter.exposure_s": 0.0, "shutter.rolling_s": 0.0}
-        loaded = scenes.load(base, still | {"seed": self.seed, "frames": 1}, size=size)
+        loaded = scenes.load(
+            base, still | {"seed": self.seed, "frames": 1, "swing.absent": float(self.empty)}, size=size
+        )
         drawn = Recipe(loaded).variant(0).scenario
         rng, optics = stream(self.seed, 0, "foreign.time"), drawn.optics
         light = drawn.light

@@ -12,6 +12,7 @@ from scripts.foreign.surfaces import Surfaces
 
 HALF_WIDTH_M = 150.0
 REACH = 0.85  # of the depth: how far from the optical axis things stand
+RADII_M = (6.5, 4.5, 5.0, 4.5, 2.0, 0.6, 2.0)  # of what stands there, in the order of `Yard.build`
 TINTS = ((0.9, 0.88, 0.84), (0.8, 0.62, 0.45), (0.6, 0.63, 0.68), (0.95, 0.85, 0.65), (0.45, 0.42, 0.40))
 LIVERY = (
     (0.5, 0.05, 0.03), (0.03, 0.12, 0.35), (0.05, 0.25, 0.12), (0.75, 0.35, 0.03), (0.6, 0.6, 0.58), (0.2, 0.1, 0.05),
@@ -53,9 +54,13 @@ class Yard:
         self._patches(middle, ground, depth)
         kinds = [self._container, self._vehicle, self._heap, self._pipes, self._drums, self._person, self._slabs]
         weights = np.array([2, 2, 2, 2, 2, 3, 2], float) * rng.uniform(0.2, 1.0, 7)
-        for kind in rng.choice(7, size=int(rng.integers(14, 34)), p=weights / weights.sum()):
+        taken = list[tuple[float, float, float]]()
+        for kind in rng.choice(7, size=int(rng.integers(20, 48)), p=weights / weights.sum()):
             angle, far = rng.uniform(0, 2 * math.pi), depth * REACH * math.sqrt(rng.random())
-            kinds[kind]((middle[0] + far * math.cos(angle), middle[1] + far * math.sin(angle), ground), tallest)
+            x, y, radius = middle[0] + far * math.cos(angle), middle[1] + far * math.sin(angle), RADII_M[kind]
+            if all(math.hypot(x - a, y - b) > radius + r for a, b, r in taken):
+                taken.append((x, y, radius))
+                kinds[kind]((x, y, ground), tallest)
 
     def _patches(self, middle: Any, ground: float, depth: float) -> None:
         """Lay strips and patches of other ground, and lines of paint."""
