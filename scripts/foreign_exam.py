@@ -35,7 +35,7 @@ from scripts.foreign.scoring import Seen
 from scripts.foreign.worlds import CONDITIONS, SEEDS, World, beside
 from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.errors import ScenarioError
+from simgrab.errors import RendererError, ScenarioError
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.read import Reader
 from simgrab.utilities.files import write
@@ -44,13 +44,13 @@ DETECTORS = ("bundled", "any-grab")
 
 
 def make(maker: Maker, worlds: Sequence[World], names: Sequence[str]) -> dict[str, str]:
-    """Make what is missing; returns why a world cannot be, by its name."""
+    """Make what is missing; returns why a world is not made, by its name. Another run tries it again."""
     refused = {}
     for number, world in enumerate(worlds, 1):
         start = time.monotonic()
         try:
             maker.make(world, names)
-        except ScenarioError as problem:  # its foreign grab does not fit into its place
+        except (ScenarioError, RendererError) as problem:  # its grab does not fit into its place, or Blender crashed
             refused[world.name] = str(problem)
         click.echo(f"{world.name} ({number} of {len(worlds)}): {time.monotonic() - start:.1f} s", err=True)
     return refused
@@ -141,7 +141,7 @@ def main(
         write(out / f"sheet-{half}-{name}.jpg", scoring.sheet(root, worlds, name))
     click.echo(report(scores))
     for world, why in refused.items():
-        click.echo(f"{world} cannot be: {why}", err=True)
+        click.echo(f"{world} is not made: {why}", err=True)
 
 
 if __name__ == "__main__":

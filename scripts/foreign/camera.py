@@ -102,7 +102,8 @@ def foreign_sensor(light: Light, rng: Generator) -> Picture:
     y, x = np.mgrid[-1 : 1 : complex(height), -1 : 1 : complex(width)]
     x, y = x - rng.uniform(-0.1, 0.1), y - rng.uniform(-0.1, 0.1)
     falloff = 1 / (1 + rng.uniform(0.05, 0.45) * (x * x + (height / width) ** 2 * y * y)) ** 2
-    level = np.maximum(light, 0) * falloff[..., None]
+    lens = cv2.GaussianBlur(np.maximum(light, 0), (0, 0), rng.uniform(0.5, 0.9))  # with its optical low-pass filter
+    level = np.asarray(lens, float) * falloff[..., None]
     middle = float(np.quantile(level[::8, ::8].mean(axis=-1), 0.5))
     level *= rng.uniform(0.07, 0.18) / max(middle, 1e-6)
     balance = np.array((rng.uniform(0.85, 1.15), 1.0, rng.uniform(0.85, 1.15)))
