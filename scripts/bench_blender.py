@@ -95,6 +95,8 @@ class Blender:
 
     def _object(self, geom: int) -> Any:
         vertices, faces = self._exported.mesh(geom)
+        a, b, c = faces.T
+        faces = faces[(a != b) & (b != c) & (c != a)]  # Blender crashes where two corners are the same
         name = f"geom {geom}"
         mesh = self._bpy.data.meshes.new(name)
         mesh.from_pydata(vertices[:, :3].tolist(), [], faces.tolist())
