@@ -27,20 +27,27 @@ class Blender:
     Workbench is as by default, with textures.
     """
 
+    colours = "Non-Color"
+
     def __init__(self, scene: ExportedScene, engine: str) -> None:
         import bpy  # type: ignore[import-not-found]
 
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.by, self._bpy, self._exported = f"Blender {bpy.app.version_string}", bpy, scene
         self._scene = bpy.context.scene
-        self._images = [self._image(number) for number in range(len(scene.textures))]
-        self._geoms = [self._object(geom) for geom in range(len(scene.colours))]
+        self._images: dict[int, Any] = {}
+        self._geoms = {int(geom): self._object(int(geom)) for geom in self._chosen()}
         self._add_lights()
         self._camera = self._add_camera()
         self._scene.view_settings.view_transform = "Raw"
         render = self._scene.render
         render.resolution_x, render.resolution_y = scene.size
-        render.resolution_percentage, render.use_persistent_data = 100, True
+        render.resolution_percentage = 100
+        self._prepare(engine)
+
+    def _prepare(self, engine: str) -> None:
+        render = self._scene.render
+        render.use_persistent_data = True
         render.engine = {"cycles": "CYCLES", "workbench": "BLENDER_WORKBENCH"}[engine]
         self._scene.display.shading.color_type = "TEXTURE"
         if engine == "cycles":
@@ -51,33 +58,45 @@ class Blender:
 
     def render(self, frame: int) -> None:
         """See `SceneRenderer.render`."""
+        self.pose(frame)
+        self._bpy.ops.render.render()
+
+    def pose(self, frame: int) -> None:
+        """Put camera and geoms where they are in a frame."""
         import mathutils  # type: ignore[import-not-found]
 
         scene = self._exported
         self._camera.matrix_world = mathutils.Matrix(scene.jib_from_camera[frame] @ BLENDER_FROM_OPENCV)
-        for thing, pose, shown in zip(self._geoms, scene.jib_from_geom[frame], scene.shown[frame], strict=True):
-            thing.hide_render = not shown
-            if shown:
-                thing.matrix_world = mathutils.Matrix(pose)
-        self._bpy.ops.render.render()
+        for geom, thing in self._geoms.items():
+            thing.hide_render = not scene.shown[frame, geom]
+            if scene.shown[frame, geom]:
+                thing.matrix_world = mathutils.Matrix(scene.jib_from_geom[frame, geom])
 
     def save(self, path: str) -> None:
         """See `SceneRenderer.save`."""
         self._bpy.data.images["Render Result"].save_render(path)
 
+    def _chosen(self) -> Any:
+        """Geoms that any frame shows."""
+        return np.flatnonzero(self._exported.shown.any(axis=0))
+
     def _image(self, number: int) -> Any:
+        if number in self._images:
+            return self._images[number]
         picture = self._exported.textures[number]
         height, width = picture.shape[:2]
         image = self._bpy.data.images.new(f"texture {number}", width, height)
-        image.colorspace_settings.name = "Non-Color"
+        image.colorspace_settings.name = self.colours
         rgba = np.ones((height, width, 4), np.float32)
         rgba[..., :3] = picture / np.float32(255)
         image.pixels.foreach_set(rgba.ravel())
-        image.pack()
+        self._images[number] = image
         return image
 
     def _object(self, geom: int) -> Any:
         vertices, faces = self._exported.mesh(geom)
+        a, b, c = faces.T
+        faces = faces[(a != b) & (b != c) & (c != a)]  # Blender crashes where two corners are the same
         name = f"geom {geom}"
         mesh = self._bpy.data.meshes.new(name)
         mesh.from_pydata(vertices[:, :3].tolist(), [], faces.tolist())
@@ -100,7 +119,7 @@ class Blender:
         surface.inputs["Color"].default_value = colour
         if picture >= 0:
             texture, product = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeVectorMath")
-            texture.image, product.operation = self._images[picture], "MULTIPLY"
+            texture.image, product.operation = self._image(int(picture)), "MULTIPLY"
             product.inputs[1].default_value = colour[:3]
             tree.links.new(texture.outputs["Color"], product.inputs[0])
             tree.links.new(product.outputs["Vector"], surface.inputs["Color"])
@@ -128,7 +147,7 @@ class Blender:
         lens = self._bpy.data.cameras.new("camera")
         lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", SENSOR_MM, f * SENSOR_MM / width
         lens.shift_x, lens.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width
-        lens.clip_start, lens.clip_end = 0.1, 200.0
+        lens.clip_start, lens.clip_end = 0.1, 500.0
         thing = self._bpy.data.objects.new("camera", lens)
         self._scene.collection.objects.link(thing)
         self._scene.camera = thing

@@ -20,6 +20,7 @@ from scripts.bench_results import Quantity
 from scripts.bench_scene import ExportedScene
 from simgrab import scenes
 from simgrab.errors import RendererError
+from simgrab.world.camera.lens import Lens, Window
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import HIDDEN
 
@@ -113,20 +114,23 @@ def exported(generator: FrameGenerator, frames: range) -> ExportedScene:
 
     scene = generator.scene(frames[0])
     model, k = textured(generator), generator.scenario.camera.intrinsics
-    cameras, poses, shown = [], [], []
+    cameras, poses, groups = [], [], []
     for frame in frames:
         moment = generator.project(frame).moment
         data = scene.renderer.pose(moment)
         cameras.append(_pose(moment.tilt.jib_from_camera, np.array(generator.scenario.camera.offset_m)))
         poses.append([_pose(data.geom(g).xmat.reshape(3, 3), data.geom(g).xpos) for g in range(model.ngeom)])
-        shown.append(scene.world.model.geom_group != HIDDEN)
+        groups.append(scene.world.model.geom_group.astype(np.int64))
     vertices, faces = zip(*(_mesh(model, int(mesh)) for mesh in model.geom_dataid), strict=True)
     material = model.geom_matid
+    x0, y0, x1, y1 = seen_by(generator)
     return ExportedScene(
-        camera=np.array([k.width_px, k.height_px, k.f_px, k.cx_px, k.cy_px]),
+        camera=np.array([x1 - x0, y1 - y0, k.f_px, k.cx_px - x0, k.cy_px - y0]),
         jib_from_camera=np.array(cameras),
         jib_from_geom=np.array(poses),
-        shown=np.array(shown),
+        shown=np.array(groups) != HIDDEN,
+        groups=np.array(groups),
+        names=np.array([model.geom(geom).name for geom in range(model.ngeom)]),
         vertices=np.concatenate(vertices),
         faces=np.concatenate(faces),
         vertex_ends=np.cumsum([len(v) for v in vertices]),
@@ -138,6 +142,13 @@ def exported(generator: FrameGenerator, frames: range) -> ExportedScene:
         ambient=np.array(model.light_ambient.sum(axis=0), float),
         textures=tuple(_texture(model, texture) for texture in range(model.ntex)),
     )
+
+
+def seen_by(generator: FrameGenerator) -> Window:
+    """Window of the undistorted picture that the lens sees; without distortion the picture itself."""
+    k = generator.scenario.camera.intrinsics
+    full = (0, 0, k.width_px, k.height_px)
+    return full if k.distortion.is_null else Lens(k).map(full).source
 
 
 def _pose(turn: Any, place: Any) -> Any:

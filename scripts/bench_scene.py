@@ -27,11 +27,15 @@ class ExportedScene:
     Attributes
     ----------
     camera : ndarray, shape (5,)
-        Width, height, focal length, and principal point from the picture's top left corner, px.
+        Width, height, focal length, and principal point from the picture's top left corner, px. Of a lens that
+        distorts, the picture is the undistorted one behind it.
     jib_from_camera : ndarray, shape (frames, 4, 4)
         Camera: x right, y down, z forward.
     jib_from_geom : ndarray, shape (frames, geoms, 4, 4)
     shown : ndarray of bool, shape (frames, geoms)
+    groups : ndarray of int, shape (frames, geoms)
+        0 place, 1 jib head, 2 ropes, 3 grab.
+    names : ndarray of str, shape (geoms,)
     vertices : ndarray of float32, shape (n, 8)
         Position, normal and texture coordinates, in the frame of a geom.
     faces : ndarray of int32, shape (m, 3)
@@ -51,6 +55,8 @@ class ExportedScene:
     jib_from_camera: Array
     jib_from_geom: Array
     shown: NDArray[np.bool_]
+    groups: NDArray[np.int64]
+    names: NDArray[np.str_]
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     vertex_ends: NDArray[np.int64]

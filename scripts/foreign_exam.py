@@ -1,0 +1,148 @@
+"""Judge detectors on pictures that simgrab did not draw: ``python -m scripts.foreign_exam --blender PYTHON``.
+
+PYTHON is an interpreter that can import bpy, Blender as a module (GPL; simgrab does not depend on it). Without it only
+what is there is scored. Each world has one frame. simgrab labels it and renders it with MuJoCo; Blender path-traces the
+same geometry by the same camera at the same moment; then one thing at a time is replaced, and at the end all:
+
+    mujoco    simgrab's own picture
+    cycles    the same, path-traced: geometry, textures, light, lens and sensor are simgrab's
+    grab      a grab by other code; simgrab labels it as a user's own grab, and MuJoCo renders it too
+    textures  procedural materials with roughness, metal and relief
+    ground    photographs as ground, and other things standing about
+    light     another sky and sun, or lamps, and the AgX view transform
+    sensor    another sensor: mosaic, noise, denoising, sharpening and tone
+    coder     WebP, AVIF, JPEG 4:1:1, HEVC, VP9 or MPEG-4
+    digits    the display in other fonts and colours
+    all       all of these
+
+Whatever is made stays in the folder, and the same command goes on where it was interrupted. Worlds of the half "final"
+are kept for the end: look at them once.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from scripts.foreign import scoring
+from scripts.foreign.making import Blender, Maker
+from scripts.foreign.scoring import Seen
+from scripts.foreign.worlds import CONDITIONS, SEEDS, World, beside
+from simgrab import scenes
+from simgrab.cli import main as run
+from simgrab.errors import RendererError, ScenarioError
+from simgrab.instrument.detect import detector as opened
+from simgrab.instrument.read import Reader
+from simgrab.utilities.files import write
+
+DETECTORS = ("bundled", "any-grab")
+
+
+def make(maker: Maker, worlds: Sequence[World], names: Sequence[str]) -> dict[str, str]:
+    """Make what is missing; returns why a world is not made, by its name. Another run tries it again."""
+    refused = {}
+    for number, world in enumerate(worlds, 1):
+        start = time.monotonic()
+        try:
+            maker.make(world, names)
+        except (ScenarioError, RendererError) as problem:  # its grab does not fit into its place, or Blender crashed
+            refused[world.name] = str(problem)
+        click.echo(f"{world.name} ({number} of {len(worlds)}): {time.monotonic() - start:.1f} s", err=True)
+    return refused
+
+
+def score(
+    root: Path, worlds: Sequence[World], names: Sequence[str], detectors: Sequence[str], size: tuple[int, int],
+    resamples: int,
+) -> dict[str, Any]:  # fmt: skip
+    """Score what is complete.
+
+    Returns
+    -------
+    dict
+        ``worlds``: how many are complete. ``detectors``: by detector and condition, as
+        `scripts.foreign.scoring.compare` gives. ``ids``: as `scripts.foreign.scoring.agreement` gives.
+    """
+    done = [world for world in worlds if scoring.complete(root / world.name, names)]
+    layouts = {world: world.scenario(size).display_layout for world in done}
+    reader, found = Reader(), dict[str, Any]()
+    for detector in detectors:
+        looks, seen = opened(detector), dict[str, list[Seen]]()
+        some = [world for world in done if scoring.judged(detector, world)]
+        for name in names:
+            for picture in (name, beside(CONDITIONS[name])):
+                if picture not in seen:
+                    look = CONDITIONS[name].look.name
+                    seen[picture] = list(scoring.watch(root, some, picture, look, looks, reader, layouts.__getitem__))
+                    click.echo(f"{detector}: {picture}", err=True)
+        found[detector] = {
+            name: scoring.compare(seen[name], seen[beside(CONDITIONS[name])], resamples) for name in names if some
+        }
+    used = list(dict.fromkeys(CONDITIONS[name].look.name for name in names))
+    return {"worlds": len(done), "detectors": found, "ids": scoring.agreement(root, done, used)}
+
+
+def report(scores: Mapping[str, Any]) -> str:
+    """Markdown of all tables."""
+    parts = [f"{scores['worlds']} worlds\n"]
+    parts += [scoring.table(detector, rows) for detector, rows in scores["detectors"].items()]
+    for look, ids in scores["ids"].items():
+        parts.append(
+            f"{look}: {ids['within_a_pixel']} of {ids['frames']} masks agree with the path tracer's ids within a "
+            f"pixel; {ids['pixels_beyond']} of {ids['pixels']} pixels are farther away, {ids['farthest_px']:.1f} px at "
+            f"most; IoU {ids['median_iou']:.4f} in the median, {ids['least_iou']:.4f} at least\n"
+        )
+    return "\n".join(parts)
+
+
+def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(part.strip() for part in value.split(","))) if value else tuple(CONDITIONS)
+    unknown = [name for name in names if name not in CONDITIONS]
+    if unknown:
+        raise click.BadParameter(f"{', '.join(unknown)}: one or more of {', '.join(CONDITIONS)}")
+    return names
+
+
+@click.command(help=(__doc__ or "").partition("\n")[0])
+@click.option("--blender", metavar="PYTHON", help="Interpreter that can import bpy; without it, only score.")
+@click.option("--worlds", "count", default=48, show_default=True, type=click.IntRange(min=1))
+@click.option("--half", type=click.Choice(list(SEEDS)), default="tune", show_default=True)
+@click.option("--conditions", "names", default="", callback=_names, help="Separated by commas; all by default.")
+@click.option("--size", default="960x540", show_default=True)
+@click.option("--samples", default=8, show_default=True, help="Of the path tracer, a pixel; it denoises.")
+@click.option("--threads", default=1, show_default=True, help="Of the path tracer.")
+@click.option("--detector", "detectors", multiple=True, default=DETECTORS, show_default=True)
+@click.option("--resamples", default=200, show_default=True, help="Of worlds, for intervals.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs/foreign"), show_default=True)
+def main(
+    blender: str | None, count: int, half: str, names: tuple[str, ...], size: str, samples: int, threads: int,
+    detectors: tuple[str, ...], resamples: int, out: Path,
+) -> None:  # fmt: skip
+    """Make the pictures, score them, and write tables and contact sheets."""
+    pixels, worlds = scenes.parse_size(size), [World(half, number) for number in range(count)]
+    refused = {}
+    stated = {"size": list(pixels), "samples": samples}
+    setting = out / "setting.json"
+    if setting.exists() and json.loads(setting.read_text()) != stated:
+        raise click.UsageError(f"{out} holds pictures of {json.loads(setting.read_text())}; choose another --out")
+    write(setting, json.dumps(stated) + "\n")
+    if blender:
+        refused = make(Maker(out, pixels, samples, threads, Blender(blender)), worlds, names)
+    root = out / "worlds"
+    scores = stated | {"half": half, "refused": refused} | score(root, worlds, names, detectors, pixels, resamples)
+    write(out / f"scores-{half}.json", json.dumps(scores, indent=1) + "\n")
+    write(out / f"scores-{half}.md", report(scores))
+    for name in dict.fromkeys((*names, *(beside(CONDITIONS[name]) for name in names))):
+        write(out / f"sheet-{half}-{name}.jpg", scoring.sheet(root, worlds, name))
+    click.echo(report(scores))
+    for world, why in refused.items():
+        click.echo(f"{world} is not made: {why}", err=True)
+
+
+if __name__ == "__main__":
+    run(main)
