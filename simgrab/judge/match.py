@@ -15,7 +15,7 @@ import tomli_w
 
 from simgrab import scenes
 from simgrab.distributions import Uniform
-from simgrab.errors import SourceError
+from simgrab.errors import ScenarioError, SourceError
 from simgrab.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.match import Appearance, Quantity, measure, read
@@ -29,13 +29,14 @@ from simgrab.utilities.srgb import decoded, encoded
 from simgrab.world.frames import frames
 from simgrab.world.output.video.render import render_video
 
-BASE = "quay-day"
+BASE, TRAINED_ON = "quay-day", "training"
 SECONDS = 10.0
 SHOWN_FRAMES = 24
 """Of ours, to compare with theirs."""
 SIDES_PX = (64, 4096)
 SCENE, TRAINING, PAGE = "matched.toml", "training.toml", "match.html"
 TRAINING_FRAMES = 960
+MOST_BLUR_PX = 50.0
 LEVEL_SPREAD = 1.25  # by which the exposure of training frames varies about what was measured
 
 
@@ -126,7 +127,7 @@ def scene_of(seen: Appearance) -> tuple[Scenario, str]:
     if seen.vignetting.value is not None:
         optics["vignetting_stops"] = _rounded(min(seen.vignetting.value, 8.0))
     if seen.blur.diameter.value is not None:
-        optics["defocus_px"] = _rounded(seen.blur.diameter.value)
+        optics["defocus_px"] = _rounded(min(seen.blur.diameter.value, MOST_BLUR_PX))
     if seen.grey:
         optics["night_mode"] = "on"
     data: dict[str, Any] = {
@@ -155,7 +156,9 @@ def scene_of(seen: Appearance) -> tuple[Scenario, str]:
         optics |= _sensor(seen, max(2.0**stops, 1.0))
     if seen.grab.paint_rgb is not None:
         data["grab"] = {"paint_rgb": [_rounded(channel) for channel in _paint(seen.grab.paint_rgb, stops)]}
-    return scenes.load(BASE, data), _comments(seen) + tomli_w.dumps({"base": BASE} | data)
+    return scenes.load(BASE, data), _comments(seen, "is that of the paper's camera", BASE) + tomli_w.dumps(
+        {"base": BASE} | data
+    )
 
 
 def training_scene(seen: Appearance, matched: Scenario) -> str:
@@ -168,24 +171,38 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
     if seen.vignetting.known:
         drawn["optics.vignetting_stops"] = (min(seen.vignetting.low, 8.0), min(seen.vignetting.high, 8.0))
     if seen.blur.diameter.known:
-        drawn["optics.defocus_px"] = (max(seen.blur.diameter.low, 0.0), seen.blur.diameter.high)
+        drawn["optics.defocus_px"] = (max(seen.blur.diameter.low, 0.0), min(seen.blur.diameter.high, MOST_BLUR_PX))
     if seen.level.value:
         low, high = seen.level.value / LEVEL_SPREAD, seen.level.value * LEVEL_SPREAD
         drawn["optics.exposure.target_level"] = (min(max(low, 0.01), 0.7), min(max(high, 0.012), 0.9))
+        changes["optics.exposure.exposure_ev"] = 0.0
     for name, value in _sensor(seen, 1.0).get("sensor", {}).items():
         changes[f"optics.sensor.{name}"] = value
     if seen.grey:
         changes["optics.night_mode"] = "on"
     if seen.display.layout is not None:
         changes["display.layout"] = msgspec.to_builtins(seen.display.layout)
-    scene = scenes.load("training", changes | {key: _rounded(low) for key, (low, _) in drawn.items()}, size=_size(seen))
+    changes |= {key: _rounded(low) for key, (low, _) in drawn.items()}
+    straight = {"camera.distortion.k1": 0.0}  # small or upright pictures allow neither the lens nor the display
+    for left_out in (
+        {},
+        straight,
+        straight | {"display.layout": "none"},
+    ):
+        try:
+            scene = scenes.load(TRAINED_ON, left_out | changes, size=_size(seen))
+            break
+        except ScenarioError as problem:
+            refused = problem
+    else:
+        raise refused
     measured: dict[str, Factor] = {
         key: Uniform(_rounded(low), _rounded(high)) for key, (low, high) in drawn.items() if low < high
     }
     if seen.grab.paint_rgb is not None:
         measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
     scene = msgspec.structs.replace(scene, vary=scene.vary | measured)
-    return _comments(seen) + scene.to_toml()
+    return _comments(seen, "varies", TRAINED_ON) + scene.to_toml()
 
 
 def _size(seen: Appearance) -> tuple[int, int]:
@@ -244,12 +261,12 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _comments(seen: Appearance) -> str:
+def _comments(seen: Appearance, focal: str, base: str) -> str:
     """Say where each value is from; a comment has one line, whatever the video is called."""
     lines = [f"Matched to {seen.footage.name}. 95 % intervals:"]
     lines += [f"{name}: {text}" for name, text in seen.rows()]
-    lines.append("The focal length is that of the paper's camera: footage alone does not determine it.")
-    lines.append(f"What is not stated here is as in {BASE}.")
+    lines.append(f"The focal length {focal}: footage alone does not determine it.")
+    lines.append(f"What was not measured is as in {base}.")
     return "".join(f"# {''.join(c if c.isprintable() else '?' for c in line)}\n" for line in lines) + "\n"
 
 

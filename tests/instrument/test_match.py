@@ -10,6 +10,7 @@ import pytest
 from browser import needs_chromium, shown
 
 from simgrab import scenes
+from simgrab.distributions import Uniform
 from simgrab.errors import SourceError
 from simgrab.instrument.detect import detector
 from simgrab.instrument.match import Footage, measure, read
@@ -18,7 +19,7 @@ from simgrab.instrument.match.display import display
 from simgrab.instrument.match.footage import BT709
 from simgrab.instrument.match.grab import Grab, _paint
 from simgrab.instrument.match.noise import noise
-from simgrab.instrument.match.quantity import exact
+from simgrab.instrument.match.quantity import Quantity, exact
 from simgrab.instrument.match.shading import vignetting
 from simgrab.instrument.match.still import still
 from simgrab.judge import match as matching
@@ -95,10 +96,13 @@ def test_vignetting_of_a_known_lens_is_found(stops):
     assert found.value == pytest.approx(stops, abs=0.15)
 
 
-@pytest.mark.parametrize(("paint", "hue"), [((40, 84, 140), 214), ((200, 160, 20), 47), ((170, 40, 30), 4)])
-def test_the_hue_of_paint_under_rust_and_red_ore_is_found(paint, hue):
+RUST = (110, 60, 35)
+
+
+@pytest.mark.parametrize(("paint", "hue"), [((40, 84, 140), 214), ((200, 160, 20), 47), ((40, 120, 60), 135)])
+def test_the_hue_of_paint_under_rust_is_found(paint, hue):
     rng = np.random.default_rng(8)
-    grab = np.full((200, 200, 3), (110, 60, 35), np.uint8)  # rust
+    grab = np.full((200, 200, 3), RUST, np.uint8)
     grab[np.kron(rng.random((20, 20)) < 0.3, np.ones((10, 10), bool))] = paint
     grab[:60] = (120, 120, 118)  # bare steel
     smeared = cv2.GaussianBlur(grab, (3, 3), 0)
@@ -106,7 +110,18 @@ def test_the_hue_of_paint_under_rust_and_red_ore_is_found(paint, hue):
     found, rgb = _paint(footage(np.stack([smeared] * 3)), boxes)
     assert found.low < hue < found.high
     assert found.high - found.low < 50
-    assert rgb is not None
+    np.testing.assert_allclose(np.array(rgb) * 255, paint, atol=15)
+
+
+def test_a_grab_of_many_colours_has_none():
+    colours = [(40, 84, 200), (40, 200, 60), (200, 40, 200)] * 3
+    frames = np.stack([np.full((60, 60, 3), colour, np.uint8) for colour in colours])
+    boxes = [(frame, np.array([0.0, 0.0, 60.0, 60.0])) for frame in frames]
+    found, rgb = _paint(footage(frames), boxes)
+    assert "differ too much" in found.text()
+    assert rgb is None
+    rusty = [(np.full((60, 60, 3), RUST, np.uint8), boxes[0][1])] * 9
+    assert not _paint(footage(frames), [boxes[0], *rusty])[0].known  # one blue frame among nine of rust
 
 
 def test_paint_is_as_bright_under_any_exposure():
@@ -120,7 +135,7 @@ def test_a_scene_to_train_on_varies_what_was_measured_within_its_interval(tmp_pa
     rng = np.random.default_rng(9)
     seen = measure(read(video(tmp_path / "seen.mp4", taken(scene(rng, 3.0, 1.0), rng))), detector())
     found = Grab(exact(1.0), exact(80.0, "px"), exact(214.0, "°"), (0.1, 0.2, 0.4), np.zeros((0, 4)))
-    matched, _ = matching.scene_of(replace(seen, grab=found))
+    matched = scenes.load("quay-day", {"grab.paint_rgb": [0.2, 0.3, 0.6]})
     path = tmp_path / "training.toml"
     path.write_text(matching.training_scene(replace(seen, grab=found), matched), encoding="utf-8")
     drawn = [one.scenario for one, _ in variants(scenes.load(path, {"frames": 96}))]
@@ -135,6 +150,19 @@ def test_a_scene_to_train_on_varies_what_was_measured_within_its_interval(tmp_pa
         assert quantity.low <= min(values) < max(values) <= quantity.high
     wells = [one.optics.sensor.full_well_e for one in drawn]
     assert wells == pytest.approx([1 / seen.noise.gain.value] * len(drawn), rel=1e-3)
+
+
+def test_a_scene_to_train_on_fits_portraits_and_any_blur(tmp_path):
+    rng = np.random.default_rng(10)
+    seen = measure(read(video(tmp_path / "seen.mp4", taken(scene(rng), rng, 2).transpose(0, 2, 1, 3))), detector())
+    assert seen.footage.size[0] < seen.footage.size[1]
+    seen = replace(seen, blur=replace(seen.blur, diameter=Quantity(40.0, 10.0, 70.0, unit="px")))
+    matching.Matched(seen, "", matching.training_scene(seen, scenes.load()), None).save(tmp_path)
+    training = scenes.load(tmp_path / matching.TRAINING)
+    assert training.vary["optics.defocus_px"] == Uniform(10.0, matching.MOST_BLUR_PX)
+    text = (tmp_path / matching.TRAINING).read_text()
+    assert "# The focal length varies" in text
+    assert "paper" not in text
 
 
 def test_footage_without_a_display_has_none():
@@ -178,7 +206,7 @@ def test_the_page_shows_both_and_fits_a_phone(tmp_path):
     theirs, ours = (
         measure(read(video(tmp_path / f"{name}.mp4", taken(scene(rng), rng))), detector()) for name in ("<b>x", "ours")
     )
-    text = matching.page(matching.Matched(theirs, f"# {theirs.footage.name} {'x' * 300}", ours))
+    text = matching.page(matching.Matched(theirs, f"# {theirs.footage.name} {'x' * 300}", "", ours))
     assert "<b>x" not in text
     assert len(shown(text, tmp_path)["figures"]) == 5  # two frames, histogram, spectrum, noise
 

@@ -75,16 +75,14 @@ def _paint(
     if len(shown) < LEAST_FOUND:
         return unknown("little of the grab shows any colour", "°"), None
     most = _paint_hue(np.concatenate(shown))
-    shown = [rgb[np.abs(_turn(_hue(rgb) - most)) < HUE_REACH_DEG] for rgb in shown]
-    shown = [rgb for rgb in shown if len(rgb)]
-    colours = [np.median(rgb, axis=0) for rgb in shown]
-    hues = [360 * colorsys.rgb_to_hsv(*colour)[0] for colour in colours]
-    angles = np.radians(hues)
-    centre = math.degrees(math.atan2(np.sin(angles).mean(), np.cos(angles).mean())) % 360
-    away = _turn(np.array(hues) - centre)
-    sd = math.hypot(float(away.std()), _HUE_SD_DEG)
-    if sd > 40:
+    near = [rgb[np.abs(_turn(_hue(rgb) - most)) < HUE_REACH_DEG] for rgb in shown]
+    painted = [part for part, whole in zip(near, shown, strict=True) if len(part) >= LEAST_PAINTED / 2 * len(whole)]
+    if len(painted) < max(LEAST_FOUND, len(shown) / 2):
         return unknown("its colours differ too much from frame to frame", "°"), None
+    colours = [np.median(rgb, axis=0) for rgb in painted]
+    hues = np.array([360 * colorsys.rgb_to_hsv(*colour)[0] for colour in colours])
+    centre = (most + float(_turn(hues - most).mean())) % 360
+    sd = math.hypot(float(_turn(hues - centre).std()), _HUE_SD_DEG)
     r, g, b = (float(v) for v in np.median(colours, axis=0))
     return Quantity(centre, centre - 1.96 * sd, centre + 1.96 * sd, unit="°"), (r, g, b)
 
