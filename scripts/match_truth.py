@@ -144,7 +144,8 @@ def score(folder: Path, first: int, count: int) -> None:
     for number in range(first, first + count):
         path = folder / f"{number:03d}.mp4"
         if path.exists() and number not in known:
-            done.append(compared(number, measure(read(path), find)))
+            seen = measure(read(path), find, night=drawn(number).light.floodlights > 0)  # users know when it was
+            done.append(compared(number, seen))
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(done[-1]) + "\n")
     click.echo(tables([row for row in done if first <= row["video"] < first + count]))

@@ -20,9 +20,10 @@ from simgrab.cli._options import FOLDER, PATH
     show_default=True,
     help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
 )
+@click.option("--night", is_flag=True, help="They were recorded at night, by floodlights: footage does not show it.")
 @click.option("--compare/--no-compare", default=True, show_default=True, help="Render the scene, and write the page.")
 @click.option("--json", "as_json", is_flag=True, help="Print the quantities as JSON.")
-def command(videos: tuple[Path, ...], out: Path, name: str, compare: bool, as_json: bool) -> None:
+def command(videos: tuple[Path, ...], out: Path, name: str, night: bool, compare: bool, as_json: bool) -> None:
     """Measure what VIDEO... show of their camera, and write a scene that looks alike.
 
     Writes two scenes for `simgrab render`: matched.toml, a clip, and training.toml, worlds to train a detector on.
@@ -35,7 +36,7 @@ def command(videos: tuple[Path, ...], out: Path, name: str, compare: bool, as_js
     from simgrab.judge import match as matching
     from simgrab.pages.terminal import cell, table
 
-    matched = matching.match(videos, detector(name), compare=compare)
+    matched = matching.match(videos, detector(name), night=night, compare=compare)
     matched.save(out)
     rows = matched.theirs.rows()
     console = Console()

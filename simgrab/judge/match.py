@@ -36,6 +36,7 @@ SHOWN_FRAMES = 24
 SIDES_PX = (64, 4096)
 SCENE, TRAINING, PAGE = "matched.toml", "training.toml", "match.html"
 TRAINING_FRAMES = 960
+NIGHT = {"sun": 0.0, "sky": 0.012, "floodlights": 0.06}  # as in `training`
 MOST_BLUR_PX = 50.0
 LEVEL_SPREAD = 1.25  # by which the exposure of training frames varies about what was measured
 
@@ -70,7 +71,7 @@ class Matched:
             write(folder / PAGE, page(self).encode())
 
 
-def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = True) -> Matched:
+def match(videos: Sequence[str | Path], detector: Detector, *, night: bool = False, compare: bool = True) -> Matched:
     """Measure a camera's footage, and write a scene whose frames look alike.
 
     Parameters
@@ -78,6 +79,8 @@ def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = T
     videos : sequence of str or Path
         Of one camera; each quantity is that of the video that determines it best.
     detector : Detector
+    night : bool
+        Whether they were recorded by floodlights.
     compare : bool
         Whether to render the scene, and to measure it in the same way.
 
@@ -86,8 +89,8 @@ def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = T
     SourceError
         If a video cannot be read, or they differ in size.
     """
-    seen = together([measure(read(video), detector) for video in videos])
-    scenario, text = scene_of(seen)
+    seen = together([measure(read(video), detector, night=night) for video in videos])
+    scenario, text = scene_of(seen, night=night)
     training = training_scene(seen, scenario)
     if not compare:
         return Matched(seen, text, training, None)
@@ -95,7 +98,7 @@ def match(videos: Sequence[str | Path], detector: Detector, *, compare: bool = T
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ours.mp4"
         render_video(few, path)
-        return Matched(seen, text, training, measure(read(path), detector))
+        return Matched(seen, text, training, measure(read(path), detector, night=night))
 
 
 def together(parts: Sequence[Appearance]) -> Appearance:
@@ -120,7 +123,7 @@ def together(parts: Sequence[Appearance]) -> Appearance:
     )
 
 
-def scene_of(seen: Appearance) -> tuple[Scenario, str]:
+def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
     """Write the scene that matches footage: the scenario, and its file with what is not determined as comments."""
     width, height = _size(seen)
     optics: dict[str, Any] = {}
@@ -144,6 +147,8 @@ def scene_of(seen: Appearance) -> tuple[Scenario, str]:
         "optics": optics,
         "image": {"format": "png"},
     }
+    if night:
+        data["light"] = NIGHT
     rate = data["clip"].get("frame_rate_hz", 9.0)
     frames_wanted = max(math.ceil(SECONDS * rate), 1)
     if seen.display.layout is not None:
@@ -180,6 +185,8 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
         changes[f"optics.sensor.{name}"] = value
     if seen.grey:
         changes["optics.night_mode"] = "on"
+    if not matched.light.sun:
+        changes["light"] = NIGHT
     if seen.display.layout is not None:
         changes["display.layout"] = msgspec.to_builtins(seen.display.layout)
     changes |= {key: _rounded(low) for key, (low, _) in drawn.items()}

@@ -165,6 +165,23 @@ def test_a_scene_to_train_on_fits_portraits_and_any_blur(tmp_path):
     assert "paper" not in text
 
 
+def test_what_is_recorded_at_night_is_matched_by_a_scene_at_night(tmp_path, monkeypatch):
+    monkeypatch.setattr(matching, "_exposure", lambda _data, _level: 0.0)  # which renders
+    rng = np.random.default_rng(11)
+    footage_at_night = read(video(tmp_path / "night.mp4", taken(scene(rng, 0.0, 1.0), rng, 8)))
+    seen = measure(footage_at_night, detector(), night=True)
+    assert "floodlights" in seen.vignetting.text()
+    assert measure(footage_at_night, detector()).vignetting.known
+    matched, _ = matching.scene_of(seen, night=True)
+    assert matched.light.sun == 0
+    assert matched.light.floodlights > 0
+    path = tmp_path / "training.toml"
+    path.write_text(matching.training_scene(seen, matched), encoding="utf-8")
+    drawn = [one.scenario for one, _ in variants(scenes.load(path, {"frames": 80}))]
+    assert {one.light.sun for one in drawn} == {0.0}
+    assert len({one.weather for one in drawn}) > 2
+
+
 def test_footage_without_a_display_has_none():
     rng = np.random.default_rng(4)
     assert display(footage(taken(scene(rng), rng, 8))).layout is None

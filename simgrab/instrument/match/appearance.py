@@ -17,6 +17,7 @@ from simgrab.instrument.match.shading import vignetting
 from simgrab.instrument.match.still import still
 
 DARK = 4.0  # levels: a picture whose brightest parts are below shows nothing
+_FLOODLIGHTS = "at night floodlights make the same falloff"
 _PATTERN = "the scene's own texture looks the same while the camera stands still"
 
 
@@ -96,7 +97,7 @@ class Appearance:
         ]  # fmt: skip
 
 
-def measure(footage: Footage, detector: Detector) -> Appearance:
+def measure(footage: Footage, detector: Detector, *, night: bool = False) -> Appearance:
     """Measure all that pixels show.
 
     Parameters
@@ -104,6 +105,8 @@ def measure(footage: Footage, detector: Detector) -> Appearance:
     footage : Footage
     detector : Detector
         That detects the grab.
+    night : bool
+        Whether it was recorded by floodlights, which pixels do not show: their falloff is like that of a lens.
     """
     black = "the picture is black"
     dark = float(np.quantile(footage.luma, 0.999)) < DARK
@@ -127,7 +130,9 @@ def measure(footage: Footage, detector: Detector) -> Appearance:
         covered[max(y0, 0) : y1 + 1, max(x0, 0) : x1 + 1] = True
     return Appearance(
         footage, grey, False, noise(footage, standing, overlay), blur(footage, overlay),
-        vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
+        unknown(_FLOODLIGHTS, "stops")
+        if night
+        else vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
         *_means(footage), pattern, hidden, tone, shown, found, standing.share if standing else 0.0,
     )  # fmt: skip
 
