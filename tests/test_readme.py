@@ -19,11 +19,14 @@ from simgrab import calibration
 from simgrab.calibration import Calibration
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
-from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.contract import Frame, Measurement, TakesSensors
+from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP
+from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check.suite import Suite
-from simgrab.scenario import IMU_CLASSES, ImuNoise, Scenario, merged
+from simgrab.scenario import IMU_CLASSES, Imu, ImuNoise, Scenario, merged
 from simgrab.scenes import load
 from simgrab.utilities.strict import convert
+from simgrab.world.output.sensors import yaml
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
@@ -174,13 +177,18 @@ def test_the_page_on_sensors_has_the_figures_of_each_class():
     assert told == {key: tuple(getattr(IMU_CLASSES[name], key) for name in ("adis16448", "mems")) for key in named}
 
 
-def test_the_page_on_own_pipelines_holds_instruments_that_measure():
+def test_the_page_on_own_pipelines_holds_instruments_that_measure(tmp_path):
     frames = [Frame(np.zeros((540, 960, 3), np.uint8), 0.0), Frame(None, 1.0, "dropped")]
     camera = Calibration(width_px=960, height_px=540, focal_length_px=800.0, cx_px=480.0, cy_px=270.0)
-    told = []
+    readings = [f"{10_000_000 * i},0,0,0,0,0,-9.81" for i in range(3)]
+    (tmp_path / "data.csv").write_text("\n".join([",".join((STAMP, *RATE, *FORCE)), *readings]) + "\n")
+    (tmp_path / "sensor.yaml").write_text(yaml(Imu(mount="camera"), np.eye(4)))
+    found = []
     for block in blocks("python", OWN):
         names = {}
         exec(block, names)
-        make = names["mine"] if "mine" in names else names["Mine"]
-        told.append([m.status for m in make()(frames, camera)])
-    assert told == [["ok", "lost"], ["refused", "refused"], ["missed", "lost"]]
+        instrument = names.get("mine", names.get("Mine"))()
+        found.append([m.status for m in instrument(frames, camera)])
+        if isinstance(instrument, TakesSensors) and not isinstance(instrument, Pipeline):
+            found.append([m.status for m in instrument.with_sensors({"imu0": tmp_path})(frames, camera)])
+    assert found == [["ok", "lost"], ["refused", "refused"], ["ok", "lost"], ["missed", "lost"]]

@@ -67,7 +67,7 @@ def prepare(
     "--track",
     default="picture+rope",
     show_default=True,
-    help="What it may see: picture, rope and sensors, joined with +.",
+    help="Inputs that the method may use: picture, rope and sensors, joined with +.",
 )
 @quiet_option
 def run(season: Path, out: Path, instrument: str, method: str, track: str, quiet: bool) -> None:

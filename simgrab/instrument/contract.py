@@ -143,6 +143,12 @@ class Instrument(Protocol):
         -------
         sequence of Measurement
             One a frame, in order.
+
+        Raises
+        ------
+        RecordError
+            If the record cannot be used. SwingBench then refuses every frame of the clip, with this reason, and goes on
+            with the next one. Elsewhere it ends the run, as any other error does.
         """
 
 
@@ -161,5 +167,6 @@ class TakesSensors(Protocol):
         Raises
         ------
         RecordError
-            If the readings cannot be used: then every frame of the record is refused, with this reason.
+            If the readings cannot be used. SwingBench, which calls this for each clip, then refuses every frame of the
+            clip, with this reason. Any other error ends its run.
         """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -113,6 +113,33 @@ class Pipeline:
             )
         return self.estimator
 
+    def check_inputs(self, sensors: Collection[str], *, display: bool) -> None:
+        """Refuse inputs that the pipeline cannot measure with, before there is a record.
+
+        Parameters
+        ----------
+        sensors : collection of str
+            Names of the sensors that `with_sensors` is called with; where there are none, it is not called.
+        display : bool
+            Whether camera files state a display.
+
+        Raises
+        ------
+        RunError
+            In one line what is needed.
+        """
+        if sensors:
+            self._check_sensors(sensors)
+        estimator = InertialFusion if sensors else self.estimator
+        if estimator is not None and estimator.needs_rope and not (display and self.reader is not None):
+            raise RunError(f"{estimator.name} needs the rope's length on the display")
+
+    def _check_sensors(self, sensors: Collection[str]) -> None:
+        if self.estimator is not None or self.calibrate_s is not None or self.tilt is not None:
+            raise RunError("with an inertial sensor nothing else is to be chosen; leave out estimator and calibration")
+        if IMU not in sensors:
+            raise RunError(f"{self.name} uses the sensor {IMU}; there are: {', '.join(sensors) or 'none'}")
+
     def with_sensors(self, sensors: Mapping[str, Path]) -> Pipeline:
         """Measure with `InertialFusion` and the inertial sensor ``imu0`` in the camera's housing (`TakesSensors`).
 
@@ -123,10 +150,7 @@ class Pipeline:
         RecordError
             If its readings cannot be used.
         """
-        if self.estimator is not None or self.calibrate_s is not None or self.tilt is not None:
-            raise RunError("with an inertial sensor nothing else is to be chosen; leave out estimator and calibration")
-        if IMU not in sensors:
-            raise RunError(f"{self.name} uses the sensor {IMU}; there are: {', '.join(sensors) or 'none'}")
+        self._check_sensors(sensors)
         return replace(self, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
 
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:

@@ -13,8 +13,9 @@ import pytest
 from click.testing import CliRunner
 
 from simgrab.cli import cli
-from simgrab.errors import BenchError, InstrumentError
+from simgrab.errors import BenchError, InstrumentError, RecordError
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP, read_imu
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.bench import board, entry, files, season
@@ -23,8 +24,11 @@ from simgrab.judge.bench.files import Published, Target, hidden_like, published,
 from simgrab.judge.bench.score import THRESHOLDS_DEG, recall, sanity, score
 from simgrab.judge.bench.season import Season
 from simgrab.records.observations import Detection, Reading
+from simgrab.utilities import processes
+from simgrab.world.extensions import Recipe
 from simgrab.world.output.sensors import yaml
 from simgrab.world.output.tables import calibration_of
+from simgrab.world.sensors import record
 
 
 def target(name="a", n=90, peak_deg=12.0, phase=0.0):
@@ -231,10 +235,27 @@ def test_a_report_is_the_page_of_the_scores_and_needs_their_file_alone(tmp_path)
     board.save_page([board.read(tmp_path / "a.csv")] * 2, tmp_path / "c.html")
     assert (tmp_path / "c.html").read_text().count("<h2>Season open: 2 clips, 100 frames") == 2
     text = (tmp_path / "a.csv").read_text()
-    short, mixed = text + "open,1\n", text.replace("open", "autumn", 1)
-    for bad in ("", text.replace("rank", "place"), text.splitlines()[0], short, mixed):
+    header, first, *others = text.splitlines()
+    cells = first.split(",")
+    place = board._COLUMNS.index("frames")
+    one_of = "its rows must be of one season, one commitment and one scorer"
+    for bad, words in (
+        ("", "the header is not that of bench score --out"),
+        (text.replace("rank", "place"), "the header is not"),
+        (header, one_of),
+        (text + "open,1\n", f"row {len(others) + 2} must have {len(board._COLUMNS)} cells"),
+        ("\n".join([header, ",".join(cells[: place + 1])]), "row 1 must have"),
+        ("\n".join([header, f"{first},", *others]), "row 1 must have"),
+        (text.replace("open", "autumn", 1), one_of),
+        (text.replace(Season().commitment, "0" * 64, 1), one_of),
+        (
+            "\n".join([header, ",".join([*cells[: place + 1], "nan", *cells[place + 2 :]])]),
+            "average_recall must be fin",
+        ),
+        ("\n".join([header, ",".join([*cells[:-1], "inf"])]), "ms_per_frame_high must be finite, got 'inf'"),
+    ):
         (tmp_path / "bad.csv").write_text(bad)
-        with pytest.raises(BenchError, match=r"bad\.csv: not scores of simgrab bench"):
+        with pytest.raises(BenchError, match=rf"bad\.csv: not scores of simgrab bench \({re.escape(words)}"):
             board.read(tmp_path / "bad.csv")
 
 
@@ -332,7 +353,7 @@ def test_all_problems_of_an_entry_are_listed(tmp_path):
 
 
 class Still:
-    """An instrument that sees no swing."""
+    """An instrument that measures no swing."""
 
     name = "still"
 
@@ -451,6 +472,137 @@ def test_sensors_of_another_clip_are_refused_for_every_method(sensed, tmp_path):
         assert set(found.clips["a"].status) == {"refused"}
         assert found.clips["b"].ok.all()
         assert "clips/a: not the sensors' files that season.json commits to" in found.about.reasons["a"]
+
+
+def test_without_the_rope_length_in_the_track_no_display_is_read(sensed, tmp_path):
+    times = []
+
+    class Counting(Middle):
+        def read(self, picture, layout, *, display_constant_m):
+            times.append(1)
+            return super().read(picture, layout, display_constant_m=display_constant_m)
+
+    pipeline = Pipeline(Middle(), Counting())
+    entry.run(sensed, tmp_path / "e", pipeline, "picture")
+    assert len(times) == 0
+    entry.run(sensed, tmp_path / "f", pipeline, "picture+rope")
+    assert len(times) == 72
+
+
+@pytest.mark.parametrize(
+    ("instrument", "track", "words"),
+    [
+        (Pipeline(Middle(), Middle()), "picture+imu", "inertial-fusion needs the rope's length on the display"),
+        (Pipeline(Middle(), None), "picture+rope+imu", "inertial-fusion needs the rope's length on the display"),
+        (Pipeline(Middle(), Middle(), RopeAware()), "picture", "rope-aware needs the rope's length on the display"),
+        (Pipeline(Middle(), Middle(), RopeAware()), "picture+rope+imu", "with an inertial sensor nothing else"),
+        (Pipeline(Middle(), Middle()), "picture+rope+lidar", "uses the sensor imu0; there are: lidar0"),
+        (Still(), "picture+lidar", "still takes no sensors"),
+    ],
+)  # fmt: skip
+def test_inputs_that_an_instrument_cannot_use_are_refused_before_the_first_clip(
+    sensed, tmp_path, monkeypatch, instrument, track, words
+):
+    opened = []
+    monkeypatch.setattr(entry, "open_source", opened.append)
+    path = sensed / "clips" / "season.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"sensors": ["imu", "lidar"]}))
+    with pytest.raises((BenchError, InstrumentError), match=words):
+        entry.run(sensed, tmp_path / "e", instrument, track)
+    assert opened == []
+
+
+def test_a_name_that_is_too_long_is_refused_before_the_first_clip(sensed, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(entry, "open_source", opened.append)
+    with pytest.raises(BenchError, match="method: expected str of length <= 100"):
+        entry.run(sensed, tmp_path / "e", Still(), "picture", method="m" * 101)
+    assert opened == []
+
+
+class Odd:
+    """An estimator, and an instrument, that cannot use any record."""
+
+    name, needs_rope, needs_time = "odd", False, False
+
+    def estimate(self, *_args, **_options):
+        raise RecordError("row 3 is odd")
+
+    __call__ = estimate
+
+
+@pytest.mark.parametrize("instrument", [Odd(), Pipeline(Middle(), Middle(), Odd())], ids=["own", "pipeline"])
+def test_a_record_that_an_instrument_cannot_use_is_refused_and_the_run_goes_on(sensed, tmp_path, instrument):
+    entry.run(sensed, tmp_path / "e", instrument, "picture")
+    found = entry.read(tmp_path / "e", published(sensed))
+    assert {status for answers in found.clips.values() for status in answers.status} == {"refused"}
+    assert found.about.reasons == dict.fromkeys("ab", "row 3 is odd")
+
+
+@pytest.fixture
+def recording(tmp_path, monkeypatch):
+    """Function that renders the first clip of a season with an inertial sensor, of which the video is left out."""
+    clip, one = season.nightly()[0], Season(frames=9, sensors=("imu",))
+    monkeypatch.setattr(files, "_drawn", lambda season, clip: season.scenario(clip))
+    for part in ("clips", "truth"):
+        (tmp_path / part).mkdir()
+
+    def video(scenario, path, *, progress, resume):  # noqa: ARG001
+        for side in files._SIDES:
+            path.with_suffix(side).write_text(json.dumps({"digest": scenario.digest()}))
+        progress(1, 9)
+
+    monkeypatch.setattr(files, "render_video", video)
+    return (
+        lambda: files._render(one, tmp_path, clip),
+        lambda: files._finished(one, tmp_path, clip),
+        tmp_path / "clips" / clip.name / "imu0",
+    )
+
+
+def test_an_interrupted_recording_of_sensors_leaves_no_file_that_is_cut(recording, monkeypatch):
+    render, finished, folder = recording
+    ticks = []
+    monkeypatch.setattr(processes, "_on_tick", lambda: ticks.append(1))
+    whole = record.record
+
+    def interrupted(*arguments):
+        yield next(whole(*arguments))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(record, "record", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        render()
+    assert len(ticks) == 2  # of the video, and of the sensor
+    assert not folder.exists()
+    monkeypatch.setattr(record, "record", whole)
+    render()
+    assert finished()
+    recorded = (folder / "data.csv").read_bytes()
+    (folder / "sensor.yaml").unlink()
+    monkeypatch.setattr(record, "record", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        render()
+    assert (folder / "data.csv").read_bytes() == recorded
+    assert not finished()
+
+
+def test_sensors_that_render_count_in_the_memory_of_workers(tmp_path, monkeypatch):
+    asked = []
+
+    def pool(workers, **_options):
+        asked.append(workers)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "Pool", pool)
+    monkeypatch.setattr(files.machine, "cores", lambda: 8)
+    monkeypatch.setattr(
+        files.machine, "free_bytes", lambda: 6 * files.memory_bytes(Recipe(Season().scenario(season.nightly()[0])))
+    )
+    for kinds in ((), ("imu",), ("cameras", "lidar")):
+        with pytest.raises(KeyboardInterrupt):
+            files.prepare(Season(sensors=kinds), tmp_path / "-".join(("season", *kinds)))
+    assert asked[0] == asked[1] == 6 > asked[2]
 
 
 @pytest.mark.slow

@@ -83,7 +83,7 @@ def run(
 
     Raises
     ------
-    SourceError, CalibrationError, DetectorError, ReaderError, InstrumentError, RunError
+    SourceError, CalibrationError, DetectorError, ReaderError, InstrumentError, RecordError, RunError
         In one line what is wrong; then nothing lies at ``out``.
     """
     options = options or Options()
@@ -127,6 +127,8 @@ def measure(
         If there is no frame, or the pictures are not of this camera.
     InstrumentError
         If the instrument breaks its contract, or raises.
+    RecordError
+        If it raises this: it cannot use the record.
     RunError
         If it does not give one measurement a frame.
     """

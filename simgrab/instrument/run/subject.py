@@ -6,7 +6,7 @@ import importlib
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +50,10 @@ def open_instrument(name: str) -> Instrument:
 
 
 def checked(instrument: Any, what: str = "instrument") -> Pipeline | CheckedInstrument:
-    """Check an instrument against the contract, so that whatever goes wrong in it is an `InstrumentError`."""
+    """Check an instrument against the contract.
+
+    Whatever goes wrong in it is an `InstrumentError`, except for a `RecordError`, which it raises by contract.
+    """
     if isinstance(instrument, Pipeline | CheckedInstrument):
         return instrument
     with one_line(f"{what}: has no name"):
@@ -73,7 +76,7 @@ class CheckedInstrument:
         """Measure a record; numbers of NumPy's are taken for plain ones."""
         passing = _Passing(self.name, frames)
         given: list[object] = []
-        with one_line(self.name):
+        with one_line(self.name, passing=RecordError):
             for one in self.instrument(passing, calibration):
                 if not passing.reach(len(given) + 1):
                     if not given:  # nor is there a frame, which is reported elsewhere
@@ -86,17 +89,21 @@ class CheckedInstrument:
         passing.reach(None)  # so that those it did not ask for are counted too
         return tuple(self._plain(i, one) for i, one in enumerate(given))
 
+    def check_inputs(self, sensors: Collection[str], *, display: bool) -> None:  # noqa: ARG002
+        """Refuse sensors for an instrument that takes none; see `Pipeline.check_inputs`."""
+        if sensors:
+            self._taking_sensors()
+
     def with_sensors(self, sensors: Mapping[str, Path]) -> Instrument:
         """Return the instrument for a record with sensors; see `TakesSensors`."""
+        instrument = self._taking_sensors()
+        with one_line(f"{self.name}: with_sensors", passing=RecordError):
+            return checked(instrument.with_sensors(sensors), f"{self.name}: with_sensors")
+
+    def _taking_sensors(self) -> TakesSensors:
         if not isinstance(self.instrument, TakesSensors):
             raise InstrumentError(f"{self.name} takes no sensors: it has no method with_sensors")
-        unusable: RecordError | None = None
-        with one_line(f"{self.name}: with_sensors"):
-            try:
-                return checked(self.instrument.with_sensors(sensors), f"{self.name}: with_sensors")
-            except RecordError as problem:
-                unusable = problem
-        raise unusable
+        return self.instrument
 
     def _plain(self, i: int, given: object) -> Measurement:
         if not isinstance(given, Measurement):
@@ -159,8 +166,10 @@ def _number(value: Any) -> Any:
 
 
 @contextmanager
-def one_line(what: str) -> Iterator[None]:
+def one_line(what: str, *, passing: type[SimgrabError] = InstrumentError) -> Iterator[None]:
     """Turn any exception into one line: what failed, why, and where in the user's code.
+
+    Errors of the class ``passing`` are raised as they are.
 
     Raises
     ------
@@ -168,7 +177,7 @@ def one_line(what: str) -> Iterator[None]:
     """
     try:
         yield
-    except InstrumentError:
+    except (InstrumentError, passing):
         raise
     except SimgrabError as problem:
         raise InstrumentError(f"{what}: {problem}") from problem

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from simgrab.errors import BenchError, first_line
-from simgrab.judge.bench.entry import About
+from simgrab.judge.bench.entry import About, number
 from simgrab.judge.bench.score import SCORER, THRESHOLDS_DEG, Figure, Score
 from simgrab.judge.bench.season import Season
 from simgrab.utilities.destination import writing
@@ -116,17 +116,22 @@ def read(path: Path) -> Board:
         if tuple(lines.fieldnames or ()) != _COLUMNS:
             raise ValueError("the header is not that of bench score --out")
         found = list(lines)
-        if len({(row["season"], row["scorer"]) for row in found}) != 1:
-            raise ValueError("it must hold scores of one season and one scorer")
+        for count, row in enumerate(found, 1):
+            if None in row or None in row.values():  # a row that is too long, or too short
+                raise ValueError(f"row {count} must have {len(_COLUMNS)} cells")
+        if len({(row["season"], row["commitment"], row["scorer"]) for row in found}) != 1:
+            raise ValueError("its rows must be of one season, one commitment and one scorer")
         scores = tuple(_parsed(row) for row in found)
-    except (ValueError, TypeError, csv.Error) as problem:  # TypeError: a line that is too short
+    except (ValueError, csv.Error) as problem:
         raise BenchError(f"{path}: not scores of simgrab bench ({first_line(problem)})") from None
     return Board(found[0]["season"], found[0]["scorer"], scores)
 
 
 def _parsed(row: dict[str, str]) -> Score:
     figures = {
-        name: Figure(*(float(row[f"{name}{end}"]) if row[f"{name}{end}"] else None for end in ("", "_low", "_high")))
+        name: Figure(
+            *(number(row[cell], cell) if row[cell] else None for cell in (name, f"{name}_low", f"{name}_high"))
+        )
         for name in _FIGURES
     }
     about = About(row["method"], row["track"], row["season"])

@@ -1,4 +1,4 @@
-"""What a method enters: one CSV file for each clip, and what it says of itself.
+"""What a method enters: one CSV file for each clip, and a description of the method.
 
 ``entry.json`` has ``method``, ``track`` and ``season``. ``CLIP.csv`` has the columns of `COLUMNS` and a row for each
 frame of the clip, in order. Nothing else lies in the folder.
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab import calibration
-from simgrab.errors import BenchError, RecordError, shortened
+from simgrab.errors import BenchError, RecordError, RunError, shortened
 from simgrab.geometry import Array
 from simgrab.instrument.alarm import probability
 from simgrab.instrument.contract import Instrument, Measurement, Status
@@ -44,13 +44,13 @@ MOST_PROBLEMS = 20  # that are listed of one entry
 
 
 class About(Checked, frozen=True):
-    """What a method says of itself.
+    """Description of a method.
 
     Attributes
     ----------
     method : str
     track : str
-        What it looked at: "picture" (the picture without the display), "picture+rope" (the rope length on the display
+        Inputs that it used: "picture" (the picture without the display), "picture+rope" (the rope length on the display
         too), and so on with sensors (`simgrab.judge.bench.season.sensors_of`).
     season : str
         Name of the season.
@@ -121,8 +121,9 @@ def run(
 ) -> None:  # fmt: skip
     """Let an instrument measure a season's clips, and write an entry.
 
-    It is given videos, camera files, and the folders of the sensors that the track allows. Where these are not the
-    season's, or cannot be used, every frame of the clip is refused.
+    It is given videos, camera files, and the folders of the sensors that the track allows. In tracks without the rope
+    length, camera files state no display. Where a clip's sensors are not the season's, or the instrument raises
+    `RecordError`, every frame of the clip is refused.
 
     Parameters
     ----------
@@ -140,21 +141,30 @@ def run(
 
     Raises
     ------
-    BenchError, SourceError, InstrumentError
+    BenchError, SourceError, CalibrationError, InstrumentError, RunError
+        Before the first clip if the instrument cannot measure with the inputs of the track.
     """
     check_new_folder(out, BenchError)
     season = published(folder)
     instrument = checked(instrument)
-    with_sensors = bool(_sensors(track, season.sensors))
+    sensors = [name for kind in _sensors(track, season.sensors) for name in SENSORS[kind]]
+    display = "rope" in track.split("+")
+    about = About(method or instrument.name, track, season.name)
+    try:
+        instrument.check_inputs(sensors, display=display)
+    except RunError as problem:
+        raise BenchError(f"track {track}: {problem}") from None
     files, reasons = dict[str, str](), dict[str, str]()
     for count, (name, frames) in enumerate(season.clips.items(), 1):
         video = folder / CLIPS / f"{name}.mp4"
+        camera = calibration.load(video.with_suffix(".camera.toml"))
+        if not display:
+            camera = msgspec.structs.replace(camera, digit_layout=None)
         begun = time.perf_counter()
         try:
             subject: Instrument = instrument
-            if with_sensors:
+            if sensors:
                 subject = instrument.with_sensors(sensor_folders(folder, season, name, track))
-            camera = calibration.load(video.with_suffix(".camera.toml"))
             measurements = measure(open_source(video), camera, subject, source=name).measurements
         except RecordError as problem:
             measurements = (Measurement(status="refused", reason=str(problem)),) * frames
@@ -164,7 +174,7 @@ def run(
             reasons[name] = shortened(without.most_common(1)[0][0])
         if progress:
             progress(count, len(season.clips))
-    about = About(method or instrument.name, track, season.name, reasons=reasons)
+    about = msgspec.structs.replace(about, reasons=reasons)
     with writing(out, BenchError):
         out.parent.mkdir(parents=True, exist_ok=True)
     with writing(out, BenchError), drafted_folder(out) as draft:
@@ -280,8 +290,8 @@ def _row(line: list[str], clip: str, frame: int, count: int) -> tuple[str, float
     status = line[2]
     if status not in get_args(Status):
         raise ValueError(f"status {status!r}; it must be one of {', '.join(get_args(Status))}")
-    alpha, low, high = (_number(text, name) for text, name in zip(line[3:6], COLUMNS[3:6], strict=True))
-    seconds = _number(line[6], COLUMNS[6])
+    alpha, low, high = (number(text, name) for text, name in zip(line[3:6], COLUMNS[3:6], strict=True))
+    seconds = number(line[6], COLUMNS[6])
     if (status == "ok") == math.isnan(alpha):
         raise ValueError("alpha_deg is required with status ok, and empty otherwise")
     if status != "ok" and not (math.isnan(low) and math.isnan(high)):
@@ -297,7 +307,7 @@ def _row(line: list[str], clip: str, frame: int, count: int) -> tuple[str, float
     return status, alpha, low, high, seconds
 
 
-def _number(text: str, name: str) -> float:
+def number(text: str, name: str) -> float:
     """Read a number; NaN where the cell is empty."""
     if not text:
         return math.nan

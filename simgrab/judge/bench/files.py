@@ -1,4 +1,4 @@
-"""A season's files: what methods may see, and the truth apart from it.
+"""A season's files: the inputs of methods, and the truth apart from them.
 
 ``clips`` holds a video and a camera file of each clip, ``season.json`` and ``targets.csv``. ``truth`` holds each clip's
 truth table and manifest, and the season with its seed and salt. Where the season has sensors, ``clips`` has a folder of
@@ -34,7 +34,7 @@ from simgrab.utilities import machine, parquet
 from simgrab.utilities.destination import locked_folder, writing
 from simgrab.utilities.files import write
 from simgrab.utilities.parse import cannot, opened, read_bytes, read_json
-from simgrab.utilities.processes import Pool
+from simgrab.utilities.processes import Pool, tick
 from simgrab.utilities.strict import Checked, convert
 from simgrab.world import gl
 from simgrab.world.extensions import Recipe
@@ -141,7 +141,8 @@ def prepare(
             (folder / part).mkdir(exist_ok=True)
         write(secret, _json(msgspec.to_builtins(season)))
         missing = [clip for clip in season.clips if not _finished(season, folder, clip)]
-        most = machine.free_bytes() // memory_bytes(Recipe(scenarios[0]))
+        each = memory_bytes(Recipe(scenarios[0])) + sensors.memory_bytes(season.with_sensors(scenarios[0]))
+        most = machine.free_bytes() // each
         workers = max(1, min(workers or machine.cores(), most, len(missing)))
         threads = max(1, machine.cores() // workers)
         with Pool(
@@ -209,21 +210,25 @@ def _sensor_file(folder: Path, clip: Clip, name: str) -> Path:
 
 
 def _render(season: Season, folder: Path, clip: Clip) -> None:
-    """Render a clip, record its sensors, and move its files to where they belong, the manifest last."""
+    """Render a clip and record its sensors, and then move all files to where they belong, the manifest last."""
     work = folder / _WORK / f"{clip.name}.mp4"
     moves = {work.with_suffix(side): _place(folder, clip, side) for side in _SIDES}
     scenario = _drawn(season, clip)
     if not all(one.exists() or other.exists() for one, other in moves.items()):
         work.parent.mkdir(exist_ok=True)
-        render_video(scenario, work, resume=True)
+        render_video(scenario, work, resume=True, progress=lambda _done, _total: tick())
+    recorded = work.with_suffix("")
 
     @contextmanager
     def writing_sensor(name: str) -> Iterator[Path]:
-        path = _sensor_file(folder, clip, name)
+        path = recorded / name
         path.parent.mkdir(parents=True, exist_ok=True)
         yield path
 
-    sensors.write(Recipe(season.with_sensors(scenario)), writing_sensor)
+    for name in sensors.write(Recipe(season.with_sensors(scenario)), writing_sensor, tick):
+        path = _sensor_file(folder, clip, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (recorded / name).replace(path)
     for one, other in moves.items():
         if one.exists():
             one.replace(other)
