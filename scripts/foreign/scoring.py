@@ -174,13 +174,14 @@ def _interval(values: Sequence[float | None]) -> tuple[float, float] | None:
 def by_condition(
     worlds: Sequence[Mapping[str, Observation]], names: Sequence[str], detector: str, resamples: int
 ) -> dict[str, Any]:
-    """Compare a detector's cases with MuJoCo's, by condition."""
+    """Compare a detector's cases with MuJoCo's, by condition; "mujoco" itself stands beside the others."""
     cases = {
         name: [found[name].cases[detector] for found in worlds if detector in found[name].cases]
         for name in with_mujoco(names)
     }
     samples = {name: Sample(some, resamples) for name, some in cases.items()}
-    return {name: compare(samples[name], samples[beside(CONDITIONS[name])]) for name in names}
+    pairs = {name: beside(CONDITIONS[name]) for name in names}
+    return {name: compare(samples[name], samples[other]) for name, other in pairs.items() if name != other}
 
 
 def by_group(

@@ -17,7 +17,7 @@ Figures = Mapping[str, Any]
 
 def report(scores: Mapping[str, Any]) -> str:
     """Markdown of all that `scripts.foreign_exam.score` gives."""
-    parts = [f"{scores['worlds']} worlds are complete, {len(scores['incomplete'])} are not.\n"]
+    parts = [f"Worlds: {scores['worlds']} complete, {len(scores['incomplete'])} not.\n"]
     for detector, rows in scores["detectors"].items():
         parts.append(f"## {detector}\n")
         if "all" in rows:
@@ -47,7 +47,7 @@ def goals(row: Mapping[str, Any]) -> str:
         ("boxes on at most 0.5 % of frames without a grab", _false(f),
          _met(f["false_share"], lambda v: v <= MOST_FALSE)),
     ]  # fmt: skip
-    return _markdown(("goal with everything foreign", "measured", "result"), lines)
+    return _markdown(("goal with everything foreign", "measured", "by the estimate"), lines)
 
 
 def _met(value: float | None, holds: Callable[[float], bool]) -> str:
@@ -83,7 +83,7 @@ def _line(name: str, by: str, figures: Figures, less: str, ratio: str) -> Sequen
 def digits(rows: Mapping[str, Any]) -> str:
     """Markdown of how the reader did, beside MuJoCo's pictures of the same worlds."""
     lines = []
-    for name in (name for name in CONDITIONS if name in rows):
+    for name in (name for name in CONDITIONS if name in rows and name != beside(CONDITIONS[name])):
         for by, one in (("Blender", rows[name]), ("MuJoCo", rows[beside(CONDITIONS[name])])):
             cells = [_counted(one[key]) for key in ("digits_right", "digits_refused")] if one else [DASH, DASH]
             lines.append((f"`{name}`" if by == "Blender" else "", by, *cells))
