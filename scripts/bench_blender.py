@@ -81,17 +81,10 @@ class Blender:
         return np.flatnonzero(self._exported.shown.any(axis=0))
 
     def _image(self, number: int) -> Any:
-        if number in self._images:
-            return self._images[number]
-        picture = self._exported.textures[number]
-        height, width = picture.shape[:2]
-        image = self._bpy.data.images.new(f"texture {number}", width, height)
-        image.colorspace_settings.name = self.colours
-        rgba = np.ones((height, width, 4), np.float32)
-        rgba[..., :3] = picture / np.float32(255)
-        image.pixels.foreach_set(rgba.ravel())
-        self._images[number] = image
-        return image
+        if number not in self._images:
+            picture = self._exported.textures[number]
+            self._images[number] = blender_image(self._bpy, f"texture {number}", picture, self.colours)
+        return self._images[number]
 
     def _object(self, geom: int) -> Any:
         vertices, faces = self._exported.mesh(geom)
@@ -152,6 +145,27 @@ class Blender:
         self._scene.collection.objects.link(thing)
         self._scene.camera = thing
         return thing
+
+
+def blender_image(bpy: Any, name: str, picture: Any, colours: str) -> Any:
+    """Make Blender's image of a picture.
+
+    Parameters
+    ----------
+    bpy : module
+    name : str
+    picture : ndarray of uint8, shape (height, width, 3)
+        RGB, the first row the bottom.
+    colours : str
+        Its colour space: "sRGB" or "Non-Color".
+    """
+    height, width = picture.shape[:2]
+    made = bpy.data.images.new(name, width, height)
+    made.colorspace_settings.name = colours
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = picture / np.float32(255)
+    made.pixels.foreach_set(rgba.ravel())
+    return made
 
 
 if __name__ == "__main__":

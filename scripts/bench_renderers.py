@@ -123,7 +123,7 @@ def exported(generator: FrameGenerator, frames: range) -> ExportedScene:
         groups.append(scene.world.model.geom_group.astype(np.int64))
     vertices, faces = zip(*(_mesh(model, int(mesh)) for mesh in model.geom_dataid), strict=True)
     material = model.geom_matid
-    x0, y0, x1, y1 = seen_by(generator)
+    x0, y0, x1, y1 = source_window(generator)
     return ExportedScene(
         camera=np.array([x1 - x0, y1 - y0, k.f_px, k.cx_px - x0, k.cy_px - y0]),
         jib_from_camera=np.array(cameras),
@@ -144,8 +144,8 @@ def exported(generator: FrameGenerator, frames: range) -> ExportedScene:
     )
 
 
-def seen_by(generator: FrameGenerator) -> Window:
-    """Window of the undistorted picture that the lens sees; without distortion the picture itself."""
+def source_window(generator: FrameGenerator) -> Window:
+    """Window of the undistorted picture that the lens maps to the picture; without distortion the picture itself."""
     k = generator.scenario.camera.intrinsics
     full = (0, 0, k.width_px, k.height_px)
     return full if k.distortion.is_null else Lens(k).map(full).source

@@ -1,8 +1,9 @@
-"""Judge detectors on pictures that simgrab did not draw: ``python -m scripts.foreign_exam --blender PYTHON``.
+"""Judge detectors on pictures not rendered by simgrab: ``python -m scripts.foreign_exam --blender PYTHON``.
 
-PYTHON is an interpreter that can import bpy, Blender as a module (GPL; simgrab does not depend on it). Without it only
-what is there is scored. Each world has one frame. simgrab labels it and renders it with MuJoCo; Blender path-traces the
-same geometry by the same camera at the same moment; then one thing at a time is replaced, and at the end all:
+PYTHON is an interpreter that can import bpy, Blender as a module (GPL; simgrab does not depend on it). Without it the
+worlds that are complete are scored, also of a run in progress. Each world has one frame. simgrab labels it and renders
+it with MuJoCo; Blender path-traces the same geometry by the same camera at the same moment; then one thing at a time is
+replaced, and at the end all:
 
     mujoco    simgrab's own picture
     cycles    the same, path-traced: geometry, textures, light, lens and sensor are simgrab's
@@ -16,23 +17,23 @@ same geometry by the same camera at the same moment; then one thing at a time is
     all       all of these
 
 Whatever is made stays in the folder, and the same command goes on where it was interrupted. Worlds of the half "final"
-are kept for the end: look at them once.
+are held out: score them once, at the end.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from scripts.foreign import scoring
+from scripts.foreign import scoring, tables
 from scripts.foreign.making import Blender, Maker
-from scripts.foreign.scoring import Seen
-from scripts.foreign.worlds import CONDITIONS, SEEDS, World, beside
+from scripts.foreign.scoring import Observation
+from scripts.foreign.worlds import CONDITIONS, SEEDS, World, with_mujoco
 from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.errors import RendererError, ScenarioError
@@ -60,44 +61,30 @@ def score(
     root: Path, worlds: Sequence[World], names: Sequence[str], detectors: Sequence[str], size: tuple[int, int],
     resamples: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Score what is complete.
+    """Score the worlds that are complete.
 
     Returns
     -------
     dict
-        ``worlds``: how many are complete. ``detectors``: by detector and condition, as
-        `scripts.foreign.scoring.compare` gives. ``ids``: as `scripts.foreign.scoring.agreement` gives.
+        ``worlds``: how many are complete; ``incomplete``: the names of the others. ``detectors``: by detector and
+        condition, as `scripts.foreign.scoring.compare` gives. ``groups``: the same by time of day and family, of
+        detectors that are judged on all families. ``digits`` and ``ids``: as `scripts.foreign.scoring.digits` and
+        `scripts.foreign.scoring.agreement` give.
     """
     done = [world for world in worlds if scoring.complete(root / world.name, names)]
-    layouts = {world: world.scenario(size).display_layout for world in done}
-    reader, found = Reader(), dict[str, Any]()
-    for detector in detectors:
-        looks, seen = opened(detector), dict[str, list[Seen]]()
-        some = [world for world in done if scoring.judged(detector, world)]
-        for name in names:
-            for picture in (name, beside(CONDITIONS[name])):
-                if picture not in seen:
-                    look = CONDITIONS[name].look.name
-                    seen[picture] = list(scoring.watch(root, some, picture, look, looks, reader, layouts.__getitem__))
-                    click.echo(f"{detector}: {picture}", err=True)
-        found[detector] = {
-            name: scoring.compare(seen[name], seen[beside(CONDITIONS[name])], resamples) for name in names if some
-        }
-    used = list(dict.fromkeys(CONDITIONS[name].look.name for name in names))
-    return {"worlds": len(done), "detectors": found, "ids": scoring.agreement(root, done, used)}
-
-
-def report(scores: Mapping[str, Any]) -> str:
-    """Markdown of all tables."""
-    parts = [f"{scores['worlds']} worlds\n"]
-    parts += [scoring.table(detector, rows) for detector, rows in scores["detectors"].items()]
-    for look, ids in scores["ids"].items():
-        parts.append(
-            f"{look}: {ids['within_a_pixel']} of {ids['frames']} masks agree with the path tracer's ids within a "
-            f"pixel; {ids['pixels_beyond']} of {ids['pixels']} pixels are farther away, {ids['farthest_px']:.1f} px at "
-            f"most; IoU {ids['median_iou']:.4f} in the median, {ids['least_iou']:.4f} at least\n"
-        )
-    return "\n".join(parts)
+    nets, reader, found = {name: opened(name) for name in detectors}, Reader(), list[dict[str, Observation]]()
+    for number, world in enumerate(done, 1):
+        found.append(scoring.observations(root, world, names, nets, reader, size))
+        click.echo(f"{world.name} is scored ({number} of {len(done)})", err=True)
+    general = [name for name in detectors if all(scoring.judged(name, world) for world in worlds)]
+    return {
+        "worlds": len(done),
+        "incomplete": [world.name for world in worlds if world not in done],
+        "detectors": {name: scoring.by_condition(found, names, name, resamples) for name in detectors},
+        "groups": {name: scoring.by_group(found, names, name, resamples) for name in general},
+        "digits": scoring.digits(found, names),
+        "ids": scoring.agreement(root, done, [one.name for one in dict.fromkeys(with_mujoco(names).values())]),
+    }
 
 
 def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> tuple[str, ...]:
@@ -136,10 +123,10 @@ def main(
     root = out / "worlds"
     scores = stated | {"half": half, "refused": refused} | score(root, worlds, names, detectors, pixels, resamples)
     write(out / f"scores-{half}.json", json.dumps(scores, indent=1) + "\n")
-    write(out / f"scores-{half}.md", report(scores))
-    for name in dict.fromkeys((*names, *(beside(CONDITIONS[name]) for name in names))):
+    write(out / f"scores-{half}.md", tables.report(scores))
+    for name in with_mujoco(names):
         write(out / f"sheet-{half}-{name}.jpg", scoring.sheet(root, worlds, name))
-    click.echo(report(scores))
+    click.echo(tables.report(scores))
     for world, why in refused.items():
         click.echo(f"{world} is not made: {why}", err=True)
 

@@ -18,10 +18,9 @@ import numpy as np
 
 from scripts.bench_blender import Blender
 from scripts.bench_scene import Array, ExportedScene
-from scripts.foreign.surfaces import Surfaces
+from scripts.foreign.surfaces import PLACE, Surfaces
 from scripts.foreign.yard import Yard
 
-PLACE, JIB, ROPE, GRAB = 0, 1, 2, 3
 NOTHING = 255
 AGX_LEVEL = 0.16  # mean linear luminance that the AgX view transform is given
 
@@ -188,8 +187,8 @@ class Foreign(Blender):
         cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
         scene.view_settings.exposure = 0.0
         self._bpy.ops.render.render()
-        seen = np.rint(self._read("OPEN_EXR", "32", "Raw")[y0:y1, x0:x1, 0] * 8).astype(int) - 1
-        return np.where(seen < 0, NOTHING, seen).astype(np.uint8)
+        groups = np.rint(self._read("OPEN_EXR", "32", "Raw")[y0:y1, x0:x1, 0] * 8).astype(int) - 1
+        return np.where(groups < 0, NOTHING, groups).astype(np.uint8)
 
     def _flat(self, level: float) -> Any:
         name = f"flat {level}"

@@ -54,7 +54,7 @@ def _paints(rng: Generator) -> Paints:
     hue, saturation = PAINTS_HSV[int(rng.integers(len(PAINTS_HSV)))]
     value = float(rng.uniform(0.25, 0.85))
     other, grey = float(rng.uniform(0, 1)), float(rng.uniform(0.03, 0.25))
-    looks = {
+    kinds = {
         "paint": (*_rgb(hue, saturation, value), 0.0, 0.5),
         "second": (*_rgb(other, 0.6 * float(rng.random()), float(rng.uniform(0.15, 0.7))), 0.0, 0.6),
         "steel": (grey + 0.1, grey + 0.09, grey + 0.08, 1.0, 0.45),
@@ -64,7 +64,7 @@ def _paints(rng: Generator) -> Paints:
     }
     return {
         name: PBRMaterial(name=name, baseColorFactor=[r, g, b, 1.0], metallicFactor=metal, roughnessFactor=rough)
-        for name, (r, g, b, metal, rough) in looks.items()
+        for name, (r, g, b, metal, rough) in kinds.items()
     }
 
 

@@ -21,9 +21,9 @@ from pycocotools import mask as coco_mask
 from scipy.ndimage import distance_transform_edt
 from skimage import data as samples_of_skimage
 
-from scripts.bench_renderers import exported, seen_by
+from scripts.bench_renderers import exported, source_window
 from scripts.foreign.camera import photographed
-from scripts.foreign.worlds import CONDITIONS, Condition, Look, World, beside, sky_of
+from scripts.foreign.worlds import CONDITIONS, Condition, Replacement, World, beside, sky_of
 from simgrab.errors import RendererError
 from simgrab.rng import stream
 from simgrab.utilities.files import write
@@ -81,15 +81,15 @@ class Agreement:
     pixels : int
         Of simgrab's mask.
     iou : float
-    farthest_px : float
-        The farthest that a pixel of either is from the other; infinite where only one has any.
+    farthest_px : float or None
+        The farthest that a pixel of either is from the other; None where only one has any.
     beyond : int
-        Pixels of either that are more than a pixel (or its diagonal) from the other.
+        Pixels of either that are more than a pixel (or its diagonal) from the other; all where only one has any.
     """
 
     pixels: int
     iou: float
-    farthest_px: float
+    farthest_px: float | None
     beyond: int
 
     @classmethod
@@ -98,7 +98,7 @@ class Agreement:
         if not ours.any() and not theirs.any():
             return cls(0, 1.0, 0.0, 0)
         if not ours.any() or not theirs.any():
-            return cls(int(ours.sum()), 0.0, float("inf"), int((ours | theirs).sum()))
+            return cls(int(ours.sum()), 0.0, None, int((ours | theirs).sum()))
         away = np.concatenate([distance_transform_edt(~b)[a & ~b] for a, b in ((ours, theirs), (theirs, ours))])
         iou = float((ours & theirs).sum() / (ours | theirs).sum())
         return cls(int(ours.sum()), iou, float(away.max(initial=0.0)), int((away > np.sqrt(2) + 1e-6).sum()))
@@ -127,26 +127,27 @@ class Maker:
         """Make what is missing of some conditions of a world."""
         folder = self.folder / "worlds" / world.name
         folder.mkdir(parents=True, exist_ok=True)
-        looks = dict.fromkeys(CONDITIONS[name].look for name in names)
-        for look in looks:
-            wanted = [name for name in names if CONDITIONS[name].look == look]
+        replacements = dict.fromkeys(CONDITIONS[name].replacement for name in names)
+        for replacement in replacements:
+            wanted = [name for name in names if CONDITIONS[name].replacement == replacement]
             missing = [name for name in wanted if CONDITIONS[name].light and picture(folder, name) is None]
-            if missing or not (folder / f"truth-{look.name}.json").exists():
-                self._make_look(world, look, missing, folder)
+            if missing or not (folder / f"truth-{replacement.name}.json").exists():
+                self._make_replaced(world, replacement, missing, folder)
 
-    def _make_look(self, world: World, look: Look, missing: Sequence[str], folder: Path) -> None:
-        scenario = world.looking(world.scenario(self.size), look, folder)
+    def _make_replaced(self, world: World, replacement: Replacement, missing: Sequence[str], folder: Path) -> None:
+        scenario = world.replaced(world.scenario(self.size), replacement, folder)
         with FrameGenerator(scenario) as generator:
             made = stored.make(generator, 0)
             (data,) = made.files.values()
-            write(folder / f"{beside(Condition(look))}{Path(made.record.truth.file).suffix}", data)
+            write(folder / f"{beside(Condition(replacement))}{Path(made.record.truth.file).suffix}", data)
             if missing:
-                self._trace(world, look, missing, generator, made.record, folder)
-        write(folder / f"truth-{look.name}.json", msgspec.json.encode(made.record))
+                self._trace(world, replacement, missing, generator, made.record, folder)
+        write(folder / f"truth-{replacement.name}.json", msgspec.json.encode(made.record))
 
     def _trace(
-        self, world: World, look: Look, missing: Sequence[str], generator: FrameGenerator, record: Record, folder: Path
-    ) -> None:
+        self, world: World, replacement: Replacement, missing: Sequence[str], generator: FrameGenerator, record: Record,
+        folder: Path,
+    ) -> None:  # fmt: skip
         """Path-trace what some conditions need, and make their pictures."""
         scenario, scene, projection = generator.scenario, generator.scene(0), generator.project(0)
         lens = None if scenario.camera.intrinsics.distortion.is_null else Lens(scenario.camera.intrinsics)
@@ -168,7 +169,7 @@ class Maker:
                 }
                 for light, replaced in lights.items()
             ]  # fmt: skip
-            window, agreement = IdWindow.of(generator), folder / f"ids-{look.name}.json"
+            window, agreement = IdWindow.of(generator), folder / f"ids-{replacement.name}.json"
             if window and not agreement.exists():
                 jobs[0] |= {"ids": str(place / "ids.npy"), "ids_finer": window.finer, "ids_window": window.rendered}
             self.trace(jobs)
@@ -204,14 +205,14 @@ class IdWindow:
         Of the picture: the grab's box with a margin.
     lens : PictureMap or None
         Of that part, `finer` times as fine before the lens bends it.
-    seen : tuple of 4 ints
+    exported : tuple of 4 ints
         Window of the undistorted picture that is exported.
     """
 
     full: Window
     part: Window
     lens: PictureMap | None
-    seen: Window
+    exported: Window
 
     @classmethod
     def of(cls, generator: FrameGenerator) -> IdWindow | None:
@@ -226,7 +227,7 @@ class IdWindow:
             min(x1 + MARGIN_PX, k.width_px), min(y1 + MARGIN_PX, k.height_px),
         )  # fmt: skip
         lens = None if k.distortion.is_null else Lens(k).map(part, LENS_SAMPLES)
-        return cls(renderer.full, part, lens, seen_by(generator))
+        return cls(renderer.full, part, lens, source_window(generator))
 
     @property
     def finer(self) -> int:
@@ -235,16 +236,16 @@ class IdWindow:
 
     @property
     def source(self) -> Window:
-        """Window of the finer undistorted picture that the part needs, counted from the corner of `seen`."""
+        """Window of the finer undistorted picture that the part needs, counted from the corner of `exported`."""
         x0, y0, x1, y1 = self.lens.source if self.lens else self.part
-        left, top = self.finer * self.seen[0], self.finer * self.seen[1]
+        left, top = self.finer * self.exported[0], self.finer * self.exported[1]
         return x0 - left, y0 - top, x1 - left, y1 - top
 
     @property
     def rendered(self) -> Window:
         """What of `source` lies in the exported picture."""
         x0, y0, x1, y1 = self.source
-        width, height = self.seen[2] - self.seen[0], self.seen[3] - self.seen[1]
+        width, height = self.exported[2] - self.exported[0], self.exported[3] - self.exported[1]
         return max(x0, 0), max(y0, 0), min(x1, self.finer * width), min(y1, self.finer * height)
 
     def mask(self, ids: NDArray[np.uint8]) -> Mask:

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from scripts.foreign.making import Agreement, picture
-from scripts.foreign.worlds import CONDITIONS, World, beside
+from scripts.foreign.worlds import CONDITIONS, World, beside, with_mujoco
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate import detection, reading
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.labels import arrays as labels
-from simgrab.layouts import Layout
 from simgrab.rng import stream
 from simgrab.scenario import Labels
 from simgrab.utilities import pictures
@@ -29,58 +28,66 @@ from simgrab.world.output.stored import Record
 LEVEL = (0.025, 0.975)
 TILE_PX = (480, 270)
 DEFAULT_GRAB = "four-rope"
+GROUPS: Mapping[str, Callable[[World], str]] = {"time": lambda world: world.time, "family": lambda world: world.family}
+
+Values = Mapping[str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What was found in one picture.
+class Observation:
+    """What detectors and the reader output for one picture.
 
     Attributes
     ----------
     world : World
-    case : Case
+    cases : dict of str to Case
+        By detector, of those that claim to find the world's grab.
     read : Read or None
         None without a display.
     """
 
     world: World
-    case: Case
+    cases: Mapping[str, Case]
     read: Read | None
 
 
-def record(folder: Path, look: str) -> Record:
-    """Read what is known of a world's look."""
-    return msgspec.json.decode((folder / f"truth-{look}.json").read_bytes(), type=Record)
+def record(folder: Path, replacement: str) -> Record:
+    """Read the truth of a world with one replacement."""
+    return msgspec.json.decode((folder / f"truth-{replacement}.json").read_bytes(), type=Record)
 
 
 def complete(folder: Path, names: Sequence[str]) -> bool:
     """Whether all pictures of some conditions, and MuJoCo's beside, are made."""
     return all(
-        (folder / f"truth-{CONDITIONS[name].look.name}.json").exists()
-        and picture(folder, name) is not None
-        and picture(folder, beside(CONDITIONS[name])) is not None
-        for name in names
+        (folder / f"truth-{replacement.name}.json").exists() and picture(folder, name) is not None
+        for name, replacement in with_mujoco(names).items()
     )
 
 
-def watch(
-    root: Path, worlds: Sequence[World], name: str, look: str, detector: Detector, reader: Reader | None,
-    layout_of: Callable[[World], Layout | None],
-) -> Iterator[Seen]:  # fmt: skip
-    """Let a detector, and where given a reader, look at the pictures of one name. Detections are kept beside them."""
-    for world in worlds:
-        folder = root / world.name
-        known, path = record(folder, look), picture(folder, name)
+def observations(
+    root: Path, world: World, names: Sequence[str], detectors: Mapping[str, Detector], reader: Reader,
+    size: tuple[int, int],
+) -> dict[str, Observation]:  # fmt: skip
+    """Run detectors and the reader on a complete world's pictures of some conditions and MuJoCo's, by their names."""
+    folder, result = root / world.name, dict[str, Observation]()
+    rows = {one: record(folder, one.name).truth for one in with_mujoco(names).values()}
+    layout = world.scenario(size).display_layout if any(row.rope_text for row in rows.values()) else None
+    for name, replacement in with_mujoco(names).items():
+        row, path = rows[replacement], picture(folder, name)
         assert path is not None
         rgb = pictures.decode(path.read_bytes(), str(path))
-        row = known.truth
         labelled = labels.is_labelled(row, Labels().least_visible_fraction)
-        case = Case(row, labelled, world.time, detector(rgb), world.name)
-        read, layout = None, layout_of(world)
-        if reader and layout and row.rope_text:
-            found = reader.read(rgb, layout)
-            read = Read(f"{world.name}, {name}", name, row.rope_text, row.rope_text_below or row.rope_text, found)
-        yield Seen(world, case, read)
+        cases = {
+            key: Case(row, labelled, world.time, detector(rgb), world.name)
+            for key, detector in detectors.items()
+            if judged(key, world)
+        }
+        read = None
+        if row.rope_text:
+            below = row.rope_text_below or row.rope_text
+            read = Read(f"{world.name}, {name}", name, row.rope_text, below, reader.read(rgb, layout))
+        result[name] = Observation(world, cases, read)
+    return result
 
 
 def judged(detector: str, world: World) -> bool:
@@ -88,48 +95,72 @@ def judged(detector: str, world: World) -> bool:
     return detector != "bundled" or world.family == DEFAULT_GRAB
 
 
-def compare(theirs: Sequence[Seen], ours: Sequence[Seen], resamples: int) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Cases of one detector on the pictures of one name, a case for each world.
+
+    Attributes
+    ----------
+    cases : sequence of Case
+    resamples : int
+        Of worlds; the same worlds for every sample of as many cases.
+    """
+
+    cases: Sequence[Case]
+    resamples: int
+
+    @cached_property
+    def summary(self) -> Values:
+        """See `summarised`."""
+        return summarised(self.cases)
+
+    @cached_property
+    def resampled(self) -> Sequence[Values]:
+        """The same of resampled worlds."""
+        count = len(self.cases)
+        picks = stream(0, 0, "foreign.bootstrap").integers(max(count, 1), size=(self.resamples, count))
+        return [summarised([self.cases[i] for i in some]) for some in picks]
+
+    @cached_property
+    def figures(self) -> dict[str, Any]:
+        """As `simgrab.judge.evaluate.detection.figures` gives, with ``intervals`` of what `summarised` gives."""
+        spread = {key: _interval([one[key] for one in self.resampled]) for key in self.summary}
+        return detection.figures(self.cases) | {"intervals": spread}
+
+
+def summarised(cases: Sequence[Case]) -> Values:
+    """COCO's mAP50-95, errors of the centre, and coverage of 95 % intervals; None where there is nothing to count."""
+    labelled = [case for case in cases if case.labelled]
+    centre = detection.centre_errors([case for case in labelled if case.hits])
+    covered = detection.coverage([case for case in labelled if case.hit])
+    return {
+        "map50_95": detection.average_precision([case for case in cases if case.labelled or case.empty])["map50_95"],
+        **{key: centre.get(key) for key in ("median_px", "p95_px", "median_of_diagonal", "p95_of_diagonal")},
+        **covered,
+    }
+
+
+def compare(foreign: Sample, mujoco: Sample) -> dict[str, Any]:
     """Score pictures of a condition and MuJoCo's of the same worlds.
 
     Returns
     -------
     dict
-        ``foreign`` and ``mujoco``, each as `simgrab.judge.evaluate.detection.figures` gives, with ``intervals`` of
-        mAP50-95, the centre's median and its 95 % quantile, and ``difference`` of mAP50-95 and the ratio of the
-        medians; all by resampling worlds. ``by_time`` has the first by time of day. ``digits``: what was read.
+        ``foreign`` and ``mujoco``, each as `Sample.figures` gives, and ``difference``: ``map50_95_less``, by how much
+        MuJoCo's mAP50-95 is exceeded, and ``median_ratio`` of the centre's errors, with ``intervals`` over worlds.
     """
-    a, b = [one.case for one in theirs], [one.case for one in ours]
-    both = {"foreign": detection.figures(a), "mujoco": detection.figures(b)}
-    drawn = [_quick(a, b, picks) for picks in _resampled(len(a), resamples)]
-    result: dict[str, Any] = dict(both)
-    result["intervals"] = {key: _interval([one[key] for one in drawn]) for key in (drawn[0] if drawn else ())}
-    result["difference"] = _quick(a, b, np.arange(len(a)))
-    result["by_time"] = {
-        time: detection.figures([one.case for one in theirs if one.world.time == time])
-        for time in dict.fromkeys(one.world.time for one in theirs)
-    }
-    reads = [one.read for one in theirs if one.read]
-    result["digits"] = reading.as_json((reading.score(reads),)) if reads else None
-    return result
+    pairs = [_difference(*pair) for pair in zip(foreign.resampled, mujoco.resampled, strict=True)]
+    less = _difference(foreign.summary, mujoco.summary)
+    spread = {key: _interval([one[key] for one in pairs]) for key in less}
+    return {"foreign": foreign.figures, "mujoco": mujoco.figures, "difference": less | {"intervals": spread}}
 
 
-def _quick(a: Sequence[Case], b: Sequence[Case], picks: NDArray[np.int64]) -> dict[str, float | None]:
-    some, others = [a[i] for i in picks], [b[i] for i in picks]
-    maps = [detection.average_precision([c for c in x if c.labelled or c.empty])["map50_95"] for x in (some, others)]
-    centres = [detection.centre_errors([c for c in x if c.hits]) for x in (some, others)]
-    medians = [centre.get("median_px") for centre in centres]
+def _difference(a: Values, b: Values) -> dict[str, float | None]:
+    maps, medians = (a["map50_95"], b["map50_95"]), (a["median_px"], b["median_px"])
     return {
-        "map50_95": maps[0],
-        "map50_95_less": None if None in maps else maps[0] - maps[1],  # type: ignore[operator]
-        "median_px": medians[0],
-        "p95_px": centres[0].get("p95_px"),
-        "median_ratio": medians[0] / medians[1] if medians[0] and medians[1] else None,
+        "map50_95_less": None if maps[0] is None or maps[1] is None else maps[0] - maps[1],
+        "median_ratio": medians[0] / medians[1] if medians[0] is not None and medians[1] else None,
     }
-
-
-def _resampled(count: int, resamples: int) -> Iterator[NDArray[np.int64]]:
-    if count:
-        yield from stream(0, 0, "foreign.bootstrap").integers(count, size=(resamples, count))
 
 
 def _interval(values: Sequence[float | None]) -> tuple[float, float] | None:
@@ -140,72 +171,70 @@ def _interval(values: Sequence[float | None]) -> tuple[float, float] | None:
     return float(low), float(high)
 
 
-def agreement(root: Path, worlds: Sequence[World], looks: Sequence[str]) -> dict[str, Any]:
-    """Sum up how masks and the path tracer's ids agree, by look; see `scripts.foreign.making.Agreement`."""
+def by_condition(
+    worlds: Sequence[Mapping[str, Observation]], names: Sequence[str], detector: str, resamples: int
+) -> dict[str, Any]:
+    """Compare a detector's cases with MuJoCo's, by condition; "mujoco" itself stands beside the others."""
+    cases = {
+        name: [found[name].cases[detector] for found in worlds if detector in found[name].cases]
+        for name in with_mujoco(names)
+    }
+    samples = {name: Sample(some, resamples) for name, some in cases.items()}
+    pairs = {name: beside(CONDITIONS[name]) for name in names}
+    return {name: compare(samples[name], samples[other]) for name, other in pairs.items() if name != other}
+
+
+def by_group(
+    worlds: Sequence[Mapping[str, Observation]], names: Sequence[str], detector: str, resamples: int
+) -> dict[str, dict[str, Any]]:
+    """Do the same by what `GROUPS` lists, then by its value: time of day and family of grabs."""
+    result = dict[str, dict[str, Any]]()
+    for kind, key in GROUPS.items():
+        members = dict[str, list[Mapping[str, Observation]]]()
+        for found in worlds:
+            members.setdefault(key(found[names[0]].world), []).append(found)
+        result[kind] = {value: by_condition(some, names, detector, resamples) for value, some in members.items()}
+    return result
+
+
+def digits(worlds: Sequence[Mapping[str, Observation]], names: Sequence[str]) -> dict[str, Any]:
+    """Score the reader by the pictures' name, as `simgrab.judge.evaluate.reading.as_json` gives; None of no display."""
+    result = dict[str, Any]()
+    for name in with_mujoco(names):
+        reads = [found[name].read for found in worlds]
+        some = [read for read in reads if read]
+        result[name] = reading.as_json((reading.score(some, name),))[0] if some else None
+    return result
+
+
+def agreement(root: Path, worlds: Sequence[World], replacements: Sequence[str]) -> dict[str, Any]:
+    """Sum up how masks and the path tracer's ids agree, by replacement; see `scripts.foreign.making.Agreement`.
+
+    Returns
+    -------
+    dict
+        ``frames`` in which either shows a grab, ``one_sided`` of them in which the other shows none, the count that
+        agrees ``within_a_pixel``, and the figures of `Agreement` over all; ``farthest_px`` is None if all are
+        one-sided.
+    """
     result = {}
-    for look in looks:
-        paths = [path for world in worlds if (path := root / world.name / f"ids-{look}.json").exists()]
-        some = [msgspec.json.decode(path.read_bytes(), type=Agreement, strict=False) for path in paths]
-        shown = [one for one in some if one.pixels]
+    for replacement in replacements:
+        paths = [path for world in worlds if (path := root / world.name / f"ids-{replacement}.json").exists()]
+        some = [msgspec.json.decode(path.read_bytes(), type=Agreement) for path in paths]
+        shown = [one for one in some if one.pixels or one.beyond]
         if shown:
-            result[look] = {
+            distances = [one.farthest_px for one in shown if one.farthest_px is not None]
+            result[replacement] = {
                 "frames": len(shown),
+                "one_sided": len(shown) - len(distances),
                 "within_a_pixel": sum(one.beyond == 0 for one in shown),
                 "least_iou": min(one.iou for one in shown),
                 "median_iou": float(np.median([one.iou for one in shown])),
-                "farthest_px": max(one.farthest_px for one in shown),
+                "farthest_px": max(distances, default=None),
                 "pixels": sum(one.pixels for one in shown),
                 "pixels_beyond": sum(one.beyond for one in shown),
             }
     return result
-
-
-def table(detector: str, rows: Mapping[str, Mapping[str, Any]]) -> str:
-    """Markdown of one detector's comparisons by condition."""
-    lines = [
-        "| condition | grabs | recall | mAP50-95 | by MuJoCo | difference | centre: median, 95 % | by MuJoCo | "
-        "95 % intervals cover: box, centre, yaw | boxes on empty frames | digits right, refused |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for name, row in rows.items():
-        f, m, spread, less = row["foreign"], row["mujoco"], row["intervals"], row["difference"]
-        digits = row["digits"][0] if row["digits"] else None
-        lines.append("| " + " | ".join((
-            f"`{name}`", str(f["labelled"]), _counted(f["recall"], f["labelled"], f["recall_interval"]),
-            f"{_n(f['map50_95'])}{_spread(spread.get('map50_95'))}", _n(m["map50_95"]),
-            f"{_n(less['map50_95_less'], '+.3f')}{_spread(spread.get('map50_95_less'), '+.3f')}",
-            _centre(f), _centre(m), ", ".join(_n(v, ".1%") for v in f["coverage"].values()).replace("%", " %"),
-            f"{f['false_boxes']} of {f['empty']}{_percent(f['false_interval'])}", _digits(digits),
-        )) + " |")  # fmt: skip
-    return f"**{detector}**\n\n" + "\n".join(lines) + "\n"
-
-
-def _n(value: float | None, how: str = ".3f") -> str:
-    return "–" if value is None else format(value, how)
-
-
-def _spread(interval: tuple[float, float] | None, how: str = ".3f") -> str:
-    return "" if interval is None else f" ({interval[0]:{how}} to {interval[1]:{how}})"
-
-
-def _percent(interval: tuple[float, float] | None) -> str:
-    return "" if interval is None else f" ({100 * interval[0]:.1f} to {100 * interval[1]:.1f} %)"
-
-
-def _counted(share: float | None, of: int, interval: tuple[float, float] | None) -> str:
-    return "–" if share is None else f"{round(share * of)} of {of}{_percent(interval)}"
-
-
-def _centre(figures: Mapping[str, Any]) -> str:
-    centre = figures["centre"]
-    return f"{centre['median_px']:.1f} px, {centre['p95_px']:.1f} px" if centre["frames"] else "–"
-
-
-def _digits(score: Mapping[str, Any] | None) -> str:
-    if not score:
-        return "–"
-    right, refused = score["digits_right"], score["digits_refused"]
-    return f"{right['count']} of {right['of']}, {refused['count']} of {refused['of']}"
 
 
 def sheet(root: Path, worlds: Sequence[World], name: str, columns: int = 4) -> bytes:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 Rgb = Sequence[float]
+#: Groups of geoms, as `simgrab.world.scenery.model` has them, which bpy's interpreter cannot import.
 PLACE, ROPE, GRAB = 0, 2, 3
 RUST: tuple[Rgb, ...] = ((0.09, 0.035, 0.016), (0.045, 0.02, 0.013), (0.14, 0.06, 0.025))
 #: By words in a geom's name.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ PLAIN_HEADS_M = 22.0, 35.0  # which `jib.head_height_m` allows
 
 
 @dataclass(frozen=True)
-class Look:
+class Replacement:
     """What of a world is replaced before simgrab labels it: its grab, its place, or both."""
 
     name: str
@@ -34,7 +34,8 @@ class Look:
 
 
 OWN, GRAB, GROUND, BOTH = (
-    Look("own"), Look("grab", grab=True), Look("ground", ground=True), Look("both", grab=True, ground=True),
+    Replacement("own"), Replacement("grab", grab=True), Replacement("ground", ground=True),
+    Replacement("both", grab=True, ground=True),
 )  # fmt: skip
 
 
@@ -44,21 +45,21 @@ class Condition:
 
     Attributes
     ----------
-    look : Look
+    replacement : Replacement
     render : tuple of str, or None
         What Blender replaces: "textures", "ground", "light". None renders with MuJoCo.
     camera : tuple of str
         What is replaced after the renderer: "sensor", "coder", "digits".
     """
 
-    look: Look
+    replacement: Replacement
     render: tuple[str, ...] | None = ()
     camera: tuple[str, ...] = ()
 
     @property
     def light(self) -> str | None:
         """Name of the path-traced light that the picture is made of; None where MuJoCo renders it."""
-        return None if self.render is None else "-".join((self.look.name, *self.render))
+        return None if self.render is None else "-".join((self.replacement.name, *self.render))
 
 
 CONDITIONS: Mapping[str, Condition] = {
@@ -76,8 +77,18 @@ CONDITIONS: Mapping[str, Condition] = {
 
 
 def beside(condition: Condition) -> str:
-    """Name of MuJoCo's pictures of the same look."""
-    return "mujoco" if condition.look == OWN else f"mujoco-{condition.look.name}"
+    """Name of MuJoCo's pictures of worlds with the same replacement."""
+    return "mujoco" if condition.replacement == OWN else f"mujoco-{condition.replacement.name}"
+
+
+def with_mujoco(names: Iterable[str]) -> dict[str, Replacement]:
+    """List the pictures of some conditions and MuJoCo's beside, each with what of the worlds is replaced."""
+    return {
+        picture: condition.replacement
+        for name in names
+        for condition in [CONDITIONS[name]]
+        for picture in (name, beside(condition))
+    }
 
 
 @dataclass(frozen=True)
@@ -132,11 +143,11 @@ class World:
             optics = structs.replace(optics, night_mode="on" if rng.random() < 0.5 else "off")
         return structs.replace(drawn, light=light, optics=optics)
 
-    def looking(self, scenario: Scenario, look: Look, folder: Path) -> Scenario:
+    def replaced(self, scenario: Scenario, replacement: Replacement, folder: Path) -> Scenario:
         """Replace grab and place; the foreign grab's file goes into the folder."""
-        if look.ground:
+        if replacement.ground:
             scenario = _levelled(scenario)
-        if look.grab:
+        if replacement.grab:
             scenario = structs.replace(scenario, grab=self.foreign_grab(folder))
             assert isinstance(scenario.swing, Iid)
             scenario = structs.replace(scenario, swing=structs.replace(scenario.swing, clamp=True))

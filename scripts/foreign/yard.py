@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from scripts.bench_blender import blender_image
 from scripts.foreign.surfaces import Surfaces
 
 HALF_WIDTH_M = 150.0
@@ -34,7 +35,7 @@ class Yard:
     def __init__(self, bpy: Any, rng: np.random.Generator, photographs: str) -> None:
         self._bpy, self._rng, self._surfaces = bpy, rng, Surfaces(bpy, rng)
         with np.load(Path(photographs)) as file:
-            self._images = [self._image(name, file[name]) for name in sorted(file.files)]
+            self._images = [blender_image(bpy, name, file[name][::-1], "sRGB") for name in sorted(file.files)]
         self._liveries = [self._surfaces.steel(LIVERY[i]) for i in rng.permutation(len(LIVERY))[:5]]
         self._dark = self._surfaces.steel((0.02, 0.02, 0.022))
         self._metal = self._surfaces.metal((0.5, 0.5, 0.5))
@@ -83,14 +84,13 @@ class Yard:
             return
         rng, length, turn = self._rng, float(self._rng.choice([6.06, 12.19])), self._rng.uniform(0, math.pi)
         paint = self._livery()
-        body = self._box((at[0], at[1], at[2] + 1.30), (length, 2.44, 2.6), turn, paint)
+        self._box((at[0], at[1], at[2] + 1.30), (length, 2.44, 2.6), turn, paint)
         along = (math.cos(turn), math.sin(turn))
         for offset in np.arange(-length / 2 + 0.2, length / 2, 0.28):  # corrugation of sides and roof
             where = (at[0] + along[0] * offset, at[1] + along[1] * offset, at[2] + 1.3)
             self._box(where, (0.11, 2.5, 2.64), turn, paint)
         if tallest > 5.4 and rng.random() < 0.3:
             self._box((at[0], at[1], at[2] + 3.95), (length, 2.44, 2.6), turn, self._livery())
-        body.name = "container"
 
     def _vehicle(self, at: Any, tallest: float) -> None:
         rng, turn = self._rng, self._rng.uniform(0, 2 * math.pi)
@@ -116,14 +116,14 @@ class Yard:
         height = min(radius * float(rng.uniform(0.35, 0.6)), tallest)
         if height < 0.3:
             return
-        rings, sectors = 14, 40
-        r, a = np.meshgrid(np.linspace(0, 1, rings), np.arange(sectors) * 2 * math.pi / sectors, indexing="ij")
-        rough = 1 + 0.12 * rng.standard_normal((rings, sectors))
+        rings, n = 14, 40
+        r, a = np.meshgrid(np.linspace(0, 1, rings), np.arange(n) * 2 * math.pi / n, indexing="ij")
+        rough = 1 + 0.12 * rng.standard_normal((rings, n))
         z = height * np.clip(1 - r, 0, 1) ** 1.1 * np.clip(rough, 0.7, 1.0)
         x, y = radius * r * np.cos(a) * (1 + 0.1 * np.sin(3 * a)), radius * r * np.sin(a)
         points = np.stack([x + at[0], y + at[1], z + at[2]], -1).reshape(-1, 3)
-        quads = ((i, j, (j + 1) % sectors) for i in range(rings - 1) for j in range(sectors))
-        faces = [(n * i + j, n * i + n + j, n * i + n + k, n * i + k) for n in (sectors,) for i, j, k in quads]
+        quads = ((i, j, (j + 1) % n) for i in range(rings - 1) for j in range(n))
+        faces = [(n * i + j, n * i + n + j, n * i + n + k, n * i + k) for i, j, k in quads]
         image, tint = self._images[int(rng.integers(len(self._images)))], TINTS[int(rng.integers(len(TINTS)))]
         material = (self._surfaces.photograph(image, tint, 1.2) if rng.random() < 0.5
                     else self._surfaces.loose(tuple(map(float, rng.uniform(0.02, 0.4) * np.array(tint)))))  # fmt: skip
@@ -181,14 +181,6 @@ class Yard:
 
     def _livery(self) -> Any:
         return self._liveries[int(self._rng.integers(len(self._liveries)))]
-
-    def _image(self, name: str, picture: Any) -> Any:
-        height, width = picture.shape[:2]
-        image = self._bpy.data.images.new(name, width, height)
-        rgba = np.ones((height, width, 4), np.float32)
-        rgba[..., :3] = picture[::-1] / np.float32(255)
-        image.pixels.foreach_set(rgba.ravel())
-        return image
 
     def _box(self, centre: Any, sides: Any, turn: float, material: Any, bevel: float = 0.0) -> Any:
         x, y, z = (float(side) / 2 for side in sides)

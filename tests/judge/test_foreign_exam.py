@@ -6,7 +6,7 @@ from click.testing import CliRunner
 from msgspec import structs
 
 from scripts import foreign_exam
-from scripts.foreign import camera, grabs, scoring
+from scripts.foreign import camera, grabs, making, scoring, surfaces, tables
 from scripts.foreign.making import Agreement, Maker, picture, stored_mask
 from scripts.foreign.worlds import BOTH, CONDITIONS, OWN, SEEDS, TIMES, World, beside
 from simgrab import scenes
@@ -18,7 +18,7 @@ from simgrab.scenario import Mesh, Plain
 from simgrab.world.camera.optics import to_linear
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.grabs.from_file import from_file
-from simgrab.world.scenery.model import GRAB, PLACE
+from simgrab.world.scenery.model import GRAB, PLACE, ROPE
 from tests.conftest import SMALL
 
 SIZE = 480, 270
@@ -27,7 +27,7 @@ PICTURES = ("cycles", "sensor", "coder")
 
 def test_each_condition_replaces_one_thing_and_the_last_one_all():
     replaced = {
-        name: ({"grab"} if one.look.grab else set()) | set(one.render or ()) | set(one.camera)
+        name: ({"grab"} if one.replacement.grab else set()) | set(one.render or ()) | set(one.camera)
         for name, one in CONDITIONS.items()
     }
     single = set(CONDITIONS) - {"mujoco", "cycles", "all"}
@@ -46,14 +46,14 @@ def test_twelve_worlds_have_every_family_at_every_time_and_halves_share_none():
     assert len({World(half, number).seed for half in SEEDS for number in range(10_000)}) == 20_000
 
 
-def test_a_look_replaces_grab_and_place_alone(tmp_path):
+def test_a_replacement_changes_grab_and_place_alone(tmp_path):
     world = World("tune", 0)
     own = world.scenario(SIZE)
-    both = world.looking(own, BOTH, tmp_path)
+    both = world.replaced(own, BOTH, tmp_path)
     assert isinstance(both.grab, Mesh)
     assert isinstance(both.place, Plain)
     assert both.camera == own.camera
-    assert world.looking(own, OWN, tmp_path) == own
+    assert world.replaced(own, OWN, tmp_path) == own
     assert own.light.floodlights == 0 < World("tune", 8).scenario(SIZE).light.floodlights
 
 
@@ -85,14 +85,32 @@ def test_masks_agree_within_a_pixel_or_say_how_far_not():
     far = Agreement.of(ours, np.roll(ours, 3, 0))
     assert far.farthest_px == 3
     assert far.beyond == 2 * 7 * 2
-    assert Agreement.of(ours, np.zeros_like(ours)).farthest_px == np.inf
+
+
+def test_masks_of_which_one_alone_shows_a_grab_are_counted_and_stored(tmp_path):
+    ours, none = np.eye(20, dtype=bool), np.zeros((20, 20), bool)
+    compared = [Agreement.of(ours, none), Agreement.of(none, ours), Agreement.of(ours, ours), Agreement.of(none, none)]
+    worlds = [World("tune", number) for number in range(len(compared))]
+    for world, one in zip(worlds, compared, strict=True):
+        (tmp_path / world.name).mkdir()
+        data = msgspec.json.encode(one)
+        (tmp_path / world.name / "ids-own.json").write_bytes(data)
+        assert msgspec.json.decode(data, type=Agreement) == one
+    ids = scoring.agreement(tmp_path, worlds, ["own"])["own"]
+    assert (ids["frames"], ids["one_sided"], ids["within_a_pixel"]) == (3, 2, 1)
+    assert (ids["pixels"], ids["pixels_beyond"], ids["farthest_px"]) == (40, 40, 0.0)
+    assert scoring.agreement(tmp_path, worlds[:1], ["own"])["own"]["farthest_px"] is None
+
+
+def test_blender_has_simgrabs_groups():
+    assert (surfaces.PLACE, surfaces.ROPE, surfaces.GRAB) == (PLACE, ROPE, GRAB)
 
 
 @pytest.fixture(scope="module")
-def drawn():
+def rendered():
     changes = SMALL | {
-        "camera.width_px": 960, "camera.height_px": 540, "camera.distortion": {"k1": -0.1}, "image.shadow_map_px": 0,
-        "camera.focal": {"model": "pixels", "focal_length_px": 822.4}, "display.layout": "two-by-four",
+        "camera.distortion": {"k1": -0.1}, "image.shadow_map_px": 0,
+        "display.layout": "two-by-four",
         "optics.recompress_quality": 60, "optics.exposure": {"model": "auto"},
     }  # fmt: skip
     scenario = scenes.load("quay-day", changes)
@@ -101,8 +119,8 @@ def drawn():
         yield scenario, scene.draw(generator.project(0)), generator.frame(0).rgb
 
 
-def test_with_nothing_replaced_a_picture_is_simgrabs_own(drawn):
-    scenario, buffers, rgb = drawn
+def test_with_nothing_replaced_a_picture_is_simgrabs_own(rendered):
+    scenario, buffers, rgb = rendered
     file, suffix = camera.photographed(scenario, buffers, to_linear(buffers.rgb), (), np.random.default_rng(0))
     _, expected = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, scenario.image.quality])
     assert suffix == ".jpg"
@@ -110,12 +128,12 @@ def test_with_nothing_replaced_a_picture_is_simgrabs_own(drawn):
 
 
 @pytest.mark.parametrize("replaced", ["light", "sensor", "digits", "coder"])
-def test_what_is_replaced_changes_the_picture_and_not_where_things_are(drawn, replaced):
-    scenario, buffers, rgb = drawn
+def test_what_is_replaced_changes_the_picture_and_not_where_things_are(rendered, replaced):
+    scenario, buffers, rgb = rendered
     light = to_linear(buffers.rgb)
     file, _ = camera.photographed(scenario, buffers, light, (replaced,), np.random.default_rng(5))
     made = cv2.imdecode(np.frombuffer(file, np.uint8), 1)
-    grey = [cv2.GaussianBlur(p[60:480].mean(axis=2), (0, 0), 2) for p in (made, rgb[..., ::-1])]
+    grey = [cv2.GaussianBlur(p[30:240].mean(axis=2), (0, 0), 2) for p in (made, rgb[..., ::-1])]
     (dx, dy), _ = cv2.phaseCorrelate(*(np.hypot(cv2.Sobel(g, -1, 1, 0), cv2.Sobel(g, -1, 0, 1)) for g in grey))
     assert np.hypot(dx, dy) < 0.3
     assert (made != rgb[..., ::-1]).any()
@@ -135,13 +153,11 @@ def test_every_coder_returns_much_the_same_picture(coder):
     assert np.abs(camera.coded(ramp, coder, 1.0).astype(int) - ramp).mean() < 6
 
 
-def fake(killed_after=None):
-    """A path tracer that renders even light, and ids from the exported geometry's places alone: none."""
+def fake():
+    """A path tracer that renders even light, and ids of the grab everywhere."""
     calls = []
 
     def trace(jobs):
-        if killed_after is not None and len(calls) >= killed_after:
-            raise RendererError("killed")
         calls.append(jobs)
         for job in jobs:
             with np.load(job["scene"]) as file:
@@ -156,6 +172,17 @@ def fake(killed_after=None):
     return trace, calls
 
 
+def killed_after(pictures):
+    left = iter(range(pictures))
+
+    def photographed(*arguments):
+        if next(left, None) is None:
+            raise RendererError("killed")
+        return camera.photographed(*arguments)
+
+    return photographed
+
+
 class SmallWorld(World):
     """A world that is quick to render."""
 
@@ -166,20 +193,26 @@ class SmallWorld(World):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A world whose making was interrupted, and then went on."""
+    """A world whose making was interrupted after one picture, and then went on."""
     root = tmp_path_factory.mktemp("exam")
     world = SmallWorld("tune", 1)
-    killed, _ = fake(killed_after=0)
-    with pytest.raises(RendererError, match="killed"):
-        Maker(root, SIZE, 1, 1, killed).make(world, PICTURES)
-    assert picture(root / "worlds" / world.name, "cycles") is None
+    where = root / "worlds" / world.name
     trace, calls = fake()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "photographed", killed_after(1))
+        with pytest.raises(RendererError, match="killed"):
+            Maker(root, SIZE, 1, 1, trace).make(world, PICTURES)
+    first = picture(where, PICTURES[0]).read_bytes()
+    assert [picture(where, name) is not None for name in PICTURES] == [True, False, False]
+    trace, more = fake()
     maker = Maker(root, SIZE, 1, 1, trace)
     maker.make(world, PICTURES)
-    assert len(calls) == 1
-    assert len(calls[0]) == 1  # one light for all three
+    assert [len(jobs) for jobs in more] == [1]  # one light for both
+    assert calls[0][0]["ids"]
+    assert not more[0][0]["ids"]  # which were compared before
+    assert picture(where, PICTURES[0]).read_bytes() == first
     maker.make(world, PICTURES)
-    assert len(calls) == 1
+    assert len(more) == 1
     return root
 
 
@@ -190,53 +223,75 @@ def test_an_interrupted_world_goes_on(folder):
     known = scoring.record(where, "own")
     assert stored_mask(known).shape == SIZE[::-1]
     assert known.truth.width_px == SIZE[0]
+    found = msgspec.json.decode((where / "ids-own.json").read_bytes(), type=Agreement)
+    assert found.pixels == stored_mask(known).sum()
+    assert found.beyond > 0 < found.farthest_px  # the path tracer has the grab all over the window
+    assert found.iou < 1
 
 
 def test_the_command_scores_what_is_there(folder):
     asked = ["--out", str(folder), "--worlds", "2", "--conditions", ",".join(PICTURES), "--size", "480x270",
-             "--detector", "any-grab", "--resamples", "3"]  # fmt: skip
+             "--detector", "any-grab", "--resamples", "2"]  # fmt: skip
     done = CliRunner().invoke(foreign_exam.main, asked)
     assert done.exit_code == 0, done.output
     scores = msgspec.json.decode((folder / "scores-tune.json").read_bytes())
     assert scores["worlds"] == 1
+    assert scores["incomplete"] == ["tune-0000"]
     assert list(scores["detectors"]["any-grab"]) == list(PICTURES)
     assert (folder / "sheet-tune-mujoco.jpg").exists()
+    assert "| `cycles` | Blender | " in (folder / "scores-tune.md").read_text()
     other = CliRunner().invoke(foreign_exam.main, [*asked[:6], "--size", "960x540"])
     assert other.exit_code == 2
     assert "choose another --out" in other.output
 
 
-def seen(number, found, name="cycles"):
+@pytest.fixture(scope="module")
+def truth(folder):
+    known = scoring.record(folder / "worlds" / "tune-0001", "own").truth
+    box = {"box_x0_px": 100, "box_y0_px": 100, "box_x1_px": 200, "box_y1_px": 180}
+    return structs.replace(known, present=True, grab_u_px=150.0, grab_v_px=150.0, **box)
+
+
+def observed(truth, number, shift, name):
+    """An observation whose box is shifted in every second world, and in which every digit is read right."""
     world = World("tune", number)
-    row = structs.replace(TRUTH, variant=number)
-    box = np.array([100.0, 100.0, 200.0, 180.0]) + found
+    box = np.array([100.0, 100.0, 200.0, 180.0]) + shift * (number % 2)
     detection = Detection("found", "", 0.9, box, box[:2] + 50, None, np.full(4, 2.0), np.full(2, 2.0))
     read = Read("", name, "2015 2100", "2015 2100", Reading("read", "", "2015", "2100", np.ones(8), 20.15, 21.0, 22.65))
-    return scoring.Seen(world, Case(row, True, world.time, detection, world.name), read)
+    row = structs.replace(truth, variant=number)
+    return scoring.Observation(world, {"any-grab": Case(row, True, world.time, detection, world.name)}, read)
 
 
-TRUTH = None
+@pytest.fixture(scope="module")
+def found(truth):
+    shifts = {"mujoco": 0.0, "mujoco-both": 0.0, "cycles": 4.0, "all": 8.0}
+    return [{name: observed(truth, i, shift, name) for name, shift in shifts.items()} for i in range(8)]
 
 
-def test_the_table_sets_a_condition_beside_mujoco(folder):
-    global TRUTH
-    known = scoring.record(folder / "worlds" / "tune-0001", "own").truth
-    TRUTH = structs.replace(
-        known,
-        present=True,
-        box_x0_px=100,
-        box_y0_px=100,
-        box_x1_px=200,
-        box_y1_px=180,
-        grab_u_px=150.0,
-        grab_v_px=150.0,
-    )
-    ours, theirs = [seen(i, 0.0, "mujoco") for i in range(8)], [seen(i, 4.0 * (i % 2)) for i in range(8)]
-    row = scoring.compare(theirs, ours, 20)
+def test_a_condition_is_compared_with_mujoco(found):
+    row = scoring.by_condition(found, ("cycles",), "any-grab", 20)["cycles"]
     assert row["foreign"]["recall"] == row["mujoco"]["recall"] == 1.0
-    low, high = row["intervals"]["map50_95_less"]
+    low, high = row["difference"]["intervals"]["map50_95_less"]
     assert low <= row["difference"]["map50_95_less"] <= high <= 0
-    assert set(row["by_time"]) == set(TIMES[:2])
-    text = scoring.table("bundled", {"cycles": row})
-    assert "| `cycles` | 8 | 8 of 8 (63.1 to 100.0 %) |" in text
-    assert "64 of 64, 0 of 64" in text
+    assert row["foreign"]["coverage"]["box"] == 0.5
+    assert row["mujoco"]["intervals"]["box"] == (1.0, 1.0)
+    groups = scoring.by_group(found, ("cycles",), "any-grab", 1)
+    assert set(groups["time"]) == set(TIMES[:2])
+    assert groups["family"]["scissors"]["cycles"]["foreign"]["labelled"] == 2
+    assert groups["family"]["scissors"]["cycles"]["foreign"]["centre"]["median_px"] == pytest.approx(4 * 2**0.5)
+
+
+def test_the_report_states_figures_beside_mujoco_and_which_goals_are_met(found):
+    names = ("cycles", "all")
+    scores = {
+        "worlds": 8, "incomplete": [], "detectors": {"any-grab": scoring.by_condition(found, names, "any-grab", 2)},
+        "groups": {}, "digits": scoring.digits(found, names), "ids": {},
+    }  # fmt: skip
+    text = tables.report(scores)
+    assert "| `cycles` | Blender | 8 of 8 (63.1 to 100.0 %) |" in text
+    assert "| recall at least 97 % | 8 of 8 (63.1 to 100.0 %) | met |" in text
+    (covered,) = (line for line in text.splitlines() if line.startswith("| 95 % intervals"))
+    assert covered.endswith("| short |")
+    (empty,) = (line for line in text.splitlines() if line.startswith("| boxes on at most"))
+    assert empty.endswith("| not measured |")
+    assert "| `cycles` | Blender | 64 of 64 (94.4 to 100.0 %) | 0 of 64 (0.0 to 5.6 %) |" in text
