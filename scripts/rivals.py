@@ -4,10 +4,11 @@
     python -m scripts.rivals clips --part pictures --clips 2
     python -m scripts.rivals clips --part marks --clips 1
     python -m scripts.rivals clips --part lidar --clips 1
+    python -m scripts.rivals clips --part side --clips 2 --condition calm
     python -m scripts.rivals page
 
 The first commands make clips of 30 s at 9 Hz and measure them with every method that takes sensors alone, pictures of
-640×360 px too, marks on the grab in pictures of 960×540 px (for 15 s), or a LiDAR. The angles are kept in a file a clip
+640×360 px too, marks on the grab in pictures of 960×540 px (for 15 s), a LiDAR, or cameras at the side (for 15 s). The angles are kept in a file a clip
 and part below ``runs/rivals``. The last command writes ``docs/results/rivals.md`` from the files that there are.
 """
 
@@ -15,7 +16,9 @@ from __future__ import annotations
 
 import json
 import subprocess
+import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,18 +29,23 @@ import numpy as np
 
 import simgrab
 from simgrab.calibration import Calibration
-from simgrab.geometry import Array
+from simgrab.geometry import Array, rotation_x
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import detector
 from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.rivals.balls import tysse
 from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
 from simgrab.instrument.rivals.contract import Sensors, Series
 from simgrab.instrument.rivals.inertial import INERTIAL
 from simgrab.instrument.rivals.lidar import Scans, lidar
 from simgrab.instrument.rivals.marks import Fiducial, Layer, Layered, circles, level_layers, target
+from simgrab.instrument.rivals.ropes import okubanjo
+from simgrab.instrument.rivals.side import View, read_view
 from simgrab.instrument.rivals.tracking import Place, template
 from simgrab.scenario import Scenario
+from simgrab.world.extensions import Recipe
+from simgrab.world.output import sensors as sensor_files
 from simgrab.world.output.tables import calibration_of
 from simgrab.world.sensors.record import Recording
 
@@ -48,13 +56,26 @@ ROPES_M = (18.0, 14.0, 22.0)
 BLOCK_S = 10.0
 REPLICATIONS = 2000
 MOUNTS = ("jib-head", "rope", "grab", "camera")
-PARTS = ("sensors", "pictures", "marks", "lidar")
+PARTS = ("sensors", "pictures", "marks", "lidar", "side")
 MARKED_SIZE, MARKED_FRAMES = (960, 540), 135
 TARGET: dict[str, Any] = {"markers.target": {}}
 SIDES_M, UP_M = {"wu": 0.4, "matsuo-target": 0.5}, 1.64  # of marks, and of the rope ends over A
 PLACES_M = {"wu": (1.0, -0.45, UP_M), "matsuo-target": (-1.0, -0.45, UP_M)}
 FINDERS = {"wu": circles, "matsuo-target": target}
 LIDAR = {"sensors.lidar0": {"model": "lidar", "rate_hz": 5.0}}
+UPRIGHT = {"model": "camera", "width_px": 360, "height_px": 640, "focal_length_px": 600.0, "rate_hz": RATE_HZ}
+BESIDE = {"mount": "jib-head", "position_m": [0.0, -22.0, -10.0], "azimuth_deg": 90.0, "elevation_deg": 3.0}
+# side0 looks along the jib and side1 across it; three cameras on the platform look at balls.
+SIDE: dict[str, Any] = {
+    "side0": {"position_m": [2.0, -1.5, 14.0], "elevation_deg": 7.0},
+    "side1": BESIDE,
+    "away": {"position_m": [2.0, -1.5, 14.0], "elevation_deg": 7.0, "azimuth_deg": 40.0},
+    "king0": {"position_m": [2.0, -4.0, 14.0], "elevation_deg": 20.0, "azimuth_deg": 10.0},
+    "king1": {"position_m": [2.0, 0.0, 14.0], "elevation_deg": 20.0},
+    "king2": {"position_m": [2.0, 4.0, 14.0], "elevation_deg": 20.0, "azimuth_deg": -10.0},
+}
+BALLS = {"markers.balls": {"distances_m": [2.0, 8.0]}}
+CRANE_LEAN = np.radians(1.0)  # sideways, of the whole crane
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rivals.md"
 
 LEVEL: dict[str, Any] = {
@@ -154,6 +175,8 @@ def measure(condition: str, clip: int, part: str) -> dict[str, Any]:
             found = _by_marks(condition, clip, sensors.lengths, MARKED_FRAMES)
         case "lidar":
             found = {"lidar": _by_lidar(condition, clip, time)}
+        case "side":
+            found = _from_the_side(condition, clip, sensors.lengths, time[:MARKED_FRAMES])
     degrees = {n: [None if np.isnan(x) else round(float(np.degrees(x)), 4) for x in a] for n, a in found.items()}
     return {"condition": condition, "clip": clip, "true": np.degrees(true).round(4).tolist(), "alpha": degrees}
 
@@ -212,6 +235,43 @@ def _scans(scene: Scenario) -> Scans:
     recorded = simgrab.sensors(scene)["lidar0"]
     assert recorded.body_from_sensor is not None
     return Scans.of(recorded.stamp_ns, recorded.values[:, :3].astype(float), recorded.body_from_sensor)
+
+
+def _from_the_side(condition: str, clip: int, rope: Series, time: Array) -> dict[str, Array]:
+    """Measure with ropes and balls in pictures from the side; with a lean that calibrations do not know too."""
+    cameras = {f"sensors.{name}": UPRIGHT | camera for name, camera in SIDE.items()}
+    scene = scenario(condition, clip, BALLS | cameras | {"frames": MARKED_FRAMES})
+    with tempfile.TemporaryDirectory() as folder:
+
+        @contextmanager
+        def writing(name: str) -> Iterator[Path]:
+            path = Path(folder, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield path
+
+        sensor_files.write(Recipe(scene), writing)
+        platform = (-scene.swing.radius_m, 0.0, -scene.jib.head_height_m)  # type: ignore[union-attr]
+        view = {
+            name: read_view(Path(folder, "sensors", "clip_000", name), (0, 0, 0) if "mount" in camera else platform)
+            for name, camera in SIDE.items()
+        }
+        pair, three = [view["side0"], view["side1"]], [view[f"king{i}"] for i in range(3)]
+        found = {
+            "okubanjo": okubanjo(pair, rope, time),
+            "okubanjo-one": okubanjo(pair[:1], rope, time),
+            "okubanjo-lean": okubanjo([_leaning(one) for one in pair], rope, time),
+            "okubanjo-away": okubanjo([view["away"], view["side1"]], rope, time),
+            "tysse": tysse(three, rope, time),
+            "tysse-lean": tysse([_leaning(one) for one in three], rope, time),
+            "tysse-away": tysse([three[0], view["away"]], rope, time),
+        }
+    return {name: swing.alpha for name, swing in found.items()}
+
+
+def _leaning(view: View) -> View:
+    """Calibrate a camera as on a level crane where the whole crane leans: the frame leans about O with all in it."""
+    lean = rotation_x(CRANE_LEAN)
+    return replace(view, rotation=lean @ view.rotation, centre=lean @ view.centre)
 
 
 def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors, time: Array) -> dict[str, Array]:
@@ -286,7 +346,8 @@ def figures(files: list[dict[str, Any]], method: str) -> tuple[float, float, flo
 METHODS = (
     "constant-zero", "kawai", "matsuo", "matsuo-target", "matsuo-target-layers", "wu", "wu-layers", "fiducial",
     "optical-flow", "accelerometer-grab", "accelerometer-rope", "ahrs-grab", "gao", "gyro-pendulum", "schaper", "kim",
-    "jung", "lidar", "rope-aware", "inertial-fusion",
+    "jung", "lidar", "okubanjo", "okubanjo-one", "okubanjo-lean", "okubanjo-away", "tysse", "tysse-lean", "tysse-away",
+    "rope-aware", "inertial-fusion",
 )  # fmt: skip
 
 

@@ -162,8 +162,14 @@ def numbers(path: Path, table: pa.Table, name: str) -> Array:
     return np.asarray(values)
 
 
-def _about(path: Path) -> dict[str, Any]:
-    """Read what the estimator needs of a ``sensor.yaml``."""
+def read_description(path: Path, kind: str) -> tuple[dict[str, Any], Array]:
+    """Read a ``sensor.yaml`` of a kind of sensor, such as ``"imu"``: all of it, and its pose T_BS, shape (4, 4).
+
+    Raises
+    ------
+    RecordError
+        In one line: the file, and what is wrong with it.
+    """
     with opened(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES) as file:
         text = file.read()
     try:
@@ -171,17 +177,27 @@ def _about(path: Path) -> dict[str, Any]:
     except (YAMLError, ValueError, RecursionError) as problem:
         raise RecordError(f"{path}: it is not valid YAML ({first_line(problem)})") from None
     if not isinstance(data, dict) or not isinstance(data.get("T_BS"), dict):
-        raise RecordError(f"{path}: T_BS is missing: the sensor's pose in the camera frame")
-    if data.get("sensor_type", "imu") != "imu":
-        raise RecordError(f"{path}: sensor_type: an imu is needed, got {data['sensor_type']!r:.40}")
+        raise RecordError(f"{path}: T_BS is missing: the sensor's pose in the frame of its body")
+    if data.get("sensor_type", kind) != kind:
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise RecordError(f"{path}: sensor_type: {article} {kind} is needed, got {data['sensor_type']!r:.40}")
     try:
         entries = data["T_BS"]["data"]
         if not all(isinstance(number, int | float) for number in entries):  # lists within may name each other
             raise TypeError("not a list of numbers")
         pose = np.array(entries, float).reshape(4, 4)
-        found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise RecordError(f"{path}: T_BS must hold 16 numbers, and the noise densities must be numbers") from None
+        raise RecordError(f"{path}: T_BS must hold 16 numbers") from None
     if not np.isfinite(pose).all():
         raise RecordError(f"{path}: T_BS must hold finite numbers")
+    return data, pose
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """Read what the estimator needs of a ``sensor.yaml``."""
+    data, pose = read_description(path, "imu")
+    try:
+        found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
+    except (TypeError, ValueError, OverflowError):
+        raise RecordError(f"{path}: the noise densities must be numbers") from None
     return {"camera_from_sensor": pose[:3, :3], **found}
