@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import shutil
 
 import numpy as np
@@ -88,6 +89,7 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
         train([dataset], tmp_path / "out", tiny, resume=True)
 
 
+@pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
 def test_a_detector_learns_a_users_own_grab(tmp_path):
     """The command, with as few frames and epochs as it takes."""
     trimesh.creation.icosphere(subdivisions=3, radius=1.3).export(tmp_path / "ball.stl")
