@@ -121,7 +121,7 @@ def tysse(views: Sequence[View], rope: Series, time: Array) -> Swing:
 
 
 def _line(seen: Sequence[tuple[View, Array]]) -> tuple[Array, Array]:
-    """Readings of unit variance: rows (2, 2) and values (2,); NaN where the spots are no balls on a rope."""
+    """Return readings of unit variance: rows (2, 2) and values (2,), NaN where the spots are no balls on a rope."""
     centres, focal = np.array([view.centre for view, _ in seen]), np.array([view.focal_px for view, _ in seen])
     rays = np.array([view.rays(two) for view, two in seen])
     (upper, of_upper), (lower, of_lower) = (meet(centres, rays[:, k], focal) for k in range(2))
