@@ -9,6 +9,8 @@ import pytest
 from simgrab.errors import RecordError
 from simgrab.geometry import STANDARD_GRAVITY, rotation_y
 from simgrab.instrument.contract import Frame
+from simgrab.instrument.rivals import balls as ball_module
+from simgrab.instrument.rivals import ropes
 from simgrab.instrument.rivals.balls import balls, meet, tysse
 from simgrab.instrument.rivals.contract import Series
 from simgrab.instrument.rivals.ropes import okubanjo, rope_lines, rope_plane
@@ -17,7 +19,7 @@ from simgrab.instrument.rivals.side import View, read_view
 SIZE, FOCAL = (360, 640), 600.0
 LEVEL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # jib frame from a camera that looks outboard
 ROPE = Series(np.array([0.0, 100.0]), np.full((2, 1), 18.0))
-TIME = np.arange(54) / 9
+TIME = np.arange(45) / 9
 PHASE = np.sqrt(STANDARD_GRAVITY / 18.4) * TIME
 LEAN = np.tan(np.radians(6)) * np.column_stack([np.cos(PHASE), 0.5 * np.sin(PHASE)])
 ALPHA = np.arctan(np.hypot(*LEAN.T))
@@ -55,18 +57,29 @@ def drawn(view, lean, lines=True, spots=True):
     return cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
 
 
-def filming(view, lost=(), **what):
-    """Give a camera the frames of the swing; in frames ``lost`` there is nothing to see."""
-    frames = [
-        Frame(drawn(view, lean) if i not in lost else np.full((*SIZE[::-1], 3), 180, np.uint8), t)
-        for i, (t, lean) in enumerate(zip(TIME.tolist(), LEAN, strict=True))
-    ]  # fmt: skip
-    return replace(view, frames=frames, **what)
+def filming(view):
+    """Give a camera the frames of the swing."""
+    return replace(view, frames=[Frame(drawn(view, lean), t) for t, lean in zip(TIME.tolist(), LEAN, strict=True)])
+
+
+@pytest.fixture(autouse=True, scope="module")
+def each_picture_is_searched_once():
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, find in ((ropes, "rope_lines", rope_lines), (ball_module, "balls", balls)):
+            found = {}
+
+            def once(picture, found=found, find=find):
+                if id(picture) not in found:
+                    found[id(picture)] = picture, find(picture)  # the picture stays, and so does its id
+                return found[id(picture)][1]
+
+            patch.setattr(module, name, once)
+        yield
 
 
 @pytest.fixture(scope="module")
 def pair():
-    return [filming(camera("side0", 0, (-23, -1.5, -10))), filming(camera("side1", 90, (0, -22, -10)))]
+    return [filming(camera("side0", 0, (-23, 0, -10))), filming(camera("side1", 90, (0, -22, -10)))]
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +124,7 @@ def test_a_lean_of_the_crane_is_taken_for_swing(method, cameras, request):
     lean = rotation_y(np.radians(2.0))
     views = request.getfixturevalue(cameras)
     leaning = [replace(view, rotation=lean @ view.rotation, centre=lean @ view.centre) for view in views]
-    assert rmse(method(leaning, ROPE, TIME)) > 1
+    assert rmse(method(leaning, ROPE, TIME)) > 0.5  # the filter's pendulum hangs straight and takes part of it away
 
 
 @pytest.mark.parametrize(("method", "cameras", "words"), [
@@ -119,15 +132,17 @@ def test_a_lean_of_the_crane_is_taken_for_swing(method, cameras, request):
 ])  # fmt: skip
 def test_what_is_out_of_sight_gives_a_reason(method, cameras, words, request):
     views = request.getfixturevalue(cameras)
-    gone = range(18, 45)  # 3 s
+    gone = range(9, 36)  # 3 s
     frames = [[Frame(None, f.time_s, "cut off") if i in gone else f for i, f in enumerate(v.frames)] for v in views]
     found = method([replace(view, frames=some) for view, some in zip(views, frames, strict=True)], ROPE, TIME)
-    without = (TIME > 17 / 9 + 1.1) & (TIME < 45 / 9 - 1.1)
-    assert all(words in reason for reason in found.reason[without])
-    assert rmse(found, TIME > 5.2) < 0.4
-    nothing = method([replace(view, frames=some[18:45]) for view, some in zip(views, frames, strict=True)], ROPE, TIME)
+    without = (TIME > 8 / 9 + 1.05) & (TIME < 36 / 9 - 1.05)
+    assert without.any()
+    assert np.isnan(found.alpha[without]).all()
+    assert all(words in reason or "not settled" in reason for reason in found.reason[without])
+    assert rmse(found, TIME > 4.2) < 0.4
+    nothing = method([replace(view, frames=some[9:36]) for view, some in zip(views, frames, strict=True)], ROPE, TIME)
     assert np.isnan(nothing.alpha).all()
-    assert "fewer than two pictures" in nothing.reason[0]
+    assert f"{words} in fewer than two pictures" in nothing.reason[0]
 
 
 def test_balls_are_found_to_parts_of_a_pixel_and_meet_in_their_place():
@@ -140,7 +155,10 @@ def test_balls_are_found_to_parts_of_a_pixel_and_meet_in_their_place():
     rays = np.array([view.rays(project(view, middles[:1]))[0] for view in views])
     point, covariance = meet(np.array([view.centre for view in views]), rays, np.full(3, FOCAL))
     assert point == pytest.approx(middles[0], abs=1e-9)
-    assert np.sqrt(np.diag(covariance)) == pytest.approx([0.03, 0.007, 0.007], rel=0.5)  # least along the view
+    across = 0.3 / FOCAL * np.linalg.norm([23, 8, 4])  # of one camera; the rays spread by 10° to either side
+    deviations = np.sqrt(np.linalg.eigvalsh(covariance))
+    assert deviations[0] == pytest.approx(across / np.sqrt(3), rel=0.1)
+    assert deviations[2] == pytest.approx(across / (np.sqrt(2) * np.sin(np.radians(10))), rel=0.2)
 
 
 def test_a_camera_that_looks_down_is_refused():
