@@ -116,7 +116,7 @@ def tysse(views: Sequence[View], rope: Series, time: Array) -> Swing:
         seen = [(views[k], two) for _, k, two in shots[begin:end] if two is not None]
         if len(seen) >= FEWEST_VIEWS:
             rows[i], values[i] = _line(seen)
-    source = "both balls were not seen by two cameras"
+    source = "both balls were not seen"
     return filtered([Readings(source, stamps[first], rows, values, 1.0)], rope, time)
 
 
