@@ -8,8 +8,9 @@
     python -m scripts.rivals page
 
 The first commands make clips of 30 s at 9 Hz and measure them with every method that takes sensors alone, pictures of
-640×360 px too, marks on the grab in pictures of 960×540 px (for 15 s), a LiDAR, or cameras at the side (for 15 s). The angles are kept in a file a clip
-and part below ``runs/rivals``. The last command writes ``docs/results/rivals.md`` from the files that there are.
+640×360 px too, marks on the grab in pictures of 960×540 px (for 15 s), a LiDAR, or cameras at the side (for 15 s). The
+angles are kept in a file a clip and part below ``runs/rivals``. The last command writes ``docs/results/rivals.md`` from
+the files that there are.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ import numpy as np
 
 import simgrab
 from simgrab.calibration import Calibration
-from simgrab.geometry import Array, rotation_x
+from simgrab.geometry import Array, rotation_y
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import detector
 from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
@@ -75,7 +76,7 @@ SIDE: dict[str, Any] = {
     "king2": {"position_m": [2.0, 4.0, 14.0], "elevation_deg": 20.0, "azimuth_deg": -10.0},
 }
 BALLS = {"markers.balls": {"distances_m": [2.0, 8.0]}}
-CRANE_LEAN = np.radians(1.0)  # sideways, of the whole crane
+CRANE_LEAN = np.radians(1.0)  # outboard, of the whole crane
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rivals.md"
 
 LEVEL: dict[str, Any] = {
@@ -270,7 +271,7 @@ def _from_the_side(condition: str, clip: int, rope: Series, time: Array) -> dict
 
 def _leaning(view: View) -> View:
     """Calibrate a camera as on a level crane where the whole crane leans: the frame leans about O with all in it."""
-    lean = rotation_x(CRANE_LEAN)
+    lean = rotation_y(CRANE_LEAN)
     return replace(view, rotation=lean @ view.rotation, centre=lean @ view.centre)
 
 

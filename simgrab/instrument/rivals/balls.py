@@ -116,12 +116,12 @@ def tysse(views: Sequence[View], rope: Series, time: Array) -> Swing:
         seen = [(views[k], two) for _, k, two in shots[begin:end] if two is not None]
         if len(seen) >= FEWEST_VIEWS:
             rows[i], values[i] = _line(seen)
-    source = "both balls were not seen by two cameras"
+    source = "both balls were not seen"
     return filtered([Readings(source, stamps[first], rows, values, 1.0)], rope, time)
 
 
 def _line(seen: Sequence[tuple[View, Array]]) -> tuple[Array, Array]:
-    """Readings of unit variance: rows (2, 2) and values (2,); NaN where the spots are no balls on a rope."""
+    """Return readings of unit variance: rows (2, 2) and values (2,), NaN where the spots are no balls on a rope."""
     centres, focal = np.array([view.centre for view, _ in seen]), np.array([view.focal_px for view, _ in seen])
     rays = np.array([view.rays(two) for view, two in seen])
     (upper, of_upper), (lower, of_lower) = (meet(centres, rays[:, k], focal) for k in range(2))

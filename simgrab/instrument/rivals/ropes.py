@@ -72,7 +72,7 @@ def rope_plane(lines: Array, view: View) -> Array | None:
     level = np.linalg.norm(normals[:, :2], axis=1)
     across = _axes(view)[0]
     normals = normals * (np.sign(normals[:, :2] @ across) / np.maximum(level, 1e-12))[:, None]
-    far = normals @ view.centre / np.linalg.norm(normals, axis=1)
+    far = normals @ view.centre / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
     lean = np.arctan(normals[:, 2])
     ropes = (level > 1e-9) & (np.abs(far) < FROM_EXIT_M) & (np.abs(lean) < MOST_LEAN)
     if not ropes.any():

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.errors import PictureError, RecordError
 from simgrab.geometry import Array
@@ -178,7 +179,7 @@ def filtered(readings: list[Readings], lengths: Series, time: Array) -> Swing:
     return replace(found, alpha=np.arctan(found.alpha))
 
 
-def _gone(read: Array, at: Array) -> Array:
+def _gone(read: Array, at: Array) -> NDArray[np.bool_]:
     """Whether instants (n,) are farther than `MOST_GAP_S` from every reading (m,)."""
     after = np.clip(np.searchsorted(read, at), 1, len(read) - 1)
     near = np.minimum(np.abs(at - read[after - 1]), np.abs(at - read[after]))
