@@ -123,7 +123,8 @@ def test_frames_of_an_own_grab_vary_all_but_the_grab(tmp_path):
     trimesh.creation.box((2, 2, 2)).export(tmp_path / "box.stl")
     scene = scene_of(Mesh.of(tmp_path / "box.stl"))
     assert (scene.camera.width_px, scene.camera.height_px) == SIZE
-    assert f"[default: {FRAMES} of --grab" in CliRunner().invoke(cli, ["train", "detector", "--help"], terminal_width=200).output
+    shown = CliRunner().invoke(cli, ["train", "detector", "--help"], terminal_width=200).output
+    assert f"[default: {FRAMES} of --grab" in shown
     assert {one.scenario.grab.file for one, _ in itertools.islice(variants(scene), 5)} == {"box.stl"}
     assert len({one.scenario.place for one, _ in itertools.islice(variants(scene), 20)}) > 3
     assert len({one.scenario.grab.paint_rgb for one, _ in itertools.islice(variants(scene), 20)}) > 3
