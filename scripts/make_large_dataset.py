@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -21,7 +19,7 @@ import simgrab
 from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.rng import stream
 from simgrab.utilities.files import sha256
-from simgrab.world.output.tables import Tables
+from simgrab.world.output.tables import Tables, into
 
 
 @click.command()
@@ -35,14 +33,8 @@ def main(source: Path, out: Path, rows: int) -> None:
     known = json.loads((source / MANIFEST).read_text(encoding="utf-8"))
     random = stream(1, 0, "large")
 
-    @contextmanager
-    def writing(name: str) -> Iterator[Path]:
-        path = out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield path
-
     frames = [(frame.truth, frame.coded_mask, frame.file) for frame in dataset]
-    with Tables(writing, known, dataset.scenario) as tables:
+    with Tables(into(out), known, dataset.scenario) as tables:
         for number in range(rows):
             row, mask, file = frames[number % len(frames)]
             assert file is not None

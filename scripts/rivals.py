@@ -19,7 +19,6 @@ import json
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -47,7 +46,7 @@ from simgrab.instrument.rivals.tracking import Place, template
 from simgrab.scenario import Scenario
 from simgrab.world.extensions import Recipe
 from simgrab.world.output import sensors as sensor_files
-from simgrab.world.output.tables import calibration_of
+from simgrab.world.output.tables import calibration_of, into
 from simgrab.world.sensors.record import Recording
 
 RATE_HZ = 9.0
@@ -243,14 +242,7 @@ def _from_the_side(condition: str, clip: int, rope: Series, time: Array) -> dict
     cameras = {f"sensors.{name}": UPRIGHT | camera for name, camera in SIDE.items()}
     scene = scenario(condition, clip, BALLS | cameras | {"frames": MARKED_FRAMES})
     with tempfile.TemporaryDirectory() as folder:
-
-        @contextmanager
-        def writing(name: str) -> Iterator[Path]:
-            path = Path(folder, name)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            yield path
-
-        sensor_files.write(Recipe(scene), writing)
+        sensor_files.write(Recipe(scene), into(Path(folder)))
         platform = (-scene.swing.radius_m, 0.0, -scene.jib.head_height_m)  # type: ignore[union-attr]
         view = {
             name: read_view(Path(folder, "sensors", "clip_000", name), (0, 0, 0) if "mount" in camera else platform)

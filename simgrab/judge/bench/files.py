@@ -14,8 +14,7 @@ import io
 import json
 import secrets
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -40,6 +39,7 @@ from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.output import sensors
 from simgrab.world.output.pool import SILENT_S, memory_bytes, vet
+from simgrab.world.output.tables import into
 from simgrab.world.output.video.render import render_video
 from simgrab.world.scenery import textures
 
@@ -218,14 +218,7 @@ def _render(season: Season, folder: Path, clip: Clip) -> None:
         work.parent.mkdir(exist_ok=True)
         render_video(scenario, work, resume=True, progress=lambda _done, _total: tick())
     recorded = work.with_suffix("")
-
-    @contextmanager
-    def writing_sensor(name: str) -> Iterator[Path]:
-        path = recorded / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield path
-
-    for name in sensors.write(Recipe(season.with_sensors(scenario)), writing_sensor, tick):
+    for name in sensors.write(Recipe(season.with_sensors(scenario)), into(recorded), tick):
         path = _sensor_file(folder, clip, name)
         path.parent.mkdir(parents=True, exist_ok=True)
         (recorded / name).replace(path)

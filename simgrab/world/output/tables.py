@@ -7,8 +7,8 @@ import io
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import cache
 from pathlib import Path, PurePosixPath
 from types import TracebackType
@@ -237,6 +237,18 @@ class Labels:
 
 Writing = Callable[[str], AbstractContextManager[Path]]
 """Gives a path to write to for a file of the dataset, which takes its name when the context is left."""
+
+
+def into(folder: Path) -> Writing:
+    """Write files directly to their names below a folder."""
+
+    @contextmanager
+    def writing(name: str) -> Iterator[Path]:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield path
+
+    return writing
 
 
 class Tables:
