@@ -80,6 +80,20 @@ HARD = (
     ),
 )  # fmt: skip
 
+# What no net has learned: verify learns from what the others take for the grab. Half of the frames show the grab, and
+# with it ropes that do not end at those that are parked.
+MIXED: dict[str, Any] = CROWDED | {"swing.absent": 0.4, "clip.clip_frames": 2}
+VERIFY = (
+    Source("verify-training", "training", {"clip.clip_frames": 3}, 450, 120, 41),
+    Source("verify-shapes", "training-shapes", {}, 600, 120, 42, size=HALF),
+    Source("verify-hard", "training", MIXED, 200, 60, 43, ROOMY),
+    Source("verify-hard-shapes", "training-shapes", MIXED | {"clip.clip_frames": 1}, 600, 120, 44, size=HALF),
+    Source(
+        "verify-hard-places", "training", MIXED | {"vary": CROWDED["vary"] | {"clutter.kinds": ANY_KIND}}, 400, 120, 45,
+        ROOMY, size=HALF,
+    ),
+)  # fmt: skip
+
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 
@@ -132,6 +146,20 @@ def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threa
     return [out / f"{name}.onnx" for name in NETS]
 
 
+def verify(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
+    """Train a fourth net for the detector to begin with; returns all four."""
+    from simgrab.training.detector.verify import OTHERS, recipe, train_verify
+
+    paths = rendered(VERIFY, work, quick=quick, workers=workers)
+    out = work / "verify"
+    with board(shown=True) as shown:
+        train_verify(
+            paths, start or ROOT / "assets" / "weights", out, recipe(quick=quick, threads=threads), resume=True,
+            watch=shown.step, report=shown.training("verify"),
+        )  # fmt: skip
+    return [out / f"{name}.onnx" for name in (*OTHERS, "verify")]
+
+
 def reader(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:  # noqa: ARG001
     """Train the reader, which gains nothing by a second thread or by others' weights; returns its net."""
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
@@ -154,7 +182,8 @@ def install(nets: Sequence[Path], out: Path) -> None:
                 shutil.copyfile(net.with_suffix(suffix), draft)
 
 
-PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": detector}
+PARTS: dict[str, Callable[..., list[Path]]] = {"reader": reader, "detector": detector, "verify": verify}
+USUAL = ("reader", "detector")
 
 
 @click.command()
@@ -175,7 +204,7 @@ def main(
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
     out = out or (work / "weights" if quick else ROOT / "assets" / "weights")
     work.mkdir(parents=True, exist_ok=True)
-    for name in [only] if only else PARTS:
+    for name in [only] if only else USUAL:
         nets = PARTS[name](work, quick=quick, start=start, workers=workers, threads=threads)
         install(nets, out)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")

@@ -21,6 +21,8 @@ Picture = NDArray[np.uint8]
 FIND_WIDTH, FIND_HEIGHT = 512, 288
 REFINE_SIZE = 160
 LEVEL_ROOM = 1.1  # side of a level part over the longer side of the grab's box
+VERIFY_SIZE = 224
+VERIFY_ROOM = 1.9  # side of verify's crop over the longer side of the grab's box
 GREY = 114  # of what lies beyond the picture; the colour YOLO letterboxes with
 
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, pad, relu
 
-from simgrab.instrument.detect.patches import REFINE_SIZE
+from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_SIZE
 
 STRIDE = 8  # of find's maps
 REACH = 32.0  # px of the small picture, find's unit of distance
@@ -133,6 +133,29 @@ class Refine(nn.Module):
         places = _alternate(x, y) + pad(_SHIFT * rest[:, 10:], (4, 0))
         out = [places, scales, rest[:, 6:8], rest[:, 8:9].clamp(-6.0, 4.0) - 2.0, rest[:, 9:10]]
         return torch.cat(out, 1), _alternate(across, down)
+
+
+class Verify(nn.Module):
+    """Whether the grab is there, in a crop that shows its surroundings.
+
+    In: uint8 (n, size, size, 4), the fourth channel saying what lies in the picture. Out: (n, 1), the presence's logit.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        # Ropes are a pixel wide: the first stages keep a fine grid, and the last one is coarse and wide.
+        self.trunk = _Trunk(4, (16, 32, 64, 96, 128), (0, 1, 2, 2, 1), up=0, stride=2)
+        cells = (VERIFY_SIZE // 32) ** 2
+        self.where = nn.Sequential(nn.Conv2d(128, 24, 1), nn.ReLU(inplace=True), nn.Flatten())
+        self.head = nn.Sequential(
+            nn.Linear(24 * cells + 2 * 128, 96), nn.ReLU(inplace=True), nn.Dropout(0.2), nn.Linear(96, 1)
+        )
+
+    def forward(self, crops: Tensor) -> Tensor:
+        """See the class."""
+        coarse = self.trunk(_normalised(crops))[1]
+        features = torch.cat([self.where(coarse), coarse.mean((2, 3)), coarse.amax((2, 3))], 1)
+        return self.head(features).float()
 
 
 def _alternate(x: Tensor, y: Tensor) -> Tensor:

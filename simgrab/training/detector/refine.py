@@ -60,6 +60,13 @@ class Crops:
     patches: list[list[Patch]]
     frames: Sequence[cache.Frame]
 
+    def part(self, i: int, slot: int, window: Patch, size: int) -> tuple[Picture, Picture]:
+        """Cut a window, in a cached crop's own pixels, to a size; also how much of each pixel lies in the picture."""
+        patch, row = self.patches[i][slot], self.frames[i].row
+        corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
+        inside = mask(row.width_px, row.height_px, corner, extent, size)
+        return cut(np.asarray(self.crops[i, slot]), window, size, size), inside
+
 
 def crops(
     folder: Path,
@@ -217,9 +224,8 @@ def _example(
     slot = 1 if other else 0
     patch, row = crops.patches[i][slot], frame.row
     window = _window(patch, labels.box(row) if there else None, rng)
-    picture = cut(np.asarray(crops.crops[i, slot]), window, REFINE_SIZE, REFINE_SIZE)
+    picture, inside = crops.part(i, slot, window, REFINE_SIZE)
     corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
-    inside = mask(row.width_px, row.height_px, corner, extent, REFINE_SIZE)
     places, yaw = np.full(6, np.nan), 0.0
     if there:
         box = labels.box(row)

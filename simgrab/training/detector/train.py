@@ -19,7 +19,7 @@ from simgrab.errors import TrainingError
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
-from simgrab.instrument.net import MOST_BYTES
+from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
 from simgrab.rng import stream
 from simgrab.training import loop
@@ -191,17 +191,21 @@ def fit(
     settled = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
     write = functools.partial(export.export, settled.net, example, ["told"])
 
+    facts: dict[str, Any] = {"task": SETTLE}
+    if start is not None and open_net(Path(start) / "settle.onnx").facts.get("verified") is True:
+        facts["verified"] = True  # what verify goes by is the same for all grabs: it is taken over as it is
+        export.copy(["verify"], Path(start), out)
     with scratch(out / "settle.onnx") as draft:  # a folder with settle.onnx in it is a detector, settings and all
-        for name in ("find.onnx", "refine.onnx"):
+        for name in ("find.onnx", "refine.onnx", *(["verify.onnx"] if "verified" in facts else [])):
             shutil.copyfile(out / name, draft / name)
-        write(draft / "settle.onnx", {"task": SETTLE})
+        write(draft / "settle.onnx", facts)
         looks = Bundled(draft, Settings(least_presence=0.0))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     presence = round(evaluate.least_presence(seen), 4)
     seen = evaluate.by(presence, seen)
     settings = msgspec.structs.asdict(Settings(least_presence=presence))
     trust = evaluate.trust(seen)
-    write(out / "settle.onnx", {"task": SETTLE, "settings": settings, "trust": evaluate.as_dict(trust)})
+    write(out / "settle.onnx", facts | {"settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
     if start is not None:
         before = evaluate.watch(

@@ -1,0 +1,227 @@
+"""What verify learns: whether a box holds the grab, in a crop that shows more of what is around it.
+
+Grabs that other cranes have parked look like the one that hangs, above all if both are of kinds never shown. What tells
+them apart does not depend on the kind: the ropes end at the grab that hangs. Refine and settle, whose crops end close
+to the box, see little of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from simgrab.geometry import Array
+from simgrab.instrument.detect.bundled import VERIFY, Bundled, Settings
+from simgrab.instrument.detect.patches import VERIFY_ROOM, VERIFY_SIZE, Patch
+from simgrab.instrument.net import open_net
+from simgrab.labels import datasets
+from simgrab.rng import stream
+from simgrab.training import loop
+from simgrab.training.card import Card
+from simgrab.training.copies import Batch
+from simgrab.training.detector import cache, evaluate, export, refine
+from simgrab.training.detector.augment import Dirt, turn
+from simgrab.training.detector.nets import Verify
+from simgrab.training.detector.refine import CROP, ROOM, Crops, stack
+from simgrab.training.detector.settings import has_half_units
+from simgrab.training.folder import check, claim
+from simgrab.training.loop import SCORE
+from simgrab.training.recipe import Recipe
+
+OTHERS = ("find", "refine", "settle")
+TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
+_SUSPECT = 0.015  # heat above which a candidate is refined
+_SCALE = 0.05  # of the crop's side, standard deviation of its logarithm
+_SHIFT = 0.03  # of the box's longer side, standard deviation
+_NEAR = 1e-4  # bound of probabilities in the score
+
+
+def recipe(*, quick: bool = False, **changes: Any) -> Recipe:
+    """Set verify's recipe; ``changes`` are other settings, by name."""
+    return replace(Recipe(epochs=4 if quick else 18, rate=1e-3, half=has_half_units("cpu")), **changes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Example:
+    """A cached crop, and whether it shows the grab."""
+
+    crops: Crops
+    frame: int
+    slot: int
+    there: bool
+
+
+class Verifying:
+    """Verify's task (`simgrab.training.loop.Task`).
+
+    Parameters
+    ----------
+    train, validation : sequences of Crops
+    """
+
+    def __init__(self, train: Sequence[Crops], validation: Sequence[Crops]) -> None:
+        self._train, self._dirt = _listed(train), Dirt()
+        rng = stream(0, 0, "verifying")
+        examples = [_learned(example, rng, None) for example in _listed(validation)]
+        self._validation = stack(examples) if examples else {}
+
+    @property
+    def examples(self) -> int:
+        """Number of training crops."""
+        return len(self._train)
+
+    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Cut crops about boxes that are a little off, augmented."""
+        return stack([_learned(self._train[i], rng, self._dirt) for i in chosen])
+
+    def loss(self, net: nn.Module, batch: Batch) -> Tensor:
+        """Cross entropy of the presence."""
+        return binary_cross_entropy_with_logits(net(batch["crops"])[:, 0], batch["present"])
+
+    def validate(self, net: nn.Module) -> Mapping[str, float]:
+        """Share of crops told apart, and the cross entropy."""
+        if not self._validation:
+            return {SCORE: 0.0}
+        device = next(net.parameters()).device
+        crops = torch.split(self._validation["crops"], 64)
+        presence = torch.cat([net(some.to(device)).cpu() for some in crops])[:, 0].sigmoid().clamp(_NEAR, 1 - _NEAR)
+        there = self._validation["present"]
+        entropy = float(-(there * presence.log() + (1 - there) * (1 - presence).log()).mean())
+        return {"told_apart": float(((presence > 0.5) == (there == 1)).float().mean()), SCORE: -entropy}
+
+
+def _listed(sets: Sequence[Crops]) -> list[_Example]:
+    """All crops of the grab and of other things."""
+    return [
+        _Example(crops, i, slot, frame.labelled and slot == 0)
+        for crops in sets
+        for i, frame in enumerate(crops.frames)
+        for slot in (0, 1)
+    ]
+
+
+def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
+    """Cut one crop; without dirt as it is seen at work, and not turned."""
+    picture, inside = example.crops.part(example.frame, example.slot, _window(rng), VERIFY_SIZE)
+    if dirt:
+        laid = turn(rng, quarters=True)
+        picture, inside = dirt(laid.picture(picture), rng), laid.picture(inside)
+    return {
+        "crops": np.concatenate([picture, inside[..., None]], axis=-1),
+        "present": np.array(example.there, np.float32),
+    }
+
+
+def _window(rng: np.random.Generator) -> Patch:
+    """Draw what is cut out of a cached crop, in its own pixels: a box as refine may predict it, with room around it."""
+    longest = CROP / ROOM
+    side = min(round(VERIFY_ROOM * longest * float(np.exp(rng.normal(0, _SCALE)))), CROP)
+    shifts = rng.normal(0, _SHIFT, 2) * longest
+    x, y = (int(np.clip(round((CROP - side) / 2 + shift), 0, CROP - side)) for shift in shifts)
+    return Patch(x, y, x + side, y + side)
+
+
+def train_verify(
+    paths: Sequence[str | Path], detector: str | Path, out: str | Path, settings: Recipe, *, resume: bool = False,
+    watch: Callable[[str], cache.Progress] | None = None, report: Callable[[loop.Report], None] | None = None,
+) -> Path:  # fmt: skip
+    """Train verify for a trained detector, on what this takes for the grab.
+
+    Parameters
+    ----------
+    paths : sequence of paths
+        Datasets that the detector has not learned; frames of the split ``train`` are learned from, those of ``val``
+        choose the epoch and the presence threshold.
+    detector : path
+        Folder of the other nets.
+    out : path
+        Gets these nets with their cards, verify, its card and checkpoint, and a cache that may be deleted.
+    settings : Recipe
+    resume : bool
+        Go on with an interrupted training of the same recipe and datasets.
+    watch, report : callable, optional
+        As those of `simgrab.training.detector.train.train` and `simgrab.training.loop.train`.
+
+    Returns
+    -------
+    Path
+        Of ``verify.onnx``.
+
+    Raises
+    ------
+    DatasetError, DetectorError, TrainingError
+    """
+    out, detector = Path(out), Path(detector)
+    check(out, resume=resume)
+    sets, looks = datasets.read_all(paths, "train", "val"), Bundled(detector)
+    step = watch or (lambda _: lambda _done, _total: None)
+    with claim(out, resume=resume):
+        digest = hashlib.sha256(
+            "".join([datasets.digest(sets), *(_sha256(detector / f"{name}.onnx") for name in OTHERS)]).encode()
+        ).hexdigest()
+        chosen = {name: cache.frames(sets, name) for name in ("train", "val")}
+        crops = {}
+        for name, some in chosen.items():
+            boxes = suspects(looks, some, step(f"detecting in {name} images"))
+            crops[name] = refine.crops(
+                out / "cache" / f"{name}-{digest[:16]}", some, boxes, seed=settings.seed,
+                progress=step(f"cutting {name} crops"),
+            )  # fmt: skip
+        task = Verifying([crops["train"]], [crops["val"]])
+        (out / "verify").mkdir(exist_ok=True)
+        trained = loop.train(Verify, task, settings, out / "verify", data=digest, resume=resume, report=report)
+        example = torch.zeros((1, VERIFY_SIZE, VERIFY_SIZE, 4), dtype=torch.uint8)
+        export.export(trained.net, example, ["logit"], out / "verify.onnx", {"task": VERIFY})
+        figures = _assemble(out, detector, chosen["val"], step("detecting with verify"))
+        Card(
+            name="verify", task=TASK, data=tuple(one.data for one in sets), examples=trained.examples,
+            recipe=dataclasses.asdict(settings), epochs=trained.epochs, seconds=trained.seconds,
+            metrics={"alone": trained.figures, "best_epoch": trained.epoch} | figures,
+        ).save(out / "verify.onnx")  # fmt: skip
+    return out / "verify.onnx"
+
+
+def _assemble(out: Path, detector: Path, val: Sequence[cache.Frame], progress: cache.Progress) -> dict[str, Any]:
+    """Put the other nets beside verify, with a presence threshold for all together; figures on validation frames."""
+    facts = open_net(detector / "settle.onnx").facts | {"verified": True}
+    export.copy(OTHERS, detector, out)
+    export.restated(out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(Settings(least_presence=0.0))})
+    seen = evaluate.watch(Bundled(out), val, progress)
+    presence = round(evaluate.least_presence(seen), 4)
+    export.restated(
+        out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(Settings(least_presence=presence))}
+    )
+    return evaluate.metrics(evaluate.by(presence, seen))
+
+
+def suspects(
+    looks: Bundled, frames: Sequence[cache.Frame], progress: cache.Progress | None = None
+) -> list[list[Array]]:
+    """Refined boxes of a detector's candidates in each frame, px of the picture, the most present first."""
+    result = []
+    for frame in frames:
+        picture = frame.picture()
+        places = [one.box for one in looks.candidates(picture) if one.heat >= _SUSPECT]
+        boxes: list[Array] = []
+        if places:
+            refined = looks.refine(picture, places)
+            boxes = [refined.boxes[i] for i in np.argsort(-refined.presence)]
+        result.append(boxes)
+        if progress:
+            progress(len(result), len(frames))
+    return result
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

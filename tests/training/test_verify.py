@@ -1,0 +1,123 @@
+"""The fourth net: what it learns, and the detector that it completes."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+from simgrab.errors import DetectorError, TrainingError  # noqa: E402
+from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
+from simgrab.instrument.net import open_net  # noqa: E402
+from simgrab.labels import arrays as labels  # noqa: E402
+from simgrab.labels import datasets  # noqa: E402
+from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
+from simgrab.training.detector.nets import Verify  # noqa: E402
+from simgrab.training.detector.train import train  # noqa: E402
+
+START = SHIPPED[ANY_GRAB]
+pytestmark = pytest.mark.skipif(not (START / "find.onnx").exists(), reason="no detector's weights are bundled")
+TINY = verify.recipe(epochs=1, half=False, threads=1, batch=4)
+
+
+@pytest.fixture(scope="module")
+def four(dataset, tmp_path_factory):
+    """A detector of four nets, the last trained for a moment."""
+    out = tmp_path_factory.mktemp("verify") / "out"
+    verify.train_verify([dataset], START, out, TINY)
+    return out
+
+
+def picture(dataset, frame=0):
+    known = datasets.read(dataset)
+    return cv2.imread(str(known.image(known.rows[frame])), cv2.IMREAD_COLOR_RGB)
+
+
+def test_the_presence_is_of_settle_and_verify_and_the_rest_of_the_others(four, dataset):
+    seen = picture(dataset)
+    three, all_four = Bundled(START), Bundled(four)
+    box = three.candidates(seen)[0].box
+    refined = three.refine(seen, [box])
+    alone, together = three.settle(seen, refined), all_four.settle(seen, refined)
+    np.testing.assert_array_equal(together.centres, alone.centres)
+    np.testing.assert_array_equal(together.yaw, alone.yaw)
+    assert 0 < together.presence[0] < 1
+    assert together.presence[0] != alone.presence[0]
+    for logit, sense in ((40.0, 1), (-40.0, -1)):
+        decided = four.parent / f"decided{sense}"
+        shutil.copytree(four, decided, dirs_exist_ok=True)
+        _constant(decided / "verify.onnx", logit)
+        change = Bundled(decided).settle(seen, refined).presence[0] - alone.presence[0]
+        assert np.sign(change) == sense
+
+
+def _constant(path, logit):
+    net = Verify()
+    last = net.head[-1]
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.fill_(logit)
+    example = torch.zeros((1, verify.VERIFY_SIZE, verify.VERIFY_SIZE, 4), dtype=torch.uint8)
+    export.export(net.eval(), example, ["logit"], path, {"task": "verify-grab"})
+
+
+def test_a_detector_that_says_it_has_four_nets_needs_four(four, tmp_path):
+    shutil.copytree(four, tmp_path / "three")
+    (tmp_path / "three" / "verify.onnx").unlink()
+    with pytest.raises(DetectorError, match=r"verify\.onnx: No such file"):
+        Bundled(tmp_path / "three")
+    shutil.copyfile(four / "settle.onnx", tmp_path / "three" / "verify.onnx")
+    with pytest.raises(DetectorError, match=r"verify\.onnx is not simgrab's verify-grab network"):
+        Bundled(tmp_path / "three")
+
+
+def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
+    for name in ("find", "refine"):
+        assert (four / f"{name}.onnx").read_bytes() == (START / f"{name}.onnx").read_bytes()
+        assert (four / f"{name}.md").read_text() == (START / f"{name}.md").read_text()
+    facts, before = (open_net(folder / "settle.onnx").facts for folder in (four, START))
+    assert facts["verified"] is True
+    assert facts["trust"] == before["trust"]
+    card = json.loads((four / "verify.json").read_text())
+    assert card["recipe"]["epochs"] == 1
+    assert set(card["metrics"]) >= {"alone", "recall", "false_boxes"}
+
+
+def test_it_is_trained_again_to_the_same_file(four, dataset, tmp_path):
+    verify.train_verify([dataset], START, tmp_path / "out", TINY)
+    assert (tmp_path / "out" / "verify.onnx").read_bytes() == (four / "verify.onnx").read_bytes()
+    with pytest.raises(TrainingError, match="another"):
+        verify.train_verify([dataset], START, tmp_path / "out", verify.recipe(epochs=2), resume=True)
+
+
+def test_what_it_learns_shows_the_grab_in_the_middle_or_something_else(dataset, tmp_path):
+    frames = cache.frames([datasets.read(dataset)], "train")
+    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    examples = verify._listed([crops])
+    assert sum(example.there for example in examples) == sum(frame.labelled for frame in frames)
+    rng = np.random.default_rng(0)
+    for example in examples:
+        learned = verify._learned(example, rng, None)
+        assert learned["crops"].shape == (verify.VERIFY_SIZE, verify.VERIFY_SIZE, 4)
+        assert learned["present"] == example.there
+        if example.there:
+            window, patch = verify._window(rng), crops.patches[example.frame][example.slot]
+            middle = patch.to_picture((window.corner + window.size / 2) / refine.CROP)
+            box = labels.box(frames[example.frame].row)
+            longest = (box[2:] - box[:2]).max()
+            assert np.abs(middle - (box[:2] + box[2:]) / 2).max() < 0.2 * longest
+            side = window.size[0] / refine.CROP * patch.size[0]
+            assert side == pytest.approx(verify.VERIFY_ROOM * longest, rel=0.25)
+
+
+def test_a_detector_that_begins_with_four_nets_keeps_the_fourth(four, dataset, tmp_path):
+    out = tmp_path / "out"
+    train([dataset], out, lambda frames: settings.recipes(frames, started=True, epochs=1, half=False, threads=1),
+          start=four)  # fmt: skip
+    assert (out / "verify.onnx").read_bytes() == (four / "verify.onnx").read_bytes()
+    assert (out / "verify.md").exists()
+    assert Bundled(out)._verify is not None
