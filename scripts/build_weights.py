@@ -84,12 +84,11 @@ HARD = (
 # with it ropes that do not end at those that are parked.
 MIXED: dict[str, Any] = CROWDED | {"swing.absent": 0.4, "clip.clip_frames": 2}
 VERIFY = (
-    Source("verify-training", "training", {"clip.clip_frames": 3}, 450, 120, 41),
-    Source("verify-shapes", "training-shapes", {}, 600, 120, 42, size=HALF),
-    Source("verify-hard", "training", MIXED, 200, 60, 43, ROOMY),
+    Source("verify-training", "training", {"clip.clip_frames": 3}, 240, 120, 41),
+    Source("verify-shapes", "training-shapes", {}, 300, 120, 42, size=HALF),
     Source("verify-hard-shapes", "training-shapes", MIXED | {"clip.clip_frames": 1}, 600, 120, 44, size=HALF),
     Source(
-        "verify-hard-places", "training", MIXED | {"vary": CROWDED["vary"] | {"clutter.kinds": ANY_KIND}}, 400, 120, 45,
+        "verify-hard-places", "training", MIXED | {"vary": CROWDED["vary"] | {"clutter.kinds": ANY_KIND}}, 240, 120, 45,
         ROOMY, size=HALF,
     ),
 )  # fmt: skip

@@ -11,7 +11,7 @@ from simgrab.cli._options import FOLDER, PATH
 
 @click.group(name="grab")
 def command() -> None:
-    """Work with your own grab, from a GLB, glTF, OBJ, PLY or STL file."""
+    """Work with your own grab, from a GLB, glTF, OBJ, PLY or STL file; STEP files are converted."""
 
 
 @command.command()
@@ -43,3 +43,34 @@ def check(file: Path, out: Path | None, assignments: tuple[str, ...]) -> None:
     for doubt in found.doubts or ["nothing"]:
         console.print(f"looks wrong: {cell(doubt)}", soft_wrap=True)
     console.print(f"page: {cell(folder / own_grab.PAGE)}", soft_wrap=True)
+
+
+@command.command()
+@click.argument("file", type=PATH)
+@click.option("--out", type=PATH, help="GLB file to write.  [default: FILE's name and .glb]")
+@click.option(
+    "--tolerance-mm",
+    type=click.FloatRange(0.01, 100),
+    default=2.0,
+    show_default=True,
+    help="Largest distance of a facet from a curved surface.",
+)
+def convert(file: Path, out: Path | None, tolerance_mm: float) -> None:
+    """Convert FILE, a STEP file of a CAD program, to the GLB file that a scene can name.
+
+    Needs `pip install 'simgrab[step]'`.
+    """
+    from simgrab.errors import ScenarioError
+    from simgrab.text import printable
+    from simgrab.utilities import files, step
+    from simgrab.utilities.destination import check_new_folder, writing
+
+    def refuse(problem: str) -> ScenarioError:
+        return ScenarioError("file", problem)
+
+    target = Path(f"{file.stem}.glb") if out is None else out
+    check_new_folder(target, refuse)
+    data = step.glb(file, refuse, tolerance_mm=tolerance_mm)
+    with writing(target, refuse):
+        files.write(target, data)
+    click.echo(f"{printable(target)}: check it by simgrab grab check {printable(target)}")

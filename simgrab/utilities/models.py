@@ -172,7 +172,10 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tup
 
 
 def _check_name(name: str, refuse: Refuse) -> None:
-    if name.rpartition(".")[2].lower() not in FORMATS:
+    ending = name.rpartition(".")[2].lower()
+    if ending in ("step", "stp"):
+        raise refuse(f"{name}: is a STEP file; convert it by `simgrab grab convert`")
+    if ending not in FORMATS:
         raise refuse(f"{name}: must end in one of {', '.join(f'.{ending}' for ending in FORMATS)}")
 
 
