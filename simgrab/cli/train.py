@@ -152,6 +152,52 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
 
 @command.command()
 @click.argument("datasets", nargs=-1, required=True, type=PATH)
+@click.option("--out", type=FOLDER, required=True, help="New folder for all networks, cards and the checkpoint.")
+@click.option(
+    "--from",
+    "start",
+    metavar="DETECTOR",
+    default="any-grab",
+    show_default=True,
+    help="The detector to complete: bundled, any-grab, or a folder.",
+)
+@click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
+@click.option("--quick", is_flag=True, help="About a quarter of the time.")
+@click.option("--epochs", type=int, help="Epochs.  [default: 18, or 4 with --quick]")
+@click.option("--batch", default=32, show_default=True, help="Batch size.")
+@click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")
+@click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores.")
+@click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]")
+@click.option("--resume", is_flag=True, help="Continue an interrupted training.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option("--quiet", is_flag=True, help="Print errors only.")
+def verify(
+    datasets: tuple[Path, ...], out: Path, start: str, seed: int, quick: bool, epochs: int | None, batch: int,
+    device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Train a detector's fourth network, which tells the hanging grab from parked ones by its ropes.
+
+    DATASETS of `simgrab render` should be unknown to the detector. OUT gets all four networks, and is a detector.
+    """
+    from simgrab.training import need_torch
+    from simgrab.training.folder import check
+
+    check(out, resume=resume)  # before torch is imported, which takes seconds
+    need_torch()
+    from simgrab.instrument.detect import located
+    from simgrab.training.detector.verify import recipe, train_verify
+
+    given = {"seed": seed, "batch": batch, "device": device, "threads": threads, "epochs": epochs, "half": half}
+    chosen = recipe(quick=quick, **{name: value for name, value in given.items() if value is not None})
+    with resumable(out), board(shown=not (quiet or as_json)) as shown:
+        metrics = train_verify(
+            datasets, located(start), out, chosen, resume=resume, watch=shown.step, report=shown.training("verify")
+        )
+    _tell(metrics, out / "verify.md", as_json=as_json, quiet=quiet)
+
+
+@command.command()
+@click.argument("datasets", nargs=-1, required=True, type=PATH)
 @click.option("--out", type=FOLDER, required=True, help="Folder for network, card and checkpoint.")
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
 @click.option("--quick", is_flag=True, help="Half of the time.")

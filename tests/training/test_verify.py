@@ -6,10 +6,12 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
+from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DetectorError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
@@ -88,7 +90,11 @@ def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
 
 
 def test_it_is_trained_again_to_the_same_file(four, dataset, tmp_path):
-    verify.train_verify([dataset], START, tmp_path / "out", TINY)
+    done = CliRunner().invoke(cli, [
+        "train", "verify", str(dataset), "--out", str(tmp_path / "out"), "--epochs", "1", "--no-half", "--threads", "1",
+        "--batch", "4", "--json",
+    ])  # fmt: skip
+    assert json.loads(done.output)["frames"] == json.loads((four / "verify.json").read_text())["metrics"]["frames"]
     assert (tmp_path / "out" / "verify.onnx").read_bytes() == (four / "verify.onnx").read_bytes()
     with pytest.raises(TrainingError, match="another"):
         verify.train_verify([dataset], START, tmp_path / "out", verify.recipe(epochs=2), resume=True)

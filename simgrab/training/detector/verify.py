@@ -49,7 +49,9 @@ _NEAR = 1e-4  # bound of probabilities in the score
 
 def recipe(*, quick: bool = False, **changes: Any) -> Recipe:
     """Set verify's recipe; ``changes`` are other settings, by name."""
-    return replace(Recipe(epochs=4 if quick else 18, rate=1e-3, half=has_half_units("cpu")), **changes)
+    return replace(
+        Recipe(epochs=4 if quick else 18, rate=1e-3, half=has_half_units(changes.get("device", "cpu"))), **changes
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,7 @@ def _window(rng: np.random.Generator) -> Patch:
 def train_verify(
     paths: Sequence[str | Path], detector: str | Path, out: str | Path, settings: Recipe, *, resume: bool = False,
     watch: Callable[[str], cache.Progress] | None = None, report: Callable[[loop.Report], None] | None = None,
-) -> Path:  # fmt: skip
+) -> dict[str, Any]:  # fmt: skip
     """Train verify for a trained detector, on what this takes for the grab.
 
     Parameters
@@ -155,8 +157,8 @@ def train_verify(
 
     Returns
     -------
-    Path
-        Of ``verify.onnx``.
+    dict
+        Figures of all four nets on the validation frames.
 
     Raises
     ------
@@ -189,7 +191,7 @@ def train_verify(
             recipe=dataclasses.asdict(settings), epochs=trained.epochs, seconds=trained.seconds,
             metrics={"alone": trained.figures, "best_epoch": trained.epoch} | figures,
         ).save(out / "verify.onnx")  # fmt: skip
-    return out / "verify.onnx"
+    return figures
 
 
 def _assemble(out: Path, detector: Path, val: Sequence[cache.Frame], progress: cache.Progress) -> dict[str, Any]:
