@@ -12,6 +12,7 @@ from simgrab.geometry import Array, Distortion, Intrinsics
 from simgrab.labels.truth import Truth
 
 _STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
+_STEP = 0.05  # along the rope, in its lengths, likewise
 
 
 def box(row: Truth) -> Array | None:
@@ -49,6 +50,14 @@ def yaw(row: Truth) -> float:
     ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
     across, down = ends[1] - ends[0]
     return float(np.arctan2(down, across) % np.pi)
+
+
+def up_the_ropes(row: Truth) -> Array:
+    """Way from A a twentieth of the ropes' length up to O, px, shape (2,)."""
+    centre, camera = np.reshape(row.jib_from_grab, (3, 4))[:, 3], np.reshape(row.jib_from_camera, (3, 4))
+    points = np.stack([centre, (1 - _STEP) * centre])
+    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    return np.asarray(ends[1] - ends[0])
 
 
 def intrinsics(row: Truth) -> Intrinsics:

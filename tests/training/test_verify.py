@@ -18,7 +18,7 @@ from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.labels import arrays as labels  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
 from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
-from simgrab.training.detector.nets import Verify  # noqa: E402
+from simgrab.training.detector.nets import Refine, Verify  # noqa: E402
 from simgrab.training.detector.train import train  # noqa: E402
 
 START = SHIPPED[ANY_GRAB]
@@ -58,13 +58,13 @@ def test_the_presence_is_of_settle_and_verify_and_the_rest_of_the_others(four, d
 
 
 def _constant(path, logit):
-    net = Verify()
+    net = Verify(Refine())
     last = net.head[-1]
     with torch.no_grad():
         last.weight.zero_()
-        last.bias.fill_(logit)
+        last.bias.copy_(torch.tensor([logit, 0.0, 0.0]))
     example = torch.zeros((1, verify.VERIFY_SIZE, verify.VERIFY_SIZE, 4), dtype=torch.uint8)
-    export.export(net.eval(), example, ["logit"], path, {"task": "verify-grab"})
+    export.export(net.eval(), example, ["verdict"], path, {"task": "verify-grab"})
 
 
 def test_a_detector_that_says_it_has_four_nets_needs_four(four, tmp_path):

@@ -56,7 +56,7 @@ _STRIDE = 8
 # Shapes of their outputs for each picture.
 _MAPS = ((FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE), (4, FIND_HEIGHT // _STRIDE, FIND_WIDTH // _STRIDE))
 _ROWS = ((16,),)
-_LOGIT = ((1,),)
+_VERDICT = ((3,),)
 _MOST = 3  # hottest candidates, which are refined
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
 _SURE = 0.9  # presence threshold above which a detection is not refined again
@@ -191,7 +191,7 @@ class Bundled:
         self.settings = settings or convert(facts["settings"], Settings, DetectorError, f"{path}: settings")
         self.trust = convert(facts.get("trust", {}), Trust, DetectorError, f"{path}: trust")
         self._verify = (
-            _opened(folder / "verify.onnx", VERIFY, (VERIFY_SIZE, VERIFY_SIZE, 4), _LOGIT)
+            _opened(folder / "verify.onnx", VERIFY, (VERIFY_SIZE, VERIFY_SIZE, 4), _VERDICT)
             if facts.get("verified") is True else None
         )  # fmt: skip
         self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
@@ -257,7 +257,7 @@ class Bundled:
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
         """Presence of a settled box (n = 1) by settle and verify together: the mean of their logits."""
         crop = cut_with_mask(picture, around(_sound(found.boxes[0]), VERIFY_ROOM), VERIFY_SIZE)[None]
-        own = _bounded(_run(net, crop, _LOGIT)[0][:, 0].astype(float), -_LIMIT)
+        own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
         return replace(found, presence=expit((logit(np.clip(found.presence, *_PRESENCES)) + own) / 2))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, pad, relu
@@ -136,25 +138,34 @@ class Refine(nn.Module):
 
 
 class Verify(nn.Module):
-    """Whether the grab is there, in a crop that shows its surroundings.
+    """Whether the grab is there, in a crop that shows its surroundings; its first stages are those of refine.
 
-    In: uint8 (n, size, size, 4), the fourth channel saying what lies in the picture. Out: (n, 1), the presence's logit.
+    In: uint8 (n, size, size, 4), the fourth channel saying what lies in the picture. Out: (n, 3), the presence's logit
+    and, to learn from alone, the direction in which the ropes leave the grab.
+
+    Parameters
+    ----------
+    refine : Refine
+        Whose stages are copied.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, refine: Refine) -> None:
         super().__init__()
-        # Ropes are a pixel wide: the first stages keep a fine grid, and the last one is coarse and wide.
-        self.trunk = _Trunk(4, (16, 32, 64, 96, 128), (0, 1, 2, 2, 1), up=0, stride=2)
+        self.stages = copy.deepcopy(refine.trunk.stages)
+        self.last = nn.Sequential(_conv(96, 128, 2), _Residual(128))
         cells = (VERIFY_SIZE // 32) ** 2
         self.where = nn.Sequential(nn.Conv2d(128, 24, 1), nn.ReLU(inplace=True), nn.Flatten())
         self.head = nn.Sequential(
-            nn.Linear(24 * cells + 2 * 128, 96), nn.ReLU(inplace=True), nn.Dropout(0.2), nn.Linear(96, 1)
+            nn.Linear(24 * cells + 2 * 128, 96), nn.ReLU(inplace=True), nn.Dropout(0.2), nn.Linear(96, 3)
         )
 
     def forward(self, crops: Tensor) -> Tensor:
         """See the class."""
-        coarse = self.trunk(_normalised(crops))[1]
-        features = torch.cat([self.where(coarse), coarse.mean((2, 3)), coarse.amax((2, 3))], 1)
+        x = _normalised(crops)
+        for stage in self.stages:
+            x = stage(x)
+        x = self.last(x)
+        features = torch.cat([self.where(x), x.mean((2, 3)), x.amax((2, 3))], 1)
         return self.head(features).float()
 
 

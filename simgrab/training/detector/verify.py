@@ -8,23 +8,26 @@ to the box, see little of them.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import binary_cross_entropy_with_logits
+from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import VERIFY, Bundled, Settings
-from simgrab.instrument.detect.patches import VERIFY_ROOM, VERIFY_SIZE, Patch
+from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
+from simgrab.labels import arrays as labels
 from simgrab.labels import datasets
 from simgrab.rng import stream
 from simgrab.training import loop
@@ -32,18 +35,23 @@ from simgrab.training.card import Card
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache, evaluate, export, refine
 from simgrab.training.detector.augment import Dirt, turn
-from simgrab.training.detector.nets import Verify
+from simgrab.training.detector.nets import Refine, Verify
 from simgrab.training.detector.refine import CROP, ROOM, Crops, stack
 from simgrab.training.detector.settings import has_half_units
+from simgrab.training.detector.start import begun
 from simgrab.training.folder import check, claim
 from simgrab.training.loop import SCORE
 from simgrab.training.recipe import Recipe
 
 OTHERS = ("find", "refine", "settle")
 TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
+_MEASURED = 128  # examples for the statistics of the stages that are taken over
+_TIMES = 2  # examples of each frame: of the grab, and of other things
 _SUSPECT = 0.015  # heat above which a candidate is refined
 _SCALE = 0.05  # of the crop's side, standard deviation of its logarithm
 _SHIFT = 0.03  # of the box's longer side, standard deviation
+_ROPES = 0.5  # weight of the ropes' direction in the loss
+_LEAST_WAY = 0.01  # of a box's longer side: from there on a twentieth of the ropes has a direction
 _NEAR = 1e-4  # bound of probabilities in the score
 
 
@@ -88,8 +96,12 @@ class Verifying:
         return stack([_learned(self._train[i], rng, self._dirt) for i in chosen])
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
-        """Cross entropy of the presence."""
-        return binary_cross_entropy_with_logits(net(batch["crops"])[:, 0], batch["present"])
+        """Cross entropy of the presence, and how far the ropes' direction is off: so that ropes are looked for."""
+        out, present = net(batch["crops"]), batch["present"]
+        off = 1 - (normalize(out[:, 1:], dim=1, eps=1e-3) * batch["ropes"]).sum(1)
+        known = (batch["ropes"] != 0).any(1).float()
+        astray = (off * known).sum() / known.sum().clamp(min=1.0)
+        return binary_cross_entropy_with_logits(out[:, 0], present) + _ROPES * astray
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Share of crops told apart, and the cross entropy."""
@@ -97,10 +109,17 @@ class Verifying:
             return {SCORE: 0.0}
         device = next(net.parameters()).device
         crops = torch.split(self._validation["crops"], 64)
-        presence = torch.cat([net(some.to(device)).cpu() for some in crops])[:, 0].sigmoid().clamp(_NEAR, 1 - _NEAR)
-        there = self._validation["present"]
+        out = torch.cat([net(some.to(device)).cpu() for some in crops])
+        there, ropes = self._validation["present"], self._validation["ropes"]
+        presence = out[:, 0].sigmoid().clamp(_NEAR, 1 - _NEAR)
         entropy = float(-(there * presence.log() + (1 - there) * (1 - presence).log()).mean())
-        return {"told_apart": float(((presence > 0.5) == (there == 1)).float().mean()), SCORE: -entropy}
+        known = (ropes != 0).any(1)
+        cosine = (normalize(out[known, 1:], dim=1) * ropes[known]).sum(1)
+        return {
+            "told_apart": float(((presence > 0.5) == (there == 1)).float().mean()),
+            "ropes_within_15_deg": float((cosine > np.cos(np.radians(15))).float().mean()) if known.any() else 0.0,
+            SCORE: -entropy,
+        }
 
 
 def _listed(sets: Sequence[Crops]) -> list[_Example]:
@@ -116,13 +135,27 @@ def _listed(sets: Sequence[Crops]) -> list[_Example]:
 def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
     """Cut one crop; without dirt as it is seen at work, and not turned."""
     picture, inside = example.crops.part(example.frame, example.slot, _window(rng), VERIFY_SIZE)
+    way = _ropes(example)
     if dirt:
         laid = turn(rng, quarters=True)
         picture, inside = dirt(laid.picture(picture), rng), laid.picture(inside)
+        way = laid.points(way + 0.5) - 0.5
     return {
         "crops": np.concatenate([picture, inside[..., None]], axis=-1),
         "present": np.array(example.there, np.float32),
+        "ropes": way.astype(np.float32),
     }
+
+
+def _ropes(example: _Example) -> Array:
+    """Give the unit direction in which the ropes leave the grab; 0 where there is none, or it is seen from above."""
+    row = example.crops.frames[example.frame].row
+    box = labels.box(row)
+    if not example.there or box is None:
+        return np.zeros(2)
+    way = labels.up_the_ropes(row)
+    length = float(np.linalg.norm(way))
+    return way / length if length > _LEAST_WAY * float((box[2:] - box[:2]).max()) else np.zeros(2)
 
 
 def _window(rng: np.random.Generator) -> Patch:
@@ -176,15 +209,24 @@ def train_verify(
         crops = {}
         for name, some in chosen.items():
             boxes = suspects(looks, some, step(f"detecting in {name} images"))
+            split = [found[half::_TIMES] for half in range(_TIMES) for found in boxes]
             crops[name] = refine.crops(
-                out / "cache" / f"{name}-{digest[:16]}", some, boxes, seed=settings.seed,
+                out / "cache" / f"{name}-{digest[:16]}", [*some] * _TIMES, split, seed=settings.seed,
                 progress=step(f"cutting {name} crops"),
             )  # fmt: skip
         task = Verifying([crops["train"]], [crops["val"]])
         (out / "verify").mkdir(exist_ok=True)
-        trained = loop.train(Verify, task, settings, out / "verify", data=digest, resume=resume, report=report)
+        trained = loop.train(
+            functools.partial(_begun, detector, task),
+            task,
+            settings,
+            out / "verify",
+            data=digest,
+            resume=resume,
+            report=report,
+        )
         example = torch.zeros((1, VERIFY_SIZE, VERIFY_SIZE, 4), dtype=torch.uint8)
-        export.export(trained.net, example, ["logit"], out / "verify.onnx", {"task": VERIFY})
+        export.export(trained.net, example, ["verdict"], out / "verify.onnx", {"task": VERIFY})
         figures = _assemble(out, detector, chosen["val"], step("detecting with verify"))
         Card(
             name="verify", task=TASK, data=tuple(one.data for one in sets), examples=trained.examples,
@@ -192,6 +234,16 @@ def train_verify(
             metrics={"alone": trained.figures, "best_epoch": trained.epoch} | figures,
         ).save(out / "verify.onnx")  # fmt: skip
     return figures
+
+
+def _begun(detector: Path, task: Verifying) -> Verify:
+    """Build verify with the stages of a detector's refine."""
+    rng = stream(0, 0, "statistics")
+    some = task.batch(rng.permutation(task.examples)[:_MEASURED], rng)["crops"].numpy()
+    shrunk = np.stack([cv2.resize(crop, (REFINE_SIZE, REFINE_SIZE), interpolation=cv2.INTER_AREA) for crop in some])
+    refined = begun(Refine, detector / "refine.onnx", torch.from_numpy(shrunk))
+    assert isinstance(refined, Refine)
+    return Verify(refined)
 
 
 def _assemble(out: Path, detector: Path, val: Sequence[cache.Frame], progress: cache.Progress) -> dict[str, Any]:
