@@ -27,6 +27,7 @@ from simgrab.instrument.estimate.inertial.model import (
     MOMENTUM,
     OFFSET,
     PARAMETERS,
+    REACH,
     STATE,
     SWING,
     WIND,
@@ -143,6 +144,7 @@ class InertialFusion(Estimator):
     damping_sd: float = 0.005
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
+    reach_sd_m: float = 1.0
     wind_sd: float = 0.006
     tilt_sd: float = 0.35
     gyroscope_sd: float = 0.02
@@ -268,7 +270,8 @@ class InertialFusion(Estimator):
         mean[OFFSET], mean[DAMPING], mean[LONGER] = calibration.offset_m, self.damping, self.longer_m
         # The offset's height scales the whole path: it is taken as it is, and widens the intervals.
         sd[OFFSET] = [max(calibration.offset_sd_m, 1e-4)] * 2 + [1e-6]
-        sd[DAMPING], sd[LONGER], sd[CROSS], sd[WIND] = self.damping_sd, self.longer_sd_m, self.cross_sd, self.wind_sd
+        sd[DAMPING], sd[LONGER], sd[REACH] = self.damping_sd, self.longer_sd_m, self.reach_sd_m
+        sd[CROSS], sd[WIND] = self.cross_sd, self.wind_sd
         # The densities are the maker's; aliasing, rounding and the model's own errors come on top.
         return Priors(
             mean, sd, self.tilt_sd, np.array([self.gyroscope_sd] * 2 + [self.vertical_sd]), self.accelerometer_sd,
@@ -340,6 +343,7 @@ class InertialFusion(Estimator):
             "noise_px": np.exp(path.strengths[NOISE]) * data.focal_px,
             "damping": path.parameters[DAMPING],
             "longer_m": path.parameters[LONGER],
+            "reach_m": path.parameters[REACH],
             "gyroscope_bias": float(np.abs(path.state[:, GYROSCOPE]).max()),
             "not_free": float(np.mean(path.weight < FREE)),
             "rounds": found.rounds,
@@ -348,7 +352,7 @@ class InertialFusion(Estimator):
     def _nothing(self, n: int, reason: str) -> dict[str, Any]:
         names = (
             "beta", "azimuth", "sigma", "forcing", "lean_sd", "wind", "noise_px", "damping", "longer_m",
-            "gyroscope_bias", "not_free",
+            "reach_m", "gyroscope_bias", "not_free",
         )  # fmt: skip
         shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
         empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}

@@ -25,6 +25,7 @@ from simgrab.instrument.estimate.inertial.model import (
     LONGER,
     MOMENTUM,
     PARAMETERS,
+    REACH,
     STATE,
     SWING,
     VELOCITY,
@@ -53,7 +54,7 @@ class Priors:
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (10,)
+    mean, sd : ndarray, shape (11,)
         Of the parameters.
     tilt_sd : float
         Of the first attitude, rad per axis.
@@ -112,7 +113,7 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Attitudes (k, 3, 3), states (k, 16) without error of the attitude, parameters (10,), and strengths (3,).
+    """Attitudes (k, 3, 3), states (k, 16) without error of the attitude, parameters (11,), and strengths (3,).
 
     ``weight`` (k − 1,) is that of each step's pendulum; below 1 where the grab does not swing freely.
     """
@@ -124,7 +125,7 @@ class Path:
     weight: Array
 
     def moved(self, states: Array, parameters: Array) -> Path:
-        """Apply a change (k, 16) of the states and one (10,) of the parameters."""
+        """Apply a change (k, 16) of the states and one (11,) of the parameters."""
         state = self.state + states
         state[:, ATTITUDE] = 0
         attitude = self.attitude @ rotation(states[:, ATTITUDE])
@@ -190,7 +191,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
 def _without_frequency(priors: Priors) -> Priors:
     """Fix what sets the pendulum's frequency: a loose path is not smooth enough to determine it."""
     sd = priors.sd.copy()
-    sd[[DAMPING, LONGER]] = 1e-6
+    sd[[DAMPING, LONGER, REACH]] = 1e-6
     return replace(priors, sd=sd)
 
 

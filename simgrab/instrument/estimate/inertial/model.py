@@ -26,8 +26,8 @@ from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, r
 ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
 SWING, MOMENTUM, LEAN = slice(10, 12), slice(12, 14), slice(14, 16)
 STATE = 16
-OFFSET, DAMPING, LONGER, CROSS, WIND = slice(0, 3), 3, 4, slice(5, 8), slice(8, 10)
-PARAMETERS = 10
+OFFSET, DAMPING, LONGER, CROSS, WIND, REACH = slice(0, 3), 3, 4, slice(5, 8), slice(8, 10), 10
+PARAMETERS = 11
 _STEP = 1e-6  # of numerical derivatives
 
 
@@ -77,7 +77,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     attitude : ndarray, shape (k − 1, 3, 3)
         Rotation from the mount frame to the level frame.
     x : ndarray, shape (k − 1, 16)
-    parameters : ndarray, shape (10,)
+    parameters : ndarray, shape (11,)
     links : Links
 
     Returns
@@ -96,7 +96,8 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     arm = np.einsum("nij,j->ni", rotation_z(heading(now))[:, :2, :2], parameters[OFFSET][:2])
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
     of_pivot = acceleration - imu.rate_slope[:, None] * across + spin**2 * arm
-    a = np.concatenate([x[:, SWING], x[:, MOMENTUM]], axis=-1)
+    shares = 1 + parameters[REACH] / np.stack([links.before, links.after])[..., None]
+    a = np.concatenate([x[:, SWING] / shares[0], x[:, MOMENTUM]], axis=-1)
     before, after = links.before + parameters[LONGER], links.after + parameters[LONGER]
     fixed = (links.length, of_pivot, parameters[WIND] + x[:, LEAN])
     slopes = _rates(a, parameters[DAMPING], before, *fixed)
@@ -105,6 +106,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
         slopes = _rates(a + share * slopes, parameters[DAMPING], rope, *fixed)
         total = total + weight * slopes
     swing = a + h / 6 * total
+    swing[:, :2] *= shares[1]
     velocity = x[:, VELOCITY] + acceleration * h
     lean = x[:, LEAN] * np.exp(-h / links.memory_s)
     still = np.zeros_like(x[:, ATTITUDE])
@@ -130,14 +132,14 @@ def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: 
     ----------
     attitude : ndarray, shape (k, 3, 3)
     x : ndarray, shape (k, 16)
-    parameters : ndarray, shape (10,)
+    parameters : ndarray, shape (11,)
     links : Links
 
     Returns
     -------
     residual : ndarray, shape (k − 1, 16)
     by_state : ndarray, shape (k − 1, 16, 16)
-    by_parameter : ndarray, shape (k − 1, 16, 10)
+    by_parameter : ndarray, shape (k − 1, 16, 11)
     """
     back = attitude[1:].swapaxes(-1, -2)
 
@@ -155,7 +157,7 @@ def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: 
 
 
 def derivatives_of_place(attitude: Array, x: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by the state (k, 2, 16) and the parameters (k, 2, 10)."""
+    """Places (k, 2), and their derivatives by the state (k, 2, 16) and the parameters (k, 2, 11)."""
     by_state, by_parameter = np.zeros((len(x), 2, STATE)), np.zeros((len(x), 2, PARAMETERS))
     states, statics = np.eye(STATE) * _STEP, np.eye(PARAMETERS) * _STEP
     for i in (*range(3), *range(SWING.start, SWING.stop)):
