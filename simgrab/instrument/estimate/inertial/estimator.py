@@ -90,8 +90,11 @@ class InertialFusion(Estimator):
         Of Student's t distribution of pixel errors.
     damping, damping_sd : float
         Prior of the damping ratio.
+    reach_sd_m : float
+        Prior of by how much ropes that lean displace the grab as if they were shorter than |OA|: half of a normal
+        distribution about 0. Grab and ropes in line give 0, a head that stays level the height of the rope ends above A.
     longer_m, longer_sd_m : float
-        Prior of how much longer than the rope the equivalent simple pendulum is.
+        Prior of how much longer than those ropes the equivalent simple pendulum is.
     wind_sd : float
         Prior standard deviation of the steady lean by wind, rad per axis.
     tilt_sd : float
@@ -126,15 +129,16 @@ class InertialFusion(Estimator):
     Notes
     -----
     β is the tilt of the mean attitude. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd``
-    (gusts, rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``gyroscope_bias``
-    (largest, rad/s), ``not_free`` (share of the record in which the grab does not swing freely), ``rounds``.
+    (gusts, rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``reach_m`` (0 or
+    negative), ``gyroscope_bias`` (largest, rad/s), ``not_free`` (share of the record in which the grab does not swing
+    freely), ``rounds``.
 
     The pendulum is after Schaper et al. (2014), who have the sensor on the rope; preintegration after Forster et al.
     (2017).
     """
 
     name: ClassVar[str] = "inertial-fusion"
-    parameters: ClassVar[int] = 20
+    parameters: ClassVar[int] = 21
     needs_rope: ClassVar[bool] = True
     needs_time: ClassVar[bool] = True
 
@@ -144,7 +148,7 @@ class InertialFusion(Estimator):
     damping_sd: float = 0.005
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
-    reach_sd_m: float = 1.0
+    reach_sd_m: float = 1.5
     wind_sd: float = 0.006
     tilt_sd: float = 0.35
     gyroscope_sd: float = 0.02

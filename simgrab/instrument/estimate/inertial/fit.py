@@ -176,7 +176,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
             path = replace(path, strengths=problem.search(before, wide=done == FIRST_SEARCH))
             still = np.abs(path.strengths - before) < (np.inf, 0.05, 0.3)
             searches = 0 if still.all() else searches - 1
-        best = problem.at(path.strengths).minimise()
+        best = _hanging(problem.at(path.strengths).minimise(), path)
         change = best.states.reshape(-1, STATE)
         path = path.moved(change, best.parameters)
         if not np.isfinite(path.state).all() or np.abs(path.state[:, SWING]).max() > 1:
@@ -188,8 +188,17 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
     return Fit(path, problem.at(path.strengths).minimise(), last + 1, settled)
 
 
+def _hanging(best: Minimum, path: Path) -> Minimum:
+    """Move to the least point at which the reach is not positive: no head leans more than its ropes."""
+    beyond = path.parameters[REACH] + best.parameters[REACH]
+    if beyond <= 0:
+        return best
+    change = -beyond * best.covariance[REACH] / best.covariance[REACH, REACH]
+    return replace(best, parameters=best.parameters + change, states=best.states - best.gain @ change)
+
+
 def _without_frequency(priors: Priors) -> Priors:
-    """Fix what sets the pendulum's frequency: a loose path is not smooth enough to determine it."""
+    """Fix what sets the pendulum's frequency and its response: a loose path is not smooth enough to determine them."""
     sd = priors.sd.copy()
     sd[[DAMPING, LONGER, REACH]] = 1e-6
     return replace(priors, sd=sd)

@@ -10,8 +10,11 @@ frame, and the pendulum: s, p and slow forcing a (2 each) as in `simgrab.instrum
 level frame, where wind keeps its direction while the jib slews.
 
 Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, by how much the
-pendulum is longer than the rope (m), how much of the rate about the optical axis the gyroscope shows on each of its
-axes (3), and the steady lean by wind (2, rad, level frame).
+pendulum is longer than the lever (m), how much of the rate about the optical axis the gyroscope shows on each of its
+axes (3), the steady lean by wind (2, rad, level frame), and by how much the lever is longer than the rope (m).
+
+The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab leans
+less than its ropes do, as on four ropes: then forces and frequency follow the lean of the ropes, and pictures show less.
 """
 
 from __future__ import annotations
@@ -96,9 +99,10 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     arm = np.einsum("nij,j->ni", rotation_z(heading(now))[:, :2, :2], parameters[OFFSET][:2])
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
     of_pivot = acceleration - imu.rate_slope[:, None] * across + spin**2 * arm
-    shares = 1 + parameters[REACH] / np.stack([links.before, links.after])[..., None]
-    a = np.concatenate([x[:, SWING] / shares[0], x[:, MOMENTUM]], axis=-1)
-    before, after = links.before + parameters[LONGER], links.after + parameters[LONGER]
+    levers = links.before + parameters[REACH], links.after + parameters[REACH]
+    of_ropes = x[:, SWING] * (links.before / levers[0])[:, None]
+    a = np.concatenate([of_ropes, x[:, MOMENTUM]], axis=-1)
+    before, after = (lever + parameters[LONGER] for lever in levers)
     fixed = (links.length, of_pivot, parameters[WIND] + x[:, LEAN])
     slopes = _rates(a, parameters[DAMPING], before, *fixed)
     total = slopes
@@ -106,7 +110,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
         slopes = _rates(a + share * slopes, parameters[DAMPING], rope, *fixed)
         total = total + weight * slopes
     swing = a + h / 6 * total
-    swing[:, :2] *= shares[1]
+    swing[:, :2] *= (levers[1] / links.after)[:, None]
     velocity = x[:, VELOCITY] + acceleration * h
     lean = x[:, LEAN] * np.exp(-h / links.memory_s)
     still = np.zeros_like(x[:, ATTITUDE])
