@@ -143,8 +143,8 @@ def test_a_levelled_camera_needs_the_sensor(crane):
 
 
 def on_ropes(level_head_m, crane):
-    """A record of 133 s below a jib head that starts and stops, on ropes whose head stays level."""
-    ropes, step, seconds = 16.0, 0.005, 133.0
+    """A record of 90 s below a jib head that starts and stops, on ropes whose head stays level."""
+    ropes, step, seconds = 16.0, 0.005, 90.0
     time = np.arange(0, seconds, step)
     pulses = np.round(np.sin(2 * np.pi * time / np.array([[23.0], [31.0]])) * 0.9)
     a = 0.25 * pulses * np.array([[1.0], [0.6]])

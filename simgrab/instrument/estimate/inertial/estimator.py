@@ -91,10 +91,11 @@ class InertialFusion(Estimator):
     damping, damping_sd : float
         Prior of the damping ratio.
     reach_sd_m : float
-        Prior of by how much ropes that lean displace the grab as if they were shorter than |OA|: half of a normal
-        distribution about 0. Grab and ropes in line give 0, a head that stays level the height of the rope ends above A.
+        Prior of the reach: |OA| and the reach, times the lean of the ropes, displace the grab. Half of a normal
+        distribution below 0. It is 0 where grab and ropes are in line, and minus the height of the rope ends above A
+        where the grab's head stays level.
     longer_m, longer_sd_m : float
-        Prior of how much longer than those ropes the equivalent simple pendulum is.
+        Prior of how much longer than |OA| and the reach the equivalent simple pendulum is.
     wind_sd : float
         Prior standard deviation of the steady lean by wind, rad per axis.
     tilt_sd : float

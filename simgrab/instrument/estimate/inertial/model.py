@@ -11,10 +11,10 @@ level frame, where wind keeps its direction while the jib slews.
 
 Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, by how much the
 pendulum is longer than the lever (m), how much of the rate about the optical axis the gyroscope shows on each of its
-axes (3), the steady lean by wind (2, rad, level frame), and by how much the lever is longer than the rope (m).
+axes (3), the steady lean by wind (2, rad, level frame), and the reach: how much longer than the rope the lever is (m).
 
-The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab leans
-less than its ropes do, as on four ropes: then forces and frequency follow the lean of the ropes, and pictures show less.
+The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
+leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is that of OA.
 """
 
 from __future__ import annotations
