@@ -14,7 +14,7 @@ import simgrab
 from simgrab import scenes
 from simgrab.cli.estimate import command
 from simgrab.errors import RecordError, RunError
-from simgrab.geometry import camera_rotation, rotation_z
+from simgrab.geometry import camera_rotation, rotation_z, to_camera
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate import InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial import live, model
@@ -140,6 +140,49 @@ def test_a_levelled_camera_needs_the_sensor(crane):
     assert np.degrees(np.median(high - low)) < 2
     assert found.diagnostics["noise_px"] == pytest.approx(1.4, abs=0.3)
     assert abs(np.degrees(found.beta) - np.degrees(crane.beta.mean())) < 0.5
+
+
+def on_ropes(level_head_m, crane):
+    """A record of 90 s below a jib head that starts and stops, on ropes whose head stays level."""
+    ropes, step, seconds = 16.0, 0.005, 90.0
+    time = np.arange(0, seconds, step)
+    pulses = np.round(np.sin(2 * np.pi * time / np.array([[23.0], [31.0]])) * 0.9)
+    a = 0.25 * pulses * np.array([[1.0], [0.6]])
+    # The head moves as a point mass on the ropes: x'' = −g x/√(l² − x²), and against the jib head, in a plane each.
+    x, velocity, path = np.array([1.0, 0.3]), np.zeros(2), np.empty((len(time), 2))
+    for i, push in enumerate(a.T):
+        path[i] = x
+        velocity = velocity + step * (-9.80665 * x / ropes - push)
+        x = x + step * velocity
+    down = -np.sqrt(ropes**2 - np.sum(path**2, axis=1)) - level_head_m
+    force = np.column_stack([a.T, np.full(len(time), 9.80665)])
+    frames = slice(None, -20, 20)
+    grab = np.column_stack([path, down])[frames]
+    straight = camera_rotation(0.0, 0.0, 0.0)
+    rng = np.random.default_rng(4)
+    imu = ImuReadings(
+        time, rng.normal(0, 1e-3, force.shape), force @ straight + rng.normal(0, 0.02, force.shape), np.eye(3)
+    )
+    camera = crane.calibration
+    pixels = camera.intrinsics.project(to_camera(grab, np.tile(straight, (len(grab), 1, 1)), camera.offset_m))
+    rope = np.linalg.norm(grab, axis=1)
+    record = dataclasses.replace(
+        crane, time=time[frames], pixels=pixels, rope=rope, alpha=np.arccos(-grab[:, 2] / rope)
+    )
+    return record, imu
+
+
+@pytest.mark.parametrize("level_head_m", [0.0, 1.6])
+def test_ropes_that_lean_more_than_the_grab_swing_faster_and_show_less(crane, level_head_m):
+    record, imu = on_ropes(level_head_m, crane)
+    found = estimated(record, imu)
+    assert found.status == "ok"
+    assert found.diagnostics["reach_m"] == pytest.approx(-level_head_m, abs=0.2)
+    assert found.diagnostics["reach_m"] < 1e-9
+    assert found.diagnostics["reach_m"] + found.diagnostics["longer_m"] == pytest.approx(-level_head_m, abs=0.15)
+    assert rms_deg(found, record) < 0.1
+    low, high = found.intervals[0].alpha.T
+    assert np.mean((low <= record.alpha) & (record.alpha <= high)) > 0.9
 
 
 def test_missing_frames_and_outliers(crane):

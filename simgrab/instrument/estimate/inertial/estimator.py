@@ -27,6 +27,7 @@ from simgrab.instrument.estimate.inertial.model import (
     MOMENTUM,
     OFFSET,
     PARAMETERS,
+    REACH,
     STATE,
     SWING,
     WIND,
@@ -89,8 +90,12 @@ class InertialFusion(Estimator):
         Of Student's t distribution of pixel errors.
     damping, damping_sd : float
         Prior of the damping ratio.
+    reach_sd_m : float
+        Prior of the reach: |OA| and the reach, times the lean of the ropes, displace the grab. Half of a normal
+        distribution below 0. It is 0 where grab and ropes are in line, and minus the height of the rope ends above A
+        where the grab's head stays level.
     longer_m, longer_sd_m : float
-        Prior of how much longer than the rope the equivalent simple pendulum is.
+        Prior of how much longer than |OA| and the reach the equivalent simple pendulum is.
     wind_sd : float
         Prior standard deviation of the steady lean by wind, rad per axis.
     tilt_sd : float
@@ -125,15 +130,16 @@ class InertialFusion(Estimator):
     Notes
     -----
     β is the tilt of the mean attitude. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd``
-    (gusts, rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``gyroscope_bias``
-    (largest, rad/s), ``not_free`` (share of the record in which the grab does not swing freely), ``rounds``.
+    (gusts, rad per axis), ``wind`` (steady lean, rad), ``noise_px``, ``damping``, ``longer_m``, ``reach_m`` (0 or
+    negative), ``gyroscope_bias`` (largest, rad/s), ``not_free`` (share of the record in which the grab does not swing
+    freely), ``rounds``.
 
     The pendulum is after Schaper et al. (2014), who have the sensor on the rope; preintegration after Forster et al.
     (2017).
     """
 
     name: ClassVar[str] = "inertial-fusion"
-    parameters: ClassVar[int] = 20
+    parameters: ClassVar[int] = 21
     needs_rope: ClassVar[bool] = True
     needs_time: ClassVar[bool] = True
 
@@ -143,6 +149,7 @@ class InertialFusion(Estimator):
     damping_sd: float = 0.005
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
+    reach_sd_m: float = 1.5
     wind_sd: float = 0.006
     tilt_sd: float = 0.35
     gyroscope_sd: float = 0.02
@@ -268,7 +275,8 @@ class InertialFusion(Estimator):
         mean[OFFSET], mean[DAMPING], mean[LONGER] = calibration.offset_m, self.damping, self.longer_m
         # The offset's height scales the whole path: it is taken as it is, and widens the intervals.
         sd[OFFSET] = [max(calibration.offset_sd_m, 1e-4)] * 2 + [1e-6]
-        sd[DAMPING], sd[LONGER], sd[CROSS], sd[WIND] = self.damping_sd, self.longer_sd_m, self.cross_sd, self.wind_sd
+        sd[DAMPING], sd[LONGER], sd[REACH] = self.damping_sd, self.longer_sd_m, self.reach_sd_m
+        sd[CROSS], sd[WIND] = self.cross_sd, self.wind_sd
         # The densities are the maker's; aliasing, rounding and the model's own errors come on top.
         return Priors(
             mean, sd, self.tilt_sd, np.array([self.gyroscope_sd] * 2 + [self.vertical_sd]), self.accelerometer_sd,
@@ -340,6 +348,7 @@ class InertialFusion(Estimator):
             "noise_px": np.exp(path.strengths[NOISE]) * data.focal_px,
             "damping": path.parameters[DAMPING],
             "longer_m": path.parameters[LONGER],
+            "reach_m": path.parameters[REACH],
             "gyroscope_bias": float(np.abs(path.state[:, GYROSCOPE]).max()),
             "not_free": float(np.mean(path.weight < FREE)),
             "rounds": found.rounds,
@@ -348,7 +357,7 @@ class InertialFusion(Estimator):
     def _nothing(self, n: int, reason: str) -> dict[str, Any]:
         names = (
             "beta", "azimuth", "sigma", "forcing", "lean_sd", "wind", "noise_px", "damping", "longer_m",
-            "gyroscope_bias", "not_free",
+            "reach_m", "gyroscope_bias", "not_free",
         )  # fmt: skip
         shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
         empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}

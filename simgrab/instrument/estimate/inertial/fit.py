@@ -25,6 +25,7 @@ from simgrab.instrument.estimate.inertial.model import (
     LONGER,
     MOMENTUM,
     PARAMETERS,
+    REACH,
     STATE,
     SWING,
     VELOCITY,
@@ -53,7 +54,7 @@ class Priors:
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (10,)
+    mean, sd : ndarray, shape (11,)
         Of the parameters.
     tilt_sd : float
         Of the first attitude, rad per axis.
@@ -112,7 +113,7 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Attitudes (k, 3, 3), states (k, 16) without error of the attitude, parameters (10,), and strengths (3,).
+    """Attitudes (k, 3, 3), states (k, 16) without error of the attitude, parameters (11,), and strengths (3,).
 
     ``weight`` (k − 1,) is that of each step's pendulum; below 1 where the grab does not swing freely.
     """
@@ -124,7 +125,7 @@ class Path:
     weight: Array
 
     def moved(self, states: Array, parameters: Array) -> Path:
-        """Apply a change (k, 16) of the states and one (10,) of the parameters."""
+        """Apply a change (k, 16) of the states and one (11,) of the parameters."""
         state = self.state + states
         state[:, ATTITUDE] = 0
         attitude = self.attitude @ rotation(states[:, ATTITUDE])
@@ -175,7 +176,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
             path = replace(path, strengths=problem.search(before, wide=done == FIRST_SEARCH))
             still = np.abs(path.strengths - before) < (np.inf, 0.05, 0.3)
             searches = 0 if still.all() else searches - 1
-        best = problem.at(path.strengths).minimise()
+        best = _hanging(problem.at(path.strengths).minimise(), path)
         change = best.states.reshape(-1, STATE)
         path = path.moved(change, best.parameters)
         if not np.isfinite(path.state).all() or np.abs(path.state[:, SWING]).max() > 1:
@@ -187,10 +188,19 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
     return Fit(path, problem.at(path.strengths).minimise(), last + 1, settled)
 
 
+def _hanging(best: Minimum, path: Path) -> Minimum:
+    """Move to the least point at which the reach is not positive: no head leans more than its ropes."""
+    beyond = path.parameters[REACH] + best.parameters[REACH]
+    if beyond <= 0:
+        return best
+    change = -beyond * best.covariance[REACH] / best.covariance[REACH, REACH]
+    return replace(best, parameters=best.parameters + change, states=best.states - best.gain @ change)
+
+
 def _without_frequency(priors: Priors) -> Priors:
-    """Fix what sets the pendulum's frequency: a loose path is not smooth enough to determine it."""
+    """Fix what sets the pendulum's frequency and its response: a loose path is not smooth enough to determine them."""
     sd = priors.sd.copy()
-    sd[[DAMPING, LONGER]] = 1e-6
+    sd[[DAMPING, LONGER, REACH]] = 1e-6
     return replace(priors, sd=sd)
 
 

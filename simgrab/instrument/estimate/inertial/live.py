@@ -28,6 +28,7 @@ from simgrab.instrument.estimate.inertial.model import (
     LEAN,
     MOMENTUM,
     PARAMETERS,
+    REACH,
     STATE,
     SWING,
     VELOCITY,
@@ -250,6 +251,9 @@ class _Filter:
         change = gain @ error
         kept = np.eye(ALL) - gain @ jacobian
         self._covariance = kept @ self._covariance @ kept.T + gain @ noise @ gain.T
+        beyond = self._parameters[REACH] + change[STATE + REACH]
+        if beyond > 0:  # as the fit does
+            change = change - beyond * self._covariance[STATE + REACH] / self._covariance[STATE + REACH, STATE + REACH]
         self._attitude = self._attitude @ rotation(change[ATTITUDE])
         self._state = self._state + change[:STATE]
         self._state[ATTITUDE] = 0

@@ -10,8 +10,11 @@ frame, and the pendulum: s, p and slow forcing a (2 each) as in `simgrab.instrum
 level frame, where wind keeps its direction while the jib slews.
 
 Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, by how much the
-pendulum is longer than the rope (m), how much of the rate about the optical axis the gyroscope shows on each of its
-axes (3), and the steady lean by wind (2, rad, level frame).
+pendulum is longer than the lever (m), how much of the rate about the optical axis the gyroscope shows on each of its
+axes (3), the steady lean by wind (2, rad, level frame), and the reach: how much longer than the rope the lever is (m).
+
+The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
+leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is that of OA.
 """
 
 from __future__ import annotations
@@ -26,8 +29,8 @@ from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, r
 ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
 SWING, MOMENTUM, LEAN = slice(10, 12), slice(12, 14), slice(14, 16)
 STATE = 16
-OFFSET, DAMPING, LONGER, CROSS, WIND = slice(0, 3), 3, 4, slice(5, 8), slice(8, 10)
-PARAMETERS = 10
+OFFSET, DAMPING, LONGER, CROSS, WIND, REACH = slice(0, 3), 3, 4, slice(5, 8), slice(8, 10), 10
+PARAMETERS = 11
 _STEP = 1e-6  # of numerical derivatives
 
 
@@ -77,7 +80,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     attitude : ndarray, shape (k − 1, 3, 3)
         Rotation from the mount frame to the level frame.
     x : ndarray, shape (k − 1, 16)
-    parameters : ndarray, shape (10,)
+    parameters : ndarray, shape (11,)
     links : Links
 
     Returns
@@ -96,8 +99,10 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     arm = np.einsum("nij,j->ni", rotation_z(heading(now))[:, :2, :2], parameters[OFFSET][:2])
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
     of_pivot = acceleration - imu.rate_slope[:, None] * across + spin**2 * arm
-    a = np.concatenate([x[:, SWING], x[:, MOMENTUM]], axis=-1)
-    before, after = links.before + parameters[LONGER], links.after + parameters[LONGER]
+    levers = links.before + parameters[REACH], links.after + parameters[REACH]
+    of_ropes = x[:, SWING] * (links.before / levers[0])[:, None]
+    a = np.concatenate([of_ropes, x[:, MOMENTUM]], axis=-1)
+    before, after = (lever + parameters[LONGER] for lever in levers)
     fixed = (links.length, of_pivot, parameters[WIND] + x[:, LEAN])
     slopes = _rates(a, parameters[DAMPING], before, *fixed)
     total = slopes
@@ -105,6 +110,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
         slopes = _rates(a + share * slopes, parameters[DAMPING], rope, *fixed)
         total = total + weight * slopes
     swing = a + h / 6 * total
+    swing[:, :2] *= (levers[1] / links.after)[:, None]
     velocity = x[:, VELOCITY] + acceleration * h
     lean = x[:, LEAN] * np.exp(-h / links.memory_s)
     still = np.zeros_like(x[:, ATTITUDE])
@@ -130,14 +136,14 @@ def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: 
     ----------
     attitude : ndarray, shape (k, 3, 3)
     x : ndarray, shape (k, 16)
-    parameters : ndarray, shape (10,)
+    parameters : ndarray, shape (11,)
     links : Links
 
     Returns
     -------
     residual : ndarray, shape (k − 1, 16)
     by_state : ndarray, shape (k − 1, 16, 16)
-    by_parameter : ndarray, shape (k − 1, 16, 10)
+    by_parameter : ndarray, shape (k − 1, 16, 11)
     """
     back = attitude[1:].swapaxes(-1, -2)
 
@@ -155,7 +161,7 @@ def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: 
 
 
 def derivatives_of_place(attitude: Array, x: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by the state (k, 2, 16) and the parameters (k, 2, 10)."""
+    """Places (k, 2), and their derivatives by the state (k, 2, 16) and the parameters (k, 2, 11)."""
     by_state, by_parameter = np.zeros((len(x), 2, STATE)), np.zeros((len(x), 2, PARAMETERS))
     states, statics = np.eye(STATE) * _STEP, np.eye(PARAMETERS) * _STEP
     for i in (*range(3), *range(SWING.start, SWING.stop)):
