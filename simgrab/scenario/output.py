@@ -83,8 +83,8 @@ class Display(Strict, frozen=True):
     ``layout`` is a bundled layout's name or a layout's own table; "none" shows nothing. The controller refreshes the
     numbers ``refresh_hz`` times a second with values ``lag_s`` old; the picture is read out over ``readout_s``, and a
     refresh that falls in between tears it. The lengths shown are |OA|, and that plus what the closing rope pays out to
-    open the jaws, each less ``constant_m``. The clock shows ``start`` when time begins. ``font`` is that of the lengths;
-    the clock keeps the bundled one.
+    open the jaws, each less ``constant_m``. The clock shows ``start`` when time begins. ``font`` is that of the
+    lengths; the clock keeps the bundled one.
     """
 
     layout: str | Layout = "none"

@@ -170,11 +170,16 @@ class Scenario(Strict, frozen=True):
 
     def _encoded(self, order: Literal["deterministic"] | None = None) -> bytes:
         """JSON of all fields in their order; later ones only where they are set, which keeps older digests."""
-        names = (name for name in self.__struct_fields__ if name not in _LATER or getattr(self, name) != _LATER[name])
-        values = {name: getattr(self, name) for name in names}
+
+        def encoded(fields: Mapping[str, Any]) -> msgspec.Raw:
+            each = {name: msgspec.Raw(msgspec.json.encode(value, order=order)) for name, value in fields.items()}
+            return msgspec.Raw(msgspec.json.encode(each))
+
+        fields = msgspec.structs.asdict(self)
+        fields = {name: value for name, value in fields.items() if name not in _LATER or value != _LATER[name]}
         if self.display.font == BundledFont():
-            values["display"] = {k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"}
-        return msgspec.json.encode({k: msgspec.Raw(msgspec.json.encode(v, order=order)) for k, v in values.items()})
+            fields["display"] = encoded({k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"})
+        return bytes(encoded(fields))
 
     def to_toml(self) -> str:
         """Return a scene file with every key filled in."""

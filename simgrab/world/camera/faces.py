@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from pathlib import Path
 from typing import Protocol
 
@@ -108,7 +109,7 @@ class PenFace:
         nib = self._outline(np.array(self._nib) * size + outline_px)
         for line in self._lines[character]:
             points = line * size + at
-            for ends in zip(points[:-1], points[1:], strict=True):
+            for ends in itertools.pairwise(points):
                 swept = np.concatenate([end + nib for end in ends]).astype(np.float32)
                 hull = np.round(16 * cv2.convexHull(swept)).astype(np.int32)
                 cv2.fillConvexPoly(mask, hull, 255, shift=4)

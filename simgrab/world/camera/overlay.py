@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.layouts import CLOCK_PATTERN, Layout, Rectangle
-from simgrab.scenario import BundledFont, Font, Ink
-from simgrab.world.camera.faces import Face, Mask, face, ink
+from simgrab.scenario import Ink
+from simgrab.world.camera.faces import BUNDLED, Face, FileFace, Mask
 from simgrab.world.trajectory.display import Shown
 
 DIGITS = "0123456789"
@@ -82,8 +82,10 @@ class Overlay:
     ----------
     layout : Layout
         Fitted to the picture.
-    font : Font
-        Of the rope lengths; a generated one must have a shape.
+    face : Face, optional
+        Of the rope lengths; the bundled font's unless given.
+    ink : Ink, optional
+        Of the rope lengths; white with a black outline unless given.
 
     Examples
     --------
@@ -94,16 +96,17 @@ class Overlay:
     255
     """
 
-    def __init__(self, layout: Layout, font: Font = BundledFont()) -> None:
+    def __init__(self, layout: Layout, face: Face | None = None, ink: Ink | None = None) -> None:
         self.layout = layout
-        self._ink = ink(font)
+        self._ink = ink or Ink()
+        bundled = FileFace(BUNDLED)
         size = layout.clock.size_px
         widths = {c: x1 - x0 for c, (x0, _, x1, _) in zip(CLOCK_PATTERN, layout.clock.cells, strict=True)}
         cells = [(DIGITS + ":", widths["0"], size), (CHINESE, size, size)]
-        self._clock = _glyphs(_Pen(face(BundledFont()), Ink(), cells), cells)
+        self._clock = _glyphs(_Pen(bundled, Ink(), cells), cells)
         cells = [(DIGITS, layout.digit_width_px, layout.digit_height_px)]
         cells += [(".", x1 - x0, y1 - y0) for x0, y0, x1, y1 in layout.points[:1]]
-        self._numbers = _glyphs(_Pen(face(font), self._ink, cells), cells)
+        self._numbers = _glyphs(_Pen(face or bundled, self._ink, cells), cells)
 
     def blend(self, rgb: NDArray[np.uint8], shown: Shown) -> NDArray[np.uint8]:
         """Lay the display over a picture.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simgrab.geometry import Array
 from simgrab.rng import stream
 from simgrab.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
-from simgrab.world.camera import lamps, shutter, weather
+from simgrab.world.camera import faces, lamps, shutter, weather
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.overlay import Overlay
@@ -179,7 +179,7 @@ class Camera:
 def _overlay(scenario: Scenario, font: Font) -> Overlay:
     layout = scenario.display_layout
     assert layout is not None  # something is shown
-    return Overlay(layout, font)
+    return Overlay(layout, faces.face(font), faces.ink(font))
 
 
 def exposed_rgb(scenario: Scenario, renderer: Renderer, moment: Moment) -> NDArray[Any]:
