@@ -122,8 +122,8 @@ class Strokes:
         yield np.array([(-self._between(0, 0.55) * w, waist), (0, waist)])
 
     def _4(self) -> Iterator[Line]:
-        w, bar = self._w, -self._between(0.2, 0.38)
-        x = self._between(0.15, 0.75) * w
+        w, bar = self._w, -self._between(0.17, 0.42)
+        x = self._between(0.15, 0.85) * w
         right = self._between(max(x + 0.15 * w, 0.9 * w), 1.2 * w)
         if self._chance(0.8):
             yield np.array([(x, -1), (-w, bar), (right, bar)])
