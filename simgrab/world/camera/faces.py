@@ -158,10 +158,10 @@ def _generated(font: GeneratedFont) -> PenFace:
         nib, power = (filled * width / 8, filled / 12), float(rng.choice([2, 12]))
     else:
         half = min(rng.uniform(0.025, 0.14), 0.2 * width)
-        strokes = skeletons.Strokes(rng, width)
-        lines = {digit: strokes.digit(digit) for digit in skeletons.DIGITS}
         flat = rng.uniform(0.35, 1.0) if rng.random() < 0.4 else rng.uniform(0.85, 1.1)
         nib, power = (half, min(half * flat, 0.105)), float(rng.choice([2, 4, 12]))
+        strokes = skeletons.Strokes(rng, width, nib[1])
+        lines = {digit: strokes.digit(digit) for digit in skeletons.DIGITS}
     lines["."] = [np.array([(0, -nib[1])] * 2)]
     slant = rng.uniform(-0.05, 0.25) if rng.random() < 0.35 else 0.0
     margin = rng.uniform(0, 0.2) if rng.random() < 0.5 else 0.0

@@ -43,10 +43,12 @@ class Strokes:
     rng : numpy.random.Generator
     width : float
         Of the digits' skeletons.
+    pen : float
+        Half the nib's height: ends of arcs keep clear of what lies below them.
     """
 
-    def __init__(self, rng: np.random.Generator, width: float) -> None:
-        self._rng = rng
+    def __init__(self, rng: np.random.Generator, width: float, pen: float) -> None:
+        self._rng, self._pen = rng, pen
         self._w = width / 2
         self._power = float(rng.choice([2.0, 2.4, 3.0, 5.0], p=[0.45, 0.3, 0.15, 0.1]))  # 2: an ellipse
         self._serifs = rng.random() < 0.25
@@ -145,8 +147,8 @@ class Strokes:
         w, ry = self._w, self._between(0.27, 0.33)
         yield self._arc(-ry, w, ry, 0, 360)
         if self._chance(0.75):
-            end = self._between(85, 95) if self._chance(0.2) else self._between(25, 70)
-            yield self._arc(-ry, w, 1 - ry, 180, end)
+            clear = np.degrees(np.arcsin(min((ry + 3 * self._pen) / (1 - ry), 1)))
+            yield self._arc(-ry, w, 1 - ry, 180, self._between(clear, 95))
         else:
             leaves = self._arc(-ry, w, ry, 180, self._between(140, 165))
             yield np.concatenate([leaves, [(self._between(-0.1, 0.7) * w, -1)]])
