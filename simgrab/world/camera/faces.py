@@ -68,8 +68,9 @@ class FileFace:
         self._sized = functools.lru_cache(maxsize=4)(functools.partial(fonts.sized, data))
 
     def box(self, character: str) -> Box:  # noqa: D102
-        left, top, right, bottom = self._sized(_EM).getbbox(character, anchor="ms")
-        return left / _EM, top / _EM, right / _EM, bottom / _EM
+        mask, (x, y) = self._sized(_EM).getmask2(character, "L", anchor="ms")
+        left, top, right, bottom = mask.getbbox()
+        return (x + left) / _EM, (y + top) / _EM, (x + right) / _EM, (y + bottom) / _EM
 
     def mask(self, character: str, size: int, shape: tuple[int, int], at: tuple[float, int], outline_px: int) -> Mask:  # noqa: D102
         picture = Image.new("L", shape[::-1])
@@ -77,6 +78,17 @@ class FileFace:
             at, character, fill=255, font=self._sized(size), anchor="ms", stroke_width=outline_px
         )
         return np.asarray(picture)
+
+
+class BundledFace(FileFace):
+    """The face of the bundled font, whose boxes are as wide as its advances: it fits cells as it always has."""
+
+    def __init__(self) -> None:
+        super().__init__(BUNDLED)
+
+    def box(self, character: str) -> Box:  # noqa: D102
+        left, top, right, bottom = self._sized(_EM).getbbox(character, anchor="ms")
+        return left / _EM, top / _EM, right / _EM, bottom / _EM
 
 
 class PenFace:
@@ -125,7 +137,7 @@ def face(font: Font) -> Face:
     """Open the face of a font; a generated one must have a shape."""
     match font:
         case BundledFont():
-            return FileFace(BUNDLED)
+            return BundledFace()
         case FontFile():
             return FileFace(models.recall(font.sha256, font.file, _REFUSE).data)
         case GeneratedFont():

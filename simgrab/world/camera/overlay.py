@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab.layouts import CLOCK_PATTERN, Layout, Rectangle
 from simgrab.scenario import Ink
-from simgrab.world.camera.faces import BUNDLED, Face, FileFace, Mask
+from simgrab.world.camera.faces import BundledFace, Face, Mask
 from simgrab.world.trajectory.display import Shown
 
 DIGITS = "0123456789"
@@ -99,7 +99,7 @@ class Overlay:
     def __init__(self, layout: Layout, face: Face | None = None, ink: Ink | None = None) -> None:
         self.layout = layout
         self._ink = ink or Ink()
-        bundled = FileFace(BUNDLED)
+        bundled = BundledFace()
         size = layout.clock.size_px
         widths = {c: x1 - x0 for c, (x0, _, x1, _) in zip(CLOCK_PATTERN, layout.clock.cells, strict=True)}
         cells = [(DIGITS + ":", widths["0"], size), (CHINESE, size, size)]
