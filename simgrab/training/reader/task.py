@@ -97,7 +97,8 @@ def threshold(probabilities: Crops, digits: NDArray[np.int64]) -> float:
     right = (probabilities.argmax(1) == digits) & (digits != NO_DIGIT)
     if not right.any():
         return LEAST_THRESHOLD
-    return float(np.clip(np.quantile(probabilities[right].max(1), REFUSED), LEAST_THRESHOLD, HIGHEST_THRESHOLD))
+    sure = float(np.quantile(probabilities[right].max(1), REFUSED))
+    return min(max(sure, LEAST_THRESHOLD), HIGHEST_THRESHOLD)
 
 
 def validation(cells: Cells, seed: int) -> tuple[Crops, NDArray[np.int64]]:
