@@ -96,7 +96,7 @@ VERIFY = (
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 
-READER = Source("digits", "digits", {}, 2400, 960, 0)
+READER = Source("digits", "digits", {}, 3024, 960, 0)
 
 
 def rendered(sources: Sequence[Source], work: Path, *, quick: bool, workers: int) -> list[Path]:

@@ -15,7 +15,7 @@ import numpy as np
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
-from simgrab.utilities import models, photographs, resources
+from simgrab.utilities import fonts, models, photographs, resources
 from simgrab.utilities.models import Model, copied
 from simgrab.utilities.parse import MOST_LEVELS, Refuse, parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
@@ -139,13 +139,17 @@ def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     return found
 
 
+_READERS: dict[str, ModuleType] = {"mesh": models, "photo": photographs, "file": fonts}
+"""Modules that read the file of a table, by its ``model``."""
+
+
 def _kind(table: Mapping[str, Any]) -> ModuleType:
-    """Give the module that reads the file of a table: photographs of a place, or the model of a grab."""
-    return photographs if table.get("model") == "photo" else models
+    """Give the module that reads the file of a table."""
+    return _READERS.get(str(table.get("model")), models)
 
 
 def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], key: str = "") -> Any:
-    """Name models of grabs and photographs by file name and SHA-256, wherever a scene's plain data have a path.
+    """Name models of grabs, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path.
 
     ``read`` gives the model of a table.
     """
@@ -154,7 +158,7 @@ def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], 
     if isinstance(data, Mapping):
         inner = {name: _with_models(value, read, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
         file = data.get("file")
-        if not isinstance(file, str) or not (data.get("model") in ("mesh", "photo") or key == "grab"):
+        if not isinstance(file, str) or not (str(data.get("model")) in _READERS or key == "grab"):
             return inner
         refuse = functools.partial(ScenarioError, f"{key}.file")
         model = read(data, refuse)
@@ -234,7 +238,7 @@ def model_files(scene: str | Path) -> dict[tuple[str, str], Path]:
         if path.suffix == ".json":
             name = f"{copied(str(table.get('sha256')))}/{name}"
         file = models.inside(path.parent, name, refuse)
-        model = models.read(file, refuse)
+        model: Model = _kind(table).read(file, refuse)
         found[model.sha256, model.name] = file
         return model
 

@@ -100,11 +100,12 @@ def texts(node, path=""):
     return ({path} if free else set()).union(*(texts(value, f"{path}.{key}") for key, value in node.items()))
 
 
-def test_a_scene_names_no_file_but_a_grab_or_a_photograph_in_its_folder(tmp_path):
+def test_a_scene_names_no_file_but_a_grab_a_photograph_or_a_font_in_its_folder(tmp_path):
     places = {path.removeprefix(".$defs.") for path in texts(scenario.schema())}
     assert places == {
         "Display.properties.layout.anyOf",  # bundled, tested below
         "Display.properties.start",  # a time
+        "FontFile.properties.file",  # tested in tests/world/test_display_font.py
         "Jaw.properties.node",  # of a grab's file
         "Mesh.properties.file",  # tested below
         "Photo.properties.file",  # tested in tests/world/test_photo.py

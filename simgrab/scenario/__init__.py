@@ -13,6 +13,7 @@ from simgrab.scenario.camera import (
     Vibration,
 )
 from simgrab.scenario.factor import Factor, OneOf
+from simgrab.scenario.font import BundledFont, Font, FontFile, GeneratedFont, Ink
 from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
 from simgrab.scenario.markers import AprilTag, Balls, Circles, Markers, Target
 from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
@@ -58,6 +59,7 @@ __all__ = [
     "Assembled",
     "AutoExposure",
     "Balls",
+    "BundledFont",
     "Camera",
     "Cargo",
     "Circles",
@@ -71,9 +73,12 @@ __all__ = [
     "Factor",
     "FixedExposure",
     "FixedMount",
+    "Font",
+    "FontFile",
     "Forcing",
     "FourRope",
     "FourRopes",
+    "GeneratedFont",
     "Grab",
     "Hang",
     "HoistEncoder",
@@ -83,6 +88,7 @@ __all__ = [
     "Imu",
     "ImuNoise",
     "Inclinometer",
+    "Ink",
     "Jaw",
     "Jib",
     "Labels",

@@ -35,6 +35,7 @@ _UNITS = {
 }
 _TAGS = ("model", "dist")
 _VIBRATION = {"vibration": "Random vibration of the camera, added to its tilt."}
+_INK = {"ink": "Colours, outline and plate."}
 _ROPE = {
     "rope_length_m": "Distance from the rope exit O to the grab centre A.",
     "jaw_deg": "Opening of the jaws: 0 is closed.",
@@ -421,6 +422,25 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "refresh_hz": "Refresh rate of the lengths.",
         "readout_s": "Time to read out the image; a refresh within it tears the display.",
         "constant_m": "How much shorter the displayed lengths are than the true ones.",
+        "font": "Font of the rope lengths; the clock keeps the bundled one.",
+    },
+    "BundledFont": _INK,
+    "FontFile": _INK
+    | {
+        "file": "TTF or OTF file, in the folder of the scene file or below.",
+        "sha256": "SHA-256 of the file; filled in when it is read.",
+    },
+    "GeneratedFont": {
+        "style": "How digits are made: of pen strokes, seven segments, dots, or any of these.",
+        "shape": "Chooses the font; without it, each independent frame, or each clip, shows a random one.",
+        "ink": "Colours, outline and plate; drawn with the font unless given.",
+    },
+    "Ink": {
+        "fill_rgb": "Colour of the digits: red, green and blue from 0 to 1, sRGB.",
+        "outline_rgb": "Colour of the outline, sRGB.",
+        "outline": "Width of the outline, relative to the font's size; 0 is none.",
+        "plate_rgb": "Colour of the plate behind each number, sRGB.",
+        "plate": "Opacity of the plate; 0 is none.",
     },
     "Layout": {
         "width_px": "Width of the image in which the layout was measured.",

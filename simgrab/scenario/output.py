@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from simgrab import layouts
 from simgrab.layouts import Layout
 from simgrab.scenario.base import Meta, Share, Strict
+from simgrab.scenario.font import BundledFont, Font
 
 
 class Image(Strict, frozen=True):
@@ -82,7 +83,8 @@ class Display(Strict, frozen=True):
     ``layout`` is a bundled layout's name or a layout's own table; "none" shows nothing. The controller refreshes the
     numbers ``refresh_hz`` times a second with values ``lag_s`` old; the picture is read out over ``readout_s``, and a
     refresh that falls in between tears it. The lengths shown are |OA|, and that plus what the closing rope pays out to
-    open the jaws, each less ``constant_m``. The clock shows ``start`` when time begins.
+    open the jaws, each less ``constant_m``. The clock shows ``start`` when time begins. ``font`` is that of the
+    lengths; the clock keeps the bundled one.
     """
 
     layout: str | Layout = "none"
@@ -91,6 +93,7 @@ class Display(Strict, frozen=True):
     refresh_hz: Annotated[float, Meta(gt=0, le=100)] = 5.0
     readout_s: Annotated[float, Meta(ge=0, le=100)] = 0.03
     constant_m: Annotated[float, Meta(ge=-10, le=10)] = 2.5
+    font: Font = BundledFont()
 
     def check(self) -> None:  # noqa: D102
         if isinstance(self.layout, str) and self.layout not in ("none", *layouts.names()):

@@ -95,7 +95,7 @@ def _of_drawn_kinds(scenario: Scenario, change: dict[str, Any]) -> dict[str, Any
 
 
 def _laid(scenario: Scenario, change: Mapping[str, Any]) -> dict[str, Any]:
-    data = scenario.to_dict()
+    data = msgspec.to_builtins(scenario)
     for key in sorted(change):
         data = merged(data, nested(key, change[key]))
     return data
@@ -144,7 +144,7 @@ def check(scenario: Scenario) -> None:
 
 def _table_around(scenario: Scenario, key: str) -> dict[str, Any]:
     """Drawn table of a kind that has a key, where the scenario's own table is of another kind."""
-    if JOINT in key or not of_another_kind(scenario.to_dict(), Scenario, key):
+    if JOINT in key or not of_another_kind(msgspec.to_builtins(scenario), Scenario, key):
         return {}
     for name, factor in scenario.vary.items():
         for value in factor.values if isinstance(factor, OneOf) else ():
@@ -187,7 +187,7 @@ def _changed(scenario: Scenario, change: Mapping[str, Any]) -> Scenario:
     sections = {key.split(".")[0] for key in change}
     # Sections that do not change stay structs, which are not checked again: this is done for thousands of values.
     data = msgspec.structs.asdict(scenario) | {"vary": {}}
-    data |= {name: plain for name, plain in scenario.to_dict().items() if name in sections}
+    data |= {name: plain for name, plain in msgspec.to_builtins(scenario).items() if name in sections}
     for key in sorted(change):
         if key.split(".")[0] in FIXED:
             raise ScenarioError(key, _FIXED_WHY)

@@ -20,6 +20,7 @@ from simgrab.scenario.base import Meta, Strict
 from simgrab.scenario.camera import Camera
 from simgrab.scenario.descriptions import describe
 from simgrab.scenario.factor import JOINT, Factor, OneOf
+from simgrab.scenario.font import BundledFont, FontFile
 from simgrab.scenario.grab import FourRope, Grab, Mesh
 from simgrab.scenario.markers import Markers
 from simgrab.scenario.optics import Optics
@@ -46,8 +47,8 @@ class Scenario(Strict, frozen=True):
     that only some kinds of a table have is left out where another kind was drawn.
 
     ``sensors`` are those beside the camera, by name, ``suspension`` is how the grab hangs on its ropes, and ``markers``
-    what is mounted for a method to look at. A scenario in which these are as by default is written, and has the digest,
-    as if there were no such keys.
+    what is mounted for a method to look at. A scenario in which these, or the display's font, are as by default is
+    written, and has the digest, as if there were no such keys.
     """
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
@@ -96,8 +97,8 @@ class Scenario(Strict, frozen=True):
         self._check_sensors()
         for key in self.vary:
             for part in key.split(JOINT):
-                table, _, last = part.partition(".")
-                if table in ("grab", "place") and last in ("file", "sha256"):
+                table, _, last = part.rpartition(".")
+                if table in ("grab", "place", "display.font") and last in ("file", "sha256"):
                     raise ScenarioError(f"vary.{key}", f"a file varies with its table: use [vary.{table}]")
         if self.vary and not self.clip.clip_frames:
             raise ScenarioError("clip.clip_frames", "vary draws new values for each clip: set clip.clip_frames")
@@ -151,8 +152,8 @@ class Scenario(Strict, frozen=True):
 
     @property
     def models(self) -> tuple[models.Model, ...]:
-        """Models of users' own grabs, and users' photographs, that are known in this process."""
-        named = dict.fromkeys(_models([self.grab, self.place, *self.vary.values()]))
+        """Models of users' own grabs, and users' photographs and fonts, that are known in this process."""
+        named = dict.fromkeys(_models([self.grab, self.place, self.display.font, *self.vary.values()]))
         return tuple(model for name, sha256 in named if (model := models.find(sha256, name)))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -168,10 +169,17 @@ class Scenario(Strict, frozen=True):
         return dict(msgspec.json.decode(self._encoded()))
 
     def _encoded(self, order: Literal["deterministic"] | None = None) -> bytes:
-        """JSON of all fields in their order; those of `_LATER` only where they are set, which keeps older digests."""
-        names = (name for name in self.__struct_fields__ if name not in _LATER or getattr(self, name) != _LATER[name])
-        fields = {name: msgspec.Raw(msgspec.json.encode(getattr(self, name), order=order)) for name in names}
-        return msgspec.json.encode(fields)
+        """JSON of all fields in their order; later ones only where they are set, which keeps older digests."""
+
+        def encoded(fields: Mapping[str, Any]) -> msgspec.Raw:
+            each = {name: msgspec.Raw(msgspec.json.encode(value, order=order)) for name, value in fields.items()}
+            return msgspec.Raw(msgspec.json.encode(each))
+
+        fields = msgspec.structs.asdict(self)
+        fields = {name: value for name, value in fields.items() if name not in _LATER or value != _LATER[name]}
+        if self.display.font == BundledFont():
+            fields["display"] = encoded({k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"})
+        return bytes(encoded(fields))
 
     def to_toml(self) -> str:
         """Return a scene file with every key filled in."""
@@ -188,7 +196,7 @@ def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
     """Give name and SHA-256 of all models in tables, plain or not."""
     for value in values:
         match value:
-            case Mesh() | Photo():
+            case Mesh() | Photo() | FontFile():
                 yield value.file, value.sha256
             case {"file": str(file), "sha256": str(sha256)}:
                 yield file, sha256

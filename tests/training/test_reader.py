@@ -115,7 +115,7 @@ def test_every_digit_is_learned_as_often():
 
 def test_the_threshold_refuses_one_in_ten_thousand():
     rng = np.random.default_rng(0)
-    confidence = rng.uniform(0.6, 1.0, 100_000)
+    confidence = rng.uniform(0.85, 1.0, 100_000)
     probabilities = np.zeros((100_000, 11), np.float32)
     probabilities[:, 3] = confidence
     digits = np.full(100_000, 3)

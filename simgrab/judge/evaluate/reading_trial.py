@@ -27,6 +27,7 @@ from simgrab.utilities.files import write
 from simgrab.utilities.pictures import encode
 from simgrab.utilities.pictures import read as read_picture
 from simgrab.world import frames
+from simgrab.world.camera.faces import Face
 from simgrab.world.camera.overlay import Overlay
 from simgrab.world.output.video.coder import Coder
 from simgrab.world.trajectory.clock import clock_text
@@ -116,12 +117,15 @@ def _moved(rng: np.random.Generator) -> tuple[float, float]:
     return float(hoist), float(closing)
 
 
-def stills(pictures: Sequence[Picture], layout: Layout, shown: Iterator[Shown], quality: int) -> Iterator[Trial]:
+def stills(
+    pictures: Sequence[Picture], layout: Layout, shown: Iterator[Shown], quality: int, face: Face | None = None
+) -> Iterator[Trial]:
     """Lay displays over pictures, one after another, and code each as JPEG.
 
-    What lies a coding unit from the digits does not change them: it stays uncoded.
+    What lies a coding unit from the digits does not change them: it stays uncoded. ``face`` is another one than the
+    bundled font's.
     """
-    overlay, (x0, y0, x1, y1) = Overlay(layout), _coded(layout)
+    overlay, (x0, y0, x1, y1) = Overlay(layout, face), _coded(layout)
     canvases = [picture.copy() for picture in pictures]
     for k, one in enumerate(shown):
         picture, canvas = pictures[k % len(pictures)], canvases[k % len(pictures)]

@@ -20,7 +20,7 @@ from simgrab.training.reader.cells import Cells
 TORN_SHARE = 0.04  # of the digits learned from, made into torn ones
 ROUNDS = 8  # alterations of each validation cell
 REFUSED = 1e-4  # share of altered digits that the threshold may refuse
-LEAST_THRESHOLD = 0.5
+LEAST_THRESHOLD = 0.8
 
 
 class Digits:
@@ -86,8 +86,8 @@ class Digits:
 def threshold(probabilities: Crops, digits: NDArray[np.int64]) -> float:
     """Confidence below which a digit is refused.
 
-    It refuses 1 in 10,000 of the validation digits, most of them altered, that are read right, and is one half at
-    least: such a digit is the likelier reading.
+    It refuses 1 in 10,000 of the validation digits, most of them altered, that are read right, and is
+    `LEAST_THRESHOLD` at least: digits of an unknown font are rather refused than misread.
 
     Parameters
     ----------
@@ -97,7 +97,8 @@ def threshold(probabilities: Crops, digits: NDArray[np.int64]) -> float:
     right = (probabilities.argmax(1) == digits) & (digits != NO_DIGIT)
     if not right.any():
         return LEAST_THRESHOLD
-    return float(np.clip(np.quantile(probabilities[right].max(1), REFUSED), LEAST_THRESHOLD, HIGHEST_THRESHOLD))
+    sure = float(np.quantile(probabilities[right].max(1), REFUSED))
+    return min(max(sure, LEAST_THRESHOLD), HIGHEST_THRESHOLD)
 
 
 def validation(cells: Cells, seed: int) -> tuple[Crops, NDArray[np.int64]]:

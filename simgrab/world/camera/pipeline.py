@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.geometry import Array
-from simgrab.scenario import AutoExposure, Dynamic, Scenario, Water
-from simgrab.world.camera import lamps, shutter, weather
+from simgrab.rng import stream
+from simgrab.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
+from simgrab.world.camera import faces, lamps, shutter, weather
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.overlay import Overlay
@@ -54,8 +56,7 @@ class Camera:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        layout = scenario.display_layout
-        self._overlay = Overlay(layout) if layout else None
+        self._overlay = lru_cache(maxsize=1)(partial(_overlay, scenario))
         self._still: Still | None = None
         exposure = scenario.optics.exposure
         self.has_memory = isinstance(exposure, AutoExposure) and exposure.lag_s > 0
@@ -102,9 +103,18 @@ class Camera:
     def _finished(self, buffers: Buffers, rgb: Picture) -> Picture:
         """Put the display into a picture and code it."""
         shown = buffers.projection.nominal.shown
-        if self._overlay and shown:
-            rgb = self._overlay.blend(rgb, shown)
+        if shown:
+            rgb = self._overlay(self._font(buffers.projection.nominal.frame)).blend(rgb, shown)
         return recompress(rgb, self._scenario.optics.recompress_quality)
+
+    def _font(self, frame: int) -> Font:
+        """Font of a frame's display; a generated one without a shape is random by frame or clip."""
+        scenario, font = self._scenario, self._scenario.display.font
+        if not isinstance(font, GeneratedFont) or font.shape is not None:
+            return font
+        of = frame if isinstance(scenario.swing, Iid) else scenario.clip.of(frame)
+        shape = stream(scenario.seed, of, "display.font").random()
+        return msgspec.structs.replace(font, shape=shape)
 
     def _weathered(self, buffers: Buffers) -> Weathered:
         """Light before the lens."""
@@ -164,6 +174,12 @@ class Camera:
         level = math.cos(elevation)
         towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
         return [Lamp(_vector(SUN_M * towards), SUN_SHARE * light.sun)]
+
+
+def _overlay(scenario: Scenario, font: Font) -> Overlay:
+    layout = scenario.display_layout
+    assert layout is not None  # something is shown
+    return Overlay(layout, faces.face(font), faces.ink(font))
 
 
 def exposed_rgb(scenario: Scenario, renderer: Renderer, moment: Moment) -> NDArray[Any]:
