@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from simgrab._version import __version__
+from simgrab.errors import TrainingError
 from simgrab.labels.datasets import Data
 from simgrab.text import markdown as markdown_text
 from simgrab.text import printable
 from simgrab.training.folder import write
+from simgrab.utilities.parse import read_json
 
 LICENCE = "Apache-2.0"
 PACKAGES = ("torch", "onnx", "onnxruntime", "numpy", "opencv-python-headless")
@@ -77,6 +79,13 @@ class Card:
         write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
         write(model.with_suffix(".md"), markdown(content).encode())
         return path
+
+
+def redigest(card: Path, model: bytes) -> None:
+    """State another model's digest and size in a card."""
+    content = read_json(card, TrainingError)
+    content |= {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
+    write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
 
 
 def versions() -> dict[str, str]:

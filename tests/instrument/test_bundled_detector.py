@@ -19,7 +19,7 @@ WEIGHTS = ASSETS / "weights"
 
 
 NETS = ("find", "refine", "settle")
-ALL_NETS = [*NETS, "reader", *(f"{ANY_GRAB}/{name}" for name in NETS)]
+ALL_NETS = [*NETS, "reader", *(f"{ANY_GRAB}/{name}" for name in (*NETS, "verify"))]
 
 
 @pytest.mark.parametrize("name", ALL_NETS)

@@ -1,5 +1,6 @@
 """The fourth net: what it learns, and the detector that it completes."""
 
+import hashlib
 import json
 import shutil
 
@@ -84,6 +85,9 @@ def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
     facts, before = (open_net(folder / "settle.onnx").facts for folder in (four, START))
     assert facts["verified"] is True
     assert facts["trust"] == before["trust"]
+    for name in (*verify.OTHERS, "verify"):
+        model = (four / f"{name}.onnx").read_bytes()
+        assert json.loads((four / f"{name}.json").read_text())["model_sha256"] == hashlib.sha256(model).hexdigest()
     card = json.loads((four / "verify.json").read_text())
     assert card["recipe"]["epochs"] == 1
     assert set(card["metrics"]) >= {"alone", "recall", "false_boxes"}

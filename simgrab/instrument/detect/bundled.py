@@ -2,9 +2,9 @@
 
 One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one settles centre and yaw,
 and whether it is the grab, in what is left when the picture is turned level: with size, place and yaw known, only small
-corrections remain. A fourth, where there is one, gets more of the surroundings, and its word on the last counts as much
-as settle's. To refine twice makes boxes no better (mAP50-95 0.967 either way) and takes a fifth of the time.
-Where the first pass is uncertain, more candidates are refined, and more often: an inaccurate box hides the grab.
+corrections remain. A fourth, where there is one, gets more of the surroundings, and predicts the last as well. To
+refine twice makes boxes no better (mAP50-95 0.967 either way) and takes a fifth of the time. Where the first pass is
+uncertain, more candidates are refined, and more often: an inaccurate box hides the grab.
 """
 
 from __future__ import annotations
@@ -65,6 +65,7 @@ _SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is refined ag
 _LIKELY = 0.5  # presence in the first of these passes above which a candidate after the hottest gets the others
 
 
+_VERIFIED = 0.75  # weight of verify's logit in the presence
 _PRESENCES = (1e-20, 1 - 1e-15)  # bounds within which a logit is finite
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
 
@@ -255,10 +256,11 @@ class Bundled:
         return found if self._verify is None else self._verified(picture, found, self._verify)
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
-        """Presence of a settled box (n = 1) by settle and verify together: the mean of their logits."""
+        """Presence of a settled box (n = 1) by settle and verify together: the weighted mean of their logits."""
         crop = cut_with_mask(picture, around(_sound(found.boxes[0]), VERIFY_ROOM), VERIFY_SIZE)[None]
         own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
-        return replace(found, presence=expit((logit(np.clip(found.presence, *_PRESENCES)) + own) / 2))
+        before = logit(np.clip(found.presence, *_PRESENCES))
+        return replace(found, presence=expit((1 - _VERIFIED) * before + _VERIFIED * own))
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:

@@ -15,6 +15,7 @@ from torch import nn
 
 from simgrab.errors import TrainingError
 from simgrab.instrument.net import KEY, MOST_BYTES
+from simgrab.training.card import redigest
 from simgrab.training.folder import write
 from simgrab.training.graph import traced
 from simgrab.utilities.parse import read_bytes
@@ -54,10 +55,13 @@ def copy(names: Sequence[str], start: Path, out: Path) -> None:
 
 
 def restated(path: Path, facts: Mapping[str, Any]) -> None:
-    """Replace the metadata of a file that `export` wrote."""
+    """Replace the metadata of a file that `export` wrote, and with them the digest in its card."""
     model = onnx.load_from_string(path.read_bytes())
     helper.set_model_props(model, {KEY: json.dumps(facts)})
-    write(path, model.SerializeToString())
+    data = model.SerializeToString()
+    write(path, data)
+    if path.with_suffix(".json").exists():
+        redigest(path.with_suffix(".json"), data)
 
 
 def halved(model: onnx.ModelProto) -> onnx.ModelProto:
