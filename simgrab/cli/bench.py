@@ -125,12 +125,14 @@ def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path 
     board.save(scores, found, csv_file=out, page=page)
     if not quiet:
         console = Console()
-        columns = range(len(board.HEAD))
-        made = table(board.rows(scores), board.HEAD)
-        for i in columns[3:]:
-            made.columns[i].justify = "right"
+        made = table(board.brief(scores), tuple(board.BRIEF.values()))
+        for i, column in enumerate(made.columns):
+            column.overflow = "fold"
+            column.justify = "left" if i < 2 else "right"
         console.print(made)
-        console.print(board.NOTE, highlight=False)
+        console.print(
+            "recall: average recall. Alarms missed, false. Intervals and more figures: --out, --page.", highlight=False
+        )
 
 
 @command.command()

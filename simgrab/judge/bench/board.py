@@ -22,6 +22,11 @@ HEAD = (
     "method", "track", "rank", "average recall (%)", "answered (%)", "RMSE (°)", "95 % (°)", "at 10° (°)",
     "coverage (%)", "width (°)", "alarms missed", "false", "delay (frames)", "ms a frame",
 )  # fmt: skip
+BRIEF = {
+    "method": "method", "track": "track", "rank": "rank", "average recall (%)": "recall %", "RMSE (°)": "RMSE °",
+    "coverage (%)": "cover %", "alarms missed": "missed", "false": "false",
+}  # fmt: skip
+"""Columns for a terminal, and their heads there."""
 _FIGURES = {
     "average_recall": (100, 1), "answered": (100, 1), "rmse_deg": (1, 3), "p95_deg": (1, 3), "at_10_deg": (1, 3),
     "coverage": (100, 1), "width_deg": (1, 3), "alarms_due": (1, 0), "alarms_missed": (1, 0), "alarms_false": (1, 0),
@@ -39,6 +44,12 @@ NOTE = (
 def rows(scores: Sequence[Score]) -> list[tuple[str, ...]]:
     """Rows of text under `HEAD`, the entries first and then those that test the scorer."""
     return [_row(one) for one in scores]
+
+
+def brief(scores: Sequence[Score]) -> list[tuple[str, ...]]:
+    """Rows of the columns of `BRIEF`, without intervals, for a terminal of 80 columns."""
+    places = [HEAD.index(name) for name in BRIEF]
+    return [tuple(row[i] if i < 2 else row[i].partition(" (")[0] for i in places) for row in rows(scores)]
 
 
 def _row(one: Score) -> tuple[str, ...]:
