@@ -14,11 +14,13 @@ pytest.importorskip("onnx")
 
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DetectorError, TrainingError  # noqa: E402
+from simgrab.geometry import to_camera  # noqa: E402
 from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.labels import arrays as labels  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
 from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
+from simgrab.training.detector.augment import Turn  # noqa: E402
 from simgrab.training.detector.nets import Refine, Verify  # noqa: E402
 from simgrab.training.detector.train import train  # noqa: E402
 
@@ -122,6 +124,33 @@ def test_what_it_learns_shows_the_grab_in_the_middle_or_something_else(dataset, 
             assert np.abs(middle - (box[:2] + box[2:]) / 2).max() < 0.2 * longest
             side = window.size[0] / refine.CROP * patch.size[0]
             assert side == pytest.approx(verify.VERIFY_ROOM * longest, rel=0.25)
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("quarters", range(4))
+def test_the_ropes_direction_turns_with_the_crop(dataset, tmp_path, monkeypatch, mirror, quarters):
+    frames = cache.frames([datasets.read(dataset)], "train")
+    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    example = next(one for one in verify._listed([crops]) if one.there and verify._ropes(one).any())
+    laid = Turn(mirror, quarters)
+    monkeypatch.setattr(verify, "turn", lambda *_, **__: laid)
+    x, y = verify._ropes(example)
+    turned = verify._learned(example, np.random.default_rng(0), lambda picture, _rng: picture)["ropes"]
+    expected = laid.angle(np.arctan2(y, x))
+    np.testing.assert_allclose(turned, [np.cos(expected), np.sin(expected)], atol=1e-6)
+
+
+def test_the_ropes_leave_the_grab_for_the_rope_exit(dataset):
+    """Where O is in front of the camera, the direction is that from A to it."""
+    known = datasets.read(dataset)
+    for row in known.rows:
+        camera, centre = (np.reshape(pose, (3, 4)) for pose in (row.jib_from_camera, row.jib_from_grab))
+        short = to_camera(np.stack([centre[:, 3], 0.5 * centre[:, 3]]), camera[:, :3], camera[:, 3])
+        ends = labels.intrinsics(row).project(short)
+        way = labels.up_the_ropes(row)
+        if np.isfinite(ends).all() and np.linalg.norm(way) > 1:
+            along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+            assert along @ way / np.linalg.norm(way) > np.cos(np.radians(5))  # the lens bends the line a little
 
 
 def test_a_detector_that_begins_with_four_nets_keeps_the_fourth(four, dataset, tmp_path):

@@ -18,8 +18,8 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     Parameters
     ----------
     name : str or path
-        ``"bundled"`` for the default four-rope grab, ``"any-grab"`` for grabs of all kinds, a folder with three nets as
-        `simgrab train detector` writes them, or a YOLO's ``.onnx`` file.
+        ``"bundled"`` for the default four-rope grab, ``"any-grab"`` for grabs of all kinds, a folder with nets as
+        `simgrab train` writes them, or a YOLO's ``.onnx`` file.
 
     Raises
     ------
