@@ -82,10 +82,11 @@ class Card:
 
 
 def redigest(card: Path, model: bytes) -> None:
-    """State another model's digest and size in a card."""
+    """State another model's digest and size in a card, and in the text beside it."""
     content = read_json(card, TrainingError)
     content |= {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
     write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
+    write(card.with_suffix(".md"), markdown(content).encode())
 
 
 def versions() -> dict[str, str]:

@@ -103,7 +103,7 @@ class Camera:
     def _finished(self, buffers: Buffers, rgb: Picture) -> Picture:
         """Put the display into a picture and code it."""
         shown = buffers.projection.nominal.shown
-        if shown:
+        if shown and self._scenario.display_layout:
             rgb = self._overlay(self._font(buffers.projection.nominal.frame)).blend(rgb, shown)
         return recompress(rgb, self._scenario.optics.recompress_quality)
 
@@ -178,7 +178,7 @@ class Camera:
 
 def _overlay(scenario: Scenario, font: Font) -> Overlay:
     layout = scenario.display_layout
-    assert layout is not None  # something is shown
+    assert layout is not None
     return Overlay(layout, faces.face(font), faces.ink(font))
 
 
