@@ -189,12 +189,8 @@ _KEPT = 4  # scenes: two of each side
 
 
 def _plain(scenario: Scenario) -> dict[str, Any]:
-    """Give a scene's plain data, with every table that it may have."""
-    given = scenario.to_dict()
-    absent = {
-        name: msgspec.to_builtins(getattr(scenario, name)) for name in set(Scenario.__struct_fields__) - given.keys()
-    }
-    return absent | given
+    """Give a scene's plain data, those included that a file leaves out by default."""
+    return dict(msgspec.to_builtins(scenario))
 
 
 def _json(data: Any, status: int = 200) -> Response:
