@@ -43,6 +43,10 @@ def ask(address, path, method="GET", *, token=True, headers=None, body=None, chu
         pass  # it answered before it had read everything
     try:
         answer = connection.getresponse()
-        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read(), answer.getheaders())
+        try:
+            content = answer.read()
+        except (http.client.IncompleteRead, ConnectionResetError):  # what was not read of the request resets it
+            content = b""
+        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, content, answer.getheaders())
     finally:
         connection.close()
