@@ -80,7 +80,7 @@ HARD = (
     ),
 )  # fmt: skip
 
-# What no net has learned: verify learns from what the others take for the grab. Half of the frames show the grab, and
+# What no net has learned: verify learns from what the others take for the grab. Most frames show the grab, and
 # with it ropes that do not end at those that are parked.
 MIXED: dict[str, Any] = CROWDED | {"swing.absent": 0.4, "clip.clip_frames": 2}
 VERIFY = (
@@ -147,7 +147,8 @@ def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threa
 
 def verify(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
     """Train a fourth net for the detector to begin with; returns all four."""
-    from simgrab.training.detector.verify import OTHERS, recipe, train_verify
+    from simgrab.training.detector.train import NETS
+    from simgrab.training.detector.verify import recipe, train_verify
 
     paths = rendered(VERIFY, work, quick=quick, workers=workers)
     out = work / "verify"
@@ -156,7 +157,7 @@ def verify(work: Path, *, quick: bool, start: Path | None, workers: int, threads
             paths, start or ROOT / "assets" / "weights", out, recipe(quick=quick, threads=threads), resume=True,
             watch=shown.step, report=shown.training("verify"),
         )  # fmt: skip
-    return [out / f"{name}.onnx" for name in (*OTHERS, "verify")]
+    return [out / f"{name}.onnx" for name in (*NETS, "verify")]
 
 
 def reader(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:  # noqa: ARG001

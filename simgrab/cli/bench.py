@@ -131,7 +131,7 @@ def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path 
             column.justify = "left" if i < 2 else "right"
         console.print(made)
         console.print(
-            "recall: average recall. Alarms missed, false. Intervals and more figures: --out, --page.", highlight=False
+            "recall: average recall; missed, false: alarms. Intervals and more figures: --out, --page.", highlight=False
         )
 
 

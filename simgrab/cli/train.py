@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,21 @@ if TYPE_CHECKING:
 @click.group(name="train")
 def command() -> None:
     """Train the instrument's networks from rendered datasets. Needs `pip install 'simgrab[train]'`."""
+
+
+def _training(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of every training of the detector's networks."""
+    options = (
+        click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda."),
+        click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores."),
+        click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]"),
+        click.option("--resume", is_flag=True, help="Continue an interrupted training."),
+        click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON."),
+        click.option("--quiet", is_flag=True, help="Print errors only."),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
 
 
 def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
@@ -66,12 +81,7 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
 @click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the others]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
-@click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")
-@click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores.")
-@click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]")
-@click.option("--resume", is_flag=True, help="Continue an interrupted training.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-@click.option("--quiet", is_flag=True, help="Print errors only.")
+@_training
 def detector(
     datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: str | None, frames: int | None,
     hard: tuple[Path, ...], start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None,
@@ -165,17 +175,12 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
 @click.option("--quick", is_flag=True, help="About a quarter of the time.")
 @click.option("--epochs", type=int, help="Epochs.  [default: 18, or 4 with --quick]")
 @click.option("--batch", default=32, show_default=True, help="Batch size.")
-@click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")
-@click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores.")
-@click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]")
-@click.option("--resume", is_flag=True, help="Continue an interrupted training.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-@click.option("--quiet", is_flag=True, help="Print errors only.")
+@_training
 def verify(
     datasets: tuple[Path, ...], out: Path, start: str, seed: int, quick: bool, epochs: int | None, batch: int,
     device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """Train a detector's fourth network, which tells the hanging grab from parked ones by its ropes.
+    """Train a detector's fourth network, which distinguishes the hanging grab from parked ones by its ropes.
 
     DATASETS of `simgrab render` should be unknown to the detector. OUT gets all four networks, and is a detector.
     """

@@ -22,7 +22,7 @@ from simgrab.labels import datasets  # noqa: E402
 from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
 from simgrab.training.detector.augment import Turn  # noqa: E402
 from simgrab.training.detector.nets import Refine, Verify  # noqa: E402
-from simgrab.training.detector.train import train  # noqa: E402
+from simgrab.training.detector.train import NETS, train  # noqa: E402
 
 START = SHIPPED[ANY_GRAB]
 pytestmark = pytest.mark.skipif(not (START / "find.onnx").exists(), reason="no detector's weights are bundled")
@@ -87,7 +87,7 @@ def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
     facts, before = (open_net(folder / "settle.onnx").facts for folder in (four, START))
     assert facts["verified"] is True
     assert facts["trust"] == before["trust"]
-    for name in (*verify.OTHERS, "verify"):
+    for name in (*NETS, "verify"):
         model = (four / f"{name}.onnx").read_bytes()
         assert json.loads((four / f"{name}.json").read_text())["model_sha256"] == hashlib.sha256(model).hexdigest()
     card = json.loads((four / "verify.json").read_text())

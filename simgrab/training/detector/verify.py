@@ -1,8 +1,8 @@
 """What verify learns: whether a box holds the grab, in a crop that shows more of what is around it.
 
-Grabs that other cranes have parked look like the one that hangs, above all if both are of kinds never shown. What tells
-them apart does not depend on the kind: the ropes end at the grab that hangs. Refine and settle, whose crops end close
-to the box, see little of them.
+Grabs that other cranes have parked look like the one that hangs, above all if both are of kinds never shown. What
+distinguishes them does not depend on the kind: the ropes end at the grab that hangs. The crops of refine and settle end
+close to the box, and show little of the ropes.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ from simgrab.training.detector.nets import Refine, Verify
 from simgrab.training.detector.refine import CROP, ROOM, Crops, stack
 from simgrab.training.detector.settings import has_half_units
 from simgrab.training.detector.start import begun
+from simgrab.training.detector.train import NETS
 from simgrab.training.folder import check, claim
 from simgrab.training.loop import SCORE
 from simgrab.training.recipe import Recipe
+from simgrab.utilities.files import sha256
 
-OTHERS = ("find", "refine", "settle")
 TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
 _MEASURED = 128  # examples for the statistics of the stages that are taken over
 _TIMES = 2  # examples of each frame: of the grab, and of other things
@@ -203,7 +204,7 @@ def train_verify(
     step = watch or (lambda _: lambda _done, _total: None)
     with claim(out, resume=resume):
         digest = hashlib.sha256(
-            "".join([datasets.digest(sets), *(_sha256(detector / f"{name}.onnx") for name in OTHERS)]).encode()
+            "".join([datasets.digest(sets), *(sha256(detector / f"{name}.onnx") for name in NETS)]).encode()
         ).hexdigest()
         chosen = {name: cache.frames(sets, name) for name in ("train", "val")}
         crops = {}
@@ -249,7 +250,7 @@ def _begun(detector: Path, task: Verifying) -> Verify:
 def _assemble(out: Path, detector: Path, val: Sequence[cache.Frame], progress: cache.Progress) -> dict[str, Any]:
     """Put the other nets beside verify, with a presence threshold for all together; figures on validation frames."""
     facts = open_net(detector / "settle.onnx").facts | {"verified": True}
-    export.copy(OTHERS, detector, out)
+    export.copy(NETS, detector, out)
     export.restated(out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(Settings(least_presence=0.0))})
     seen = evaluate.watch(Bundled(out), val, progress)
     presence = round(evaluate.least_presence(seen), 4)
@@ -275,7 +276,3 @@ def suspects(
         if progress:
             progress(len(result), len(frames))
     return result
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
