@@ -17,6 +17,7 @@ from typing import Any
 import click
 import msgspec
 
+from scripts.background_photographs import SCENE, prepare
 from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import board, drawing
@@ -27,6 +28,7 @@ from simgrab.utilities.files import drafted
 from simgrab.world.output.dataset import render
 
 ROOT = Path(__file__).parents[1]
+BACKGROUNDS = "backgrounds"  # folder of photographs, and the scene that shows them
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Source:
     """A dataset to render: a scene, what differs from it, how many frames (and how many in a hurry), and the seed.
 
     ``kept`` names the places that a scene of many is kept to, each by the key that varies it. ``size``
-    is the image size, px; the field of view stays.
+    is the image size, px; the field of view stays. A scene that is a file is looked for in the folder of the datasets.
     """
 
     name: str
@@ -91,6 +93,7 @@ VERIFY = (
         "verify-hard-places", "training", MIXED | {"vary": CROWDED["vary"] | {"clutter.kinds": ANY_KIND}}, 240, 120, 45,
         ROOMY, size=HALF,
     ),
+    Source("verify-photo", f"{BACKGROUNDS}/{SCENE}", {}, 480, 120, 46, size=(640, 360)),
 )  # fmt: skip
 
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
@@ -101,7 +104,7 @@ READER = Source("digits", "digits", {}, 3024, 960, 0)
 
 def rendered(sources: Sequence[Source], work: Path, *, quick: bool, workers: int) -> list[Path]:
     """Render datasets, or what is missing of them."""
-    scenarios = [scenario(source, quick=quick) for source in sources]  # all of them, before hours of rendering
+    scenarios = [scenario(source, work, quick=quick) for source in sources]  # all of them, before hours of rendering
     out = [work / source.name for source in sources]
     for drawn, path in zip(scenarios, out, strict=True):
         with drawing(f"drawing {path.name}", shown=True) as (progress, checking):
@@ -109,10 +112,11 @@ def rendered(sources: Sequence[Source], work: Path, *, quick: bool, workers: int
     return out
 
 
-def scenario(source: Source, *, quick: bool) -> Scenario:
+def scenario(source: Source, work: Path, *, quick: bool) -> Scenario:
     """Return what is rendered."""
     frames = source.quick if quick else source.frames
-    result = scenes.load(source.scene, {**source.changes, "frames": frames, "seed": source.seed}, size=source.size)
+    scene = work / source.scene if source.scene.endswith(".toml") else source.scene
+    result = scenes.load(scene, {**source.changes, "frames": frames, "seed": source.seed}, size=source.size)
     for key, names in source.kept.items():
         result = only(result, key, names)
     return result
@@ -150,6 +154,7 @@ def verify(work: Path, *, quick: bool, start: Path | None, workers: int, threads
     from simgrab.training.detector.train import NETS
     from simgrab.training.detector.verify import recipe, train_verify
 
+    prepare(work / BACKGROUNDS)
     paths = rendered(VERIFY, work, quick=quick, workers=workers)
     out = work / "verify"
     with board(shown=True) as shown:

@@ -2,11 +2,14 @@
 
 from functools import cache
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scripts import build_weights
+from scripts.background_photographs import SCENE
 from simgrab import scenes
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import JOINT
@@ -15,6 +18,7 @@ EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
 FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
 LEARNED = ("training", "training-shapes")
+SOURCES = (*build_weights.DETECTOR, *build_weights.HARD, *build_weights.VERIFY, build_weights.READER)
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
 load = cache(scenes.load)
@@ -38,14 +42,19 @@ def cargoes(scene: Scenario) -> set[str]:
 def test_there_is_an_exam_for_each_weather():
     assert set(EXAMS) == {f"exam-{name}" for name in (*WEATHERS, *(f"family-{family}" for family in FAMILIES))}
     assert len({load(name).seed for name in EXAMS} | {load("training").seed}) == len(EXAMS) + 1
-    learned = {source.seed for source in (*build_weights.DETECTOR, *build_weights.HARD, build_weights.READER)}
+    learned = {source.seed for source in SOURCES}
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
 
 
 @pytest.mark.parametrize("quick", [False, True])
-def test_what_weights_are_built_of_can_be_drawn(quick):
-    for source in (*build_weights.DETECTOR, *build_weights.HARD, build_weights.READER):
-        drawn = build_weights.scenario(source, quick=quick)
+def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path):
+    (tmp_path / build_weights.BACKGROUNDS / "photographs").mkdir(parents=True)
+    (tmp_path / build_weights.BACKGROUNDS / SCENE).write_bytes(
+        Path(build_weights.__file__).with_name(SCENE).read_bytes()
+    )
+    Image.new("RGB", (64, 36)).save(tmp_path / build_weights.BACKGROUNDS / "photographs" / "yard.png")
+    for source in SOURCES:
+        drawn = build_weights.scenario(source, tmp_path, quick=quick)
         assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)
         for key, names in source.kept.items():
             assert len(values(drawn, key)) == len(names) < len(values(load(source.scene), key))

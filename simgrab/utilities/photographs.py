@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from simgrab.utilities.models import MOST_BYTES, MOST_FILES, Files, Model, remember
+from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
 
 PHOTOGRAPHS = ("jpg", "jpeg", "png", "webp", "bmp")
@@ -25,6 +25,8 @@ VIDEOS = ("mp4", "mkv", "avi", "mov")
 MOST_PIXELS = 40_000_000
 """Of a photograph, or of a frame of a video."""
 LEAST_SIDE_PX = 32
+MOST_FILES = 1000
+"""Of a folder."""
 MOST_FRAMES = 20_000
 """Of a video."""
 _KEPT = 4  # photographs that stay decoded

