@@ -35,6 +35,7 @@ MANY_FACES = 150_000
 _ASIDE = 0.05  # share of the width by which the centre of mass may lie beside the ropes' axis
 _HINGE_M = 0.5  # a hinge so far outside of the grab is likely in another unit
 _FAR_M = 0.15  # a rope's end so far from any steel ends in the air
+_MOST_LISTED = 20  # groups of nodes, and nodes
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
 
@@ -130,7 +131,9 @@ def _listed(parts: list[Piece]) -> str:
             below.setdefault(node, set()).add(piece.nodes[0])
     alone = sorted({piece.nodes[0] for piece in parts} - set(below))
     groups = [f"{node} ({', '.join(sorted(held)[:4])}{', …' if len(held) > 4 else ''})" for node, held in below.items()]
-    return ", ".join(sorted(groups)[:20] + alone[:20])
+    left_out = max(len(groups) - _MOST_LISTED, 0) + max(len(alone) - _MOST_LISTED, 0)
+    more = [f"and {left_out} more"] if left_out else []
+    return ", ".join(sorted(groups)[:_MOST_LISTED] + alone[:_MOST_LISTED] + more)
 
 
 def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) -> list[tuple[str, str]]:

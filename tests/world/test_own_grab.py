@@ -531,6 +531,17 @@ def test_the_check_doubts_jaws_that_close_as_they_open_and_hinges_in_the_air(fil
     assert re.search(doubt, doubts) if doubt else not re.search("inwards|hinge", doubts)
 
 
+def test_the_check_says_how_many_nodes_it_does_not_list(tmp_path):
+    scene = trimesh.Scene()
+    for i in range(23):
+        scene.add_geometry(
+            trimesh.creation.box((1, 1, 0.1)), node_name=f"N{i:02d}", transform=translation_matrix((0, 0, i / 8))
+        )
+    scene.export(tmp_path / "many.glb")
+    nodes = dict(own_grab.check(own_grab.scene_of(tmp_path / "many.glb", {"grab.up": "z"})).facts)["nodes"]
+    assert nodes == ", ".join(f"N{i:02d}" for i in range(20)) + ", and 3 more"
+
+
 def test_the_check_gives_points_as_keys_take_them_and_every_node_that_a_jaw_can_name(tmp_path):
     """What is printed can be given again: nothing moves."""
     scene = trimesh.Scene()
