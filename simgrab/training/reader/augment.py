@@ -10,6 +10,9 @@ from simgrab.training.reader.cells import SPARE_PX
 
 JPEG_BLOCK_PX = 8
 TORN = 0.3, 0.7  # of a box's height: torn there it is neither digit
+# Of what is seen, over what the cell shows: cells that are drawn by hand are too large more often than too small.
+SCALES = 0.9, 1.25
+TIGHT, TIGHT_SCALES = 0.5, (0.96, 1.04)  # share of cells that fit their digits, and of these
 
 
 def altered(box: Picture, rng: np.random.Generator) -> Crops:
@@ -47,10 +50,14 @@ def torn(above: Picture, below: Picture, rng: np.random.Generator) -> Picture:
 
 
 def _moved(box: Picture, rng: np.random.Generator) -> Picture:
-    """Shift by a pixel or so and scale by a few per cent."""
+    """Shift by a pixel or so, in loose cells by more, and scale."""
     height, width = box.shape[0] - 2 * SPARE_PX, box.shape[1] - 2 * SPARE_PX
-    scale = rng.uniform(0.96, 1.04, 2)
     shift = rng.normal(0, 0.6, 2).clip(-1.6, 1.6)
+    if rng.random() < TIGHT:
+        scale = rng.uniform(*TIGHT_SCALES, 2)
+    else:
+        scale = rng.uniform(*SCALES, 2)
+        shift += rng.uniform(-0.5, 0.5, 2) * np.maximum(scale - 1, 0) * (width, height)
     middle = np.array([box.shape[1] - 1, box.shape[0] - 1]) / 2
     target = np.array([width - 1, height - 1]) / 2
     m = np.array([[scale[0], 0, middle[0] + shift[0] - scale[0] * target[0]],

@@ -19,7 +19,7 @@ from simgrab.records.frame_files import picture
 from simgrab.rng import stream
 from simgrab.scenario import variants
 
-SPARE_PX = 3  # around a cell's margin, for shifts
+SPARE_PX = 8  # around a cell's margin, for shifts and larger scales
 ELSEWHERE = 3  # boxes of each picture that lie off the display
 HALVES = 2  # boxes of each picture that lie half off a digit
 
