@@ -1,10 +1,10 @@
 """Measure swing in clips by MuJoCo and by Blender: ``python -m scripts.foreign_clips --blender PYTHON``.
 
-PYTHON is an interpreter that can import bpy, as `scripts.foreign_exam` takes it. Without it the clips are scored, as far
-as they are there. Each clip is one world: working cycles of the default grab by day, at dusk and at night, over a level
-yard, seen by a fixed camera. simgrab labels it and renders it with MuJoCo. Blender path-traces the same moments with
-materials, ground, light, sensor, coder and digits replaced, as the exam's condition "all" does. The camera is the same
-over a clip; only its noise differs from frame to frame. Both videos are measured as ``simgrab run`` does.
+PYTHON is an interpreter that can import bpy, as `scripts.foreign_exam` takes it. Without it the clips are scored, as
+far as they are there. Each clip is one world: working cycles of the default grab by day, at dusk and at night, over a
+level yard, seen by a fixed camera. simgrab labels it and renders it with MuJoCo. Blender path-traces the same moments
+with materials, ground, light, sensor, coder and digits replaced, as the exam's condition "all" does. The camera is the
+same over a clip; only its noise differs from frame to frame. Both videos are measured as ``simgrab run`` does.
 
 Whatever is made stays in the folder, and the same command goes on where it was interrupted, frame by frame.
 """

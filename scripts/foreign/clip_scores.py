@@ -141,13 +141,11 @@ def strip(path: Path, measured: Run, known: Truths) -> NDArray[np.uint8]:
                     x0, y0, x1, y1 = (round(float(side)) for side in box)
                     cv2.rectangle(picture, (x0, y0), (x1, y1), colour, max(picture.shape[1] // 480, 1))
             tile = cv2.resize(picture, TILE_PX, interpolation=cv2.INTER_AREA)
-            angles = [np.degrees(known.alpha[number]), np.degrees(measured.alpha[number])]
-            text = "{:.1f} s: alpha {:.1f}, measured {:.1f}".format(
-                0.0 if frame.time_s is None else frame.time_s, *angles
-            )
-            place = (8, TILE_PX[1] - 10)
-            for colour, width in (((0, 0, 0), 3), (WHITE, 1)):
-                cv2.putText(tile, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+            true, angle = np.degrees(known.alpha[number]), np.degrees(measured.alpha[number])
+            text = f"{frame.time_s:.1f} s: {true:.1f} deg, measured {angle:.1f} ({one.status})"
+            cv2.rectangle(tile, (0, TILE_PX[1] - 20), TILE_PX, (0, 0, 0), cv2.FILLED)
+            place = (8, TILE_PX[1] - 6)
+            cv2.putText(tile, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, WHITE, 1, cv2.LINE_AA)
             tiles.append(np.asarray(tile, np.uint8))
     tiles += [np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)] * (COLUMNS - len(tiles))
     return np.concatenate(tiles, axis=1)
