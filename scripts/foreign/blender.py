@@ -1,11 +1,13 @@
 """Path-trace exported scenes as a job file says; `scripts.foreign_exam` runs it by an interpreter that can import bpy.
 
 bpy is licensed under the GPL: simgrab neither installs nor imports it, and measures with it where a user has it. The
-file imports NumPy alone beside it. A job is JSON: a list of tables with the arguments of `render`.
+file imports NumPy alone beside it. A job is JSON: a list of tables with the arguments of `render`, or one such table of
+a scene of several frames, which are then rendered as `scripts.bench_scene.serve` is asked to.
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import sys
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from scripts.bench_blender import Blender
-from scripts.bench_scene import Array, ExportedScene
+from scripts.bench_scene import Array, ExportedScene, serve
 from scripts.foreign.surfaces import PLACE, Surfaces
 from scripts.foreign.yard import Yard
 
@@ -26,7 +28,7 @@ AGX_LEVEL = 0.16  # mean linear luminance that the AgX view transform is given
 
 
 class Foreign(Blender):
-    """A scene of one frame in linear light, in which some things are replaced.
+    """A scene in linear light, in which some things are replaced. Of several frames, the first one is posed first.
 
     Parameters
     ----------
@@ -41,16 +43,20 @@ class Foreign(Blender):
         self._table, self._replaced = table, frozenset(table["replaced"])
         self._rng = np.random.default_rng(table["seed"])
         self._surfaces: Surfaces | None = None
+        self._carried: list[tuple[Any, Array]] = []
+        self._tone: tuple[float, str] | None = None
+        self._light: Array | None = None
         super().__init__(scene, "cycles")
         self.pose(0)
         if "ground" in self._replaced:
             Yard(self._bpy, self._rng, table["photographs"]).build(
-                scene.jib_from_camera[0], ground=table["ground_m"], ceiling=table["ceiling_m"]
+                scene.jib_from_camera, ground=table["ground_m"], ceiling=table["ceiling_m"]
             )
 
     def _prepare(self, engine: str) -> None:
         render, cycles = self._scene.render, self._scene.cycles
         render.engine = engine.upper()
+        render.use_persistent_data = len(self._exported.jib_from_camera) > 1
         render.threads_mode, render.threads = "FIXED", self._table["threads"]
         cycles.device, cycles.seed = "CPU", 1
         cycles.use_adaptive_sampling, cycles.use_denoising, cycles.denoiser = False, True, "OPENIMAGEDENOISE"
@@ -61,14 +67,18 @@ class Foreign(Blender):
         cycles.sample_clamp_indirect = 4.0
 
     def _chosen(self) -> Any:
-        shown = self._exported.shown[0].copy()
+        shown = self._exported.shown
         if "ground" in self._replaced:
-            shown &= self._exported.groups[0] != PLACE
-        return np.flatnonzero(shown)
+            shown = shown & (self._exported.groups != PLACE)
+        return np.flatnonzero(shown.any(axis=0))
+
+    def _group(self, geom: int) -> int:
+        """Group of a geom in the first frame that shows it."""
+        return int(self._exported.groups[self._exported.shown[:, geom].argmax(), geom])
 
     def _material(self, geom: int) -> Any:
         scene = self._exported
-        group, texture = int(scene.groups[0, geom]), int(scene.texture[geom])
+        group, texture = self._group(geom), int(scene.texture[geom])
         colour = linear(np.clip(scene.colours[geom], 0.0, 1.0))
         if "textures" in self._replaced:
             if self._surfaces is None:
@@ -127,7 +137,10 @@ class Foreign(Blender):
             camera + (rng.uniform(-2.5, 2.5), side * rng.uniform(1.0, 3.0), rng.uniform(0.2, 1.2)) for side in (-1, 1)
         ]
         for place in places:  # at the jib head, behind the camera
-            self._lamp(place, (rng.uniform(-2, 2), rng.uniform(-2, 2), -25.0), 4000 * rng.uniform(0.6, 1.6), tint)
+            lamp = self._lamp(
+                place, (rng.uniform(-2, 2), rng.uniform(-2, 2), -25.0), 4000 * rng.uniform(0.6, 1.6), tint
+            )
+            self._carried.append((lamp, np.array(lamp.matrix_basis)))
         for _ in range(int(rng.integers(1, 4))):  # masts of the yard
             angle, far = rng.uniform(0, 2 * math.pi), rng.uniform(22, 45)
             place = np.array(
@@ -137,7 +150,7 @@ class Foreign(Blender):
             self._lamp(place, (0.0, 0.0, self._table["ground_m"]), 20000 * rng.uniform(0.3, 1.2), tint)
         return world
 
-    def _lamp(self, place: Array, towards: Sequence[float], watts: float, tint: tuple[float, float, float]) -> None:
+    def _lamp(self, place: Array, towards: Sequence[float], watts: float, tint: tuple[float, float, float]) -> Any:
         import mathutils  # type: ignore[import-not-found]
 
         light = self._bpy.data.lights.new("lamp", "AREA")
@@ -147,6 +160,27 @@ class Foreign(Blender):
         thing.location, thing.rotation_mode = place, "QUATERNION"
         thing.rotation_quaternion = mathutils.Vector(np.subtract(towards, place)).to_track_quat("-Z", "Y")
         self._scene.collection.objects.link(thing)
+        return thing
+
+    def pose(self, frame: int) -> None:
+        """Put camera, geoms and the lamps of the jib head where they are in a frame."""
+        import mathutils
+
+        super().pose(frame)
+        for lamp, first in self._carried:
+            lamp.matrix_basis = mathutils.Matrix(np.array(self._table["jib_poses"][frame]) @ first)
+
+    def render(self, frame: int) -> None:
+        """See `scripts.bench_scene.SceneRenderer.render`."""
+        self.pose(frame)
+        self._scene.cycles.seed = frame + 1
+        self._light = self.light(self._table["samples"])
+
+    def save(self, path: str) -> None:
+        """Write linear light of the frame rendered last as an array."""
+        assert self._light is not None
+        with Path(path).open("wb") as file:
+            np.save(file, self._light.astype(np.float16))
 
     def light(self, samples: int) -> Array:
         """Render linear light, shape (height, width, 3). The foreign light comes through the AgX view transform."""
@@ -157,8 +191,10 @@ class Foreign(Blender):
             return light
         level = float((light[4::8, 4::8] @ (0.2126, 0.7152, 0.0722)).mean())
         view = self._scene.view_settings
-        view.exposure = math.log2(AGX_LEVEL * self._rng.uniform(0.7, 1.5) / max(level, 1e-6))
-        view.look = str(self._rng.choice(["None", "Medium High Contrast", "High Contrast"]))
+        if self._tone is None:  # that of all frames
+            looks = ["None", "Medium High Contrast", "High Contrast"]
+            self._tone = self._rng.uniform(0.7, 1.5), str(self._rng.choice(looks))
+        view.exposure, view.look = math.log2(AGX_LEVEL * self._tone[0] / max(level, 1e-6)), self._tone[1]
         return linear(self._read("PNG", "16", "AgX"))
 
     def ids(self, finer: int, window: Sequence[int]) -> Any:
@@ -173,7 +209,7 @@ class Foreign(Blender):
         """
         scene, cycles, render = self._scene, self._scene.cycles, self._scene.render
         for geom, thing in self._geoms.items():
-            thing.data.materials[0] = self._flat((int(self._exported.groups[0, geom]) + 1) / 8)
+            thing.data.materials[0] = self._flat((self._group(geom) + 1) / 8)
         for thing in scene.objects:
             if thing.type == "LIGHT" or (thing.type == "MESH" and thing not in self._geoms.values()):
                 thing.hide_render = True
@@ -237,6 +273,8 @@ def render(table: dict[str, Any]) -> None:
         ``dusk``: whether the sun is low. ``ground_m``, ``ceiling_m``: z of the foreign yard, and of what is highest on
         it. ``photographs``: path of an archive of pictures for it. ``seed``, ``samples``, ``threads``. ``out``: where
         linear light goes as an array. ``ids``: where ids go as an array, or none; ``ids_finer`` and ``ids_window``.
+        ``jib_poses``: of a scene of several frames alone, which is given in the jib frame of its first frame: pose of
+        each frame's jib frame in that one, shape (frames, 4, 4).
     """
     made = Foreign(ExportedScene.load(Path(table["scene"])), table)
     if table["out"]:
@@ -245,6 +283,15 @@ def render(table: dict[str, Any]) -> None:
         np.save(table["ids"], made.ids(table["ids_finer"], table["ids_window"]))
 
 
-if __name__ == "__main__":
-    for each in json.loads(Path(sys.argv[1]).read_text()):
+def main(path: Path) -> None:
+    """Render a list of scenes; or serve the frames of one, of whose table ``out`` and ``ids`` are not needed."""
+    job = json.loads(path.read_text())
+    if isinstance(job, dict):
+        serve(functools.partial(Foreign, table=job), Path(job["scene"]))
+        return
+    for each in job:
         render(each)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

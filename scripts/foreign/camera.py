@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import av
 import cv2
@@ -34,7 +35,8 @@ FONTS = tuple(
     Path(matplotlib.get_data_path()) / "fonts" / "ttf" / f"{name}.ttf"
     for name in ("DejaVuSansMono", "DejaVuSans-Bold", "DejaVuSerif", "STIXGeneral")
 )
-CODERS = ("webp", "avif", "4:1:1 JPEG", "hevc", "vp9", "mpeg4")
+VIDEO_CODERS = ("hevc", "vp9", "mpeg4")
+CODERS = ("webp", "avif", "4:1:1 JPEG", *VIDEO_CODERS)
 
 
 def photographed(
@@ -57,6 +59,21 @@ def photographed(
     tuple of bytes and str
         The file and its suffix: JPEG as simgrab stores it, or PNG of what another coder left.
     """
+    rgb = before_coding(scenario, buffers, light, replaced, rng, rng)
+    if "coder" in replaced:
+        return encode(cv2.cvtColor(foreign_coder(rgb, rng), cv2.COLOR_RGB2BGR), "png", 0), ".png"
+    rgb = recompress(rgb, scenario.optics.recompress_quality)
+    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality), ".jpg"
+
+
+def before_coding(
+    scenario: Scenario, buffers: Buffers, light: Light, replaced: Collection[str], rng: Generator, noise: Generator
+) -> Picture:
+    """Make the picture that `photographed` codes, RGB of shape (height, width, 3).
+
+    ``rng`` is of the camera: its properties, fonts and colours. ``noise`` is of the exposure. Where ``rng`` is the same
+    and ``noise`` another one, the same camera takes another picture.
+    """
     own = structs.replace(
         scenario,
         display=structs.replace(scenario.display, layout="none"),
@@ -69,16 +86,13 @@ def photographed(
             optics=structs.replace(own.optics, exposure=FixedExposure()),
         )
     if "sensor" in replaced:
-        rgb = foreign_sensor(_lit(own, buffers, light), rng)
+        rgb = foreign_sensor(_lit(own, buffers, light), rng, noise)
     else:
         rgb = Camera(own).develop(replace(buffers, rgb=light)).rgb
     layout, shown = scenario.display_layout, buffers.projection.nominal.shown
     if layout and shown:
         rgb = foreign_digits(rgb, layout, shown, rng) if "digits" in replaced else Overlay(layout).blend(rgb, shown)
-    if "coder" in replaced:
-        return encode(cv2.cvtColor(foreign_coder(rgb, rng), cv2.COLOR_RGB2BGR), "png", 0), ".png"
-    rgb = recompress(rgb, scenario.optics.recompress_quality)
-    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality), ".jpg"
+    return rgb
 
 
 def _lit(scenario: Scenario, buffers: Buffers, light: Light) -> Light:
@@ -96,8 +110,12 @@ def _lit(scenario: Scenario, buffers: Buffers, light: Light) -> Light:
     return lamps.lit(light, by)
 
 
-def foreign_sensor(light: Light, rng: Generator) -> Picture:
-    """Take a picture with a colour filter mosaic, Poisson and read noise, denoising, sharpening and tone curve."""
+def foreign_sensor(light: Light, rng: Generator, noise: Generator | None = None) -> Picture:
+    """Take a picture with a colour filter mosaic, Poisson and read noise, denoising, sharpening and tone curve.
+
+    The noise is of ``rng`` too unless ``noise`` is given; see `before_coding`.
+    """
+    noise = noise or rng
     height, width = light.shape[:2]
     y, x = np.mgrid[-1 : 1 : complex(height), -1 : 1 : complex(width)]
     x, y = x - rng.uniform(-0.1, 0.1), y - rng.uniform(-0.1, 0.1)
@@ -111,7 +129,7 @@ def foreign_sensor(light: Light, rng: Generator) -> Picture:
     mosaic = np.empty((height, width))
     for channel, (rows, columns) in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
         mosaic[rows::2, columns::2] = (level[..., channel] * balance[channel])[rows::2, columns::2]
-    electrons = rng.poisson(np.minimum(mosaic, 4.0) * well) + rng.normal(0, read, mosaic.shape)
+    electrons = noise.poisson(np.minimum(mosaic, 4.0) * well) + noise.normal(0, read, mosaic.shape)
     raw = np.clip(electrons / well, 0, 1) * 65535
     rgb = cv2.demosaicing(raw.astype(np.uint16), cv2.COLOR_BayerBG2RGB).astype(np.float32) / 65535
     shoulder = rng.uniform(0.0, 0.6)
@@ -178,12 +196,18 @@ def coded(rgb: Picture, coder: str, quality: float) -> Picture:
         suffix, options = still[coder]
         _, data = cv2.imencode(suffix, bgr, options)
         return np.asarray(cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB))
-    return _filmed(rgb, coder, quality)
+    file = io.BytesIO()
+    film(file, "matroska", [rgb], 25, coder, quality)
+    file.seek(0)
+    with av.open(file, "r") as coded_file:
+        frame = next(coded_file.decode(video=0))
+        return np.ascontiguousarray(frame.to_ndarray(format="rgb24")[: rgb.shape[0], : rgb.shape[1]])
 
 
-def _filmed(rgb: Picture, coder: str, quality: float) -> Picture:
-    """Code a picture as the only one of a video."""
-    height, width = rgb.shape[:2]
+def film(
+    file: BinaryIO | str, container: str, frames: Iterable[Picture], rate_hz: float, coder: str, quality: float
+) -> None:
+    """Code pictures of one size as a video by one of `VIDEO_CODERS`; an odd side gets a pixel more."""
     names = {
         "hevc": (
             "libx265",
@@ -193,16 +217,13 @@ def _filmed(rgb: Picture, coder: str, quality: float) -> Picture:
         "mpeg4": ("mpeg4", {"qmin": str(round(18 - 13 * quality)), "qmax": str(round(18 - 13 * quality))}),
     }
     name, options = names[coder]
-    even = np.pad(rgb, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-    file = io.BytesIO()
-    with av.open(file, "w", format="matroska") as container:
-        stream: Any = container.add_stream(name, rate=25, options=options)
-        stream.width, stream.height, stream.pix_fmt = even.shape[1], even.shape[0], "yuv420p"
-        stream.thread_count = 1
-        packets = [*stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")), *stream.encode(None)]
-        for packet in packets:
-            container.mux(packet)
-    file.seek(0)
-    with av.open(file, "r") as coded_file:
-        frame = next(coded_file.decode(video=0))
-        return np.ascontiguousarray(frame.to_ndarray(format="rgb24")[:height, :width])
+    with av.open(file, "w", format=container) as opened:
+        stream: Any = opened.add_stream(name, rate=Fraction(rate_hz).limit_denominator(1001), options=options)
+        stream.pix_fmt, stream.thread_count = "yuv420p", 1
+        for number, rgb in enumerate(frames):
+            height, width = rgb.shape[:2]
+            even = np.pad(rgb, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+            if not number:
+                stream.width, stream.height = even.shape[1], even.shape[0]
+            opened.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
+        opened.mux(stream.encode(None))

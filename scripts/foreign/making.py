@@ -155,7 +155,7 @@ class Maker:
         with tempfile.TemporaryDirectory() as temporary:
             place = Path(temporary)
             exported(generator, range(1)).save(place / "scene.npz")
-            np.savez(place / "photographs.npz", **_surfaces())
+            np.savez(place / "photographs.npz", **surface_photographs())
             lights = {CONDITIONS[name].light: CONDITIONS[name].render for name in missing}
             points = generator.scene(0).world.plan.grab_points(projection.moment.grab)
             pose = projection.moment.grab.jib_from_grab
@@ -260,7 +260,7 @@ class IdWindow:
         return mask
 
 
-def _surfaces() -> dict[str, Any]:
+def surface_photographs() -> dict[str, Any]:
     """Photographs of surfaces, RGB."""
     grey = {name: getattr(samples_of_skimage, name)() for name in SURFACES}
     return {name: np.repeat(picture[..., None], 3, axis=2) for name, picture in grey.items()}

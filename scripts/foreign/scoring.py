@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from scripts.foreign.making import Agreement, picture
-from scripts.foreign.worlds import CONDITIONS, World, beside, with_mujoco
+from scripts.foreign.worlds import CONDITIONS, DEFAULT_FAMILY, World, beside, with_mujoco
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate import detection, reading
@@ -27,7 +27,6 @@ from simgrab.world.output.stored import Record
 
 LEVEL = (0.025, 0.975)
 TILE_PX = (480, 270)
-DEFAULT_GRAB = "four-rope"
 GROUPS: Mapping[str, Callable[[World], str]] = {"time": lambda world: world.time, "family": lambda world: world.family}
 
 Values = Mapping[str, float | None]
@@ -92,7 +91,7 @@ def observations(
 
 def judged(detector: str, world: World) -> bool:
     """Whether a world's grab is of a kind that a detector claims to find."""
-    return detector != "bundled" or world.family == DEFAULT_GRAB
+    return detector != "bundled" or world.family == DEFAULT_FAMILY
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,7 @@ def goals(row: Mapping[str, Any]) -> str:
         ("boxes on at most 0.5 % of frames without a grab", _false(f),
          _met(f["false_share"], lambda v: v <= MOST_FALSE)),
     ]  # fmt: skip
-    return _markdown(("goal with everything foreign", "measured", "by the estimate"), lines)
+    return markdown(("goal with everything foreign", "measured", "by the estimate"), lines)
 
 
 def _met(value: float | None, holds: Callable[[float], bool]) -> str:
@@ -66,7 +66,7 @@ def table(head: str, rows: Mapping[str, Mapping[str, Any]]) -> str:
         less = row["difference"]
         lines.append(_line(name, "Blender", row["foreign"], _less(less), _ratio(less)))
         lines.append(_line("", "MuJoCo", row["mujoco"], "", ""))
-    return _markdown(heads, lines)
+    return markdown(heads, lines)
 
 
 def _line(name: str, by: str, figures: Figures, less: str, ratio: str) -> Sequence[str]:
@@ -87,7 +87,7 @@ def digits(rows: Mapping[str, Any]) -> str:
         for by, one in (("Blender", rows[name]), ("MuJoCo", rows[beside(CONDITIONS[name])])):
             cells = [_counted(one[key]) for key in ("digits_right", "digits_refused")] if one else [DASH, DASH]
             lines.append((f"`{name}`" if by == "Blender" else "", by, *cells))
-    return _markdown(("condition", "by", "digits right of those read", "digits refused"), lines)
+    return markdown(("condition", "by", "digits right of those read", "digits refused"), lines)
 
 
 def _agreement(ids: Mapping[str, Any]) -> str:
@@ -100,7 +100,8 @@ def _agreement(ids: Mapping[str, Any]) -> str:
     )
 
 
-def _markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Make a table."""
     rows = [heads, ["---"] * len(heads), *lines]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from msgspec import structs
+from numpy.random import Generator
 
 from scripts.foreign import grabs
 from simgrab import scenes
@@ -15,12 +16,14 @@ from simgrab.scenario import Clutter, Hold, Iid, Light, Mesh, Plain, Scenario
 from simgrab.world.extensions import Recipe
 
 #: Base scene of each family of grabs. The default grab is in every second world.
+DEFAULT_FAMILY = "four-rope"
 FAMILIES = (
-    ("four-rope", "exam-calm"), ("clamshell or orange-peel", "exam-family-known"),
-    ("four-rope", "exam-calm"), ("scissors", "exam-family-scissors"),
+    (DEFAULT_FAMILY, "exam-calm"), ("clamshell or orange-peel", "exam-family-known"),
+    (DEFAULT_FAMILY, "exam-calm"), ("scissors", "exam-family-scissors"),
 )  # fmt: skip
 TIMES = ("day", "dusk", "night")
 SEEDS = {"tune": 9_310_000, "final": 9_710_000}  # neither half shares a world with the other, training or an exam
+CLIP_SEEDS = 9_510_000  # of `scripts.foreign_clips`, which shares no world with these
 PLAIN_HEADS_M = 22.0, 35.0  # which `jib.head_height_m` allows
 
 
@@ -130,23 +133,12 @@ class World:
         loaded = scenes.load(
             base, still | {"seed": self.seed, "frames": 1, "swing.absent": float(self.empty)}, size=size
         )
-        drawn = Recipe(loaded).variant(0).scenario
-        rng, optics = stream(self.seed, 0, "foreign.time"), drawn.optics
-        light = drawn.light
-        if self.time == "dusk":
-            light = structs.replace(
-                light, sun=float(rng.uniform(0.25, 0.5)), sky=float(rng.uniform(0.25, 0.4)),
-                sun_elevation_deg=float(rng.uniform(10, 18)),
-            )  # fmt: skip
-        if self.time == "night":
-            light = structs.replace(light, sun=0.0, sky=0.012, floodlights=float(rng.uniform(0.045, 0.09)))
-            optics = structs.replace(optics, night_mode="on" if rng.random() < 0.5 else "off")
-        return structs.replace(drawn, light=light, optics=optics)
+        return at_time(Recipe(loaded).variant(0).scenario, self.time, stream(self.seed, 0, "foreign.time"))
 
     def replaced(self, scenario: Scenario, replacement: Replacement, folder: Path) -> Scenario:
         """Replace grab and place; the foreign grab's file goes into the folder."""
         if replacement.ground:
-            scenario = _levelled(scenario)
+            scenario = levelled(scenario)
         if replacement.grab:
             scenario = structs.replace(scenario, grab=self.foreign_grab(folder))
             assert isinstance(scenario.swing, Iid)
@@ -155,15 +147,33 @@ class World:
 
     def foreign_grab(self, folder: Path) -> Mesh:
         """Make a grab of the world's family by other code."""
-        kinds = {"four-rope": ("frame",), "clamshell or orange-peel": ("frame", "tines"), "scissors": ("levers",)}
-        rng = stream(self.seed, 0, "foreign.grab")
-        kind = str(rng.choice(kinds[self.family]))
-        path = folder / "grab.glb"
-        keys = grabs.write(path, kind, rng)
-        return Mesh.of(path, **keys)
+        return foreign_grab(self.family, folder, stream(self.seed, 0, "foreign.grab"))
 
 
-def _levelled(scenario: Scenario) -> Scenario:
+def at_time(scenario: Scenario, time: str, rng: Generator) -> Scenario:
+    """Give a scenario the light of a time of day; by night also floodlights, and perhaps the camera's night mode."""
+    light, optics = scenario.light, scenario.optics
+    if time == "dusk":
+        light = structs.replace(
+            light, sun=float(rng.uniform(0.25, 0.5)), sky=float(rng.uniform(0.25, 0.4)),
+            sun_elevation_deg=float(rng.uniform(10, 18)),
+        )  # fmt: skip
+    if time == "night":
+        light = structs.replace(light, sun=0.0, sky=0.012, floodlights=float(rng.uniform(0.045, 0.09)))
+        optics = structs.replace(optics, night_mode="on" if rng.random() < 0.5 else "off")
+    return structs.replace(scenario, light=light, optics=optics)
+
+
+def foreign_grab(family: str, folder: Path, rng: Generator) -> Mesh:
+    """Make a grab of a family by other code; its file goes into the folder."""
+    kinds = {DEFAULT_FAMILY: ("frame",), "clamshell or orange-peel": ("frame", "tines"), "scissors": ("levers",)}
+    kind = str(rng.choice(kinds[family]))
+    path = folder / "grab.glb"
+    keys = grabs.write(path, kind, rng)
+    return Mesh.of(path, **keys)
+
+
+def levelled(scenario: Scenario) -> Scenario:
     """Put a level yard so far below the jib head that the longest rope of the place reaches no deeper."""
     depth = scenario.place.depth_m if isinstance(scenario.place, Hold) else 0.0
     low, high = PLAIN_HEADS_M
