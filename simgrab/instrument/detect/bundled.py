@@ -66,6 +66,8 @@ _LIKELY = 0.5  # presence in the first of these passes above which a candidate a
 
 
 _VERIFIED = 0.75  # weight of verify's logit in the presence
+# Weight, usual and least value of a box's standard deviation over its longer side, larger where the box is wrong.
+_UNSURE, _USUAL_SD, _LEAST_SD = 2.0, 0.02, 0.005
 _PRESENCES = (1e-20, 1 - 1e-15)  # bounds within which a logit is finite
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
 
@@ -256,11 +258,14 @@ class Bundled:
         return found if self._verify is None else self._verified(picture, found, self._verify)
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
-        """Presence of a settled box (n = 1) by settle and verify together: the weighted mean of their logits."""
+        """Presence of a settled box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
         crop = cut_with_mask(picture, around(_sound(found.boxes[0]), VERIFY_ROOM), VERIFY_SIZE)[None]
         own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
         before = logit(np.clip(found.presence, *_PRESENCES))
-        return replace(found, presence=expit((1 - _VERIFIED) * before + _VERIFIED * own))
+        box = _sound(found.boxes[0])
+        sd = max(float(found.box_sd[0].mean() / (box[2:] - box[:2]).max()), _LEAST_SD)
+        unsure = _UNSURE * math.log(sd / _USUAL_SD)
+        return replace(found, presence=expit((1 - _VERIFIED) * before + _VERIFIED * own - unsure))
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:

@@ -46,11 +46,11 @@ FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a p
 
 @dataclass(frozen=True, eq=False)
 class Crops:
-    """Square crops of each frame: the first of the grab, where there is one, the others of something else.
+    """Two crops of each frame, (n, 2, 320, 320, 3): of the grab, where there is one, and of something else.
 
     Attributes
     ----------
-    crops : ndarray of uint8, shape (n, crops, side, side, 3)
+    crops : ndarray of uint8
     patches : list of list of Patch
         What they show of the picture.
     frames : sequence of Frame
@@ -62,8 +62,8 @@ class Crops:
 
     def part(self, i: int, slot: int, window: Patch, size: int) -> tuple[Picture, Picture]:
         """Cut a window, in a cached crop's own pixels, to a size; also how much of each pixel lies in the picture."""
-        patch, row, side = self.patches[i][slot], self.frames[i].row, self.crops.shape[2]
-        corner, extent = patch.to_picture(window.corner / side), patch.size * window.size / side
+        patch, row = self.patches[i][slot], self.frames[i].row
+        corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
         inside = mask(row.width_px, row.height_px, corner, extent, size)
         return cut(np.asarray(self.crops[i, slot]), window, size, size), inside
 
@@ -87,14 +87,18 @@ def crops(
     seed : int
         Of the places that are cut where nothing was suspected.
     """
-    boxes, longest = true_boxes(chosen)
+    boxes = [labels.box(frame.row) for frame in chosen]
+    sizes = np.array(
+        [b[2:] - b[:2] for frame, b in zip(chosen, boxes, strict=True) if frame.labelled and b is not None]
+    )
+    longest = sizes.max(axis=1) if len(sizes) else np.array([300.0])
 
     def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
-        rng, truth = stream(seed, i, "negatives"), boxes[i]
+        rng, truth = stream(seed, i, "negatives"), boxes[i] if chosen[i].labelled else None
         others = [around(b, ROOM) for b in suspects[i] if truth is None or apart(around(b, 1.0).box, truth)]
         others = [others[k] for k in rng.permutation(len(others))]  # frames of a world suspect the same places
         while len(others) < 2:
-            others.append(around(anywhere(picture, longest, truth, rng), ROOM))
+            others.append(_anywhere(picture, longest, truth, rng))
         patches = [others[1] if truth is None else around(truth, ROOM), others[0]]
         return np.stack([cut(picture, patch, CROP, CROP) for patch in patches]), patches
 
@@ -102,27 +106,20 @@ def crops(
     return Crops(cut_out, patches, chosen)
 
 
-def true_boxes(chosen: Sequence[cache.Frame]) -> tuple[list[Array | None], Array]:
-    """Box of the grab in each frame, px, where labels hold one, and the longer sides of all."""
-    boxes = [labels.box(frame.row) if frame.labelled else None for frame in chosen]
-    longest = [float((box[2:] - box[:2]).max()) for box in boxes if box is not None]
-    return boxes, np.array(longest or [300.0])
-
-
 def apart(box: Array, truth: Array) -> bool:
     """Whether a box is of something else than a labelled one; that of a place too great holds the grab, and is not."""
     return float(covered(box, truth)) < _APART
 
 
-def anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.random.Generator) -> Array:
-    """Draw a square box, of the size that a grab's would have, that is not about the grab, though it may touch it."""
+def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.random.Generator) -> Patch:
+    """Draw a patch, of the size that a grab's would have, that is not about the grab, though it may show some of it."""
     h, w = picture.shape[:2]
     for _ in range(_TRIES):
         half = float(rng.choice(longest)) / 2
         box = about(np.array([rng.uniform(0, w), rng.uniform(0, h)]), half)
         if truth is None or apart(box, truth):
-            return box
-    return np.array([w, h, w + 2 * half, h + 2 * half])  # beyond a corner of a picture that the grab fills
+            return around(box, ROOM)
+    return around([w, h, w + 2 * half, h + 2 * half], ROOM)  # beyond a corner of a picture that the grab fills
 
 
 class Refining:

@@ -24,9 +24,9 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.geometry import Array
-from simgrab.instrument.detect.boxes import about, iou
+from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.bundled import VERIFY, Bundled, Settings
-from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch, Picture, around, cut
+from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
 from simgrab.labels import arrays as labels
 from simgrab.labels import datasets
@@ -37,7 +37,7 @@ from simgrab.training.copies import Batch
 from simgrab.training.detector import cache, evaluate, export, refine
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import Refine, Verify
-from simgrab.training.detector.refine import Crops, stack
+from simgrab.training.detector.refine import CROP, ROOM, Crops, stack
 from simgrab.training.detector.settings import has_half_units
 from simgrab.training.detector.start import begun
 from simgrab.training.detector.train import NETS
@@ -47,17 +47,13 @@ from simgrab.training.recipe import Recipe
 from simgrab.utilities.files import sha256
 
 TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
-CROP, ROOM = 400, 3.4  # px of a cached crop, and its side over that of the square about its box
-_CROPS = 3  # of each frame: of the grab, where there is one, and of what else the detector takes for it
 _MEASURED = 128  # examples for the statistics of the stages that are taken over
+_TIMES = 2  # examples of each frame: of the grab, and of other things
 _SUSPECT = 0.015  # heat above which a candidate is refined
 _PASSES = 4  # of refine, as at work
 _SAME = 0.7  # IoU above which two boxes are one
-# How boxes of the grab are learned: mostly a little off, as a good refine predicts them, and some by far.
-_SCALE, _SHIFT = 0.05, 0.03  # standard deviations, of the side's logarithm and in shares of the side
-_FAR = 0.35  # share of boxes that are off by far
-_FAR_SCALE, _FAR_SHIFT = (-0.7, 0.55), 0.45  # by at most that
-_WRONG, _RIGHT = 0.35, 0.75  # IoU of squares up to which a box is not the grab's, and from which it is
+_SCALE = 0.05  # of the crop's side, standard deviation of its logarithm
+_SHIFT = 0.03  # of the box's longer side, standard deviation
 _ROPES = 0.5  # weight of the ropes' direction in the loss
 _LEAST_WAY = 0.01  # of a box's longer side: from there on a twentieth of the ropes has a direction
 _NEAR = 1e-4  # bound of probabilities in the score
@@ -66,45 +62,18 @@ _NEAR = 1e-4  # bound of probabilities in the score
 def recipe(*, quick: bool = False, **changes: Any) -> Recipe:
     """Set verify's recipe; ``changes`` are other settings, by name."""
     return replace(
-        Recipe(epochs=4 if quick else 14, rate=1e-3, half=has_half_units(changes.get("device", "cpu"))), **changes
+        Recipe(epochs=4 if quick else 12, rate=1e-3, half=has_half_units(changes.get("device", "cpu"))), **changes
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Example:
-    """A cached crop, whether it is of the grab, and what is learned from it."""
+    """A cached crop, and whether it shows the grab."""
 
     crops: Crops
     frame: int
     slot: int
     there: bool
-
-    @property
-    def truth(self) -> Array | None:
-        """Square about the grab's box, px of the picture; None where labels hold no box."""
-        frame = self.crops.frames[self.frame]
-        box = labels.box(frame.row) if frame.labelled else None
-        return None if box is None else square(box)
-
-    def window(self, rng: np.random.Generator) -> Patch:
-        """Draw what is cut out, px of the crop: about the crop's box as refine may predict it, with room around it."""
-        far = self.there and rng.random() < _FAR
-        scale = rng.uniform(*_FAR_SCALE) if far else rng.normal(0, _SCALE)
-        shifts = rng.uniform(-_FAR_SHIFT, _FAR_SHIFT, 2) if far else rng.normal(0, _SHIFT, 2)
-        side = min(round(VERIFY_ROOM * CROP / ROOM * float(np.exp(scale))), CROP)
-        corner = (CROP - side) / 2 + shifts * CROP / ROOM
-        x, y = (int(np.clip(round(float(edge)), 0, CROP - side)) for edge in corner)
-        return Patch(x, y, x + side, y + side)
-
-    def presence(self, window: Patch) -> float:
-        """How much the box that a window is cut about is the grab's, 0 to 1."""
-        truth = self.truth
-        if truth is None:
-            return 0.0
-        patch = self.crops.patches[self.frame][self.slot]
-        middle = patch.to_picture((window.corner + window.size / 2) / CROP)
-        box = about(middle, float((patch.size * window.size).max()) / CROP / VERIFY_ROOM / 2)
-        return float(np.clip((iou(box, truth) - _WRONG) / (_RIGHT - _WRONG), 0, 1))
 
 
 class Verifying:
@@ -151,46 +120,10 @@ class Verifying:
         known = (ropes != 0).any(1)
         cosine = (normalize(out[known, 1:], dim=1) * ropes[known]).sum(1)
         return {
-            "told_apart": float(((presence > 0.5) == (there > 0.5)).float().mean()),
+            "told_apart": float(((presence > 0.5) == (there == 1)).float().mean()),
             "ropes_within_15_deg": float((cosine > np.cos(np.radians(15))).float().mean()) if known.any() else 0.0,
             SCORE: -entropy,
         }
-
-
-def square(box: Array) -> Array:
-    """Square about a box's middle, its side the box's longer one; of boxes (..., 4)."""
-    half = (box[..., 2:] - box[..., :2]).max(axis=-1, keepdims=True) / 2
-    middle = (box[..., :2] + box[..., 2:]) / 2
-    return np.concatenate([middle - half, middle + half], axis=-1)
-
-
-def crops(
-    folder: Path, chosen: Sequence[cache.Frame], boxes: Sequence[Sequence[Array]], *, seed: int,
-    progress: cache.Progress | None = None,
-) -> Crops:  # fmt: skip
-    """Cut the grab out of each frame, and what a detector takes for it, or find them cut in ``folder``.
-
-    Parameters
-    ----------
-    folder : Path
-    chosen : sequence of Frame
-    boxes : sequence of sequences of ndarray, shape (4,)
-        Of each frame, px, as `suspects` gives them. Those of a wrong size or place are learned too, as not the grab's.
-    seed : int
-        Of the places that are cut where nothing was suspected.
-    """
-    truths, longest = refine.true_boxes(chosen)
-
-    def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
-        rng, truth = stream(seed, i, "verify.negatives"), truths[i]
-        cut_out = [] if truth is None else [truth]
-        cut_out += [box for box in boxes[i] if truth is None or iou(square(box), square(truth)) < _RIGHT]
-        while len(cut_out) < _CROPS:
-            cut_out.append(refine.anywhere(picture, longest, truth, rng))
-        patches = [around(box, ROOM) for box in cut_out[:_CROPS]]
-        return np.stack([cut(picture, patch, CROP, CROP) for patch in patches]), patches
-
-    return Crops(*cache.build(folder, chosen, (_CROPS, CROP, CROP, 3), make, progress), chosen)
 
 
 def _listed(sets: Sequence[Crops]) -> list[_Example]:
@@ -199,23 +132,21 @@ def _listed(sets: Sequence[Crops]) -> list[_Example]:
         _Example(crops, i, slot, frame.labelled and slot == 0)
         for crops in sets
         for i, frame in enumerate(crops.frames)
-        for slot in range(_CROPS)
+        for slot in (0, 1)
     ]
 
 
 def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
     """Cut one crop; without dirt as it is seen at work, and not turned."""
-    window = example.window(rng)
-    picture, inside = example.crops.part(example.frame, example.slot, window, VERIFY_SIZE)
-    present = example.presence(window)
-    way = _ropes(example) if present == 1 else np.zeros(2)
+    picture, inside = example.crops.part(example.frame, example.slot, _window(rng), VERIFY_SIZE)
+    way = _ropes(example)
     if dirt:
         laid = turn(rng, quarters=True)
         picture, inside = dirt(laid.picture(picture), rng), laid.picture(inside)
         way = laid.points(way + 0.5) - 0.5
     return {
         "crops": np.concatenate([picture, inside[..., None]], axis=-1),
-        "present": np.array(present, np.float32),
+        "present": np.array(example.there, np.float32),
         "ropes": way.astype(np.float32),
     }
 
@@ -229,6 +160,15 @@ def _ropes(example: _Example) -> Array:
     way = labels.up_the_ropes(row)
     length = float(np.linalg.norm(way))
     return way / length if length > _LEAST_WAY * float((box[2:] - box[:2]).max()) else np.zeros(2)
+
+
+def _window(rng: np.random.Generator) -> Patch:
+    """Draw what is cut out of a cached crop, in its own pixels: a box as refine may predict it, with room around it."""
+    longest = CROP / ROOM
+    side = min(round(VERIFY_ROOM * longest * float(np.exp(rng.normal(0, _SCALE)))), CROP)
+    shifts = rng.normal(0, _SHIFT, 2) * longest
+    x, y = (int(np.clip(round((CROP - side) / 2 + shift), 0, CROP - side)) for shift in shifts)
+    return Patch(x, y, x + side, y + side)
 
 
 def train_verify(
@@ -270,12 +210,15 @@ def train_verify(
             "".join([datasets.digest(sets), *(sha256(detector / f"{name}.onnx") for name in NETS)]).encode()
         ).hexdigest()
         chosen = {name: cache.frames(sets, name) for name in ("train", "val")}
-        cached = {}
+        crops = {}
         for name, some in chosen.items():
-            folder = out / "cache" / f"{name}-{digest[:16]}"
-            boxes = [] if folder.exists() else suspects(looks, some, step(f"detecting in {name} images"))
-            cached[name] = crops(folder, some, boxes, seed=settings.seed, progress=step(f"cutting {name} crops"))
-        task = Verifying([cached["train"]], [cached["val"]])
+            folder, twice = out / "cache" / f"{name}-{digest[:16]}", [*some] * _TIMES
+            split: list[list[Array]] = [[] for _ in twice]  # what is cut already needs none
+            if not folder.exists():
+                boxes = suspects(looks, some, step(f"detecting in {name} images"))
+                split = [found[half::_TIMES] for half in range(_TIMES) for found in boxes]
+            crops[name] = refine.crops(folder, twice, split, seed=settings.seed, progress=step(f"cutting {name} crops"))
+        task = Verifying([crops["train"]], [crops["val"]])
         (out / "verify").mkdir(exist_ok=True)
         trained = loop.train(
             functools.partial(_begun, detector, task),
@@ -336,10 +279,10 @@ def suspects(
         picture = frame.picture()
         places = [one.box for one in looks.candidates(picture) if one.heat >= _SUSPECT]
         found: list[tuple[float, Array]] = []
-        for turn_of in range(_PASSES if places else 0):
+        for done in range(_PASSES if places else 0):
             refined = looks.refine(picture, places)
             places = list(refined.boxes)
-            if turn_of in (0, _PASSES - 1):
+            if done in (0, _PASSES - 1):
                 found += zip(refined.presence, refined.boxes, strict=True)
         boxes: list[Array] = []
         for _, box in sorted(found, key=lambda one: -one[0]):
