@@ -20,7 +20,7 @@ from simgrab.instrument.detect.pictures import centre
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.labels import arrays as labels
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Row
+from simgrab.labels.truth import Boxed, Row
 from simgrab.records.observations import Detection
 
 _NORMAL = 1.96
@@ -31,8 +31,27 @@ ROPE_BINS_M = {
 HALF = 0.5
 
 
+class Boxes:
+    """What a frame's truth and its detection say of boxes alone."""
+
+    truth: Row | Boxed
+    labelled: bool
+    detection: Detection
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing at all is seen of the grab. A sliver too small for a label is neither empty nor labelled."""
+        return self.truth.box_x0_px is None
+
+    @property
+    def hit(self) -> bool:
+        """Whether the labelled grab was found where it is (IoU of at least 0.5)."""
+        found = self.detection.box
+        return self.labelled and found is not None and float(iou(found, _box(self))) >= HALF
+
+
 @dataclass(frozen=True, eq=False)
-class Case:
+class Case(Boxes):
     """One frame: truth and detection.
 
     Attributes
@@ -56,17 +75,6 @@ class Case:
     def world(self) -> tuple[str, int | None]:
         """What names its world, whose frames are much alike."""
         return self.dataset, self.truth.variant
-
-    @property
-    def empty(self) -> bool:
-        """Whether nothing at all is seen of the grab. A sliver too small for a label is neither empty nor labelled."""
-        return self.truth.box_x0_px is None
-
-    @property
-    def hit(self) -> bool:
-        """Whether the labelled grab was found where it is (IoU of at least 0.5)."""
-        found = self.detection.box
-        return self.labelled and found is not None and float(iou(found, _box(self))) >= HALF
 
     @property
     def centre_only(self) -> bool:
@@ -153,7 +161,7 @@ def _worlds(some: Sequence[Case]) -> int:
     return len({case.world for case in some})
 
 
-def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
+def average_precision(some: Sequence[Boxes]) -> dict[str, float | None]:
     """COCO's mean average precision over IoU 0.50 to 0.95, and at 0.50."""
     images = [{"id": i, "width": case.truth.width_px, "height": case.truth.height_px} for i, case in enumerate(some)]
     truth = [
@@ -182,7 +190,7 @@ def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
     return {"map50_95": float(evaluation.stats[0]), "map50": float(evaluation.stats[1])}
 
 
-def _box(case: Case) -> Array:
+def _box(case: Boxes) -> Array:
     box = labels.box(case.truth)
     assert box is not None
     return box
