@@ -90,9 +90,9 @@ def _within(root: Path, path: Path, where: object) -> Path:
     try:
         real = Path(os.path.realpath(normal)).is_relative_to(os.path.realpath(folder))
     except (OSError, ValueError) as problem:  # a NUL byte
-        raise DatasetError(f"{where} names {shown(str(path))}: {first_line(problem)}") from None
+        raise DatasetError(f"{where} names {path}: {first_line(problem)}") from None
     if not (real and normal.is_relative_to(folder)):
-        raise DatasetError(f"{where} names {shown(str(path))}, which is not in the dataset {root}")
+        raise DatasetError(f"{where} names {path}, which is not in the dataset {root}")
     return root / normal.relative_to(folder)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import msgspec
@@ -49,15 +49,18 @@ class BoxedDataset:
 
     def split(self, *names: str) -> BoxedDataset:
         """Keep the frames of some splits, maybe none."""
-        return BoxedDataset(self.path, tuple(row for row in self.rows if row.split in names), self.named)
+        return replace(self, rows=tuple(row for row in self.rows if row.split in names))
 
-    def counts(self) -> dict[str, int]:
-        """Count frames, those that show no grab, and videos."""
-        return {
-            "frames": len(self.rows),
-            "empty": sum(row.box_x0_px is None for row in self.rows),
-            "videos": len({row.video for row in self.rows}),
-        }
+    @property
+    def summary(self) -> str:
+        """How many frames and videos there are, in a line."""
+        videos = {split: len({row.video for row in self.split(split).rows}) for split in SPLITS}
+        parts = ", ".join(f"{split} {count}" for split, count in videos.items())
+        empty, how = sum(row.box_x0_px is None for row in self.rows), "by a hash of their names"
+        return (
+            f"{self.path}: {len(self.rows)} frames, {empty} without a grab, of {sum(videos.values())} videos "
+            f"({parts}, {'as the dataset names them' if self.named else how})"
+        )
 
 
 def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
@@ -88,6 +91,17 @@ def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
     chosen = _named(rows, path) if named else splits(row.video for row in rows)
     return BoxedDataset(
         layout.root, tuple(msgspec.structs.replace(row, split=chosen[row.video]) for row in rows), named
+    )
+
+
+def read_all(paths: Sequence[str | Path], grab_classes: Collection[str] = ()) -> tuple[BoxedDataset, ...]:
+    """Read datasets as `read` does. Where there are several, the names of their videos begin with the dataset's."""
+    found = [(str(path), read(path, grab_classes)) for path in paths]
+    if len(found) < 2:
+        return tuple(dataset for _, dataset in found)
+    return tuple(
+        replace(one, rows=tuple(msgspec.structs.replace(row, video=f"{path}: {row.video}") for row in one.rows))
+        for path, one in found
     )
 
 
