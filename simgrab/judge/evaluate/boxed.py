@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pycocotools.cocoeval import COCOeval
 
-from simgrab.judge.evaluate.detection import Boxes, average_precision
+from simgrab.judge.evaluate.detection import Boxes, average_precision, matched
 from simgrab.judge.evaluate.intervals import LEVEL, clopper_pearson
 from simgrab.labels.truth import Boxed
 from simgrab.records.observations import Detection
@@ -85,13 +88,25 @@ def _counts(some: Sequence[BoxedCase]) -> dict[str, int]:
 
 def _resampled(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
     """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None of fewer than two."""
-    count = len(videos)
-    if count < FEWEST_VIDEOS:
+    evaluation, count = matched([case for video in videos for case in video]), len(videos)
+    if evaluation is None or count < FEWEST_VIDEOS:
         return None
+    if not isinstance(evaluation, COCOeval):
+        return evaluation, evaluation
+    parts = np.split(np.arange(sum(map(len, videos))), np.cumsum([len(video) for video in videos])[:-1])
     picks = stream(0, 0, "videos.bootstrap").integers(count, size=(resamples, count))
-    precisions = [average_precision([case for i in some for case in videos[i]])["map50_95"] for some in picks]
-    known = [value for value in precisions if value is not None]  # None where no video drawn shows the grab
-    if not known:
+    # Boxes are matched image by image: an average over other images needs no other matches.
+    evaluation.params.areaRng, evaluation.params.maxDets = evaluation.params.areaRng[:1], [1]
+    matches, values = list(evaluation.evalImgs), []
+    for some in picks:
+        images = np.concatenate([parts[i] for i in some])
+        evaluation.params.imgIds, evaluation.evalImgs = images.tolist(), [matches[i] for i in images]
+        with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
+            evaluation.accumulate()
+        precision = evaluation.eval["precision"]
+        if (precision >= 0).any():  # else no video of these shows the grab
+            values.append(float(precision.mean()))
+    if not values:
         return None
-    low, high = np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = np.quantile(values, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)

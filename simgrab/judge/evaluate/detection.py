@@ -163,6 +163,17 @@ def _worlds(some: Sequence[Case]) -> int:
 
 def average_precision(some: Sequence[Boxes]) -> dict[str, float | None]:
     """COCO's mean average precision over IoU 0.50 to 0.95, and at 0.50."""
+    evaluation = matched(some)
+    if not isinstance(evaluation, COCOeval):
+        return {"map50_95": evaluation, "map50": evaluation}
+    with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
+        evaluation.accumulate()
+        evaluation.summarize()
+    return {"map50_95": float(evaluation.stats[0]), "map50": float(evaluation.stats[1])}
+
+
+def matched(some: Sequence[Boxes]) -> COCOeval | float | None:
+    """Match boxes with the truth, image by image, for COCO's figures; these are None without truth, 0 without boxes."""
     images = [{"id": i, "width": case.truth.width_px, "height": case.truth.height_px} for i, case in enumerate(some)]
     truth = [
         {"id": i + 1, "image_id": i, "category_id": 1, "iscrowd": 0, "bbox": box, "area": box[2] * box[3]}
@@ -176,18 +187,16 @@ def average_precision(some: Sequence[Boxes]) -> dict[str, float | None]:
         if case.detection.box is not None
     ]
     if not truth:
-        return {"map50_95": None, "map50": None}
+        return None
     if not reported:
-        return {"map50_95": 0.0, "map50": 0.0}
-    with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
+        return 0.0
+    with contextlib.redirect_stdout(io.StringIO()):
         known = COCO()
         known.dataset = {"info": {}, "images": images, "annotations": truth, "categories": [{"id": 1, "name": "grab"}]}
         known.createIndex()
         evaluation = COCOeval(known, known.loadRes(reported), "bbox")
         evaluation.evaluate()
-        evaluation.accumulate()
-        evaluation.summarize()
-    return {"map50_95": float(evaluation.stats[0]), "map50": float(evaluation.stats[1])}
+    return evaluation
 
 
 def _box(case: Boxes) -> Array:
