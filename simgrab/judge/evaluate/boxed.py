@@ -17,7 +17,7 @@ from simgrab.labels.truth import Boxed
 from simgrab.records.observations import Detection
 from simgrab.rng import stream
 
-RESAMPLES = 200
+RESAMPLES = 1000
 FEWEST_VIDEOS = 2  # for an interval
 
 
