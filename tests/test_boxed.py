@@ -1,6 +1,7 @@
 """Datasets of boxes in YOLO's and COCO's layouts, and their split by video."""
 
 import json
+import os
 import shutil
 
 import cv2
@@ -304,6 +305,8 @@ def test_what_leads_out_of_the_dataset_is_refused(tmp_path):
     assert len(boxed.read(inside).rows) == 2
     (tmp_path / "door").symlink_to(inside)
     assert len(boxed.read(tmp_path / "door").rows) == 2
+    (inside / "data.yaml").write_text("train: ../door/images\nnames: [grab]\n")
+    assert "images, which is not in the dataset" in refused(inside)
 
 
 def test_images_that_cannot_be_read_are_refused(tmp_path):
@@ -320,3 +323,12 @@ def test_a_dataset_with_nothing_in_it_is_refused(tmp_path):
     bare = as_yolo(tmp_path / "bare", ["a/1.png"])
     shutil.rmtree(bare / "labels")
     assert "no image has a label file" in refused(bare)
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    folder = as_yolo(tmp_path, ["a/1.png"])
+    try:
+        (folder / "images/a/1.png").rename(folder / "images/a" / os.fsdecode(b"\xff1.png"))
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    assert "can't encode" in refused(folder)

@@ -156,6 +156,8 @@ def detector(
     known = real_frames.read(also, real, grab_classes, score) if also or real else None
     for line in known.summary if known and shows else ():
         click.echo(printable(f"real frames of {line}"), err=True)
+    if known and counts:
+        known.some(counts[-1], seed)  # or refused
     if grab or scene:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:

@@ -88,8 +88,9 @@ def _within(root: Path, path: Path, where: object) -> Path:
     """Path of a file below the dataset's folder; refuse one that leads out of it, by its name or as a link."""
     folder, normal = Path(os.path.abspath(root)), Path(os.path.abspath(path))  # noqa: PTH100
     try:
+        os.path.relpath(normal, folder).encode()
         real = Path(os.path.realpath(normal)).is_relative_to(os.path.realpath(folder))
-    except (OSError, ValueError) as problem:  # a NUL byte
+    except (OSError, ValueError) as problem:  # a NUL byte, or a name that is no UTF-8
         raise DatasetError(f"{where} names {path}: {first_line(problem)}") from None
     if not (real and normal.is_relative_to(folder)):
         raise DatasetError(f"{where} names {path}, which is not in the dataset {root}")
@@ -278,8 +279,10 @@ def _coco_images(root: Path, path: Path, known: _Coco) -> Iterator[Image]:
 
 
 def _coco_split(root: Path, path: Path) -> str:
-    """Split that the words of a file's name, or its folder, name; else none."""
-    words = [*re.findall("[a-z]+", path.stem.lower()), *(path.parent.name.lower() for _ in [0] if path.parent != root)]
+    """Split that the words of a file's name, or its folder in the dataset, name; else none."""
+    words = re.findall("[a-z]+", path.stem.lower())
+    if path.parent != root:
+        words.append(path.parent.name.lower())
     return next((SPLIT_NAMES[word] for word in words if word in SPLIT_NAMES), "")
 
 

@@ -138,6 +138,6 @@ def read(also: Sequence[str | Path], held: Sequence[str | Path], grab_classes: C
         )
     learned = {frame.row.image_sha256 for frame in (*train, *val)}
     for frame in judged:
-        if frame.row.image_sha256 in learned:
+        if frame.labelled and frame.row.image_sha256 in learned:  # two cameras may show the same nothing
             raise DatasetError(f"{frame.file} is both learned from and judged by; keep whole videos apart")
     return Real(train, val, judged, score, tuple(one.summary for one in sets))
