@@ -194,12 +194,13 @@ def detector(
 
 def _tell_curve(points: Sequence[Mapping[str, Any]], out: Path, *, as_json: bool, quiet: bool) -> None:
     from simgrab.pages.terminal import stdout, table
-    from simgrab.training.detector.curve import HEAD, MARKDOWN, rows
+    from simgrab.training.detector.curve import MARKDOWN, tables
 
     if as_json:
         click.echo(json.dumps(points))
     elif not quiet:
-        stdout().print(table(rows(points), HEAD, "what real frames add"))
+        for title, (head, *rows) in tables(points).items():
+            stdout().print(table(rows, head, title))
         click.echo(printable(f"table: {out / MARKDOWN}"))
 
 

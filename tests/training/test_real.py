@@ -217,8 +217,10 @@ def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, mon
     assert trained == [0, 2, 4, 4]
     assert [point["real_frames"] for point in points] == [0, 2, 4]
     assert json.loads((tmp_path / "out" / curve.JSON).read_text()) == json.loads(json.dumps(points))
-    assert len(curve.rows(points)) == 3
-    assert "| 4 |" in (tmp_path / "out" / curve.MARKDOWN).read_text()
+    assert [len(rows) for rows in curve.tables(points).values()] == [4, 4]  # with their headers
+    page = (tmp_path / "out" / curve.MARKDOWN).read_text()
+    assert "\n| 4 | 2 | 0.000 (0.00-0.97) | 0.000 | 0/0 |\n" in page
+    assert "\n| 4 | 0.500 | 0.400 |  |\n" in page
     assert not list(tmp_path.rglob("cache"))
     with pytest.raises(TrainingError, match="is of other frames, weights or settings"):
         curve.learning_curve([halves], tmp_path / "out", tiny, known, (0, 2), resume=True, start=located("any-grab"))
@@ -231,7 +233,8 @@ def test_a_learning_curve_begins_each_point_with_the_same_weights(halves, videos
     out = tmp_path / "out"
     result = run(halves, "--also", videos, "--out", out, "--epochs", 1, "--learning-curve", "0,3")
     assert result.exit_code == 0, result.output
-    assert "what real frames add" in result.output
+    assert "1 held-out real frames of 1 videos" in result.output
+    assert "…" not in result.stdout
     points = json.loads((out / curve.JSON).read_text())
     assert [point["figures"]["real"]["frames"] for point in points] == [1, 1]
     plain = train([halves], tmp_path / "plain", tiny)

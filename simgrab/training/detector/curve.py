@@ -23,10 +23,6 @@ from simgrab.training.folder import CURVE, check, claim, write
 from simgrab.utilities.parse import is_file, read_json
 
 JSON, MARKDOWN = "learning-curve.json", "learning-curve.md"
-HEAD = (
-    "real frames", "videos", "recall", "mAP50-95", "false boxes", "rendered: recall", "mean IoU",
-    "median centre error px",
-)  # fmt: skip
 _POINT = "point.json"
 
 
@@ -110,40 +106,40 @@ def _named(callback: Callable[[str], Any] | None, count: int) -> Callable[[str],
     return None if callback is None else lambda name: callback(f"{name} ({count} real)")
 
 
-def rows(points: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Rows of the table, as text; see `HEAD`. Figures of rendered frames are those of validation."""
-    return [
-        (
-            str(point["real_frames"]), str(point["videos"]),
-            _share(found["recall"], found["recall_interval"]),
-            _share(found["map50_95"], found["map50_95_interval"]),
-            f"{found['false_boxes']} of {found['empty']}{_interval(found['false_interval'])}",
-            _share(figures["recall"]), _share(figures["mean_iou"]), _share(figures["centre_median_px"], digits=1),
+def tables(points: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[str, ...]]]:
+    """Tables by title, as text, each with its header: of held-out real frames, and of rendered validation frames."""
+    real: list[tuple[str, ...]] = [("added", "videos", "recall", "mAP50-95", "false boxes")]
+    rendered: list[tuple[str, ...]] = [("added", "recall", "mean IoU", "median centre error px")]
+    for point in points:
+        figures, count = point["figures"], str(point["real_frames"])
+        held = figures["real"]
+        false = f"{held['false_boxes']}/{held['empty']}{_interval(held['false_interval'])}"
+        recall, precision = (_share(held[key], held[f"{key}_interval"]) for key in ("recall", "map50_95"))
+        real.append((count, str(point["videos"]), recall, precision, false))
+        rendered.append(
+            (count, *(_share(figures[key]) for key in ("recall", "mean_iou")), _share(figures["centre_median_px"]))
         )
-        for point in points
-        for figures in [point["figures"]]
-        for found in [figures["real"]]
-    ]  # fmt: skip
+    held = points[0]["figures"]["real"]
+    title = f"{held['frames']} held-out real frames of {held['videos']} videos, {held['labelled']} with a grab"
+    return {title: real, "rendered validation frames": rendered}
 
 
-def _share(value: float | None, interval: Sequence[float] | None = None, digits: int = 3) -> str:
-    return "" if value is None else f"{value:.{digits}f}{_interval(interval)}"
+def _share(value: float | None, interval: Sequence[float] | None = None) -> str:
+    return "" if value is None else f"{value:.3f}{_interval(interval)}"
 
 
 def _interval(interval: Sequence[float] | None) -> str:
-    return "" if interval is None else f" ({interval[0]:.3f}-{interval[1]:.3f})"
+    return "" if interval is None else f" ({interval[0]:.2f}-{interval[1]:.2f})"
 
 
 def _markdown(points: Sequence[Mapping[str, Any]]) -> str:
-    held = points[0]["figures"]["real"]
     lines = [
         "# What real frames add",
         "",
-        f"Judged by {held['frames']} held-out real frames of {held['videos']} videos, {held['labelled']} of them with "
-        "a grab; 95 % intervals in brackets: of recall and false boxes by frames (Clopper and Pearson), of mAP50-95 by "
-        "resampled videos. Rendered: the validation frames.",
-        "",
-        *(f"| {' | '.join(row)} |" for row in [HEAD, ["---"] * len(HEAD), *rows(points)]),
-        "",
+        "In brackets: 95 % intervals, of recall and false boxes by frames (Clopper and Pearson), of mAP50-95 by "
+        "resampled videos.",
     ]
-    return "\n".join(lines)
+    for title, (head, *rows) in tables(points).items():
+        lines += ["", f"## {title[0].upper()}{title[1:]}", ""]
+        lines += [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+    return "\n".join([*lines, ""])
