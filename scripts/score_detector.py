@@ -2,7 +2,8 @@
 
 Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals and in how many worlds any grab
 was missed or any box was false, the centre's error and bias with the box centre's bias beside it, and how often stated
-intervals hold; then the centre by rope length, and the time.
+intervals hold; then the centre by rope length, and the time. Datasets in YOLO's or COCO's layout, such as of real
+frames, are scored apart by their boxes, overall and by video.
 """
 
 from __future__ import annotations
@@ -22,16 +23,25 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.detect import pictures as detections
 from simgrab.instrument.run.runs import write
+from simgrab.judge.evaluate import boxed as boxed_scores
 from simgrab.judge.evaluate import detection
-from simgrab.labels import datasets
+from simgrab.labels import boxed, datasets
+from simgrab.labels.truth import Boxed
+from simgrab.pages.terminal import cell
+from simgrab.records import frame_files
+from simgrab.records.observations import Detection
 
 _WIDTH = 196  # columns of text
 
 
-def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, Any]:
-    """Score a detector on datasets together."""
-    looks, some, seconds = opened(name), [], list[float]()
-    for path in paths:
+def measure(
+    paths: tuple[Path, ...], name: str, split: str | None, grab_classes: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Score a detector on rendered datasets together, and on those of boxes alone together."""
+    looks, some, seconds = opened(name), list[detection.Case](), list[float]()
+    rendered = [path for path in paths if frame_files.is_dataset(path)]
+    others = boxed.read_all([path for path in paths if path not in rendered], grab_classes)
+    for path in rendered:
         dataset = datasets.read(path)
         if split:
             dataset = dataset.split(split)
@@ -41,18 +51,33 @@ def measure(paths: tuple[Path, ...], name: str, split: str | None) -> dict[str, 
             watched = detections.detect_dataset(dataset.path, dataset.rows, looks, progress)
         some += detection.cases(dataset, watched.detections)
         seconds += watched.seconds
-    if not some:
+    rows, found = list[Boxed](), list[Detection]()
+    for one in others:
+        kept = one.split(split) if split else one
+        with bar(str(one.path), shown=True) as progress:
+            watched = detections.detect_dataset(one.path, kept.rows, looks, progress)
+        rows += kept.rows
+        found += watched.detections
+        seconds += watched.seconds
+    if not (some or rows):
         raise DatasetError(f"{', '.join(map(str, paths))}: no frames in the split {split!r}; render more frames")
     times = {"median_ms": 1e3 * float(np.median(seconds)), "p95_ms": 1e3 * float(np.quantile(seconds, 0.95))}
-    return {"detector": name, "datasets": [str(path) for path in paths], "time": times} | detection.score(some)
+    return (
+        {"detector": name, "datasets": [str(path) for path in paths], "time": times}
+        | (detection.score(some) if some else {})
+        | ({"real": boxed_scores.score(rows, found)} if rows else {})
+    )
 
 
 def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
     console = Console(width=_WIDTH)
-    groups = {"overall": scores["overall"], "half visible": scores["half_visible"]} | scores["by_weather"]
-    console.print(_found(scores["detector"], groups))
-    console.print(_centres({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
+    if "overall" in scores:
+        groups = {"overall": scores["overall"], "half visible": scores["half_visible"]} | scores["by_weather"]
+        console.print(_found(scores["detector"], groups))
+        console.print(_centres({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
+    if "real" in scores:
+        console.print(_real(scores["detector"], scores["real"]))
     times = scores["time"]
     console.print(f"from array to detection: median {times['median_ms']:.1f} ms, 95 % {times['p95_ms']:.1f} ms")
 
@@ -99,6 +124,24 @@ def _centres(groups: dict[str, Any]) -> Table:
     return table
 
 
+def _real(name: str, f: dict[str, Any]) -> Table:
+    columns = ("", "frames", "grab", "mAP50-95", "mAP50", "recall", "empty", "false boxes")
+    table = _table(f"{cell(name)}: boxes alone, of {f['videos']} videos", columns)
+    precision = (_share(f["map50_95"], f["map50_95_interval"]), _n(f["map50"]))
+    false = f"{f['false_boxes']}{_interval(f['false_interval'])}"
+    table.add_row(
+        "overall", str(f["frames"]), str(f["labelled"]), *precision, _share(f["recall"], f["recall_interval"]),
+        str(f["empty"]), false,
+    )  # fmt: skip
+    for video, one in f["by_video"].items():
+        hits = f"{one['hits']} of {one['labelled']}"
+        table.add_row(
+            cell(video), str(one["frames"]), str(one["labelled"]), "", "", hits, str(one["empty"]),
+            str(one["false_boxes"]),
+        )  # fmt: skip
+    return table
+
+
 def _n(value: float | None, digits: int = 3) -> str:
     return "" if value is None else f"{value:.{digits}f}"
 
@@ -117,12 +160,15 @@ def _interval(interval: tuple[float, float] | None) -> str:
     "--detector", default="bundled", show_default=True, help="Or any-grab, a trained folder, or a YOLO's .onnx."
 )
 @click.option("--split", type=click.Choice(["train", "val", "test"]), help="Only frames of one split.")
+@click.option("--grab-class", "grab_classes", multiple=True, help="Class of YOLO's or COCO's boxes that is the grab.")
 @click.option("--json", "out", type=click.Path(path_type=Path), help="Where all figures go.")
-def main(paths: tuple[Path, ...], detector: str, split: str | None, out: Path | None) -> None:
+def main(
+    paths: tuple[Path, ...], detector: str, split: str | None, grab_classes: tuple[str, ...], out: Path | None
+) -> None:
     """Score a detector on datasets."""
     if out:
         out.parent.mkdir(parents=True, exist_ok=True)
-    scores = measure(paths, detector, split)
+    scores = measure(paths, detector, split, grab_classes)
     show(scores)
     if out:
         write(out, json.dumps(scores, indent=1) + "\n")

@@ -31,6 +31,7 @@ from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, whole
 from simgrab.instrument.read.reader import NO_DIGIT
 from simgrab.judge.evaluate import detection
 from simgrab.labels import datasets
+from simgrab.labels.truth import Row
 from simgrab.records.observations import Detection
 from simgrab.rng import stream
 from simgrab.training import loop
@@ -162,7 +163,11 @@ def at_random(n: int, seed: int) -> tuple[Indices, Indices]:
 
 def precision(frames: Sequence[cache.Frame], found: Sequence[Detection]) -> float:
     """COCO's mAP50-95."""
-    cases = [detection.Case(f.row, f.labelled, f.weather, d) for f, d in zip(frames, found, strict=True)]
+    cases = [
+        detection.Case(f.row, f.labelled, f.weather, d)
+        for f, d in zip(frames, found, strict=True)
+        if isinstance(f.row, Row)
+    ]
     return float(detection.average_precision(cases)["map50_95"] or 0.0)
 
 

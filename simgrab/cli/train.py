@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,17 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
         click.echo(f"{card.read_text(encoding='utf-8')}\nnetworks and cards: {printable(card.parent)}")
 
 
+def _counts(_context: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[int, ...]:
+    """Parse increasing numbers of frames."""
+    try:
+        counts = tuple(int(part) for part in text.split(",")) if text is not None else ()
+    except ValueError:
+        raise click.BadParameter("numbers of frames are needed, such as 0,10,30,100") from None
+    if any(count < 0 for count in counts) or list(counts) != sorted(set(counts)):
+        raise click.BadParameter("the numbers must increase from 0 or more")
+    return counts
+
+
 @command.command()
 @click.argument("datasets", nargs=-1, type=PATH)
 @click.option("--out", type=FOLDER, required=True, help="New folder for networks, cards, checkpoints.")
@@ -71,6 +82,27 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
     help="Dataset of negative examples for the last network; may be repeated.",
 )
 @click.option(
+    "--also",
+    type=PATH,
+    multiple=True,
+    help="Real frames in YOLO's or COCO's layout: learned from, and their test videos judged by; may be repeated.",
+)
+@click.option("--real", type=PATH, multiple=True, help="Real frames that are judged by alone; may be repeated.")
+@click.option(
+    "--grab-class",
+    "grab_classes",
+    metavar="NAME",
+    multiple=True,
+    help="Class of the real frames that is the grab, where there are several; may be repeated.",
+)
+@click.option(
+    "--learning-curve",
+    "counts",
+    metavar="N,N,…",
+    callback=_counts,
+    help="Train a detector with each of these numbers of the real frames, e.g. 0,10,30,100.",
+)
+@click.option(
     "--from",
     "start",
     metavar="DETECTOR",
@@ -84,16 +116,18 @@ def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool)
 @_training
 def detector(
     datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: str | None, frames: int | None,
-    hard: tuple[Path, ...], start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None,
+    hard: tuple[Path, ...], also: tuple[Path, ...], real: tuple[Path, ...], grab_classes: tuple[str, ...],
+    counts: tuple[int, ...], start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None,
     patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
     OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
     --from any-grab --grab FILE trains on rendered frames of your own grab, half an hour on two cores.
+    Figures of rendered and of real frames are kept apart.
     """
     from simgrab.training import need_torch
-    from simgrab.training.folder import check
+    from simgrab.training.folder import CURVE, TRACES, check
 
     if grab is not None and scene is not None:
         raise click.UsageError("give --grab or --scene, not both")
@@ -101,15 +135,29 @@ def detector(
         raise click.UsageError("give DATASETS, --grab or --scene")
     if frames is not None and not (grab or scene):
         raise click.UsageError("--frames belongs to --grab and --scene")
-    check(out, resume=resume)  # before torch is imported, which takes seconds
+    if counts and not also:
+        raise click.UsageError("--learning-curve belongs to --also")
+    if grab_classes and not (also or real):
+        raise click.UsageError("--grab-class belongs to --also and --real")
+    # Before torch is imported, which takes seconds.
+    check(out, resume=resume, traces=CURVE if counts else TRACES)
     need_torch()
     from simgrab.instrument.detect import Bundled, located
+    from simgrab.judge.evaluate.boxed import score
     from simgrab.labels.datasets import read
+    from simgrab.training.detector import curve
+    from simgrab.training.detector import real as real_frames
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import train
     from simgrab.training.device import named
 
     begin = None if start is None else located(start)
+    shows = not (quiet or as_json)
+    known = real_frames.read(also, real, grab_classes, score) if also or real else None
+    for line in known.summary if known and shows else ():
+        click.echo(printable(f"real frames of {line}"), err=True)
+    if known and counts:
+        known.some(counts[-1], seed)  # or refused
     if grab or scene:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:
@@ -118,19 +166,42 @@ def detector(
             read(dataset)
         datasets = (
             *datasets,
-            _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=not (quiet or as_json)),
+            _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows),
         )
     chosen = functools.partial(
         recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
         patience=patience, device=device, threads=threads,
     )  # fmt: skip
-    with resumable(out), board(shown=not (quiet or as_json)) as shown:
-        result = train(
-            datasets, out, chosen, hard=hard, start=begin, resume=resume, watch=shown.step, report=shown.training
-        )
+    with resumable(out), board(shown=shows) as shown:
+        if counts:
+            assert known is not None
+            points = curve.learning_curve(
+                datasets, out, chosen, known, counts, seed=seed, hard=hard, start=begin, resume=resume,
+                watch=shown.step, report=shown.training,
+            )  # fmt: skip
+        else:
+            result = train(
+                datasets, out, chosen, hard=hard, real=known, start=begin, resume=resume, watch=shown.step,
+                report=shown.training,
+            )  # fmt: skip
+    if counts:
+        _tell_curve(points, out, as_json=as_json, quiet=quiet)
+        return
     _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
+
+
+def _tell_curve(points: Sequence[Mapping[str, Any]], out: Path, *, as_json: bool, quiet: bool) -> None:
+    from simgrab.pages.terminal import stdout, table
+    from simgrab.training.detector.curve import MARKDOWN, tables
+
+    if as_json:
+        click.echo(json.dumps(points))
+    elif not quiet:
+        for title, (head, *rows) in tables(points).items():
+            stdout().print(table(rows, head, title))
+        click.echo(printable(f"table: {out / MARKDOWN}"))
 
 
 def _asked(grab: Path | None, scene: str | None, frames: int | None, seed: int) -> Scenario:

@@ -9,13 +9,13 @@ import numpy as np
 
 from simgrab import geometry
 from simgrab.geometry import Array, Distortion, Intrinsics
-from simgrab.labels.truth import Truth
+from simgrab.labels.truth import Boxed, Truth
 
 _STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
 _STEP = 0.05  # along the rope, in its lengths, likewise
 
 
-def box(row: Truth) -> Array | None:
+def box(row: Truth | Boxed) -> Array | None:
     """Visible box x0, y0, x1, y1, px; None where nothing is seen of the grab."""
     corners = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
     return None if corners[0] is None else np.array(corners, float)
@@ -37,13 +37,20 @@ def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
     return row.box_x0_px is not None and row.visible_fraction >= least_visible_fraction
 
 
-def centre(row: Truth) -> Array:
-    """Grab centre A as the picture has it, px; NaN where the lens shows none."""
+def centre(row: Truth | Boxed) -> Array:
+    """Grab centre A as the picture has it, px; NaN where the lens shows none, or boxes alone are known."""
+    if isinstance(row, Boxed):
+        return np.full(2, np.nan)
     return np.array([np.nan if x is None else x for x in (row.grab_u_px, row.grab_v_px)])
 
 
-def yaw(row: Truth) -> float:
-    """Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π)."""
+def yaw(row: Truth | Boxed) -> float:
+    """Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π).
+
+    NaN where boxes alone are known.
+    """
+    if isinstance(row, Boxed):
+        return math.nan
     grab = np.reshape(row.jib_from_grab, (3, 4))
     camera = np.reshape(row.jib_from_camera, (3, 4))
     points = grab[:, 3] + np.array([[-_STEP_M], [_STEP_M]]) * grab[:, 0]
@@ -52,8 +59,10 @@ def yaw(row: Truth) -> float:
     return float(np.arctan2(down, across) % np.pi)
 
 
-def up_the_ropes(row: Truth) -> Array:
-    """Way from A a twentieth of the ropes' length up to O, px, shape (2,)."""
+def up_the_ropes(row: Truth | Boxed) -> Array:
+    """Way from A a twentieth of the ropes' length up to O, px, shape (2,); NaN where boxes alone are known."""
+    if isinstance(row, Boxed):
+        return np.full(2, np.nan)
     centre, camera = np.reshape(row.jib_from_grab, (3, 4))[:, 3], np.reshape(row.jib_from_camera, (3, 4))
     points = np.stack([centre, (1 - _STEP) * centre])
     ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))

@@ -147,6 +147,41 @@ class Row(Truth, frozen=True, forbid_unknown_fields=True, kw_only=True):
     image_sha256: Annotated[str, _column("", "digest of the picture file")]
 
 
+class Boxed(msgspec.Struct, frozen=True, kw_only=True):
+    """A frame that simgrab did not render: the grab's box is all that is known of it, or that there is none.
+
+    Attributes
+    ----------
+    frame : int
+        Index within the dataset.
+    split : str
+    file : str
+        Picture, relative to the dataset.
+    image_sha256 : str
+        Of the picture file.
+    video : str
+        Name of the video that the frame is of.
+    width_px, height_px : int
+        Size of the decoded picture.
+    box_x0_px, box_y0_px, box_x1_px, box_y1_px : float or None
+        Box of the grab; None where it is not there.
+    """
+
+    frame: int
+    split: str
+    file: str
+    image_sha256: str
+    video: str
+    width_px: int
+    height_px: int
+    box_x0_px: float | None = None
+    box_y0_px: float | None = None
+    box_x1_px: float | None = None
+    box_y1_px: float | None = None
+    clip: int | None = None
+    time_s: float | None = None
+
+
 def columns() -> dict[str, tuple[str, str]]:
     """Name of every label column, in the order of ``labels.parquet``, with its unit and description."""
     known: dict[str, tuple[str, str]] = {}

@@ -7,7 +7,7 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,9 @@ class Card:
         Of whose validation frames the metrics are, besides those of `data`.
     started_from : str
         SHA-256 of the model whose weights it began with; empty after random ones.
+    real : mapping
+        Of the real frames that were learned from too: ``frames``, ``videos``, how many ``times`` each counts, and the
+        ``labels_sha256``; empty where there were none.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Card:
     metrics: Mapping[str, Any]
     judged_by: tuple[Data, ...] = ()
     started_from: str = ""
+    real: Mapping[str, Any] = field(default_factory=dict)
 
     def to_dict(self, model: bytes) -> dict[str, Any]:
         """Plain data, with the digest of the model's bytes, the versions and the machine."""
@@ -109,6 +113,8 @@ def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
     start = content.get("started_from")
     began = f" It began with the weights of the model `{start[:16]}…`." if start else ""
+    real = content.get("real")
+    also = f" and {real['frames']} real frames of {real['videos']} videos, {real['times']} times each" if real else ""
     others = f" and of {_sets(content['judged_by'])}" if content.get("judged_by") else ""
     together = " “alone” is of this net, the rest of all the nets together." if "alone" in content["metrics"] else ""
     lines = [
@@ -116,7 +122,7 @@ def markdown(content: Mapping[str, Any]) -> str:
         "",
         content["task"],
         "",
-        f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])},"
+        f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])}{also},"
         f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
         f" on {content['machine']['cores']} cores. Judged by the split `val` of these{others}.{together}{began}",
         "",

@@ -11,6 +11,7 @@ from simgrab.utilities import files
 from simgrab.utilities.destination import LOCK, check_folder, locked_folder, writing
 
 TRACES = ("checkpoint.pt", "*/checkpoint.pt")
+CURVE = ("*/*/checkpoint.pt", "learning-curve.json")  # of a learning curve
 
 
 @contextmanager

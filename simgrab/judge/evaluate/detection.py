@@ -20,7 +20,7 @@ from simgrab.instrument.detect.pictures import centre
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.labels import arrays as labels
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Row
+from simgrab.labels.truth import Boxed, Row
 from simgrab.records.observations import Detection
 
 _NORMAL = 1.96
@@ -31,8 +31,27 @@ ROPE_BINS_M = {
 HALF = 0.5
 
 
+class Boxes:
+    """What a frame's truth and its detection say of boxes alone."""
+
+    truth: Row | Boxed
+    labelled: bool
+    detection: Detection
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing at all is seen of the grab. A sliver too small for a label is neither empty nor labelled."""
+        return self.truth.box_x0_px is None
+
+    @property
+    def hit(self) -> bool:
+        """Whether the labelled grab was found where it is (IoU of at least 0.5)."""
+        found = self.detection.box
+        return self.labelled and found is not None and float(iou(found, _box(self))) >= HALF
+
+
 @dataclass(frozen=True, eq=False)
-class Case:
+class Case(Boxes):
     """One frame: truth and detection.
 
     Attributes
@@ -56,17 +75,6 @@ class Case:
     def world(self) -> tuple[str, int | None]:
         """What names its world, whose frames are much alike."""
         return self.dataset, self.truth.variant
-
-    @property
-    def empty(self) -> bool:
-        """Whether nothing at all is seen of the grab. A sliver too small for a label is neither empty nor labelled."""
-        return self.truth.box_x0_px is None
-
-    @property
-    def hit(self) -> bool:
-        """Whether the labelled grab was found where it is (IoU of at least 0.5)."""
-        found = self.detection.box
-        return self.labelled and found is not None and float(iou(found, _box(self))) >= HALF
 
     @property
     def centre_only(self) -> bool:
@@ -153,8 +161,19 @@ def _worlds(some: Sequence[Case]) -> int:
     return len({case.world for case in some})
 
 
-def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
+def average_precision(some: Sequence[Boxes]) -> dict[str, float | None]:
     """COCO's mean average precision over IoU 0.50 to 0.95, and at 0.50."""
+    evaluation = matched(some)
+    if not isinstance(evaluation, COCOeval):
+        return {"map50_95": evaluation, "map50": evaluation}
+    with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
+        evaluation.accumulate()
+        evaluation.summarize()
+    return {"map50_95": float(evaluation.stats[0]), "map50": float(evaluation.stats[1])}
+
+
+def matched(some: Sequence[Boxes]) -> COCOeval | float | None:
+    """Match boxes with the truth, image by image, for COCO's figures; these are None without truth, 0 without boxes."""
     images = [{"id": i, "width": case.truth.width_px, "height": case.truth.height_px} for i, case in enumerate(some)]
     truth = [
         {"id": i + 1, "image_id": i, "category_id": 1, "iscrowd": 0, "bbox": box, "area": box[2] * box[3]}
@@ -168,21 +187,19 @@ def average_precision(some: Sequence[Case]) -> dict[str, float | None]:
         if case.detection.box is not None
     ]
     if not truth:
-        return {"map50_95": None, "map50": None}
+        return None
     if not reported:
-        return {"map50_95": 0.0, "map50": 0.0}
-    with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
+        return 0.0
+    with contextlib.redirect_stdout(io.StringIO()):
         known = COCO()
         known.dataset = {"info": {}, "images": images, "annotations": truth, "categories": [{"id": 1, "name": "grab"}]}
         known.createIndex()
         evaluation = COCOeval(known, known.loadRes(reported), "bbox")
         evaluation.evaluate()
-        evaluation.accumulate()
-        evaluation.summarize()
-    return {"map50_95": float(evaluation.stats[0]), "map50": float(evaluation.stats[1])}
+    return evaluation
 
 
-def _box(case: Case) -> Array:
+def _box(case: Boxes) -> Array:
     box = labels.box(case.truth)
     assert box is not None
     return box

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from simgrab.errors import TrainingError
 from simgrab.instrument.detect.patches import Patch, Picture
+from simgrab.labels.boxed import BoxedDataset
 from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Row
+from simgrab.labels.truth import Boxed, Row
 from simgrab.records.frame_files import picture
 from simgrab.utilities.destination import writing
 from simgrab.utilities.files import drafted_folder
@@ -34,10 +35,10 @@ class Frame:
     it out.
     """
 
-    row: Row
+    row: Row | Boxed
     file: Path
     labelled: bool
-    weather: str
+    weather: str = ""
 
     def picture(self) -> Picture:
         """Decode the picture, RGB.
@@ -57,6 +58,18 @@ def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
         for row in dataset.rows
         if row.split == split and (dataset.is_labelled(row) or row.box_x0_px is None)
     )
+
+
+@dataclass(frozen=True, eq=False)
+class BoxedFrame(Frame):
+    """A frame of which boxes alone are known."""
+
+    row: Boxed
+
+
+def boxed(dataset: BoxedDataset) -> tuple[BoxedFrame, ...]:
+    """Frames of a dataset of boxes."""
+    return tuple(BoxedFrame(row, dataset.path / row.file, row.box_x0_px is not None) for row in dataset.rows)
 
 
 def build(

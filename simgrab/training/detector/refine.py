@@ -189,12 +189,13 @@ def loss(out: Tensor, batch: Batch) -> Tensor:
     scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
     unsure = (miss.detach() * torch.exp(-scales) + scales) * known
     turned, there = batch["turned"], batch["present"]
+    level = there * (turned != 0).any(1).float()  # of which the yaw is known
     unit = normalize(out[:, YAW], dim=1, eps=1e-3)
-    off = (1 - (unit * turned).sum(1)) * there
+    off = (1 - (unit * turned).sum(1)) * level
     # 1 − cos δ gives |δ| where it is small, and stays finite where it is not.
     delta = torch.sqrt((2 * off).clamp(min=0.0)).detach()
-    lean = (delta * torch.exp(-out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * there
-    grabs = there.sum().clamp(min=1.0)
+    lean = (delta * torch.exp(-out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * level
+    grabs = level.sum().clamp(min=1.0)
     presence = binary_cross_entropy_with_logits(out[:, PRESENCE], there)
     return (
         40 * miss.sum() / count + 0.2 * unsure.sum() / count + off.sum() / grabs + 0.05 * lean.sum() / grabs + presence
@@ -243,9 +244,14 @@ def _example(
         "crops": np.concatenate([picture, inside[..., None]], axis=-1),
         "places": np.where(known, places, 0).astype(np.float32),
         "known": known.astype(np.float32),
-        "turned": np.array([np.cos(2 * yaw), np.sin(2 * yaw)], np.float32),
+        "turned": doubled(yaw),
         "present": np.float32(there),
     }
+
+
+def doubled(yaw: float) -> NDArray[np.float32]:
+    """Cosine and sine of twice a yaw, rad; 0 where it is unknown, and not learned."""
+    return np.nan_to_num(np.array([np.cos(2 * yaw), np.sin(2 * yaw)], np.float32))
 
 
 def _window(patch: Patch, box: Array | None, rng: np.random.Generator) -> Patch:

@@ -2,6 +2,7 @@
 
 It begins with refine's weights. With size, place and yaw taken out of the crop only small corrections are left,
 and the centre is predicted with about half of refine's error; background is separated from the grab in one pose.
+From frames of which boxes alone are known it learns the presence.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from simgrab.instrument.detect.boxes import about
 from simgrab.instrument.detect.bundled import Settings, read
 from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, Patch, Picture, around, mask, turned
 from simgrab.labels import arrays as labels
+from simgrab.labels.truth import Boxed, Row
 from simgrab.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import CENTRE, PRESENCE, YAW
-from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, apart, lost, stack
+from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, apart, doubled, lost, stack
 from simgrab.training.loop import SCORE
 
 # How far refine may be off: centre in shares of the box's longer side, yaw in rad, side as a logarithm; mostly little,
@@ -128,7 +130,7 @@ def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
         for (i, slot, window), out in zip(some, outputs, strict=True):
             frame = crops.frames[i]
             there = frame.labelled and slot == 0
-            if there and not np.isfinite(labels.centre(frame.row)).all():
+            if there and isinstance(frame.row, Row) and not np.isfinite(labels.centre(frame.row)).all():
                 continue
             one = read(out[None], [window], frame.row.width_px, frame.row.height_px)
             said, box = one.level(), labels.box(frame.row) if frame.labelled else None
@@ -195,7 +197,7 @@ def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> 
         "crops": np.ascontiguousarray(cut),
         "places": np.where(known, places, 0).ravel().astype(np.float32),
         "known": known.ravel().astype(np.float32),
-        "turned": np.array([np.cos(2 * lean), np.sin(2 * lean)], np.float32),
+        "turned": doubled(lean),
         "present": np.array(example.there, np.float32),
     }
 
@@ -217,8 +219,11 @@ def _on(level: Level, point: Array) -> bool:
 
 
 def _true(example: _Example) -> Level:
-    """Tell the level part around a labelled grab."""
+    """Tell the level part around a labelled grab; of a box alone, about its middle, turned as refine said."""
     row = example.crops.frames[example.frame].row
     box = labels.box(row)
     assert box is not None
-    return Level(labels.centre(row), LEVEL_ROOM * float((box[2:] - box[:2]).max()), labels.yaw(row))
+    side = LEVEL_ROOM * float((box[2:] - box[:2]).max())
+    if isinstance(row, Boxed):
+        return Level((box[:2] + box[2:]) / 2, side, example.said.angle)
+    return Level(labels.centre(row), side, labels.yaw(row))

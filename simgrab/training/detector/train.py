@@ -26,6 +26,7 @@ from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
+from simgrab.training.detector.real import Real
 from simgrab.training.detector.settings import Recipes
 from simgrab.training.detector.start import begun
 from simgrab.training.device import named
@@ -62,12 +63,15 @@ def train(
     recipes: Callable[[int], Recipes],
     *,
     hard: Sequence[str | Path] = (),
+    real: Real | None = None,
     start: str | Path | None = None,
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Result:
     """Train find, refine on what find takes for the grab, settle from refine's weights; measure all together.
+
+    Figures of rendered validation frames and of real frames stand apart: the latter are ``real`` and ``real_…``.
 
     Parameters
     ----------
@@ -80,6 +84,8 @@ def train(
     hard : sequence of paths, optional
         Datasets, mostly of no grab, that settle alone learns from: what find takes for the grab in pictures that it has
         not learned is what it will take for it at work.
+    real : Real, optional
+        Real frames: to learn from beside the others, to choose the presence threshold by, and to judge by.
     start : path, optional
         Folder of a trained detector whose weights the nets begin with, instead of random ones.
     resume : bool
@@ -93,13 +99,18 @@ def train(
     """
     out = Path(out)
     check(out, resume=resume)
-    first = _begun(start)
+    first = start_digests(start)
     sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
     frames, doubtful = Frames.of(sets), Frames.of(more)
+    rendered = len(frames.train)
+    if real:
+        frames = Frames([*frames.train, *real.repeated(rendered)], frames.val, real.val)
     chosen = recipes(len(frames.train))
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
         fitted = fit(frames, out, chosen, hard=doubtful, start=start, resume=resume, watch=watch, report=report)
+        if real:
+            fitted = Fitted(fitted.nets, fitted.metrics | real.figures(out, start, watch))
         for name, trained in fitted.nets.items():
             learned, others = ((*sets, *more), ()) if name == "settle" else (sets, more)
             Card(
@@ -107,16 +118,18 @@ def train(
                 recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
                 metrics={"alone": trained.figures, "best_epoch": trained.epoch} | fitted.metrics,
                 judged_by=tuple(one.data for one in others), started_from=first.get(name, ""),
+                real=real.learned(rendered) if real else {},
             ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames to learn from and to judge by."""
+    """Frames to learn from and to judge by, and real ones that only the presence threshold and deviations are of."""
 
     train: Sequence[cache.Frame]
     val: Sequence[cache.Frame]
+    real: Sequence[cache.Frame] = ()
 
     @classmethod
     def of(cls, sets: Sequence[datasets.Dataset]) -> Frames:
@@ -147,7 +160,7 @@ def fit(
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
     hard = hard or Frames((), ())
     train_frames, val_frames = frames.train, frames.val
-    digest = frames.digest + "".join(_begun(start).values())
+    digest = frames.digest + "".join(start_digests(start).values())
     for name, some in (("training", train_frames), ("validation", val_frames)):
         if not any(frame.labelled for frame in some):
             raise TrainingError(f"no {name} frame shows the grab; render more frames")
@@ -201,10 +214,11 @@ def fit(
         write(draft / "settle.onnx", facts)
         looks = Bundled(draft, Settings(least_presence=0.0))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
-    presence = round(evaluate.least_presence(seen), 4)
-    seen = evaluate.by(presence, seen)
+    others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
+    presence = round(evaluate.least_presence([*seen, *others]), 4)
+    seen, others = evaluate.by(presence, seen), evaluate.by(presence, others)
     settings = msgspec.structs.asdict(Settings(least_presence=presence))
-    trust = evaluate.trust(seen)
+    trust = evaluate.trust([*seen, *others])
     write(out / "settle.onnx", facts | {"settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
     if start is not None:
@@ -215,7 +229,7 @@ def fit(
     return Fitted({"find": found, "refine": refined, "settle": settled}, figures)
 
 
-def _begun(start: str | Path | None) -> dict[str, str]:
+def start_digests(start: str | Path | None) -> dict[str, str]:
     """SHA-256 of the nets that a training begins with, by name."""
     if start is None:
         return {}

@@ -1,0 +1,112 @@
+"""Accuracy of a detector on frames of which boxes alone are known, such as real ones: by video, with intervals."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pycocotools.cocoeval import COCOeval
+
+from simgrab.judge.evaluate.detection import Boxes, average_precision, matched
+from simgrab.judge.evaluate.intervals import LEVEL, clopper_pearson
+from simgrab.labels.truth import Boxed
+from simgrab.records.observations import Detection
+from simgrab.rng import stream
+
+RESAMPLES = 1000
+FEWEST_VIDEOS = 2  # for an interval
+
+
+@dataclass(frozen=True, eq=False)
+class BoxedCase(Boxes):
+    """One frame: its box, if any, and its detection."""
+
+    truth: Boxed
+    labelled: bool
+    detection: Detection
+
+
+def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: int = RESAMPLES) -> dict[str, Any]:
+    """Score detections in frames of which boxes alone are known.
+
+    Parameters
+    ----------
+    rows : sequence of Boxed
+    detections : sequence of Detection
+        In the rows' order.
+    resamples : int
+        Of videos, for the interval of the precision.
+
+    Returns
+    -------
+    dict
+        Counts of frames and videos; COCO's ``map50_95`` and ``map50``, each frame giving at most one box, the first
+        with its 95 % interval, of resampled videos (None of one video alone); ``recall`` at an IoU of 0.5 and
+        ``false_share`` of empty frames, with intervals after Clopper and Pearson, which take frames for independent;
+        ``missed_videos`` and ``false_videos``, in which any grab was missed or any empty frame got a box; and
+        ``by_video``, the counts of each.
+    """
+    some = [BoxedCase(row, row.box_x0_px is not None, found) for row, found in zip(rows, detections, strict=True)]
+    videos: dict[str, list[BoxedCase]] = {}
+    for case in some:
+        videos.setdefault(case.truth.video, []).append(case)
+    counts = {video: _counts(cases) for video, cases in sorted(videos.items())}
+    whole = _counts(some)
+    labelled, empty = whole["labelled"], whole["empty"]
+    return {
+        "frames": len(some),
+        "videos": len(videos),
+        "labelled": labelled,
+        "empty": empty,
+        **average_precision(some),
+        "map50_95_interval": _resampled(list(videos.values()), resamples),
+        "recall": whole["hits"] / labelled if labelled else None,
+        "recall_interval": clopper_pearson(whole["hits"], labelled),
+        "missed_videos": sum(one["hits"] < one["labelled"] for one in counts.values()),
+        "false_boxes": whole["false_boxes"],
+        "false_share": whole["false_boxes"] / empty if empty else None,
+        "false_interval": clopper_pearson(whole["false_boxes"], empty),
+        "false_videos": sum(one["false_boxes"] > 0 for one in counts.values()),
+        "by_video": counts,
+    }
+
+
+def _counts(some: Sequence[BoxedCase]) -> dict[str, int]:
+    empty = [case for case in some if case.empty]
+    return {
+        "frames": len(some),
+        "labelled": len(some) - len(empty),
+        "hits": sum(case.hit for case in some),
+        "empty": len(empty),
+        "false_boxes": sum(case.detection.found for case in empty),
+    }
+
+
+def _resampled(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
+    """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None of fewer than two."""
+    evaluation, count = matched([case for video in videos for case in video]), len(videos)
+    if evaluation is None or count < FEWEST_VIDEOS:
+        return None
+    if not isinstance(evaluation, COCOeval):
+        return evaluation, evaluation
+    parts = np.split(np.arange(sum(map(len, videos))), np.cumsum([len(video) for video in videos])[:-1])
+    picks = stream(0, 0, "videos.bootstrap").integers(count, size=(resamples, count))
+    # Boxes are matched image by image: an average over other images needs no other matches.
+    evaluation.params.areaRng, evaluation.params.maxDets = evaluation.params.areaRng[:1], [1]
+    matches, values = list(evaluation.evalImgs), []
+    for some in picks:
+        images = np.concatenate([parts[i] for i in some])
+        evaluation.params.imgIds, evaluation.evalImgs = images.tolist(), [matches[i] for i in images]
+        with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
+            evaluation.accumulate()
+        precision = evaluation.eval["precision"]
+        if (precision >= 0).any():  # else no video of these shows the grab
+            values.append(float(precision.mean()))
+    if not values:
+        return None
+    low, high = np.quantile(values, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(low), float(high)

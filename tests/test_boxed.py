@@ -1,0 +1,334 @@
+"""Datasets of boxes in YOLO's and COCO's layouts, and their split by video."""
+
+import json
+import os
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from simgrab.errors import DatasetError
+from simgrab.labels import arrays, boxed, datasets
+from simgrab.world.output.export import export
+
+WIDTH, HEIGHT = 64, 40
+BOX = (8.0, 4.0, 24.0, 20.0)
+LINE = "0 0.25 0.3 0.25 0.4\n"  # the same
+
+
+def image(path, light=0):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((HEIGHT, WIDTH, 3), light, np.uint8))
+    return path
+
+
+def as_yolo(folder, files, text=LINE, description="train: images\nnames: [grab]\n"):
+    """A dataset in YOLO's layout, each image in a light of its own."""
+    for light, file in enumerate(files):
+        image(folder / "images" / file, light)
+        label = (folder / "labels" / file).with_suffix(".txt")
+        label.parent.mkdir(parents=True, exist_ok=True)
+        label.write_text(text)
+    folder.mkdir(exist_ok=True)
+    if description:
+        (folder / "data.yaml").write_text(description)
+    return folder
+
+
+def coco_of(files, boxes=(BOX,), classes=("grab",), size=(WIDTH, HEIGHT)):
+    images = [{"id": i, "file_name": file, "width": size[0], "height": size[1]} for i, file in enumerate(files)]
+    annotations = [
+        {"id": 9 * i + k, "image_id": i, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0]}
+        for i in range(len(files))
+        for k, (x0, y0, x1, y1) in enumerate(boxes)
+    ]
+    categories = [{"id": i + 1, "name": name} for i, name in enumerate(classes)]
+    return {"images": images, "annotations": annotations, "categories": categories}
+
+
+def as_coco(folder, files, **changes):
+    for light, file in enumerate(files):
+        image(folder / "images" / file, light)
+    (folder / "annotations").mkdir(parents=True, exist_ok=True)
+    (folder / "annotations" / "instances_default.json").write_text(json.dumps(coco_of(files, **changes)))
+    return folder
+
+
+# Reading ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [as_yolo, as_coco])
+def test_a_box_is_read_in_pixels(tmp_path, make):
+    row, other = boxed.read(make(tmp_path, ["a/1.png", "b/2.png"])).rows
+    np.testing.assert_allclose(arrays.box(row), BOX)
+    assert (row.file, row.video, row.width_px, row.height_px) == ("images/a/1.png", "a", WIDTH, HEIGHT)
+    assert row.image_sha256 != other.image_sha256
+    assert np.isnan([*arrays.centre(row), arrays.yaw(row), *arrays.up_the_ropes(row)]).all()
+
+
+def test_simgrabs_own_exports_are_read_as_it_reads_them(split_dataset, tmp_path):
+    known = datasets.read(split_dataset)
+    for layout, name in (("yolo", "data.yaml"), ("coco", "annotations/instances_train.json")):
+        export(split_dataset, tmp_path / layout, format=layout)
+        rows = {row.file: row for row in boxed.read(tmp_path / layout / name).rows}
+        wanted = [row for row in known.rows if layout == "yolo" or row.split == "train"]
+        assert set(rows) == {row.file for row in wanted}
+        for row in wanted:
+            found = arrays.box(rows[row.file])
+            assert (found is not None) == known.is_labelled(row)
+            if found is not None:
+                np.testing.assert_allclose(found, arrays.box(row), atol=1e-5)
+            assert rows[row.file].image_sha256 == row.image_sha256
+            assert layout == "coco" or rows[row.file].split == row.split
+    with pytest.raises(DatasetError, match="simgrab rendered"):
+        boxed.read(split_dataset)
+
+
+def test_an_image_with_no_box_is_an_empty_frame(tmp_path):
+    yolo, coco = as_yolo(tmp_path / "yolo", ["a/1.png", "a/2.png", "a/3.png"]), tmp_path / "coco"
+    (yolo / "labels/a/2.txt").write_text("")
+    (yolo / "labels/a/3.txt").unlink()
+    as_coco(coco, ["a/1.png"], boxes=())
+    assert [arrays.box(row) is None for path in (yolo, coco) for row in boxed.read(path).rows] == [False, *[True] * 3]
+
+
+def test_other_layouts_are_found(tmp_path):
+    beside = tmp_path / "beside"
+    image(beside / "a_1.png")
+    (beside / "a_1.txt").write_text(LINE)
+    roboflow = as_yolo(
+        tmp_path / "roboflow", [], description="train: ../train/images\nval: ../valid/images\nnames: [grab]\n"
+    )
+    for folder in ("train", "valid"):
+        image(roboflow / folder / "images" / f"{folder}_1_png.rf.0a1b.png", len(folder))
+        (roboflow / folder / "labels").mkdir()
+        (roboflow / folder / "labels" / f"{folder}_1_png.rf.0a1b.txt").write_text(LINE)
+    listed = as_yolo(tmp_path / "listed", ["a/1.png", "b/1.png"], description="train: list.txt\nnames: {0: grab}\n")
+    (listed / "list.txt").write_text("images/a/1.png\n\n")
+    json_beside = tmp_path / "json"
+    image(json_beside / "valid" / "a_1.png")
+    (json_beside / "valid" / "_annotations.coco.json").write_text(json.dumps(coco_of(["a_1.png"])))
+    for path, videos in {
+        beside: ["a"], roboflow: ["train", "valid"], listed: ["a"], json_beside: ["a"],
+    }.items():  # fmt: skip
+        dataset = boxed.read(path)
+        assert [row.video for row in dataset.rows] == videos
+        assert all(np.allclose(arrays.box(row), BOX) for row in dataset.rows)
+
+
+@pytest.mark.parametrize("make", [as_yolo, as_coco])
+def test_the_grabs_class_is_chosen(tmp_path, make):
+    if make is as_yolo:
+        as_yolo(tmp_path, ["a/1.png"], LINE + "1 0.5 0.5 0.1 0.1\n", "train: images\nnames: [grab, ship]\n")
+    else:
+        as_coco(tmp_path, ["a/1.png"], classes=("grab", "ship"))
+    with pytest.raises(DatasetError, match=r"--grab-class; its classes: 'grab', 'ship'"):
+        boxed.read(tmp_path)
+    with pytest.raises(DatasetError, match="no class 'crab'; its classes: 'grab', 'ship'"):
+        boxed.read(tmp_path, ["crab"])
+    np.testing.assert_allclose(arrays.box(boxed.read(tmp_path, ["grab"]).rows[0]), BOX)
+
+
+# Videos and splits -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "video"),
+    [
+        ("images/train/crane-3/000812.jpg", "crane-3"), ("images/2024/crane-3/x.jpg", "2024/crane-3"),
+        ("images/train/night-07_frame_000812.jpg", "night-07"), ("night-07_12.png", "night-07"), ("yard.png", "yard"),
+        ("valid/images/cam2_0001_jpg.rf.8f2cB1.jpg", "cam2"), ("images/val/000812.jpg", "images/val"),
+        ("images/val/frame_000812.jpg", "images/val"), ("a.b-3.jpg", "a.b"),
+    ],
+)  # fmt: skip
+def test_a_video_is_told_by_folder_or_name(file, video):
+    assert boxed.video_of(file) == video
+
+
+def test_videos_are_split_by_their_names_alone():
+    names = [f"video {i}" for i in range(2000)]
+    whole = boxed.splits(names)
+    shares = [list(whole.values()).count(split) / len(names) for split in ("train", "val", "test")]
+    np.testing.assert_allclose(shares, [0.7, 0.15, 0.15], atol=0.03)
+    some = boxed.splits(names[:300][::-1])
+    assert some == {name: whole[name] for name in names[:300]}
+    for count in range(1, 12):
+        for start in range(0, 200, 20):
+            found = list(boxed.splits(names[start : start + count]).values())
+            assert set(found) >= set(("train", "test", "val")[: min(count, 3)])
+
+
+def test_frames_of_a_video_are_never_split(tmp_path):
+    dataset = boxed.read(as_yolo(tmp_path, [f"{video}/{i}.png" for video in "abcdef" for i in range(3)]))
+    assert not dataset.named
+    assert {len({row.split for row in dataset.rows if row.video == video}) for video in "abcdef"} == {1}
+    assert {row.split for row in dataset.rows} == {"train", "val", "test"}
+    assert "18 frames, 0 without a grab, of 6 videos" in dataset.summary
+
+
+def test_named_splits_are_kept_and_a_video_in_two_is_refused(tmp_path):
+    named = "train: images/train\nval: images/valid\ntest: images/test\nnames: [grab]\n"
+    files = ["train/a_1.png", "train/b_1.png", "valid/c_1.png", "test/d_1.png"]
+    for path in (
+        as_yolo(tmp_path / "yaml", files, description=named), as_yolo(tmp_path / "none", files, description=""),
+    ):  # fmt: skip
+        dataset = boxed.read(path)
+        assert {row.video: row.split for row in dataset.rows} == {"a": "train", "b": "train", "c": "val", "d": "test"}
+        assert dataset.named
+    as_yolo(tmp_path / "yaml", [*files, "test/a_2.png"], description=named)
+    with pytest.raises(DatasetError, match=r"the video 'a' lies in test and in train \(images/train/a_1.png\)"):
+        boxed.read(tmp_path / "yaml")
+    (tmp_path / "yaml/data.yaml").write_text("train: images\nval: images\nnames: [grab]\n")
+    assert not boxed.read(tmp_path / "yaml").named
+
+
+def test_videos_of_several_datasets_are_told_apart(tmp_path):
+    paths = [as_yolo(tmp_path / name, ["a/1.png"]) for name in ("x", "y")]
+    assert [one.rows[0].video for one in boxed.read_all(paths)] == [f"{path}: a" for path in paths]
+    assert boxed.read_all(paths[:1])[0].rows[0].video == "a"
+
+
+# What is refused -------------------------------------------------------------------------------------------------
+
+
+def refused(path, grab_classes=()):
+    with pytest.raises(DatasetError) as problem:
+        boxed.read(path, grab_classes)
+    text = str(problem.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("hello\n", "expected 'class x y width height', got 'hello'"),
+        ("0 0.1 0.1 0.2\n", "expected 'class"), ("0 a 0.1 0.2 0.2", "expected 'class"),
+        ("0.5 0.5 0.5 0.2 0.2", "expected 'class"), ("-1 0.5 0.5 0.2 0.2", "expected 'class"),
+        ("0 0.1 0.1 0.2 0.1 0.2 0.2 0.1 0.2", "expected 'class"),
+        ("0 0.5 0.5 1.2 0.2", "lies outside the image of 64 x 40 px"), ("0 nan 0.5 0.2 0.2", "lies outside the image"),
+        ("0 100 50 20 20", "lies outside the image"), ("0 0.5 0.5 0 0.2", "has no area"),
+        ("0 0.5 0.5 -0.2 0.2", "has no area"), ("3 0.5 0.5 0.2 0.2", "class 3 is not among the 1 names"),
+        (LINE + "0 0.5 0.5 0.1 0.1", "2 boxes of the grab in one frame"),
+    ],
+)  # fmt: skip
+def test_labels_that_are_none_are_refused(tmp_path, text, problem):
+    answer = refused(as_yolo(tmp_path, ["a/1.png"], text))
+    assert problem in answer
+    assert str(tmp_path / "labels/a/1.txt") in answer
+
+
+def test_what_rounding_leaves_outside_is_clipped(tmp_path):
+    np.testing.assert_allclose(
+        arrays.box(boxed.read(as_yolo(tmp_path, ["a/1.png"], "0 0.5 0.5 1.02 1.02")).rows[0]), [0, 0, WIDTH, HEIGHT]
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"boxes": [(-9.0, 0.0, 20.0, 20.0)]}, "lies outside the image"),
+        ({"boxes": [BOX, (1.0, 1.0, 5.0, 5.0)]}, "2 boxes of the grab"),
+        ({"size": (99, 40)}, r"the labels are of (99, 40) px"),
+    ],
+)
+def test_coco_labels_that_do_not_fit_are_refused(tmp_path, change, problem):
+    assert problem in refused(as_coco(tmp_path, ["a/1.png"], **change))
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"{", "not readable COCO labels"),
+        (b"[" * 100_000, "not readable COCO labels"),
+        (b"\xff", "not readable COCO"),
+        (b"{}", "missing required field `images`"),
+        (b'{"images": 3}', "Expected `array`"),
+        (json.dumps(coco_of(["a/gone.png"])).encode(), "the image 'a/gone.png' is missing"),
+        (json.dumps(coco_of(["a/\0.png"])).encode(), "null byte"),
+        (json.dumps(coco_of(["a/1.png"], classes=())).encode(), "category 1, which is not listed"),
+        (json.dumps(coco_of(["a/1.png"]) | {"images": []}).encode(), "image 0, which is not listed"),
+        (json.dumps(coco_of([])).encode(), "contains no images"),
+        (json.dumps(coco_of(["a/1.png"] * 2)).encode(), "is an image of"),
+        (json.dumps(coco_of(["../../outside.png"])).encode(), "is not in the dataset"),
+    ],
+)
+def test_coco_files_that_are_none_are_refused(tmp_path, content, problem):
+    folder = as_coco(tmp_path / "in" / "data", ["a/1.png"])
+    image(tmp_path / "outside.png")
+    (folder / "annotations" / "instances_default.json").write_bytes(content)
+    assert problem in refused(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "keys such as train"),
+        ("train: [", "not valid YAML"),
+        ("train: images", "names must list the classes"),
+        ("names: [grab]", "names no train, val or test"),
+        ("train: gone\nnames: [grab]", "neither a folder nor"),
+        ("train: ../other\nnames: [grab]", "is not in the dataset"),
+        ("train: /etc\nnames: [grab]", "is not in the"),
+        ("path: /etc\ntrain: images\nnames: [grab]", "is not in the dataset"),
+        ("train: {a: b}\nnames: [grab]", "must name folders"),
+        ("train: images\nnames: [[a]]", "names must list"),
+        ("path: 3\ntrain: images\nnames: [grab]", "path must be text"),
+        ("train: list.txt\nnames: [grab]", "is not in the dataset"),
+    ],
+)
+def test_a_description_that_is_none_is_refused(tmp_path, text, problem):
+    image(tmp_path / "other" / "1.png")
+    folder = as_yolo(tmp_path / "data", ["a/1.png"], description=text or "\n")
+    (folder / "list.txt").write_text("images/a/1.png\n../other/1.png\n")
+    answer = refused(folder)
+    assert problem in answer
+    assert "data.yaml" in answer or "list.txt" in answer
+
+
+def test_what_leads_out_of_the_dataset_is_refused(tmp_path):
+    outside = image(tmp_path / "outside.png")
+    (tmp_path / "outside.txt").write_text(LINE)
+    linked = as_yolo(tmp_path / "linked", ["a/1.png"])
+    (linked / "images/a/2.png").symlink_to(outside)
+    assert "2.png, which is not in the dataset" in refused(linked)
+    labels = as_yolo(tmp_path / "labels", ["a/1.png"])
+    (labels / "labels/a/1.txt").unlink()
+    (labels / "labels/a/1.txt").symlink_to(tmp_path / "outside.txt")
+    assert "1.txt, which is not in the dataset" in refused(labels)
+    folder = as_yolo(tmp_path / "folder", ["a/1.png"], description="train: images/more\nnames: [grab]")
+    (folder / "images/more").symlink_to(linked / "images")
+    assert "more, which is not in the dataset" in refused(folder)
+    inside = as_yolo(tmp_path / "inside", ["a/1.png"])
+    (inside / "images/a/2.png").symlink_to(inside / "images/a/1.png")
+    assert len(boxed.read(inside).rows) == 2
+    (tmp_path / "door").symlink_to(inside)
+    assert len(boxed.read(tmp_path / "door").rows) == 2
+    (inside / "data.yaml").write_text("train: ../door/images\nnames: [grab]\n")
+    assert "images, which is not in the dataset" in refused(inside)
+
+
+def test_images_that_cannot_be_read_are_refused(tmp_path):
+    for name, content in {"empty": b"", "noise": b"\x01" * 99, "cut": None}.items():
+        path = as_yolo(tmp_path / name, ["a/1.png"]) / "images/a/1.png"
+        path.write_bytes(path.read_bytes()[:60] if content is None else content)
+        assert f"{path} cannot be read as an image" in refused(tmp_path / name)
+
+
+def test_a_dataset_with_nothing_in_it_is_refused(tmp_path):
+    (tmp_path / "empty").mkdir()
+    assert "contains no images" in refused(tmp_path / "empty")
+    assert "is needed" in refused(tmp_path / "gone")
+    bare = as_yolo(tmp_path / "bare", ["a/1.png"])
+    shutil.rmtree(bare / "labels")
+    assert "no image has a label file" in refused(bare)
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    folder = as_yolo(tmp_path, ["a/1.png"])
+    try:
+        (folder / "images/a/1.png").rename(folder / "images/a" / os.fsdecode(b"\xff1.png"))
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    assert "can't encode" in refused(folder)
