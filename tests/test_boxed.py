@@ -266,6 +266,11 @@ def test_coco_files_that_are_none_are_refused(tmp_path, content, problem):
     [
         ("", "keys such as train"),
         ("train: [", "not valid YAML"),
+        ("train: !!int ''", "not valid YAML"),
+        ("train: !!bool x", "not valid YAML"),
+        ("train: !!timestamp x", "not valid YAML"),
+        (f"train: {':'.join('1' * 400)}.0", "not valid YAML"),
+        ("train: &a [*a]\nnames: [grab]", "must name folders"),
         ("train: images", "names must list the classes"),
         ("names: [grab]", "names no train, val or test"),
         ("train: gone\nnames: [grab]", "neither a folder nor"),

@@ -12,12 +12,11 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from yaml import YAMLError, safe_load
 
 from simgrab.errors import DatasetError, first_line, one_line
 from simgrab.geometry import Array
 from simgrab.labels.masks import MOST_COCO_BYTES
-from simgrab.utilities.parse import is_dir, is_file, read_bytes, read_text, shown
+from simgrab.utilities.parse import is_dir, is_file, read_bytes, read_text, read_yaml, shown
 from simgrab.utilities.pictures import SUFFIXES
 
 YAML = "data.yaml"
@@ -41,7 +40,7 @@ class Image:
     where : str
         What messages call the labels.
     boxes : tuple of (str, ndarray of shape (4,))
-        Class, and x0, y0, x1, y1.
+        Class, and x0, y0, x1, y1 in the unit that ``shares`` states.
     shares : bool
         Whether boxes are in shares of the image, not in px.
     size : tuple of 2 int, optional
@@ -123,10 +122,7 @@ def _yolo(root: Path, description: Path | None) -> Layout:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    try:
-        data = safe_load(read_text(path, DatasetError, most_bytes=MOST_YAML_BYTES))
-    except (YAMLError, ValueError, RecursionError) as problem:
-        raise DatasetError(f"{path}: it is not valid YAML ({first_line(problem)})") from None
+    data = read_yaml(path, DatasetError, most_bytes=MOST_YAML_BYTES)
     if not isinstance(data, dict):
         raise DatasetError(f"{path}: keys such as train, val and names are needed")
     return data

@@ -1,4 +1,4 @@
-"""Read what users write as text: one reader of text files, one parser of TOML and one of JSON.
+"""Read what users write as text: one reader of text files, one parser each of TOML, JSON and YAML.
 
 Whatever a file holds, and whatever lies in its place, is answered by one line with the file and the reason: a folder, a
 pipe or a device, bytes that are no UTF-8, nesting without end, numbers beyond 64 bits. A byte order mark is skipped.
@@ -20,6 +20,8 @@ from datetime import date, time
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
+
+from yaml import YAMLError, safe_load
 
 from simgrab.errors import SimgrabError, first_line, one_line
 
@@ -64,6 +66,16 @@ def read_json(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: i
     """Read a JSON file; parameters as those of `read_toml`, and the most bytes that it may have."""
     text = read_text(path, refuse, kind, most_bytes=most_bytes)
     return parse_json(text, refuse, f"{cannot(path, kind)}: it is not valid JSON")
+
+
+def read_yaml(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> Any:
+    """Read a YAML file; parameters as those of `read_json`. Its lists and mappings may contain themselves."""
+    text = read_text(path, refuse, kind, most_bytes=most_bytes)
+    try:
+        return safe_load(text)
+    # Beside errors of its own, the parser lets through what Python raises for values such as ``!!bool x``.
+    except (YAMLError, ValueError, LookupError, ArithmeticError, AttributeError, RecursionError) as problem:
+        raise refuse(f"{cannot(path, kind)}: it is not valid YAML ({first_line(problem)})") from None
 
 
 def read_text(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int = MOST_BYTES) -> str:

@@ -299,6 +299,7 @@ BROKEN = {
     "no YAML": (lambda folder: (folder / "sensor.yaml").write_text("{[}"), "not valid YAML"),
     "code": (lambda folder: (folder / "sensor.yaml").write_text("!!python/name:os.getcwd"), "not valid YAML"),
     "brackets": (lambda folder: (folder / "sensor.yaml").write_text("[" * 60_000), "not valid YAML"),
+    "a tag that does not fit": (lambda folder: (folder / "sensor.yaml").write_text("a: !!bool x"), "not valid YAML"),
 }  # fmt: skip
 
 

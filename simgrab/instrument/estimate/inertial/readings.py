@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-from yaml import YAMLError, safe_load
 
 from simgrab.errors import RecordError, first_line
 from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.utilities.parse import opened
+from simgrab.utilities.parse import opened, read_yaml
 
 STAMP = "#timestamp [ns]"
 RATE = tuple(f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
@@ -170,12 +169,7 @@ def read_description(path: Path, kind: str) -> tuple[dict[str, Any], Array]:
     RecordError
         In one line: the file, and what is wrong with it.
     """
-    with opened(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES) as file:
-        text = file.read()
-    try:
-        data = safe_load(text)
-    except (YAMLError, ValueError, RecursionError) as problem:
-        raise RecordError(f"{path}: it is not valid YAML ({first_line(problem)})") from None
+    data = read_yaml(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES)
     if not isinstance(data, dict) or not isinstance(data.get("T_BS"), dict):
         raise RecordError(f"{path}: T_BS is missing: the sensor's pose in the frame of its body")
     if data.get("sensor_type", kind) != kind:
