@@ -60,13 +60,14 @@ _VERDICT = ((3,),)
 _MOST = 3  # hottest candidates, which are refined
 _LEAST_SIDE = 8.0  # px of the picture, of a refined box
 _SURE = 0.9  # presence threshold above which a detection is not refined again
-_AGAIN_HEAT, _LOOKS = 0.015, 4  # heat threshold, and number of passes, of candidates refined again
+_AGAIN_HEAT, PASSES = 0.015, 4  # heat threshold, and number of passes, of candidates refined again
 _SIZES = (0.6, 1.5)  # of the hottest candidate's box, at which it is refined again too
 _LIKELY = 0.5  # presence in the first of these passes above which a candidate after the hottest gets the others
 
 
 _VERIFIED = 0.75  # weight of verify's logit in the presence
-# Weight, usual and least value of a box's standard deviation over its longer side, larger where the box is wrong.
+# Of a box's mean standard deviation over its longer side, larger where the box is wrong: its weight, and the values
+# that leave the presence unchanged and from which on it counts.
 _UNSURE, _USUAL_SD, _LEAST_SD = 2.0, 0.02, 0.005
 _PRESENCES = (1e-20, 1 - 1e-15)  # bounds within which a logit is finite
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
@@ -228,7 +229,7 @@ class Bundled:
         places += [candidate.box for candidate in candidates if candidate.heat >= _AGAIN_HEAT]
         refined = self.refine(picture, places)
         boxes = [box for i, box in enumerate(refined.boxes) if i < surely or refined.presence[i] >= _LIKELY]
-        for _ in range(_LOOKS - 1):
+        for _ in range(PASSES - 1):
             refined = self.refine(picture, boxes)
             boxes = list(refined.boxes)
         return [self.settle(picture, refined.one(i)) for i in range(len(boxes))]

@@ -25,7 +25,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import VERIFY, Bundled, Settings
+from simgrab.instrument.detect.bundled import PASSES, VERIFY, Bundled, Settings
 from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
 from simgrab.labels import arrays as labels
@@ -50,7 +50,6 @@ TASK = "Crop around a found box and its surroundings in; whether the grab is the
 _MEASURED = 128  # examples for the statistics of the stages that are taken over
 _TIMES = 2  # examples of each frame: of the grab, and of other things
 _SUSPECT = 0.015  # heat above which a candidate is refined
-_PASSES = 4  # of refine, as at work
 _SAME = 0.7  # IoU above which two boxes are one
 _SCALE = 0.05  # of the crop's side, standard deviation of its logarithm
 _SHIFT = 0.03  # of the box's longer side, standard deviation
@@ -205,15 +204,17 @@ def train_verify(
     check(out, resume=resume)
     sets, looks = datasets.read_all(paths, "train", "val"), Bundled(detector)
     step = watch or (lambda _: lambda _done, _total: None)
+    begin = _start(detector)
+    names = dict.fromkeys([*(f"{name}.onnx" for name in NETS), begin.name])
     with claim(out, resume=resume):
         digest = hashlib.sha256(
-            "".join([datasets.digest(sets), *(sha256(detector / f"{name}.onnx") for name in NETS)]).encode()
+            "".join([datasets.digest(sets), *(sha256(detector / name) for name in names)]).encode()
         ).hexdigest()
         chosen = {name: cache.frames(sets, name) for name in ("train", "val")}
         crops = {}
         for name, some in chosen.items():
             folder, twice = out / "cache" / f"{name}-{digest[:16]}", [*some] * _TIMES
-            split: list[list[Array]] = [[] for _ in twice]  # what is cut already needs none
+            split: list[list[Array]] = [[] for _ in twice]  # crops in the cache need none
             if not folder.exists():
                 boxes = suspects(looks, some, step(f"detecting in {name} images"))
                 split = [found[half::_TIMES] for half in range(_TIMES) for found in boxes]
@@ -221,7 +222,7 @@ def train_verify(
         task = Verifying([crops["train"]], [crops["val"]])
         (out / "verify").mkdir(exist_ok=True)
         trained = loop.train(
-            functools.partial(_begun, detector, task),
+            functools.partial(_begun, begin, task),
             task,
             settings,
             out / "verify",
@@ -235,21 +236,27 @@ def train_verify(
         Card(
             name="verify", task=TASK, data=tuple(one.data for one in sets), examples=trained.examples,
             recipe=dataclasses.asdict(settings), epochs=trained.epochs, seconds=trained.seconds,
-            metrics={"alone": trained.figures, "best_epoch": trained.epoch} | figures,
+            metrics={"alone": trained.figures, "best_epoch": trained.epoch} | figures, started_from=sha256(begin),
         ).save(out / "verify.onnx")  # fmt: skip
     return figures
 
 
-def _begun(detector: Path, task: Verifying) -> Verify:
-    """Build verify with the weights of a detector's verify, or where it has none with the stages of its refine."""
+def _start(detector: Path) -> Path:
+    """File of the net whose weights verify begins with: a detector's verify, or where it has none its refine."""
+    verified = open_net(detector / "settle.onnx").facts.get("verified") is True
+    return detector / ("verify.onnx" if verified else "refine.onnx")
+
+
+def _begun(begin: Path, task: Verifying) -> Verify:
+    """Build verify with the weights of a verify, or with the stages of a refine."""
     rng = stream(0, 0, "statistics")
     some = task.batch(rng.permutation(task.examples)[:_MEASURED], rng)["crops"]
-    if open_net(detector / "settle.onnx").facts.get("verified") is True:
-        result = begun(lambda: Verify(Refine()), detector / "verify.onnx", some)
+    if begin.stem == "verify":
+        result = begun(lambda: Verify(Refine()), begin, some)
         assert isinstance(result, Verify)
         return result
     shrunk = [cv2.resize(crop, (REFINE_SIZE, REFINE_SIZE), interpolation=cv2.INTER_AREA) for crop in some.numpy()]
-    refined = begun(Refine, detector / "refine.onnx", torch.from_numpy(np.stack(shrunk)))
+    refined = begun(Refine, begin, torch.from_numpy(np.stack(shrunk)))
     assert isinstance(refined, Refine)
     return Verify(refined)
 
@@ -272,17 +279,18 @@ def suspects(
 ) -> list[list[Array]]:
     """Boxes that a detector may take for the grab in each frame, px of the picture, the most present first.
 
-    They are its candidates, refined once and as often as at work; of those that are nearly the same, the first.
+    They are its candidates, refined once, and as often as `Bundled` refines them again; of those that are nearly the
+    same, the first.
     """
     result = []
     for frame in frames:
         picture = frame.picture()
         places = [one.box for one in looks.candidates(picture) if one.heat >= _SUSPECT]
         found: list[tuple[float, Array]] = []
-        for done in range(_PASSES if places else 0):
+        for done in range(PASSES if places else 0):
             refined = looks.refine(picture, places)
             places = list(refined.boxes)
-            if done in (0, _PASSES - 1):
+            if done in (0, PASSES - 1):
                 found += zip(refined.presence, refined.boxes, strict=True)
         boxes: list[Array] = []
         for _, box in sorted(found, key=lambda one: -one[0]):
