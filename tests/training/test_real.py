@@ -131,7 +131,7 @@ def test_fewer_real_frames_are_among_more_and_fill_whole_videos(known):
         assert len(set(names)) == sum(a != b for a, b in itertools.pairwise(names)) + 1  # one after another
         orders.add(tuple(names))
         assert known.some(5, seed).val == ()
-        assert known.some(5, seed).held == known.held
+        assert known.some(5, seed).held_out == known.held_out
     assert len(orders) > 2
     with pytest.raises(TrainingError, match="6 real frames are asked for, and there are 5"):
         known.some(6, 0)
@@ -146,15 +146,18 @@ def test_real_frames_count_several_times_up_to_a_share(known):
 
 
 def test_nothing_is_both_learned_from_and_judged_by(known, videos, tmp_path):
-    assert [len(some) for some in (known.train, known.val, known.held)] == [5, 1, 1]
+    assert [len(some) for some in (known.train, known.val, known.held_out)] == [5, 1, 1]
     with pytest.raises(DatasetError, match="is both learned from and judged by"):
         real.read([videos], [videos], (), score)
     alone = tmp_path / "alone"
     shutil.copytree(videos / "images/test", alone / "images")
     shutil.copytree(videos / "labels/test", alone / "labels")
-    with pytest.raises(DatasetError, match="all frames are of one video, 'd', and none is left to judge by"):
+    with pytest.raises(DatasetError, match="alone: it has one video alone, and none is left to judge by"):
         real.read([alone], [], (), score)
-    assert len(real.read([], [alone], (), score).held) == 1
+    other = shutil.copytree(alone, tmp_path / "other")
+    with pytest.raises(DatasetError, match="each has one video alone"):
+        real.read([alone, other], [], (), score)
+    assert len(real.read([], [alone], (), score).held_out) == 1
 
 
 # Training --------------------------------------------------------------------------------------------------------
@@ -204,7 +207,7 @@ def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, mon
         if len(real.train) == kill:
             raise KilledError
         (folder / "cache").mkdir(parents=True)
-        held = score([frame.row for frame in real.held], [Detection("none", "", 0.0) for _ in real.held])
+        held = score([frame.row for frame in real.held_out], [Detection("none", "", 0.0) for _ in real.held_out])
         return Result(folder, {"recall": 0.5, "mean_iou": 0.4, "centre_median_px": None, "real": held})
 
     monkeypatch.setattr(curve, "train", fake)

@@ -49,11 +49,11 @@ def learning_curve(
     out : path
         Gets a folder ``real-N`` for each number, with a detector, and a table (`JSON`, `MARKDOWN`).
     real : Real
-        Its validation frames are not used: no real frame but those that are counted has a say.
+        Its validation frames are not used: real frames beyond those counted influence nothing.
     counts : sequence of int
         Numbers of frames to learn from; see `Real.some`.
     seed : int
-        Of which frames they are.
+        Of the order in which videos and frames are taken.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def learning_curve(
     sets = datasets.read_all(paths, "train", "val")
     rendered = len(Frames.of(sets).train)
     common = [__version__, datasets.digest(sets), datasets.digest(datasets.read_all(hard, "train")) if hard else ""]
-    common += [*start_digests(start).values(), digest(real.held)]
+    common += [*start_digests(start).values(), digest(real.held_out)]
     points = []
     with claim(out, resume=resume, traces=CURVE):
         for count, part in parts.items():

@@ -18,7 +18,6 @@ from simgrab.labels.truth import Boxed
 from simgrab.records.observations import Detection
 from simgrab.rng import stream
 from simgrab.training.detector import cache, evaluate
-from simgrab.utilities.parse import shown
 
 SHARE = 0.2  # of the frames learned from: real ones count several times until they are so many
 MOST_TIMES = 16
@@ -37,7 +36,7 @@ class Real:
         To learn from.
     val : tuple of BoxedFrame
         For the presence threshold and the factors of deviations.
-    held : tuple of BoxedFrame
+    held_out : tuple of BoxedFrame
         To judge by.
     score : callable
         From rows of boxes and their detections to figures, ``by_video`` among them.
@@ -47,7 +46,7 @@ class Real:
 
     train: tuple[cache.BoxedFrame, ...]
     val: tuple[cache.BoxedFrame, ...]
-    held: tuple[cache.BoxedFrame, ...]
+    held_out: tuple[cache.BoxedFrame, ...]
     score: Score
     summary: tuple[str, ...] = ()
 
@@ -78,8 +77,8 @@ class Real:
         return {"real": found} | result
 
     def _judged(self, folder: Path, name: str, watch: Steps | None) -> dict[str, Any]:
-        seen = evaluate.watch(Bundled(folder), self.held, watch(name) if watch else None)
-        return self.score([frame.row for frame in self.held], [one.detection for one in seen])
+        seen = evaluate.watch(Bundled(folder), self.held_out, watch(name) if watch else None)
+        return self.score([frame.row for frame in self.held_out], [one.detection for one in seen])
 
     def some(self, count: int, seed: int) -> Real:
         """Keep some frames to learn from, whole videos first, and none for the threshold.
@@ -93,11 +92,11 @@ class Real:
         """
         if count > len(self.train):
             raise TrainingError(f"{count} real frames are asked for, and there are {len(self.train)} to learn from")
-        films = list(by_video(self.train).values())
+        videos = list(by_video(self.train).values())
         ordered = [
-            films[number][i]
-            for number in stream(seed, 0, "real.videos").permutation(len(films))
-            for i in stream(seed, int(number), "real.frames").permutation(len(films[number]))
+            videos[number][i]
+            for number in stream(seed, 0, "real.videos").permutation(len(videos))
+            for i in stream(seed, int(number), "real.frames").permutation(len(videos[number]))
         ]
         return replace(self, train=tuple(ordered[:count]), val=())
 
@@ -115,15 +114,17 @@ def digest(*some: Sequence[cache.BoxedFrame]) -> str:
     return hashlib.sha256(msgspec.json.encode([[frame.row for frame in frames] for frames in some])).hexdigest()
 
 
-def read(also: Sequence[str | Path], held: Sequence[str | Path], grab_classes: Collection[str], score: Score) -> Real:
-    """Read real frames: of ``also`` the split test is to judge by, and all of ``held``.
+def read(
+    also: Sequence[str | Path], held_out: Sequence[str | Path], grab_classes: Collection[str], score: Score
+) -> Real:
+    """Read real frames: of ``also`` the split test is to judge by, and all of ``held_out``.
 
     Raises
     ------
     DatasetError
         If a dataset cannot be read, nothing is left to judge by, or a picture is both learned from and judged by.
     """
-    sets = boxed.read_all([*also, *held], grab_classes)
+    sets = boxed.read_all([*also, *held_out], grab_classes)
     known, apart = sets[: len(also)], sets[len(also) :]
 
     def frames(split: str) -> tuple[cache.BoxedFrame, ...]:
@@ -133,8 +134,8 @@ def read(also: Sequence[str | Path], held: Sequence[str | Path], grab_classes: C
     judged = (*frames("test"), *(frame for one in apart for frame in cache.boxed(one)))
     if not judged:
         raise DatasetError(
-            f"{', '.join(map(str, also))}: all frames are of one video, {shown(train[0].row.video)}, and none is left "
-            "to judge by; add frames of another video, or name a dataset of such by --real"
+            f"{', '.join(map(str, also))}: {'each has' if len(also) > 1 else 'it has'} one video alone, and none is "
+            "left to judge by; add frames of another video, or name a dataset of such by --real"
         )
     learned = {frame.row.image_sha256 for frame in (*train, *val)}
     for frame in judged:
