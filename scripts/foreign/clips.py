@@ -86,8 +86,9 @@ class Clip:
     time : str
         Time of day, by which it is named.
     number : int
-    work : mapping
-        Keys of `simgrab.scenario.Cycles`.
+        Of its seed and its coder.
+    hard : bool
+        Whether the crane brakes its slewing hard.
     """
 
     time: str
@@ -120,7 +121,9 @@ class Setting:
     Attributes
     ----------
     size : tuple of 2 ints
+        Width and height, px.
     seconds, rate_hz : float
+        Duration of a clip, and its frame rate.
     samples : int
         Of the path tracer, a pixel.
     replaced : tuple of str

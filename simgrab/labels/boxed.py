@@ -136,8 +136,8 @@ def video_of(file: str) -> str:
 def splits(videos: Iterable[str]) -> dict[str, str]:
     """Split videos by a hash of their names: 70 % train, 15 % val, 15 % test.
 
-    Whether a video is added or not, the others keep their split, but where there are so few that one would be empty: of
-    two videos one is test, of three or more each split gets one, and one alone is train.
+    Further videos do not change the split of the others, except where there are so few that a split would be empty: of
+    two videos one is test, of three or more each split gets at least one, and one alone is train.
     """
     ordered = sorted(set(videos), key=lambda name: (_hash(name), name))
     hashes = np.array([_hash(name) for name in ordered])

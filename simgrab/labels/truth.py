@@ -165,6 +165,8 @@ class Boxed(msgspec.Struct, frozen=True, kw_only=True):
         Size of the decoded picture.
     box_x0_px, box_y0_px, box_x1_px, box_y1_px : float or None
         Box of the grab; None where it is not there.
+    clip, time_s : None
+        Frames of unknown time; see `simgrab.records.frame_files.Row`.
     """
 
     frame: int

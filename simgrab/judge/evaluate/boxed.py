@@ -45,10 +45,10 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
     -------
     dict
         Counts of frames and videos; COCO's ``map50_95`` and ``map50``, each frame giving at most one box, the first
-        with its 95 % interval, of resampled videos (None of one video alone); ``recall`` at an IoU of 0.5 and
-        ``false_share`` of empty frames, with intervals after Clopper and Pearson, which take frames for independent;
-        ``missed_videos`` and ``false_videos``, in which any grab was missed or any empty frame got a box; and
-        ``by_video``, the counts of each.
+        with its 95 % interval, of resampled videos (None of one video alone; too narrow of fewer than six); ``recall``
+        at an IoU of 0.5 and ``false_share`` of empty frames, with intervals after Clopper and Pearson, which take
+        frames for independent; ``missed_videos`` and ``false_videos``, in which any grab was missed or any empty frame
+        got a box; and ``by_video``, the counts of each.
     """
     some = [BoxedCase(row, row.box_x0_px is not None, found) for row, found in zip(rows, detections, strict=True)]
     videos: dict[str, list[BoxedCase]] = {}

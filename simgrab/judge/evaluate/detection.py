@@ -32,7 +32,7 @@ HALF = 0.5
 
 
 class Boxes:
-    """What a frame's truth and its detection say of boxes alone."""
+    """Boxes of a frame: the labelled one and the detected one."""
 
     truth: Row | Boxed
     labelled: bool
