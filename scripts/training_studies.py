@@ -163,11 +163,10 @@ def at_random(n: int, seed: int) -> tuple[Indices, Indices]:
 
 def precision(frames: Sequence[cache.Frame], found: Sequence[Detection]) -> float:
     """COCO's mAP50-95."""
-    cases = [
-        detection.Case(f.row, f.labelled, f.weather, d)
-        for f, d in zip(frames, found, strict=True)
-        if isinstance(f.row, Row)
-    ]
+    cases = []
+    for f, d in zip(frames, found, strict=True):
+        assert isinstance(f.row, Row)  # rendered
+        cases.append(detection.Case(f.row, f.labelled, f.weather, d))
     return float(detection.average_precision(cases)["map50_95"] or 0.0)
 
 

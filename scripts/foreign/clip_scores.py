@@ -112,7 +112,9 @@ def _cells(found: Mapping[str, Any]) -> list[str]:
     )
     overall = angle["overall"]
     return [
-        f"{round(detection['recall'] * detection['labelled'])} of {detection['labelled']}" if detection else DASH,
+        f"{round(detection['recall'] * detection['labelled'])} of {detection['labelled']}"
+        if detection["labelled"]
+        else DASH,
         f"{one['frames']['ok']} of {one['frames']['all']}",
         f"{overall['rmse_deg']:.2f}°, {overall['bias_deg']:+.2f}°" if overall["frames"] else DASH,
         f"{100 * interval['share']:.0f} %" if interval["frames"] else DASH,
@@ -121,6 +123,10 @@ def _cells(found: Mapping[str, Any]) -> list[str]:
         DASH if found["beta_error_deg"] is None else f"{found['beta_error_deg']:+.2f}°",
         _digits(reading) if reading else DASH,
     ]
+
+
+def _hits(detection: Mapping[str, Any]) -> str:
+    return f"{round(detection['recall'] * detection['labelled'])} of {detection['labelled']}"
 
 
 def _digits(reading: Mapping[str, Any]) -> str:

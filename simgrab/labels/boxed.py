@@ -57,6 +57,8 @@ class BoxedDataset:
         videos = {split: len({row.video for row in self.split(split).rows}) for split in SPLITS}
         parts = ", ".join(f"{split} {count}" for split, count in videos.items())
         empty, how = sum(row.box_x0_px is None for row in self.rows), "by a hash of their names"
+        if not self.named and 2 * sum(videos.values()) > len(self.rows) > 2:
+            how += "; so few frames a video: does each video have a folder, or a name, of its own?"
         return (
             f"{self.path}: {len(self.rows)} frames, {empty} without a grab, of {sum(videos.values())} videos "
             f"({parts}, {'as the dataset names them' if self.named else how})"

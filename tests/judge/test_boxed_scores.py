@@ -42,15 +42,16 @@ def test_a_box_beside_the_grab_is_no_hit():
 
 
 def test_precision_is_resampled_by_whole_videos():
-    rows = [frame(i, "seen") for i in range(40)] + [frame(40 + i, "missed") for i in range(40)]
-    f = boxed.score(rows, [found()] * 40 + [NONE] * 40, resamples=200)
-    assert f["map50_95_interval"] == pytest.approx((0.0, 1.0))  # of frames alone it would be about (0.4, 0.6)
+    rows = [frame(i, f"seen {i % 3}") for i in range(42)] + [frame(42 + i, f"missed {i % 3}") for i in range(42)]
+    f = boxed.score(rows, [found()] * 42 + [NONE] * 42, resamples=200)
+    low, high = f["map50_95_interval"]
+    assert low < 0.2 < 0.8 < high  # of frames alone it would be about (0.4, 0.6)
     assert 0.4 < f["map50_95"] < 0.6
-    assert f == boxed.score(rows, [found()] * 40 + [NONE] * 40, resamples=200)
-    same = boxed.score(rows, [found()] * 80, resamples=200)
+    assert f == boxed.score(rows, [found()] * 42 + [NONE] * 42, resamples=200)
+    same = boxed.score(rows, [found()] * 84, resamples=200)
     assert same["map50_95_interval"] == pytest.approx((1.0, 1.0))
-    alone = boxed.score(rows[:40], [found()] * 40, resamples=200)
-    assert alone["map50_95_interval"] is None
+    few = boxed.score(rows[:42], [found()] * 42, resamples=200)
+    assert few["map50_95_interval"] is None
 
 
 def test_a_resample_has_the_precision_of_its_frames(monkeypatch):
@@ -61,6 +62,7 @@ def test_a_resample_has_the_precision_of_its_frames(monkeypatch):
     videos = [some[:12], some[12:24], some[24:]]
     wanted = [average_precision([case for i in pick for case in videos[i]])["map50_95"] for pick in picks]
     seen = []
+    monkeypatch.setattr(boxed, "FEWEST_VIDEOS", 3)
     monkeypatch.setattr(boxed, "stream", lambda *_: SimpleNamespace(integers=lambda *_, **__: picks))
     monkeypatch.setattr(boxed.np, "quantile", lambda values, _: seen.extend(values) or (0.0, 1.0))
     boxed.score(rows, told)

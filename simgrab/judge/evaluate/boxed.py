@@ -18,7 +18,7 @@ from simgrab.records.observations import Detection
 from simgrab.rng import stream
 
 RESAMPLES = 1000
-FEWEST_VIDEOS = 2  # for an interval
+FEWEST_VIDEOS = 6  # for an interval: resamples of fewer cannot cover 95 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +45,10 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
     -------
     dict
         Counts of frames and videos; COCO's ``map50_95`` and ``map50``, each frame giving at most one box, the first
-        with its 95 % interval, of resampled videos (None of one video alone; too narrow of fewer than six); ``recall``
-        at an IoU of 0.5 and ``false_share`` of empty frames, with intervals after Clopper and Pearson, which take
-        frames for independent; ``missed_videos`` and ``false_videos``, in which any grab was missed or any empty frame
-        got a box; and ``by_video``, the counts of each.
+        with its 95 % interval, of resampled videos (None of fewer than six); ``recall`` at an IoU of 0.5 and
+        ``false_share`` of empty frames, with intervals after Clopper and Pearson, which take frames for independent;
+        ``missed_videos`` and ``false_videos``, in which any grab was missed or any empty frame got a box; and
+        ``by_video``, the counts of each.
     """
     some = [BoxedCase(row, row.box_x0_px is not None, found) for row, found in zip(rows, detections, strict=True)]
     videos: dict[str, list[BoxedCase]] = {}
@@ -87,7 +87,7 @@ def _counts(some: Sequence[BoxedCase]) -> dict[str, int]:
 
 
 def _resampled(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
-    """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None of fewer than two."""
+    """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None of fewer than six."""
     evaluation, count = matched([case for video in videos for case in video]), len(videos)
     if evaluation is None or count < FEWEST_VIDEOS:
         return None

@@ -95,7 +95,7 @@ def _known(path: Path, identity: str) -> dict[str, Any] | None:
     if not is_file(path, TrainingError):
         return None
     content = read_json(path, TrainingError)
-    if not isinstance(content, dict) or content.get("identity") != identity:
+    if not isinstance(content, dict) or content.get("identity") != identity or "figures" not in content:
         raise TrainingError(f"{path} is of other frames, weights or settings: choose another --out")
     figures: dict[str, Any] = content["figures"]
     return figures

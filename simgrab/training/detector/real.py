@@ -124,6 +124,7 @@ def read(
     DatasetError
         If a dataset cannot be read, nothing is left to judge by, or a picture is both learned from and judged by.
     """
+    also, held_out = (list(dict.fromkeys(map(Path, paths))) for paths in (also, held_out))  # each counts once
     sets = boxed.read_all([*also, *held_out], grab_classes)
     known, apart = sets[: len(also)], sets[len(also) :]
 
