@@ -53,7 +53,7 @@ def main(
 ) -> None:  # fmt: skip
     """Make the clips, measure them, and write a table, figures and a contact sheet."""
     setting = Setting(scenes.parse_size(size), seconds, rate, samples, replaced)
-    stated, path = msgspec.to_builtins(setting), out / "setting.json"
+    stated, path = msgspec.json.decode(msgspec.json.encode(setting)), out / "setting.json"
     if path.exists() and json.loads(path.read_text()) != stated:
         raise click.UsageError(f"{out} holds clips of {json.loads(path.read_text())}; choose another --out")
     write(path, json.dumps(stated) + "\n")

@@ -202,3 +202,11 @@ def test_the_command_scores_what_is_there(folder):
     assert "choose another --out" in other.output
     wrong = CliRunner().invoke(foreign_clips.main, [*asked, "--replaced", "sun"])
     assert "sun: of grab, ground, textures, light" in wrong.output
+
+
+def test_the_same_command_goes_on_and_another_setting_is_refused(tmp_path):
+    options = ["--only", "day", "--out", str(tmp_path)]
+    for _ in range(2):
+        done = CliRunner().invoke(foreign_clips.main, options)
+        assert done.exit_code == 0, done.output
+    assert CliRunner().invoke(foreign_clips.main, [*options, "--samples", "2"]).exit_code == 2
