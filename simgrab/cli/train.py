@@ -123,7 +123,7 @@ def detector(
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
     OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
-    --from any-grab --grab FILE trains on rendered frames of your own grab, half an hour on two cores.
+    --from any-grab --grab FILE trains on rendered frames of your own grab, about 35 minutes on two cores.
     Figures of rendered and of real frames are kept apart.
     """
     from simgrab.training import need_torch

@@ -57,15 +57,15 @@ def test_precision_is_resampled_by_whole_videos():
 def test_a_resample_has_the_precision_of_its_frames(monkeypatch):
     rng, picks = np.random.default_rng(3), np.array([[0, 2, 2], [1, 1, 1], [2, 2, 2]])  # the last shows no grab
     rows = [frame(i, "abc"[i // 12], empty=i // 12 == 2 or i % 5 == 0) for i in range(36)]
-    told = [NONE if i % 7 == 0 else found(BOX + rng.normal(0, 3, 4), rng.random()) for i in range(36)]
-    some = [boxed.BoxedCase(row, row.box_x0_px is not None, one) for row, one in zip(rows, told, strict=True)]
+    seen_boxes = [NONE if i % 7 == 0 else found(BOX + rng.normal(0, 3, 4), rng.random()) for i in range(36)]
+    some = [boxed.BoxedCase(row, row.box_x0_px is not None, one) for row, one in zip(rows, seen_boxes, strict=True)]
     videos = [some[:12], some[12:24], some[24:]]
     wanted = [average_precision([case for i in pick for case in videos[i]])["map50_95"] for pick in picks]
     seen = []
     monkeypatch.setattr(boxed, "FEWEST_VIDEOS", 3)
     monkeypatch.setattr(boxed, "stream", lambda *_: SimpleNamespace(integers=lambda *_, **__: picks))
     monkeypatch.setattr(boxed.np, "quantile", lambda values, _: seen.extend(values) or (0.0, 1.0))
-    boxed.score(rows, told)
+    boxed.score(rows, seen_boxes)
     assert wanted[2] is None
     assert seen == pytest.approx(wanted[:2])
 

@@ -112,10 +112,10 @@ def test_settle_learns_the_presence_of_a_box_alone(known, tmp_path):
     for trial in range(8):
         level = settle._level(far, stream(0, trial, "level"))  # about the box, however far refine is off
         assert (np.abs(level.to_shares((box[:2] + box[2:]) / 2) - 0.5) < 0.2).all()
-        told = settle._learned(far, stream(0, trial, "example"), settle.Dirt())
-        assert told["present"] == 1
-        assert not told["known"].any()
-        assert not told["turned"].any()
+        learned = settle._learned(far, stream(0, trial, "example"), settle.Dirt())
+        assert learned["present"] == 1
+        assert not learned["known"].any()
+        assert not learned["turned"].any()
     assert "centre_error" not in settle.Settling([crops], [crops], nets.Refine().eval()).validate(nets.Refine().eval())
 
 

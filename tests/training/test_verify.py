@@ -85,6 +85,16 @@ def test_what_is_suspected_is_refined_and_listed_once(dataset):
             assert max(iou(box, labels.box(frame.row)) for box in boxes) > 0.5
 
 
+def test_a_cache_half_removed_is_built_from_what_the_detector_suspects(four, dataset, tmp_path):
+    shutil.copytree(four, tmp_path / "out")
+    whole, half = sorted((tmp_path / "out" / "cache").iterdir())
+    (half / "bytes.npy").unlink()
+    cut = {path.name: np.load(four / "cache" / path.name / "bytes.npy") for path in (whole, half)}
+    verify.train_verify([dataset], START, tmp_path / "out", TINY, resume=True)
+    for name, crops in cut.items():
+        np.testing.assert_array_equal(np.load(tmp_path / "out" / "cache" / name / "bytes.npy"), crops)
+
+
 def _constant(path, logit):
     net = Verify(Refine())
     last = net.head[-1]

@@ -260,10 +260,10 @@ class Bundled:
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
         """Presence of a settled box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
-        crop = cut_with_mask(picture, around(_sound(found.boxes[0]), VERIFY_ROOM), VERIFY_SIZE)[None]
+        box = _sound(found.boxes[0])
+        crop = cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None]
         own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
         before = logit(np.clip(found.presence, *_PRESENCES))
-        box = _sound(found.boxes[0])
         sd = max(float(found.box_sd[0].mean() / (box[2:] - box[:2]).max()), _LEAST_SD)
         unsure = _UNSURE * math.log(sd / _USUAL_SD)
         return replace(found, presence=expit((1 - _VERIFIED) * before + _VERIFIED * own - unsure))

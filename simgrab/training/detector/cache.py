@@ -99,7 +99,7 @@ def build(
     patches : list of list of Patch
         Of each frame.
     """
-    if not all((folder / name).exists() for name in ("patches.json", "bytes.npy")):  # or half removed
+    if not is_built(folder):
         _make(folder, chosen, shape, make, progress)
     try:
         listed = read_json(folder / "patches.json", TrainingError, most_bytes=_MOST_BYTES)
@@ -110,6 +110,11 @@ def build(
         return found, patches
     except (TrainingError, OSError, EOFError, ValueError, TypeError, OverflowError, AttributeError) as problem:
         raise TrainingError(f"{folder} is damaged ({type(problem).__name__}); delete it; it will be rebuilt") from None
+
+
+def is_built(folder: Path) -> bool:
+    """Whether `build` finds its files there, all of them: a folder may be half removed."""
+    return all((folder / name).exists() for name in ("patches.json", "bytes.npy"))
 
 
 def _make(

@@ -215,7 +215,7 @@ def train_verify(
         for name, some in chosen.items():
             folder, twice = out / "cache" / f"{name}-{digest[:16]}", [*some] * _TIMES
             split: list[list[Array]] = [[] for _ in twice]  # crops in the cache need none
-            if not folder.exists():
+            if not cache.is_built(folder):
                 boxes = suspects(looks, some, step(f"detecting in {name} images"))
                 split = [found[half::_TIMES] for half in range(_TIMES) for found in boxes]
             crops[name] = refine.crops(folder, twice, split, seed=settings.seed, progress=step(f"cutting {name} crops"))
