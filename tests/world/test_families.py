@@ -34,6 +34,7 @@ EXTREMES: tuple[Grab, ...] = (
     OrangePeel(**LARGE, height=1.35, tines=4, shells="open", drive="hydraulic", ropes=1),
     Scissors(**SMALL, width=1.35, length=0.75, height=0.75, ropes=2, top="closed"),
     Scissors(**LARGE, width=0.75, length=1.35, height=1.35, teeth=12, plate_work=1.0),
+    Clamshell(**SMALL, width=0.75, length=0.75, height=1.35, head="round"),  # its sheaves' openings cross the deck
 )
 DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(4))
 GRABS = EXTREMES + DRAWN

@@ -332,10 +332,11 @@ class _Clam(Shells):
 
     def _deck(self, outline: shapely.Polygon) -> trimesh.Trimesh:
         plate = outline.difference(shapely.union_all(self._openings())) if self._openings() else outline
+        pieces = shapely.get_parts(plate)  # of a narrow crown, an opening leaves two
         kerb = outline.difference(outline.buffer(-0.025))
         return join(
             [
-                prism(plate, self._deck_z - 0.02, self._deck_z, "z"),
+                *(prism(piece, self._deck_z - 0.02, self._deck_z, "z") for piece in pieces),
                 prism(kerb, self._deck_z - 0.002, self._deck_z + 0.04, "z"),
             ]
         )
