@@ -107,6 +107,7 @@ MORE = tuple(
 
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
+SHOWN_MORE = {"find": 40_000, "refine": 160_000, "settle": 80_000}
 
 READER = Source("digits", "digits", {}, 3024, 960, 0)
 
@@ -144,7 +145,8 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
 
 def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
     """Train the detector; returns its nets."""
-    return _detector("detector", DETECTOR, HARD, work, quick, start, workers, threads)
+    shown = SHOWN_AGAIN if start and not quick else None
+    return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads)
 
 
 def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
@@ -153,24 +155,27 @@ def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads
     start = start or ROOT / "assets" / "weights" / "any-grab"
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
     hard = [source for source in VERIFY if source.name == DOUBTFUL]
-    nets = _detector("shapes", [*learned, *MORE], hard, work, quick, start, workers, threads)
+    shown = None if quick else SHOWN_MORE
+    nets = _detector("shapes", [*learned, *MORE], hard, shown, work, quick, start, workers, threads)
     return [*nets, nets[0].with_name("verify.onnx")]
 
 
 def _detector(
-    name: str, learned: Sequence[Source], hard: Sequence[Source], work: Path, quick: bool, start: Path | None,
-    workers: int, threads: int,
+    name: str, learned: Sequence[Source], hard: Sequence[Source], shown: Mapping[str, int] | None, work: Path,
+    quick: bool, start: Path | None, workers: int, threads: int,
 ) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import NETS, train
 
     datasets, doubtful = (rendered(some, work, quick=quick, workers=workers) for some in (learned, hard))
     out = work / name
-    frames = SHOWN_AGAIN if start and not quick else None
     # At the full learning rate, even after trained weights: there is much that these have not learned.
-    chosen = functools.partial(recipes, quick=quick, shown=frames, threads=threads)
-    with board(shown=True) as shown:
-        train(datasets, out, chosen, hard=doubtful, start=start, resume=True, watch=shown.step, report=shown.training)
+    chosen = functools.partial(recipes, quick=quick, shown=shown, threads=threads)
+    with board(shown=True) as progress:
+        train(
+            datasets, out, chosen, hard=doubtful, start=start, resume=True, watch=progress.step,
+            report=progress.training,
+        )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
 
 

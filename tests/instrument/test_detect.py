@@ -1,4 +1,5 @@
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -128,6 +129,22 @@ def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
     monkeypatch.setitem(SHIPPED, "any-grab", tmp_path)
     with pytest.raises(DetectorError, match=r"any-grab.*build_weights --only detector"):
         detector("any-grab")
+
+
+def test_refine_looks_again_around_its_own_box(tmp_path, monkeypatch):
+    looks = Bundled(hand_made(tmp_path), Settings(least_heat=0.2, passes=3))
+    around, refine = [], looks.refine
+
+    def watched(picture, boxes):
+        refined = refine(picture, boxes)
+        around.append((boxes[0], refined.boxes[0]))
+        return refined
+
+    monkeypatch.setattr(looks, "refine", watched)
+    assert looks(bright()).found
+    assert len(around) == 3
+    for (_, given), (taken, _) in pairwise(around):
+        np.testing.assert_array_equal(taken, given)
 
 
 def test_centres_are_drawn_in_by_what_validation_showed(tmp_path):

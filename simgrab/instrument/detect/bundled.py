@@ -90,6 +90,8 @@ class Settings(Checked, frozen=True):
         Share of the best candidate's heat above which other candidates are refined in the first pass too.
     room : float
         Side of refine's crop, over the box's longer side.
+    passes : int
+        How often refine looks at the best candidate, each time around the box that it gave before.
     """
 
     error = DetectorError
@@ -98,6 +100,7 @@ class Settings(Checked, frozen=True):
     least_presence: Share = 0.5
     rivals: Share = 0.3
     room: Annotated[float, msgspec.Meta(ge=0.5, le=3)] = 1.5
+    passes: Annotated[int, msgspec.Meta(ge=1, le=5)] = 1
 
 
 class Trust(Checked, frozen=True):
@@ -210,6 +213,8 @@ class Bundled:
         close = [candidate for candidate in candidates[:_MOST] if candidate.heat >= enough]
         refined = self.refine(picture, [candidate.box for candidate in close])
         best = refined.one(int(np.argmax(refined.presence * [candidate.heat for candidate in close])))
+        for _ in range(self.settings.passes - 1):
+            best = self.refine(picture, [best.boxes[0]])
         found = self.settle(picture, best)
         if found.presence[0] < max(_SURE, self.settings.least_presence):
             found = max([found, *self._again(picture, candidates)], key=lambda one: float(one.presence[0]))

@@ -36,6 +36,7 @@ from simgrab.utilities.parse import read_bytes
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # batch of find, pictures
+_PASSES = 2  # of refine: around find's box it misses unfamiliar grabs by more than around its own
 _MEASURED = 128  # examples for the statistics of a net that begins with trained weights
 
 NETS = ("find", "refine", "settle")
@@ -212,12 +213,12 @@ def fit(
         for name in ("find.onnx", "refine.onnx", *(["verify.onnx"] if "verified" in facts else [])):
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", facts)
-        looks = Bundled(draft, Settings(least_presence=0.0))
+        looks = Bundled(draft, Settings(least_presence=0.0, passes=_PASSES))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
     presence = round(evaluate.least_presence([*seen, *others]), 4)
     seen, others = evaluate.by(presence, seen), evaluate.by(presence, others)
-    settings = msgspec.structs.asdict(Settings(least_presence=presence))
+    settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
     trust = evaluate.trust([*seen, *others])
     write(out / "settle.onnx", facts | {"settings": settings, "trust": evaluate.as_dict(trust)})
     figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))

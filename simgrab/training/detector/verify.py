@@ -25,7 +25,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import PASSES, VERIFY, Bundled, Settings
+from simgrab.instrument.detect.bundled import PASSES, VERIFY, Bundled
 from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
 from simgrab.labels import arrays as labels
@@ -265,12 +265,16 @@ def _assemble(out: Path, detector: Path, val: Sequence[cache.Frame], progress: c
     """Put the other nets beside verify, with a presence threshold for all together; figures on validation frames."""
     facts = open_net(detector / "settle.onnx").facts | {"verified": True}
     export.copy(NETS, detector, out)
-    export.restated(out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(Settings(least_presence=0.0))})
+    settings = Bundled(detector).settings
+
+    def thresholded(presence: float) -> None:
+        changed = msgspec.structs.replace(settings, least_presence=presence)
+        export.restated(out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(changed)})
+
+    thresholded(0.0)
     seen = evaluate.watch(Bundled(out), val, progress)
     presence = round(evaluate.least_presence(seen), 4)
-    export.restated(
-        out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(Settings(least_presence=presence))}
-    )
+    thresholded(presence)
     return evaluate.metrics(evaluate.by(presence, seen))
 
 
