@@ -67,6 +67,11 @@ def test_a_box_is_read_in_pixels(tmp_path, make):
     assert np.isnan([*arrays.centre(row), arrays.yaw(row), *arrays.up_the_ropes(row)]).all()
 
 
+def test_of_a_polygon_the_bounding_box_is_read(tmp_path):
+    dataset = boxed.read(as_yolo(tmp_path, ["a/1.png"], "0 0.25 0.1 0.375 0.3 0.3 0.5 0.125 0.45\n"))
+    np.testing.assert_allclose(arrays.box(dataset.rows[0]), BOX)
+
+
 def test_simgrabs_own_exports_are_read_as_it_reads_them(split_dataset, tmp_path):
     known = datasets.read(split_dataset)
     for layout, name in (("yolo", "data.yaml"), ("coco", "annotations/instances_train.json")):
@@ -206,7 +211,8 @@ def refused(path, grab_classes=()):
         ("hello\n", "expected 'class x y width height', got 'hello'"),
         ("0 0.1 0.1 0.2\n", "expected 'class"), ("0 a 0.1 0.2 0.2", "expected 'class"),
         ("0.5 0.5 0.5 0.2 0.2", "expected 'class"), ("-1 0.5 0.5 0.2 0.2", "expected 'class"),
-        ("0 0.1 0.1 0.2 0.1 0.2 0.2 0.1 0.2", "expected 'class"),
+        ("0 0.1 0.1 0.2 0.1 0.2", "expected 'class"), ("0 0.1 0.1 0.2 0.1 0.2 0.2 0.1", "expected 'class"),
+        ("0 0.1 0.1 nan 0.1 0.2 0.2", "lies outside the image"), ("0 0.1 0.1 0.2 0.1 0.3 0.1", "has no area"),
         ("0 0.5 0.5 1.2 0.2", "lies outside the image of 64 x 40 px"), ("0 nan 0.5 0.2 0.2", "lies outside the image"),
         ("0 100 50 20 20", "lies outside the image"), ("0 0.5 0.5 0 0.2", "has no area"),
         ("0 0.5 0.5 -0.2 0.2", "has no area"), ("3 0.5 0.5 0.2 0.2", "class 3 is not among the 1 names"),

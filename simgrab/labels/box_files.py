@@ -186,23 +186,26 @@ def _label_file(root: Path, image: Path) -> Path:
 
 
 def _lines(path: Path, names: Mapping[int, str]) -> Iterator[tuple[str, Array]]:
-    """Boxes of a label file: ``class x y width height`` in each line."""
+    """Boxes of a label file: in each line ``class x y width height``, or ``class`` and a polygon's ``x y`` in turn."""
     for number, line in enumerate(read_text(path, DatasetError).splitlines(), 1):
         values = line.split()
         if not values:
             continue
         where = f"{path}: line {number}"
         try:
-            if len(values) != 5:
-                raise ValueError
-            which, (x, y, width, height) = int(values[0]), map(float, values[1:])
-            if which < 0:
+            which, numbers = int(values[0]), np.array(values[1:], float)
+            if which < 0 or len(numbers) not in (4, *range(6, len(numbers) + 1, 2)):
                 raise ValueError
         except ValueError:
-            raise DatasetError(f"{where}: expected 'class x y width height', got {shown(line)}") from None
+            raise DatasetError(f"{where}: expected 'class x y width height' or a polygon, got {shown(line)}") from None
         if names and which not in names:
             raise DatasetError(f"{where}: class {which} is not among the {len(names)} names of the classes")
-        box = np.array([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
+        if len(numbers) == 4:
+            middle, half = numbers[:2], numbers[2:] / 2
+            box = np.concatenate([middle - half, middle + half])
+        else:
+            points = numbers.reshape(-1, 2)
+            box = np.concatenate([points.min(axis=0), points.max(axis=0)])
         yield names.get(which, str(which)), box
 
 
