@@ -208,7 +208,7 @@ def refused(path, grab_classes=()):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("hello\n", "expected 'class x y width height', got 'hello'"),
+        ("hello\n", "expected 'class x y width height' or a polygon, got 'hello'"),
         ("0 0.1 0.1 0.2\n", "expected 'class"), ("0 a 0.1 0.2 0.2", "expected 'class"),
         ("0.5 0.5 0.5 0.2 0.2", "expected 'class"), ("-1 0.5 0.5 0.2 0.2", "expected 'class"),
         ("0 0.1 0.1 0.2 0.1 0.2", "expected 'class"), ("0 0.1 0.1 0.2 0.1 0.2 0.2 0.1", "expected 'class"),
