@@ -107,6 +107,7 @@ MORE = tuple(
 
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
+KEPT = 0.4  # of their weights, so that they forget less
 SHOWN_MORE = {"find": 40_000, "refine": 160_000, "settle": 80_000}
 
 READER = Source("digits", "digits", {}, 3024, 960, 0)
@@ -151,13 +152,19 @@ def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threa
 
 def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
     """Let a detector of four nets learn more shapes, verify aside; returns all four."""
+    from simgrab.training.detector.blend import blend
+
     prepare(work / BACKGROUNDS)
     start = start or ROOT / "assets" / "weights" / "any-grab"
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
     hard = [source for source in VERIFY if source.name == DOUBTFUL]
-    shown = None if quick else SHOWN_MORE
+    shown, out = None if quick else SHOWN_MORE, work / "shapes-blended"
     nets = _detector("shapes", [*learned, *MORE], hard, shown, work, quick, start, workers, threads)
-    return [*nets, nets[0].with_name("verify.onnx")]
+    shutil.rmtree(out, ignore_errors=True)
+    with board(shown=True) as progress:
+        paths = [work / source.name for source in (*VERIFY, *MORE)]
+        blend(start, nets[0].parent, out, kept=KEPT, paths=paths, watch=progress.step)
+    return [out / f"{name}.onnx" for name in (*(net.stem for net in nets), "verify")]
 
 
 def _detector(

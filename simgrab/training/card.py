@@ -113,6 +113,10 @@ def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
     start = content.get("started_from")
     began = f" It began with the weights of the model `{start[:16]}…`." if start else ""
+    if content.get("kept"):
+        began += (
+            f" After the training, its weights were interpolated: {content['kept']:.0%} of these, the rest as learned."
+        )
     real = content.get("real")
     also = f" and {real['frames']} real frames of {real['videos']} videos, {real['times']} times each" if real else ""
     others = f" and of {_sets(content['judged_by'])}" if content.get("judged_by") else ""

@@ -12,7 +12,7 @@ from scipy.special import expit, logit
 
 from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import Trust, lean
+from simgrab.instrument.detect.bundled import Bundled, Trust, lean
 from simgrab.labels import arrays as labels
 from simgrab.records.observations import Detection
 from simgrab.training.detector import cache
@@ -64,6 +64,32 @@ def watch(
         if progress:
             progress(len(seen), len(frames))
     return seen
+
+
+def calibrated(
+    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = ()
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
+
+    Parameters
+    ----------
+    looks : Bundled
+        Whose other settings are kept.
+    seen, real : sequence of Seen
+        Of rendered frames, and of real ones.
+
+    Returns
+    -------
+    facts : dict
+        ``settings`` and ``trust``, for the metadata of settle.
+    figures : dict
+        `metrics` of the rendered frames then.
+    """
+    presence = round(least_presence([*seen, *real]), 4)
+    seen, real = by(presence, seen), by(presence, real)
+    settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
+    factors = trust([*seen, *real])
+    return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(seen, factors.outward))
 
 
 def least_presence(seen: Sequence[Seen]) -> float:

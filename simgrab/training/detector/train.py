@@ -216,12 +216,8 @@ def fit(
         looks = Bundled(draft, Settings(least_presence=0.0, passes=_PASSES))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
-    presence = round(evaluate.least_presence([*seen, *others]), 4)
-    seen, others = evaluate.by(presence, seen), evaluate.by(presence, others)
-    settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
-    trust = evaluate.trust([*seen, *others])
-    write(out / "settle.onnx", facts | {"settings": settings, "trust": evaluate.as_dict(trust)})
-    figures = evaluate.metrics(evaluate.drawn_in(seen, trust.outward))
+    fitted, figures = evaluate.calibrated(looks, seen, others)
+    write(out / "settle.onnx", facts | fitted)
     if start is not None:
         before = evaluate.watch(
             Bundled(Path(start)), [*val_frames, *hard.val], step("detecting with the first weights")

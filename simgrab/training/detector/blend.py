@@ -1,0 +1,116 @@
+"""Weights between those before and those after a training: surer than either on what only one of them learned."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import onnx
+from onnx import numpy_helper
+
+from simgrab.errors import TrainingError
+from simgrab.instrument.detect.bundled import Bundled
+from simgrab.instrument.net import MOST_BYTES, open_net
+from simgrab.labels import datasets
+from simgrab.training.card import redigest
+from simgrab.training.detector import cache, evaluate, export
+from simgrab.training.detector.train import NETS, Watch
+from simgrab.training.folder import check, write
+from simgrab.utilities.destination import writing
+from simgrab.utilities.files import drafted_folder
+from simgrab.utilities.parse import read_bytes, read_json
+
+
+def blend(
+    before: Path, after: Path, out: Path, *, kept: float, paths: Sequence[str | Path], watch: Watch | None = None
+) -> dict[str, Any]:
+    """Interpolate the weights of two detectors, and fit presence threshold and deviations again.
+
+    A net that learned further forgets some of what it knew. Between its weights and those that it began with, it often
+    does as well on both (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
+
+    Parameters
+    ----------
+    before, after : Path
+        Folders of a detector and of one that was trained from it.
+    out : Path
+        New. Gets the nets, with the cards of ``after``, which say so; a net ``verify`` is that of ``after``.
+    kept : float
+        Share of ``before``, 0 to 1.
+    paths : sequence of paths
+        Datasets whose frames of the split ``val`` neither has learned.
+    watch : callable, optional
+        As of `simgrab.training.detector.train.train`.
+
+    Returns
+    -------
+    dict
+        Figures on the validation frames.
+
+    Raises
+    ------
+    DatasetError, TrainingError
+        Also if the two are not of one architecture.
+    """
+    if not 0 <= kept <= 1:
+        raise TrainingError(f"kept must lie between 0 and 1, got {kept}")
+    frames = cache.frames(datasets.read_all(paths, "val"), "val")
+    check(out, resume=False)
+    with writing(out, TrainingError), drafted_folder(out) as draft:
+        known = open_net(after / "settle.onnx", TrainingError).facts
+        facts = {key: value for key, value in known.items() if key not in ("settings", "trust")}
+        export.copy([*NETS, *(["verify"] if facts.get("verified") is True else [])], after, draft)
+        for name in NETS:
+            model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept)
+            write(draft / f"{name}.onnx", model.SerializeToString())
+        export.restated(draft / "settle.onnx", facts)
+        looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0))
+        seen = evaluate.watch(looks, frames, watch("detecting in val images") if watch else None)
+        fitted, figures = evaluate.calibrated(looks, seen)
+        export.restated(draft / "settle.onnx", facts | fitted)
+        for name in NETS:
+            _card(draft / f"{name}.json", kept, figures)
+    return figures
+
+
+def between(first: onnx.ModelProto, second: onnx.ModelProto, kept: float) -> onnx.ModelProto:
+    """Interpolate the numbers of two models of one architecture; all else is the second one's.
+
+    Raises
+    ------
+    TrainingError
+        If they are of two architectures.
+    """
+    result = onnx.ModelProto()
+    result.CopyFrom(second)
+    ones, others = first.graph.initializer, result.graph.initializer
+    if [(node.op_type, len(node.input)) for node in first.graph.node] != [
+        (node.op_type, len(node.input)) for node in result.graph.node
+    ] or [one.dims for one in ones] != [other.dims for other in others]:
+        raise TrainingError("the two detectors are of different architectures")
+    for one, other in zip(ones, others, strict=True):
+        a, b = numpy_helper.to_array(one), numpy_helper.to_array(other)
+        if np.issubdtype(b.dtype, np.floating):
+            mixed = kept * a.astype(np.float64) + (1 - kept) * b.astype(np.float64)
+            other.CopyFrom(numpy_helper.from_array(mixed.astype(b.dtype), other.name))
+    return result
+
+
+def _opened(path: Path) -> onnx.ModelProto:
+    open_net(path, TrainingError)  # refuses what names other files
+    return onnx.load_from_string(read_bytes(path, TrainingError, most_bytes=MOST_BYTES))
+
+
+def _card(path: Path, kept: float, figures: dict[str, Any]) -> None:
+    """State in the card of a net, if it has one, what it is and how good."""
+    if not path.exists():
+        return
+    content = read_json(path, TrainingError)
+    alone = {key: content["metrics"][key] for key in ("alone", "best_epoch", "before") if key in content["metrics"]}
+    content |= {"kept": kept, "metrics": alone | figures}
+    write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
+    redigest(path, path.with_suffix(".onnx").read_bytes())
