@@ -41,24 +41,27 @@ def test_other_architectures_are_refused():
 
 def test_a_blended_detector_states_its_own_settings_and_figures(dataset, tmp_path):
     out = tmp_path / "out"
-    figures = blend(WEIGHTS, ANY, out, kept=0.5, paths=[dataset])
+    kept = {"find": 0.5, "refine": 0.5, "settle": 1.0}
+    figures = blend(WEIGHTS, ANY, out, kept=kept, paths=[dataset])
     for name in NETS:
         card = json.loads((out / f"{name}.json").read_text())
-        assert card["kept"] == 0.5
+        assert card.get("kept", 1.0) == kept[name]
         assert card["metrics"]["frames"] == figures["frames"] > 0
         assert card["metrics"]["recall"] == figures["recall"]
-        assert "50% of these" in (out / f"{name}.md").read_text()
+        assert ("50% of these" in (out / f"{name}.md").read_text()) == (name != "settle")
         assert card["model_sha256"] in (out / f"{name}.md").read_text()
+    first, stayed = (json.loads((folder / "settle.json").read_text()) for folder in (WEIGHTS, out))
+    assert stayed["examples"] == first["examples"]
     assert (out / "verify.onnx").read_bytes() == (ANY / "verify.onnx").read_bytes()
     facts = open_net(out / "settle.onnx").facts
     assert facts["verified"] is True
     assert facts["settings"]["least_presence"] > 0
     assert Bundled(out).settings.passes == Bundled(ANY).settings.passes
     with pytest.raises(TrainingError, match="not empty"):
-        blend(WEIGHTS, ANY, out, kept=0.5, paths=[dataset])
+        blend(WEIGHTS, ANY, out, kept=kept, paths=[dataset])
 
 
 @pytest.mark.parametrize("kept", [-0.1, 1.1, np.nan])
 def test_shares_that_are_none_are_refused(dataset, tmp_path, kept):
-    with pytest.raises(TrainingError, match=r"^kept must lie between 0 and 1"):
-        blend(WEIGHTS, ANY, tmp_path / "out", kept=kept, paths=[dataset])
+    with pytest.raises(TrainingError, match=r"^kept of refine must lie between 0 and 1"):
+        blend(WEIGHTS, ANY, tmp_path / "out", kept={"find": 0.0, "refine": kept, "settle": 1.0}, paths=[dataset])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,9 @@ from simgrab.utilities.parse import read_bytes, read_json
 
 
 def blend(
-    before: Path, after: Path, out: Path, *, kept: float, paths: Sequence[str | Path], watch: Watch | None = None
-) -> dict[str, Any]:
+    before: Path, after: Path, out: Path, *, kept: Mapping[str, float], paths: Sequence[str | Path],
+    watch: Watch | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Interpolate the weights of two detectors, and fit presence threshold and deviations again.
 
     A net that learned further forgets some of what it knew. Between its weights and those that it began with, it often
@@ -38,9 +39,9 @@ def blend(
     before, after : Path
         Folders of a detector and of one that was trained from it.
     out : Path
-        New. Gets the nets, with the cards of ``after``, which say so; a net ``verify`` is that of ``after``.
-    kept : float
-        Share of ``before``, 0 to 1.
+        New. Gets the nets, with cards that say so; a net ``verify`` is that of ``after``.
+    kept : mapping of str to float
+        Share of ``before``, 0 to 1, for each of the nets in `simgrab.training.detector.train.NETS`.
     paths : sequence of paths
         Datasets whose frames of the split ``val`` neither has learned.
     watch : callable, optional
@@ -56,16 +57,18 @@ def blend(
     DatasetError, TrainingError
         Also if the two are not of one architecture.
     """
-    if not 0 <= kept <= 1:
-        raise TrainingError(f"kept must lie between 0 and 1, got {kept}")
+    for name in NETS:
+        if not 0 <= kept[name] <= 1:
+            raise TrainingError(f"kept of {name} must lie between 0 and 1, got {kept[name]}")
     frames = cache.frames(datasets.read_all(paths, "val"), "val")
     check(out, resume=False)
     with writing(out, TrainingError), drafted_folder(out) as draft:
         known = open_net(after / "settle.onnx", TrainingError).facts
         facts = {key: value for key, value in known.items() if key not in ("settings", "trust")}
         export.copy([*NETS, *(["verify"] if facts.get("verified") is True else [])], after, draft)
+        export.copy([name for name in NETS if kept[name] == 1], before, draft)
         for name in NETS:
-            model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept)
+            model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept[name])
             write(draft / f"{name}.onnx", model.SerializeToString())
         export.restated(draft / "settle.onnx", facts)
         looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0))
@@ -73,7 +76,7 @@ def blend(
         fitted, figures = evaluate.calibrated(looks, seen)
         export.restated(draft / "settle.onnx", facts | fitted)
         for name in NETS:
-            _card(draft / f"{name}.json", kept, figures)
+            _card(draft / f"{name}.json", kept[name], figures)
     return figures
 
 
@@ -111,6 +114,6 @@ def _card(path: Path, kept: float, figures: dict[str, Any]) -> None:
         return
     content = read_json(path, TrainingError)
     alone = {key: content["metrics"][key] for key in ("alone", "best_epoch", "before") if key in content["metrics"]}
-    content |= {"kept": kept, "metrics": alone | figures}
+    content |= {"metrics": alone | figures} | ({} if kept == 1 else {"kept": kept})
     write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
     redigest(path, path.with_suffix(".onnx").read_bytes())

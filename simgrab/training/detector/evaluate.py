@@ -21,6 +21,7 @@ LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
+_FALSE = 3.0  # missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
 _FEWEST = 20  # detections from which on a factor is measured
 
@@ -93,7 +94,9 @@ def calibrated(
 
 
 def least_presence(seen: Sequence[Seen]) -> float:
-    """Presence from which on a grab is one: that which errs least often, nine tenths up the widest range of such.
+    """Presence from which on a grab is one: that which errs least, nine tenths up the widest range of such.
+
+    A false box counts as three missed grabs.
 
     Nearer to the grabs than to the rest: what is none has no end, and validation shows little of it.
 
@@ -109,7 +112,7 @@ def least_presence(seen: Sequence[Seen]) -> float:
     there = np.array([one.hit for one in positive])
     ends = np.sort(np.concatenate([logits, logit(_SURE)]))
     places = ends[:-1] + _UP * np.diff(ends)
-    errors = np.array([(there & (logits < t)).sum() + (~there & (logits >= t)).sum() for t in places])
+    errors = np.array([(there & (logits < t)).sum() + _FALSE * (~there & (logits >= t)).sum() for t in places])
     widths = np.where(errors == errors.min(), np.diff(ends), -1.0)
     return float(np.clip(expit(places[widths.argmax()]), *_BOUNDS))
 
