@@ -163,8 +163,9 @@ def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads
     nets = _detector("shapes", [*learned, *MORE], hard, shown, work, quick, start, workers, threads)
     shutil.rmtree(out, ignore_errors=True)
     with board(shown=True) as progress:
-        judged = [work / source.name for source in VERIFY]  # as the threshold of verify was: most frames are hard
-        blend(start, nets[0].parent, out, kept=KEPT, paths=judged, watch=progress.step)
+        # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
+        judged, easy = ([work / source.name for source in some] for some in (VERIFY, MORE))
+        blend(start, nets[0].parent, out, kept=KEPT, paths=judged, easy=easy, watch=progress.step)
     return [out / f"{name}.onnx" for name in (*(net.stem for net in nets), "verify")]
 
 

@@ -27,7 +27,7 @@ from simgrab.utilities.parse import read_bytes, read_json
 
 def blend(
     before: Path, after: Path, out: Path, *, kept: Mapping[str, float], paths: Sequence[str | Path],
-    watch: Watch | None = None,
+    easy: Sequence[str | Path] = (), watch: Watch | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Interpolate the weights of two detectors, and fit presence threshold and deviations again.
 
@@ -44,6 +44,8 @@ def blend(
         Share of ``before``, 0 to 1, for each of the nets in `simgrab.training.detector.train.NETS`.
     paths : sequence of paths
         Datasets whose frames of the split ``val`` neither has learned.
+    easy : sequence of paths
+        More of them, to which the deviations are fitted, and the threshold is not.
     watch : callable, optional
         As of `simgrab.training.detector.train.train`.
 
@@ -60,7 +62,8 @@ def blend(
     for name in NETS:
         if not 0 <= kept[name] <= 1:
             raise TrainingError(f"kept of {name} must lie between 0 and 1, got {kept[name]}")
-    frames = cache.frames(datasets.read_all(paths, "val"), "val")
+    frames, more = (cache.frames(datasets.read_all(some, "val"), "val") if some else () for some in (paths, easy))
+    step = watch or (lambda _: lambda _done, _total: None)
     check(out, resume=False)
     with writing(out, TrainingError), drafted_folder(out) as draft:
         known = open_net(after / "settle.onnx", TrainingError).facts
@@ -72,11 +75,13 @@ def blend(
             write(draft / f"{name}.onnx", model.SerializeToString())
         export.restated(draft / "settle.onnx", facts)
         looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0))
-        seen = evaluate.watch(looks, frames, watch("detecting in val images") if watch else None)
-        fitted, figures = evaluate.calibrated(looks, seen)
+        seen = evaluate.watch(looks, frames, step("detecting in val images"))
+        others = evaluate.watch(looks, more, step("detecting in easy val images")) if more else ()
+        fitted, figures = evaluate.calibrated(looks, seen, easy=others)
         export.restated(draft / "settle.onnx", facts | fitted)
         for name in NETS:
-            _card(draft / f"{name}.json", kept[name], figures)
+            if kept[name] < 1:
+                _card(draft / f"{name}.json", kept[name], figures)
     return figures
 
 
@@ -113,7 +118,6 @@ def _card(path: Path, kept: float, figures: dict[str, Any]) -> None:
     if not path.exists():
         return
     content = read_json(path, TrainingError)
-    alone = {key: content["metrics"][key] for key in ("alone", "best_epoch", "before") if key in content["metrics"]}
-    content |= {"metrics": alone | figures} | ({} if kept == 1 else {"kept": kept})
+    content |= {"kept": kept, "metrics": {"best_epoch": content["metrics"].get("best_epoch")} | figures}
     write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
     redigest(path, path.with_suffix(".onnx").read_bytes())

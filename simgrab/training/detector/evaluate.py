@@ -21,7 +21,9 @@ LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
-_FALSE = 3.0  # missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm
+_FALSE = (
+    3.0  # missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm
+)
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
 _FEWEST = 20  # detections from which on a factor is measured
 
@@ -68,7 +70,7 @@ def watch(
 
 
 def calibrated(
-    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = ()
+    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), easy: Sequence[Seen] = ()
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
@@ -78,6 +80,8 @@ def calibrated(
         Whose other settings are kept.
     seen, real : sequence of Seen
         Of rendered frames, and of real ones.
+    easy : sequence of Seen
+        To which the factors are fitted too, and the threshold is not: few of the frames are hard.
 
     Returns
     -------
@@ -89,7 +93,7 @@ def calibrated(
     presence = round(least_presence([*seen, *real]), 4)
     seen, real = by(presence, seen), by(presence, real)
     settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
-    factors = trust([*seen, *real])
+    factors = trust([*seen, *real, *by(presence, easy)])
     return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(seen, factors.outward))
 
 
