@@ -104,10 +104,12 @@ def table(known: dict[str, dict[str, Any]]) -> str:
     for name, entry in known.items():
         for how, f in entry.items():
             low, high = f["recall_interval"]
+            c = f["centre"]
+            centre = f"{c['median_of_diagonal']:.1%}, {c['p95_of_diagonal']:.1%}" if c["frames"] else "–"
             lines.append(
                 f"| {name} | {how} | {f['labelled']} | {f['map50_95']:.3f} "
                 f"| {f['recall']:.1%} ({low:.1%} to {high:.1%}) "
-                f"| {f['centre']['median_of_diagonal']:.1%}, {f['centre']['p95_of_diagonal']:.1%} |"
+                f"| {centre} |"
             )
     return "\n".join(lines)
 
