@@ -155,8 +155,9 @@ def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads
     """Let a detector of four nets learn more shapes, verify aside; returns all four."""
     from simgrab.training.detector.blend import blend
 
+    if start is None:
+        raise click.UsageError("shapes need --from, a detector of four nets")
     prepare(work / BACKGROUNDS)
-    start = start or ROOT / "assets" / "weights" / "any-grab"
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
     hard = [source for source in VERIFY if source.name == DOUBTFUL]
     shown, out = None if quick else SHOWN_MORE, work / "shapes-blended"

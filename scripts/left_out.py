@@ -2,8 +2,8 @@
 
 Trains the bundled detector in a hurry, from its present weights, which know the four-rope grab alone, on random shapes
 over photographs (`scripts.build_weights`): once on all kinds, and once on all but each. Judged is by frames of the kind
-in worlds that were not learned. Writes ``left-out.json`` and prints a table. What is done is kept and not done again;
-45 minutes on two cores, beside the rendering of the datasets. Needs ``simgrab[train]``.
+in worlds that were not learned. Writes ``left-out.json`` and prints a table. What is done is kept and not done again.
+Needs ``simgrab[train]``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scripts.background_photographs import prepare
 from scripts.build_weights import BACKGROUNDS, MORE, ROOT, rendered
 from simgrab.cli import main as run
 from simgrab.cli._progress import board
-from simgrab.instrument.detect.bundled import Bundled
+from simgrab.instrument.detect.bundled import WEIGHTS, Bundled
 from simgrab.judge.evaluate import detection
 from simgrab.labels import datasets
 from simgrab.labels.truth import Row
@@ -52,8 +52,7 @@ def trained(out: Path, left_out: str, sets: Sequence[datasets.Dataset], threads:
     out.mkdir(parents=True, exist_ok=True)
     with board(shown=True) as progress:
         fit(
-            frames, out, chosen, start=ROOT / "assets" / "weights", resume=True, watch=progress.step,
-            report=progress.training,
+            frames, out, chosen, start=WEIGHTS, resume=True, watch=progress.step, report=progress.training,
         )  # fmt: skip
     shutil.rmtree(out / "cache")
     return Bundled(out)

@@ -69,8 +69,10 @@ def blend(
         known = open_net(after / "settle.onnx", TrainingError).facts
         facts = {key: value for key, value in known.items() if key not in ("settings", "trust")}
         export.copy([*NETS, *(["verify"] if facts.get("verified") is True else [])], after, draft)
-        export.copy([name for name in NETS if kept[name] == 1], before, draft)
         for name in NETS:
+            if kept[name] == 1:  # with its own card
+                export.copy([name], before, draft)
+                continue
             model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept[name])
             write(draft / f"{name}.onnx", model.SerializeToString())
         export.restated(draft / "settle.onnx", facts)
