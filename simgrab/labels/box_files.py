@@ -194,7 +194,7 @@ def _lines(path: Path, names: Mapping[int, str]) -> Iterator[tuple[str, Array]]:
         where = f"{path}: line {number}"
         try:
             which, numbers = int(values[0]), np.array(values[1:], float)
-            if which < 0 or len(numbers) not in (4, *range(6, len(numbers) + 1, 2)):
+            if which < 0 or len(numbers) < 4 or len(numbers) % 2:  # of a box, or of three corners and more
                 raise ValueError
         except ValueError:
             raise DatasetError(f"{where}: expected 'class x y width height' or a polygon, got {shown(line)}") from None
