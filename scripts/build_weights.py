@@ -1,8 +1,11 @@
-"""Make the bundled weights again: ``python -m scripts.build_weights [--quick] [--from DIR]``.
+"""Make the weights of the digit reader and of the detector `any-grab` again: ``python -m scripts.build_weights``.
 
-They are trained from nothing, or with ``--from`` begin with another detector's weights, in four fifths of the training
-time. Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on
-when the same command is given again. Needs ``simgrab[train]``.
+`any-grab` is made in three parts, each of which begins with what the part before has made: ``detector`` trains three
+nets from those of the default detector, ``verify`` adds the fourth, and ``shapes`` lets them learn further. The default
+detector was made by this script as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
+
+Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
+the same command is given again; to begin anew, give an empty ``--work``. Needs ``simgrab[train]``.
 """
 
 from __future__ import annotations
@@ -21,10 +24,11 @@ from scripts.background_photographs import SCENE, prepare
 from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import board, drawing
+from simgrab.instrument.detect import ANY_GRAB, WEIGHTS
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
 from simgrab.training import need_torch
-from simgrab.utilities.files import drafted
+from simgrab.utilities.files import drafted, drafted_folder
 from simgrab.world.output.dataset import render
 
 ROOT = Path(__file__).parents[1]
@@ -99,7 +103,7 @@ VERIFY = (
 # Random shapes are what all nets lack most, and over a photograph a frame takes a sixth of the time. With what verify
 # learned from, they let the other nets go on learning.
 PHOTO_SETS = 3
-DOUBTFUL = "verify-hard-places"  # settle alone learns from it
+DOUBTFUL = "verify-hard-places"  # others' grabs, which find and refine need not learn
 MORE = tuple(
     Source(f"photo-shapes-{seed}", f"{BACKGROUNDS}/{SCENE}", {"swing.absent": 0.1}, 1500, 120, seed, size=(640, 360))
     for seed in range(61, 61 + PHOTO_SETS)
@@ -109,7 +113,7 @@ MORE = tuple(
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 # As much as they would forget stays of their weights. Settle did no better with any of the new ones.
 KEPT = {"find": 0.25, "refine": 0.25, "settle": 1.0}
-SHOWN_MORE = {"find": 40_000, "refine": 160_000, "settle": 1}
+SHOWN_MORE = {"find": 40_000, "refine": 160_000, "settle": 1}  # of settle a single epoch, which is not used
 
 READER = Source("digits", "digits", {}, 3024, 960, 0)
 
@@ -145,23 +149,21 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
     return msgspec.structs.replace(scenario, vary={**scenario.vary, varied: fewer})
 
 
-def detector(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
-    """Train the detector; returns its nets."""
-    shown = SHOWN_AGAIN if start and not quick else None
+def detector(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
+    """Train three nets; returns them."""
+    shown = None if quick else SHOWN_AGAIN
     return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads)
 
 
-def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
+def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Let a detector of four nets learn more shapes, verify aside; returns all four."""
     from simgrab.training.detector.blend import blend
 
-    if start is None:
-        raise click.UsageError("shapes need --from, a detector of four nets")
     prepare(work / BACKGROUNDS)
+    rendered(VERIFY, work, quick=quick, workers=workers)
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
-    hard = [source for source in VERIFY if source.name == DOUBTFUL]
     shown, out = None if quick else SHOWN_MORE, work / "shapes-blended"
-    nets = _detector("shapes", [*learned, *MORE], hard, shown, work, quick, start, workers, threads)
+    nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads)
     shutil.rmtree(out, ignore_errors=True)
     with board(shown=True) as progress:
         # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
@@ -172,7 +174,7 @@ def shapes(work: Path, *, quick: bool, start: Path | None, workers: int, threads
 
 def _detector(
     name: str, learned: Sequence[Source], hard: Sequence[Source], shown: Mapping[str, int] | None, work: Path,
-    quick: bool, start: Path | None, workers: int, threads: int,
+    quick: bool, start: Path, workers: int, threads: int,
 ) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import NETS, train
@@ -189,8 +191,8 @@ def _detector(
     return [out / f"{name}.onnx" for name in NETS]
 
 
-def verify(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:
-    """Train a fourth net for the detector to begin with; returns all four."""
+def verify(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
+    """Train a fourth net for a detector of three; returns all four."""
     from simgrab.training.detector.train import NETS
     from simgrab.training.detector.verify import recipe, train_verify
 
@@ -199,14 +201,14 @@ def verify(work: Path, *, quick: bool, start: Path | None, workers: int, threads
     out = work / "verify"
     with board(shown=True) as shown:
         train_verify(
-            paths, start or ROOT / "assets" / "weights", out, recipe(quick=quick, threads=threads), resume=True,
+            paths, start, out, recipe(quick=quick, threads=threads), resume=True,
             watch=shown.step, report=shown.training("verify"),
         )  # fmt: skip
     return [out / f"{name}.onnx" for name in (*NETS, "verify")]
 
 
-def reader(work: Path, *, quick: bool, start: Path | None, workers: int, threads: int) -> list[Path]:  # noqa: ARG001
-    """Train the reader, which gains nothing by a second thread or by others' weights; returns its net."""
+def reader(work: Path, *, quick: bool, workers: int) -> list[Path]:
+    """Train the reader, which gains nothing by a second thread; returns its net."""
     from simgrab.training.reader.train import QUICK_EPOCHS, RECIPE, train_reader
 
     datasets = rendered([READER], work, quick=quick, workers=workers)
@@ -218,43 +220,65 @@ def reader(work: Path, *, quick: bool, start: Path | None, workers: int, threads
 
 
 def install(nets: Sequence[Path], out: Path) -> None:
-    """Copy nets and their cards; broken off among several, it leaves none of the last, and so no mixture to be used."""
+    """Copy nets and their cards; broken off among several, it leaves no settle, and so no mixture that can be used."""
     if len(nets) > 1:
-        (out / nets[-1].name).unlink(missing_ok=True)
-    for net in nets:
+        (out / LAST).unlink(missing_ok=True)
+    for net in sorted(nets, key=lambda net: net.name == LAST):
         for suffix in (".json", ".md", ".onnx"):
             with drafted(out / f"{net.stem}{suffix}") as draft:
                 shutil.copyfile(net.with_suffix(suffix), draft)
 
 
-PARTS: dict[str, Callable[..., list[Path]]] = {
-    "reader": reader, "detector": detector, "verify": verify, "shapes": shapes,
-}  # fmt: skip
-USUAL = ("reader", "detector")
+def copied(start: Path, folder: Path) -> Path:
+    """Copy the detector that a part begins with, unless it is there: what is made of it may take its place."""
+    if not folder.exists():
+        with drafted_folder(folder) as draft:
+            for path in start.glob("*.onnx"):
+                shutil.copyfile(path, draft / path.name)
+    return folder
+
+
+READS = "reader"
+DETECTS: dict[str, Callable[..., list[Path]]] = {"detector": detector, "verify": verify, "shapes": shapes}
+LAST = "settle.onnx"  # with it, a folder is a detector
 
 
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer frames, and about a fifth of the time in training.")
-@click.option("--only", type=click.Choice(list(PARTS)), help="Build one part.")
+@click.option("--only", type=click.Choice([READS, *DETECTS]), help="Build one part.")
 @click.option(
-    "--from", "start", type=click.Path(path_type=Path, exists=True), help="Folder of a detector to begin with."
+    "--from",
+    "start",
+    type=click.Path(path_type=Path, exists=True),
+    help="Detector that the part detector begins with.  [default: assets/weights]",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="[default: assets/weights; with --quick, in --work]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Gets reader.onnx and any-grab.  [default: assets/weights; with --quick, in --work]",
+)
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")
 @click.option("--threads", default=2, show_default=True, help="Of torch.")
 def main(
     quick: bool, only: str | None, start: Path | None, out: Path | None, work: Path | None, workers: int, threads: int
 ) -> None:
-    """Make the bundled weights again."""
+    """Make the weights of the digit reader and of any-grab again."""
+    if start is not None and only not in (None, "detector"):
+        raise click.UsageError(f"--from belongs to the part detector, not to {only}")
     need_torch()
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
-    out = out or (work / "weights" if quick else ROOT / "assets" / "weights")
+    out = out or (work / "weights" if quick else WEIGHTS)
     work.mkdir(parents=True, exist_ok=True)
-    for name in [only] if only else USUAL:
-        nets = PARTS[name](work, quick=quick, start=start, workers=workers, threads=threads)
-        install(nets, out)
-        click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")
+    for name in [only] if only else (READS, *DETECTS):
+        if name == READS:
+            nets, target = reader(work, quick=quick, workers=workers), out
+        else:
+            target = out / ANY_GRAB
+            begin = copied((start or WEIGHTS) if name == "detector" else target, work / f"before-{name}")
+            nets = DETECTS[name](work, quick=quick, start=begin, workers=workers, threads=threads)
+        install(nets, target)
+        click.echo(f"{name}: {', '.join(net.name for net in nets)} in {target}")
 
 
 if __name__ == "__main__":

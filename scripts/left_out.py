@@ -1,14 +1,15 @@
 """Leave one kind of grabs out of the training: ``python -m scripts.left_out``.
 
-Trains the bundled detector in a hurry, from its present weights, which know the four-rope grab alone, on random shapes
-over photographs (`scripts.build_weights`): once on all kinds, and once on all but each. Judged is by frames of the kind
-in worlds that were not learned. Writes ``left-out.json`` and prints a table. What is done is kept and not done again.
-Needs ``simgrab[train]``.
+Trains the default detector, which knows the four-rope grab alone, for a short time on random shapes over photographs
+(`scripts.build_weights`): once on all kinds, and once on all but each. Each is scored on frames of the kind in worlds
+that were used neither for training nor for choosing an epoch or a threshold. Writes ``left-out.json`` and prints a
+table. What is done is kept and not done again. Needs ``simgrab[train]``.
 """
 
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -16,11 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 
 from scripts.background_photographs import prepare
-from scripts.build_weights import BACKGROUNDS, MORE, ROOT, rendered
+from scripts.build_weights import BACKGROUNDS, MORE, ROOT, VERIFY, rendered
+from simgrab._version import __version__
 from simgrab.cli import main as run
 from simgrab.cli._progress import board
+from simgrab.errors import TrainingError
 from simgrab.instrument.detect.bundled import WEIGHTS, Bundled
 from simgrab.judge.evaluate import detection
 from simgrab.labels import datasets
@@ -28,11 +32,13 @@ from simgrab.labels.truth import Row
 from simgrab.training import need_torch
 from simgrab.training.detector import cache, evaluate
 from simgrab.training.detector.settings import recipes
-from simgrab.training.detector.train import Frames, fit
+from simgrab.training.detector.train import Frames, fit, start_digests
 from simgrab.training.folder import claim, write
 
+SPLITS = ("train", "val", "test")
 KINDS = ("clamshell", "orange-peel")  # a part of the names that the scene gives to grabs
 SHOWN = {"find": 12_000, "refine": 48_000, "settle": 8_000}
+SCORED = next(source for source in VERIFY if source.name == "verify-photo")  # beside the split test of what is learned
 RESULTS = "left-out.json"
 
 
@@ -58,6 +64,17 @@ def trained(out: Path, left_out: str, sets: Sequence[datasets.Dataset], threads:
     return Bundled(out)
 
 
+def finished(path: Path, identity: str) -> dict[str, dict[str, Any]]:
+    """Read what is done, by kind; refuses what other frames, weights or settings gave."""
+    if not path.exists():
+        return {}
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if content["identity"] != identity:
+        raise TrainingError(f"{path} is of other frames, weights or settings: choose another --out")
+    kinds: dict[str, dict[str, Any]] = content["kinds"]
+    return kinds
+
+
 def scores(looks: Bundled, frames: Sequence[cache.Frame]) -> dict[str, Any]:
     """Score a detector on frames of one kind."""
     cases = []
@@ -78,19 +95,20 @@ def main(work: Path | None, out: Path, workers: int, threads: int) -> None:
     need_torch()
     work = work or ROOT / "runs" / "weights"
     prepare(work / BACKGROUNDS)
-    paths = rendered(MORE, work, quick=False, workers=workers)
+    learned, others = (rendered(some, work, quick=False, workers=workers) for some in (MORE, [SCORED]))
     with claim(out, resume=True, traces=(RESULTS,)):
-        kept = out / RESULTS
-        known: dict[str, dict[str, Any]] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
-        sets = datasets.read_all(paths, "train", "val", "test")
-        judged = [frame for split in ("val", "test") for frame in cache.frames(sets, split)]
+        sets, more = (datasets.read_all(some, *SPLITS) for some in (learned, others))
+        scored = [*cache.frames(sets, "test"), *(frame for split in SPLITS for frame in cache.frames(more, split))]
+        parts = [__version__, datasets.digest([*sets, *more]), *start_digests(WEIGHTS).values(), SHOWN]
+        identity = hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
+        known = finished(out / RESULTS, identity)
         for left_out in ("", *KINDS):
             looks = functools.cache(functools.partial(trained, out / (left_out or "none"), left_out, sets, threads))
             for name in [left_out] if left_out else KINDS:
                 entry = known.setdefault(name, {})
                 if (key := "left out" if left_out else "learned") not in entry:
-                    entry[key] = scores(looks(), [frame for frame in judged if kind(frame) == name])
-                    write(kept, json.dumps(known, indent=1).encode())
+                    entry[key] = scores(looks(), [frame for frame in scored if kind(frame) == name])
+                    write(out / RESULTS, json.dumps({"identity": identity, "kinds": known}, indent=1).encode())
     click.echo(table(known))
 
 

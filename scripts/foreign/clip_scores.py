@@ -112,9 +112,7 @@ def _cells(found: Mapping[str, Any]) -> list[str]:
     )
     overall = angle["overall"]
     return [
-        f"{round(detection['recall'] * detection['labelled'])} of {detection['labelled']}"
-        if detection["labelled"]
-        else DASH,
+        _hits(detection) if detection["labelled"] else DASH,
         f"{one['frames']['ok']} of {one['frames']['all']}",
         f"{overall['rmse_deg']:.2f}°, {overall['bias_deg']:+.2f}°" if overall["frames"] else DASH,
         f"{100 * interval['share']:.0f} %" if interval["frames"] else DASH,

@@ -164,6 +164,7 @@ class Maker:
                 {
                     "scene": str(place / "scene.npz"), "photographs": str(place / "photographs.npz"),
                     "replaced": list(replaced or ()), "light": sky_of(scenario.light), "dusk": world.time == "dusk",
+                    "jib_poses": [np.eye(4).tolist()],
                     "ground_m": -scenario.jib.head_height_m, "ceiling_m": lowest - BELOW_GRAB_M, "seed": world.seed,
                     "samples": self.samples, "threads": self.threads, "out": str(place / f"{light}.npy"), "ids": "",
                 }

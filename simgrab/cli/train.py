@@ -122,7 +122,8 @@ def detector(
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
-    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card.
+    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card. The
+    verify.onnx of a detector with four networks that --from names is copied.
     --from any-grab --grab FILE trains on rendered frames of your own grab, about 35 minutes on two cores.
     Figures of rendered and of real frames are kept apart.
     """
@@ -243,8 +244,8 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
     help="The detector to complete: bundled, any-grab, or a folder.",
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
-@click.option("--quick", is_flag=True, help="About a quarter of the time.")
-@click.option("--epochs", type=int, help="Epochs.  [default: 18, or 4 with --quick]")
+@click.option("--quick", is_flag=True, help="A third of the time.")
+@click.option("--epochs", type=int, help="Epochs.  [default: 12, or 4 with --quick]")
 @click.option("--batch", default=32, show_default=True, help="Batch size.")
 @_training
 def verify(
@@ -276,8 +277,8 @@ def verify(
 @click.argument("datasets", nargs=-1, required=True, type=PATH)
 @click.option("--out", type=FOLDER, required=True, help="Folder for network, card and checkpoint.")
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
-@click.option("--quick", is_flag=True, help="Half of the time.")
-@click.option("--epochs", type=int, help="Epochs.  [default: 16, or 6 with --quick]")
+@click.option("--quick", is_flag=True, help="A third of the time.")
+@click.option("--epochs", type=int, help="Epochs.  [default: 20, or 6 with --quick]")
 @click.option("--batch", default=128, show_default=True, help="Batch size.")
 @click.option("--patience", default=8, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
 @click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")

@@ -119,7 +119,9 @@ def markdown(content: Mapping[str, Any]) -> str:
         )
     real = content.get("real")
     also = f" and {real['frames']} real frames of {real['videos']} videos, {real['times']} times each" if real else ""
-    others = f" and of {_sets(content['judged_by'])}" if content.get("judged_by") else ""
+    judged = _sets(content.get("judged_by", ()))
+    if not content.get("judged_by_these_alone"):
+        judged = f"these and of {judged}" if judged else "these"
     together = " “alone” is of this net, the rest of all the nets together." if "alone" in content["metrics"] else ""
     lines = [
         f"# {content['name']}",
@@ -128,7 +130,7 @@ def markdown(content: Mapping[str, Any]) -> str:
         "",
         f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])}{also},"
         f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
-        f" on {content['machine']['cores']} cores. Judged by the split `val` of these{others}.{together}{began}",
+        f" on {content['machine']['cores']} cores. Judged by the split `val` of {judged}.{together}{began}",
         "",
         "| validation | |",
         "|---|---|",

@@ -13,6 +13,7 @@ from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
 from simgrab.instrument.detect.bundled import WEIGHTS  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
+from simgrab.labels import datasets  # noqa: E402
 from simgrab.training.detector.blend import between, blend  # noqa: E402
 from simgrab.training.detector.train import NETS  # noqa: E402
 
@@ -47,14 +48,15 @@ def test_a_blended_detector_states_its_own_settings_and_figures(dataset, tmp_pat
         card = json.loads((out / f"{name}.json").read_text())
         assert card.get("kept", 1.0) == kept[name]
         assert figures["frames"] > 0
-        if name != "settle":
-            assert card["metrics"]["frames"] == figures["frames"]
-            assert card["metrics"]["recall"] == figures["recall"]
-            assert not {"alone", "before"} & set(card["metrics"])  # of other weights
+        assert card["metrics"]["frames"] == figures["frames"]
+        assert card["metrics"]["recall"] == figures["recall"]
+        assert not {"alone", "before"} & set(card["metrics"])  # of other weights
+        assert [one["seed"] for one in card["judged_by"]] == [datasets.read(dataset).data.seed]
+        assert f"of {card['judged_by'][0]['frames']} frames of" in (out / f"{name}.md").read_text()
         assert ("50% of these" in (out / f"{name}.md").read_text()) == (name != "settle")
         assert card["model_sha256"] in (out / f"{name}.md").read_text()
     first, stayed = (json.loads((folder / "settle.json").read_text()) for folder in (WEIGHTS, out))
-    assert (stayed["examples"], stayed["metrics"]) == (first["examples"], first["metrics"])
+    assert (stayed["examples"], stayed["data"]) == (first["examples"], first["data"])
     assert (out / "verify.onnx").read_bytes() == (ANY / "verify.onnx").read_bytes()
     facts = open_net(out / "settle.onnx").facts
     assert facts["verified"] is True

@@ -530,8 +530,8 @@ def test_the_recipe_shows_as_many_frames_however_many_there_are():
     few, many = (settings.recipes(frames, half=False) for frames in (500, 5000))
     for name in settings.SHOWN:
         assert getattr(few, name).epochs * 500 == pytest.approx(getattr(many, name).epochs * 5000, rel=0.1)
-    quick = settings.recipes(3000, quick=True, half=False)
-    assert quick.find.epochs * 2 < settings.recipes(3000, half=False).find.epochs
-    assert quick.refine.epochs * 2 < settings.recipes(3000, half=False).refine.epochs
-    assert quick.settle.epochs * 2 < settings.recipes(3000, half=False).settle.epochs
+    for started in (False, True):
+        quick, usual = (settings.recipes(750, quick=one, started=started, half=False) for one in (True, False))
+        for name in settings.SHOWN:
+            assert getattr(quick, name).epochs * 2 < getattr(usual, name).epochs
     assert settings.recipes(8, epochs=3, half=False).refine.epochs == 3

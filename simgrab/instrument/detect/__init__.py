@@ -35,8 +35,7 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     path = located(name)
     if path in SHIPPED.values() and not (path / "find.onnx").exists():
         raise DetectorError(
-            f"no weights are bundled for {name!r}: make them by `python -m scripts.build_weights --only detector`, or "
-            "name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
+            f"no weights are bundled for {name!r}: name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
         )
     if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
         return Bundled(path)

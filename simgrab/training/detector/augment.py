@@ -1,4 +1,4 @@
-"""Chance for the eyes: geometry that moves the labels along, and light, colour, blur and dirt that do not."""
+"""Image augmentation: geometry, which moves the labels too, and light, colour, blur and dirt, which do not."""
 
 from __future__ import annotations
 

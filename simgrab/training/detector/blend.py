@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ def blend(
     before, after : Path
         Folders of a detector and of one that was trained from it.
     out : Path
-        New. Gets the nets, with cards that say so; a net ``verify`` is that of ``after``.
+        New. Gets the nets; a net ``verify`` is that of ``after``. Cards state the figures of the new detector.
     kept : mapping of str to float
         Share of ``before``, 0 to 1, for each of the nets in `simgrab.training.detector.train.NETS`.
     paths : sequence of paths
@@ -62,7 +63,9 @@ def blend(
     for name in NETS:
         if not 0 <= kept[name] <= 1:
             raise TrainingError(f"kept of {name} must lie between 0 and 1, got {kept[name]}")
-    frames, more = (cache.frames(datasets.read_all(some, "val"), "val") if some else () for some in (paths, easy))
+    judged = datasets.read_all(paths, "val")
+    frames = cache.frames(judged, "val")
+    more = cache.frames(datasets.read_all(easy, "val"), "val") if easy else ()
     step = watch or (lambda _: lambda _done, _total: None)
     check(out, resume=False)
     with writing(out, TrainingError), drafted_folder(out) as draft:
@@ -70,7 +73,9 @@ def blend(
         facts = {key: value for key, value in known.items() if key not in ("settings", "trust")}
         export.copy([*NETS, *(["verify"] if facts.get("verified") is True else [])], after, draft)
         for name in NETS:
-            if kept[name] == 1:  # with its own card
+            if kept[name] == 1:  # with the card of these weights, or none
+                for card in (draft / f"{name}.json", draft / f"{name}.md"):
+                    card.unlink(missing_ok=True)
                 export.copy([name], before, draft)
                 continue
             model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept[name])
@@ -81,9 +86,8 @@ def blend(
         others = evaluate.watch(looks, more, step("detecting in easy val images")) if more else ()
         fitted, figures = evaluate.calibrated(looks, seen, easy=others)
         export.restated(draft / "settle.onnx", facts | fitted)
-        for name in NETS:
-            if kept[name] < 1:
-                _card(draft / f"{name}.json", kept[name], figures)
+        for card in draft.glob("*.json"):
+            _restate(card, kept.get(card.stem, 1.0), [one.data for one in judged], figures)
     return figures
 
 
@@ -115,11 +119,12 @@ def _opened(path: Path) -> onnx.ModelProto:
     return onnx.load_from_string(read_bytes(path, TrainingError, most_bytes=MOST_BYTES))
 
 
-def _card(path: Path, kept: float, figures: dict[str, Any]) -> None:
-    """State in the card of a net, if it has one, what it is and how good."""
-    if not path.exists():
-        return
+def _restate(path: Path, kept: float, judged: Sequence[datasets.Data], figures: dict[str, Any]) -> None:
+    """State in a net's card how much of its weights before it has kept, and how good the new detector is."""
     content = read_json(path, TrainingError)
-    content |= {"kept": kept, "metrics": {"best_epoch": content["metrics"].get("best_epoch")} | figures}
+    metrics = {"best_epoch": content["metrics"].get("best_epoch")} | figures
+    content |= {"metrics": metrics, "judged_by": [asdict(one) for one in judged], "judged_by_these_alone": True}
+    if kept < 1:
+        content["kept"] = kept
     write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
     redigest(path, path.with_suffix(".onnx").read_bytes())

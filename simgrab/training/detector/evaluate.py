@@ -98,11 +98,11 @@ def calibrated(
 
 
 def least_presence(seen: Sequence[Seen]) -> float:
-    """Presence from which on a grab is one: that which errs least, nine tenths up the widest range of such.
+    """Choose the least presence at which a candidate is taken for the grab.
 
-    A false box counts as three missed grabs.
-
-    Nearer to the grabs than to the rest: what is none has no end, and validation shows little of it.
+    A false box counts as three missed grabs. Of the thresholds with the fewest weighted errors, this is the point nine
+    tenths up the widest interval, and so closer to the grabs than to other things: validation frames show only few of
+    the things that can be mistaken for a grab.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def least_presence(seen: Sequence[Seen]) -> float:
 
 
 def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
-    """Tell what would have been seen with a least presence."""
+    """Apply a presence threshold to detections."""
     nothing = "it looks like something else"
     return [
         one if not one.detection.found or one.detection.score >= presence

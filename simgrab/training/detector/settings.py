@@ -28,6 +28,7 @@ SHOWN = {"find": 50_000, "refine": 180_000, "settle": 150_000}
 SHOWN_QUICK = {"find": 14_000, "refine": 72_000, "settle": 10_000}
 # Of nets that begin with trained weights: about 15 minutes on two cores.
 SHOWN_AFTER = {"find": 8_000, "refine": 36_000, "settle": 30_000}
+SHOWN_AFTER_QUICK = {"find": 2_000, "refine": 12_000, "settle": 3_000}
 RATE_AFTER = 0.5  # of the usual one
 
 
@@ -46,7 +47,7 @@ def recipes(
     started : bool
         Whether the nets begin with trained weights: fewer frames, at half the rate.
     shown : mapping of str to int, optional
-        Frames shown in all, by net; by default `SHOWN`, `SHOWN_QUICK` or `SHOWN_AFTER`.
+        Frames shown in all, by net; by default `SHOWN`, `SHOWN_QUICK`, `SHOWN_AFTER` or `SHOWN_AFTER_QUICK`.
     epochs : int, optional
         Of each; by default as many as show the usual number of frames.
     batch : int, optional
@@ -56,7 +57,8 @@ def recipes(
     **changes
         Other settings of all.
     """
-    usually = SHOWN_QUICK if quick else SHOWN_AFTER if started else SHOWN
+    of_start = (SHOWN_AFTER, SHOWN_AFTER_QUICK) if started else (SHOWN, SHOWN_QUICK)
+    usually = of_start[quick]
     shown = usually if shown is None else shown
     whether = has_half_units(str(changes.get("device", "cpu"))) if half is None else half
     common = replace(Recipe(half=whether), **changes)  # type: ignore[arg-type]

@@ -1,8 +1,8 @@
 """What settle learns: whether it is the grab, where its centre is and how it is yawed, in a crop turned level.
 
-It begins with refine's weights. With size, place and yaw taken out of the crop only small corrections are left,
-and the centre is predicted with about half of refine's error; background is separated from the grab in one pose.
-From frames of which boxes alone are known it learns the presence.
+It begins with refine's weights, or with those of a trained settle. With size, place and yaw taken out of the crop only
+small corrections are left, and the centre is predicted with about half of refine's error; background is separated from
+the grab in one pose. From frames of which boxes alone are known it learns the presence.
 """
 
 from __future__ import annotations

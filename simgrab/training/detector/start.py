@@ -14,9 +14,13 @@ from torch import Tensor, nn
 from simgrab.errors import TrainingError
 from simgrab.geometry import Array
 from simgrab.instrument.net import open_net
+from simgrab.rng import stream
+from simgrab.training.copies import Batch
+from simgrab.training.loop import Task
 
 _Layer = nn.Conv1d | nn.Conv2d | nn.Linear
 _NODES = ("Conv", "Gemm")
+_MEASURED = 128  # examples for the statistics of what goes into the norms
 _TOLERANCE = 2e-3  # of what goes out, relative to its largest number; weights lie in half precision
 
 
@@ -61,6 +65,12 @@ def begun(build: Callable[[], nn.Module], path: Path, examples: Tensor) -> nn.Mo
         if not apart <= _TOLERANCE:
             raise TrainingError(f"{path} cannot be started from: its outputs are off by a share of {apart:.2g}")
     return net
+
+
+def some_examples(task: Task) -> Batch:
+    """Draw examples of a task for `begun`."""
+    rng = stream(0, 0, "statistics")
+    return task.batch(rng.permutation(task.examples)[:_MEASURED], rng)
 
 
 def _weights(path: Path) -> list[tuple[Array, Array]]:

@@ -21,23 +21,21 @@ from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Set
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
-from simgrab.rng import stream
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
 from simgrab.training.detector.nets import Find, Refine
 from simgrab.training.detector.real import Real
 from simgrab.training.detector.settings import Recipes
-from simgrab.training.detector.start import begun
+from simgrab.training.detector.start import begun, some_examples
 from simgrab.training.device import named
 from simgrab.training.folder import check, claim
-from simgrab.utilities.files import scratch
+from simgrab.utilities.files import scratch, sha256
 from simgrab.utilities.parse import read_bytes
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # batch of find, pictures
 _PASSES = 2  # of refine: around find's box it misses unfamiliar grabs by more than around its own
-_MEASURED = 128  # examples for the statistics of a net that begins with trained weights
 
 NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
@@ -70,7 +68,10 @@ def train(
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Result:
-    """Train find, refine on what find takes for the grab, settle from refine's weights; measure all together.
+    """Train find, refine on what find takes for the grab, and settle on what refine makes of it; measure all together.
+
+    Settle begins with refine's weights, or with those of settle in ``start``. The fourth net of ``start``, if there is
+    one, is copied.
 
     Figures of rendered validation frames and of real frames stand apart: the latter are ``real`` and ``real_…``.
 
@@ -244,9 +245,7 @@ def _starting(
         return build
 
     def begin() -> torch.nn.Module:
-        rng = stream(0, 0, "statistics")
-        some = rng.permutation(task.examples)[:_MEASURED]
-        return begun(build, Path(start) / f"{name}.onnx", task.batch(some, rng)[taken])
+        return begun(build, Path(start) / f"{name}.onnx", some_examples(task)[taken])
 
     return begin
 
@@ -260,7 +259,7 @@ def _learn(
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return sha256(path)[:16]
 
 
 def suspects(net: torch.nn.Module, pictures: find.Pictures, frames: Sequence[cache.Frame]) -> list[list[Array]]:

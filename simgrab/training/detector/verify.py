@@ -39,7 +39,7 @@ from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import Refine, Verify
 from simgrab.training.detector.refine import CROP, ROOM, Crops, stack
 from simgrab.training.detector.settings import has_half_units
-from simgrab.training.detector.start import begun
+from simgrab.training.detector.start import begun, some_examples
 from simgrab.training.detector.train import NETS
 from simgrab.training.folder import check, claim
 from simgrab.training.loop import SCORE
@@ -47,7 +47,6 @@ from simgrab.training.recipe import Recipe
 from simgrab.utilities.files import sha256
 
 TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
-_MEASURED = 128  # examples for the statistics of the stages that are taken over
 _TIMES = 2  # examples of each frame: of the grab, and of other things
 _SUSPECT = 0.015  # heat above which a candidate is refined
 _SAME = 0.7  # IoU above which two boxes are one
@@ -249,8 +248,7 @@ def _start(detector: Path) -> Path:
 
 def _begun(begin: Path, task: Verifying) -> Verify:
     """Build verify with the weights of a verify, or with the stages of a refine."""
-    rng = stream(0, 0, "statistics")
-    some = task.batch(rng.permutation(task.examples)[:_MEASURED], rng)["crops"]
+    some = some_examples(task)["crops"]
     if begin.stem == "verify":
         result = begun(lambda: Verify(Refine()), begin, some)
         assert isinstance(result, Verify)
