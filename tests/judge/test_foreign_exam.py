@@ -163,6 +163,7 @@ def fake():
             with np.load(job["scene"]) as file:
                 width, height = file["camera"][:2].astype(int)
                 assert {PLACE, GRAB} <= set(file["groups"].ravel())
+                assert len(file["jib_from_camera"]) == len(job["jib_poses"])  # lamps of the jib head move with it
             assert job["ceiling_m"] > job["ground_m"]
             np.save(job["out"], np.full((height, width, 3), 0.2, np.float16))
             if job["ids"]:
