@@ -106,7 +106,7 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
     "--from",
     "start",
     metavar="DETECTOR",
-    help="Start from the weights of this detector: bundled, any-grab, or a folder. Takes about 15 minutes.",
+    help="Start from the weights of this detector: bundled, any-grab, or a folder. Takes about 18 minutes.",
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order, augmentation and frames.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
@@ -124,7 +124,7 @@ def detector(
 
     OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card. The
     verify.onnx of a detector with four networks that --from names is copied.
-    --from any-grab --grab FILE trains on rendered frames of your own grab, about 35 minutes on two cores.
+    --from any-grab --grab FILE trains on rendered frames of your own grab, about 27 minutes on two cores.
     Figures of rendered and of real frames are kept apart.
     """
     from simgrab.training import need_torch

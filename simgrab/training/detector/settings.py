@@ -26,7 +26,7 @@ class Recipes:
 # minutes' worth on two cores, most of it where mAP comes from.
 SHOWN = {"find": 50_000, "refine": 180_000, "settle": 150_000}
 SHOWN_QUICK = {"find": 14_000, "refine": 72_000, "settle": 10_000}
-# Of nets that begin with trained weights: about 15 minutes on two cores.
+# Of nets that begin with trained weights: about 18 minutes on two cores.
 SHOWN_AFTER = {"find": 8_000, "refine": 36_000, "settle": 30_000}
 SHOWN_AFTER_QUICK = {"find": 2_000, "refine": 12_000, "settle": 3_000}
 RATE_AFTER = 0.5  # of the usual one
