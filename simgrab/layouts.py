@@ -187,7 +187,11 @@ class Layout(Checked, frozen=True):
         digits = "".join(c for c in text if c.isdigit())
         if len(digits) != 8:
             raise ValueError(f"a display shows 8 digits, got {text!r}")
-        return int(digits[:4]) / 10**self.decimals, int(digits[4:]) / 10**self.decimals
+        return self.length(digits[:4]), self.length(digits[4:])
+
+    def length(self, number: str) -> float:
+        """One rope, m, from the four digits of its number, with a point or without."""
+        return int(number.replace(".", "")) / 10**self.decimals
 
 
 def _nearest(x: float) -> int:

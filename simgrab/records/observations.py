@@ -63,7 +63,8 @@ class Reading:
     confidence : ndarray, shape (8,)
         Of each digit, 0 to 1: hoist rope, then closing rope, from left to right.
     hoist_m, closing_m : float or None
-        Lengths on the display; None when refused.
+        Lengths on the display; None when refused. That of the closing rope is also None where the hoist rope alone was
+        read, which is enough for |OA|.
     rope_length_m : float or None
         |OA|: hoist rope plus the display's constant; None unless read.
     """

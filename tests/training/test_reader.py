@@ -90,8 +90,9 @@ def test_training_crops_are_those_of_the_reader():
     np.testing.assert_array_equal(np.stack([augment.plain(box) for box in boxes])[:, None], crops(picture, layout))
 
 
-def test_a_digit_survives_alteration_and_never_the_same_way():
+def test_a_digit_survives_alteration_and_never_the_same_way(monkeypatch):
     """Centred within a pixel or so and as bright as the digit, not its background."""
+    monkeypatch.setattr(augment, "SMALL", 0.0)  # see below
     box = np.zeros((60, 40), np.uint8)
     box[20:40, 15:25] = 255
     rng = np.random.default_rng(0)
@@ -103,6 +104,31 @@ def test_a_digit_survives_alteration_and_never_the_same_way():
     rows = (seen - seen.min((1, 2), keepdims=True)).mean(2)
     centre = (rows * np.arange(32)).sum(1) / rows.sum(1)
     assert 0.1 < centre.std() < 1.5
+
+
+def test_a_small_digit_has_background_around():
+    spare = cells.SPARE_PX
+    box = np.full((48 + 2 * spare, 32 + 2 * spare), 255, np.uint8)  # what lies beyond the cell is not seen
+    box[spare:-spare, spare:-spare] = 40
+    box[spare + 6 : -spare - 6, spare + 8 : -spare - 8] = 200
+    rng = np.random.default_rng(0)
+    seen = np.stack([augment._small(box, rng) for _ in range(200)])
+    assert seen.shape[1:] == (48, 32)
+    assert seen.max() <= 200
+    rows, columns = (seen.max(2) > 120).sum(1), (seen.max(1) > 120).sum(1)
+    (x0, x1), (y0, y1) = augment.SMALL_SCALES
+    assert 36 / y1 - 1 <= rows.min() < 36 / y1 + 3 < 36 / y0 - 3 < rows.max() <= 36 / y0 + 1
+    assert 16 / x1 - 1 <= columns.min() < 16 / x1 + 2 < 16 / x0 - 1 < columns.max() <= 16 / x0 + 1
+    assert (seen[:, [0, -1]] == 40).all()  # the digit stays inside
+
+
+def test_of_an_earlier_digit_less_is_left_than_of_the_present_one():
+    box, earlier = np.full((20, 10), 200, np.uint8), np.zeros((20, 10), np.uint8)
+    rng = np.random.default_rng(0)
+    left = 1 - np.array([augment.ghostly(box, earlier, rng).mean() / 200 for _ in range(200)])
+    low, high = augment.GHOST
+    assert low - 0.01 < left.min() < low + 0.05
+    assert high - 0.05 < left.max() < high + 0.01 < 0.5
 
 
 def test_every_digit_is_learned_as_often():

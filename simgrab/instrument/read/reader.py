@@ -103,15 +103,19 @@ class Reader:
 
 
 def reading(probabilities: Crops, layout: Layout, threshold: float, display_constant_m: float = 0.0) -> Reading:
-    """Compose a reading of the probabilities, shape (8, 11), of a layout's cells."""
+    """Compose a reading of the probabilities, shape (8, 11), of a layout's cells.
+
+    |OA| follows from the hoist rope alone: doubt about a digit of the closing rope does not refuse it.
+    """
     best, confidence = probabilities.argmax(axis=1), probabilities.max(axis=1).astype(float)
     sure = (confidence >= threshold) & (confidence <= 1 + 1e-6)  # and a number
     doubtful = (best == NO_DIGIT) | ~sure
     hoist, closing = layout.written("".join(DIGITS[np.where(doubtful, NO_DIGIT, best)])).split()
-    if doubtful.any():
+    if doubtful[:4].any():
         reason = _why(best, confidence, doubtful, threshold)
         return Reading("refused", reason, hoist, closing, confidence, None, None, None)
-    hoist_m, closing_m = layout.lengths(hoist + closing)
+    hoist_m = layout.length(hoist)
+    closing_m = None if doubtful[4:].any() else layout.length(closing)
     return Reading("read", "", hoist, closing, confidence, hoist_m, closing_m, hoist_m + display_constant_m)
 
 

@@ -51,7 +51,9 @@ class Read:
     def wrong(self) -> bool:
         """Whether a number was read that the display does not show; of a torn one either text's will do."""
         pairs = zip(self.reading.text.split(), self.text.split(), self.below.split(), strict=True)
-        return self.reading.status != "refused" and any(found not in (above, below) for found, above, below in pairs)
+        return self.reading.status != "refused" and any(
+            found not in (above, below) for found, above, below in pairs if "?" not in found
+        )
 
 
 @dataclass(frozen=True)
@@ -84,11 +86,11 @@ class Score:
     digits_refused : Share
         Of all digits.
     frames_right : Share
-        Of frames that were read, those with every digit right.
+        Of frames that were read, those with every number right that was read.
     frames_refused : Share
-        Of all frames.
+        Of all frames, those of which the hoist rope's number was not read.
     torn_right, torn_refused : Share
-        Of torn frames: each number read as above or as below; refused. The rest were read as a mixture.
+        Of torn frames: each number that was read is that above or that below; refused. The rest were read as a mixture.
     wrong : tuple of Read
         Every frame read wrong, torn or whole.
     """

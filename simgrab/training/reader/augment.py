@@ -13,6 +13,10 @@ TORN = 0.3, 0.7  # of a box's height: torn there it is neither digit
 # Of what is seen, over what the cell shows: cells that are drawn by hand are too large more often than too small.
 SCALES = 0.9, 1.25
 TIGHT, TIGHT_SCALES = 0.5, (0.96, 1.04)  # share of cells that fit their digits, and of these
+# Share of cells in which the digit is small, as a wide font's is in a tall cell, and by how much what the cell shows
+# shrinks in width and height.
+SMALL, SMALL_SCALES = 0.25, ((1.0, 1.4), (1.0, 1.8))
+GHOST = 0.05, 0.45  # share of an earlier digit that remains
 
 
 def altered(box: Picture, rng: np.random.Generator) -> Crops:
@@ -27,7 +31,7 @@ def altered(box: Picture, rng: np.random.Generator) -> Crops:
     -------
     ndarray of float32, shape (32, 32)
     """
-    seen = _moved(box, rng)
+    seen = _small(box, rng) if rng.random() < SMALL else _moved(box, rng)
     if rng.random() < 0.2:
         seen = _coarser(seen, rng)
     if rng.random() < 0.3:
@@ -47,6 +51,24 @@ def torn(above: Picture, below: Picture, rng: np.random.Generator) -> Picture:
     """One box above a row and another, of the same size, from there on."""
     row = round(rng.uniform(*TORN) * len(above))
     return np.concatenate([above[:row], below[row:]])
+
+
+def ghostly(box: Picture, earlier: Picture, rng: np.random.Generator) -> Picture:
+    """Mix some of an earlier box of the same size into a box, as coders of a low bit rate leave it there."""
+    share = rng.uniform(*GHOST)
+    return np.asarray(cv2.addWeighted(box, 1 - share, earlier, share, 0))
+
+
+def _small(box: Picture, rng: np.random.Generator) -> Picture:
+    """Shrink what the cell shows, anywhere within it, and continue its border around."""
+    seen = box[SPARE_PX:-SPARE_PX, SPARE_PX:-SPARE_PX]
+    scale = np.array([rng.uniform(*limits) for limits in SMALL_SCALES])
+    size = np.array(seen.shape[::-1])
+    middle = (size - 1) / 2
+    offset = middle - scale * middle + rng.uniform(-0.4, 0.4, 2) * (scale - 1) * size
+    m = np.column_stack([np.diag(scale), offset])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(seen, m, seen.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _moved(box: Picture, rng: np.random.Generator) -> Picture:

@@ -14,10 +14,11 @@ from simgrab.instrument.read.reader import HIGHEST_THRESHOLD, NO_DIGIT
 from simgrab.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.loop import SCORE
-from simgrab.training.reader.augment import altered, plain, torn
+from simgrab.training.reader.augment import altered, ghostly, plain, torn
 from simgrab.training.reader.cells import Cells
 
 TORN_SHARE = 0.04  # of the digits learned from, made into torn ones
+GHOST_SHARE = 0.2  # of the digits learned from, with a part of another one left in them
 ROUNDS = 8  # alterations of each validation cell
 REFUSED = 1e-4  # share of altered digits that the threshold may refuse
 LEAST_THRESHOLD = 0.8
@@ -60,10 +61,12 @@ class Digits:
 
     def _example(self, i: int, rng: np.random.Generator) -> tuple[Crops, int]:
         box, digit = self._cells.boxes[i], int(self._cells.digits[i])
-        if digit != NO_DIGIT and rng.random() < TORN_SHARE:
+        if digit != NO_DIGIT and (chance := rng.random()) < TORN_SHARE + GHOST_SHARE:
             other = int(rng.integers(self._first[i], self._last[i]))
             if self._cells.digits[other] not in (digit, NO_DIGIT):
-                return altered(torn(box, self._cells.boxes[other], rng), rng), NO_DIGIT
+                if chance < TORN_SHARE:
+                    return altered(torn(box, self._cells.boxes[other], rng), rng), NO_DIGIT
+                box = ghostly(box, self._cells.boxes[other], rng)
         return altered(box, rng), digit
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
