@@ -5,7 +5,7 @@ nets from those of the default detector, ``verify`` adds the fourth, and ``shape
 detector was made by this script as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
-the same command is given again; to begin anew, give an empty ``--work``. Needs ``simgrab[train]``.
+the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.
 """
 
 from __future__ import annotations
@@ -231,10 +231,11 @@ def install(nets: Sequence[Path], out: Path) -> None:
 
 def copied(start: Path, folder: Path) -> Path:
     """Copy the detector that a part begins with, unless it is there: what is made of it may take its place."""
+    from simgrab.training.detector import export
+
     if not folder.exists():
         with drafted_folder(folder) as draft:
-            for path in start.glob("*.onnx"):
-                shutil.copyfile(path, draft / path.name)
+            export.copy([path.stem for path in start.glob("*.onnx")], start, draft)
     return folder
 
 

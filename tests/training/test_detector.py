@@ -205,6 +205,14 @@ def test_weights_are_installed_or_cannot_be_used(nets, tmp_path, monkeypatch):
     assert (tmp_path / nets[1].name).read_bytes() == alone  # a net that is alone is replaced at once
 
 
+def test_what_a_part_begins_with_is_copied_once_with_its_cards(trained, tmp_path):
+    first = build_weights.copied(trained.folder, tmp_path / "before")
+    for name in NETS:
+        for suffix in (".json", ".md", ".onnx"):
+            assert (first / f"{name}{suffix}").read_bytes() == (trained.folder / f"{name}{suffix}").read_bytes()
+    assert build_weights.copied(tmp_path / "replaced since", first) == first
+
+
 def _part(source, target, frames):
     shutil.copytree(source, target)
     table = pq.read_table(target / "labels.parquet")

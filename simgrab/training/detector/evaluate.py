@@ -21,9 +21,8 @@ LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
-_FALSE = (
-    3.0  # missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm
-)
+# Missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm.
+_FALSE = 3.0
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
 _FEWEST = 20  # detections from which on a factor is measured
 
