@@ -256,7 +256,7 @@ def test_a_full_grab_weighs_24_tonnes_and_hangs_lower():
 @pytest.mark.slow
 def test_isotropic_forcing_gives_rayleighs_law_and_not_the_papers():
     samples = []
-    for seed in range(10):
+    for seed in range(6):
         scene = dynamic(
             seed=seed, work={"model": "hang", "rope_length_m": 12.0}, damping=0.06, drag_area_m2=0.0,
             forcing={"rms_m_s2": 0.08, "bandwidth_hz": 0.5}, settle_s=60.0, clip__frame_rate_hz=0.05,
@@ -264,7 +264,7 @@ def test_isotropic_forcing_gives_rayleighs_law_and_not_the_papers():
         alpha = np.array([m.grab.alpha for m in play(scene, 800.0)])
         samples.append(alpha / np.sqrt(np.mean(alpha**2)))
     pooled = np.concatenate(samples)  # frames 20 s apart, 3 times the memory of the swing's size
-    assert len(pooled) == 400
+    assert len(pooled) == 240
     assert stats.kstest(pooled, stats.rayleigh(scale=np.sqrt(0.5)).cdf).pvalue > 0.01
     assert stats.kstest(pooled, stats.halfnorm(scale=1.0).cdf).pvalue < 1e-6
 

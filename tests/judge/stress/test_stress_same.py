@@ -24,8 +24,8 @@ STUDY = """
 name = "small"
 title = "Everything at once"
 estimators = ["paper-iteration", "mean-ray", "geometric-median", "rope-aware", "zero-tilt"]
-n = 6000
-replications = 50
+n = 3000
+replications = 20
 [given]
 noise = 1.0
 noise-slow = 1.0
@@ -116,7 +116,7 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     assert (two / "small" / TRIALS).read_bytes() == expected
     assert (killed / "small" / TRIALS).read_bytes() == expected
     table = pq.read_table(one / "small" / TRIALS)
-    assert table.num_rows == 6 * 50 * 5
+    assert table.num_rows == 6 * 20 * 5
     assert (one / "small" / "summary.csv").read_bytes() == (killed / "small" / "summary.csv").read_bytes()
 
 
