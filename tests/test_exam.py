@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scripts import build_weights
+from scripts import background_photographs, build_weights
 from scripts.background_photographs import SCENE
 from simgrab import scenes
 from simgrab.scenario import Scenario
@@ -50,16 +50,35 @@ def test_there_is_an_exam_for_each_weather():
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path):
-    (tmp_path / build_weights.BACKGROUNDS / "photographs").mkdir(parents=True)
-    (tmp_path / build_weights.BACKGROUNDS / SCENE).write_bytes(
-        Path(build_weights.__file__).with_name(SCENE).read_bytes()
-    )
-    Image.new("RGB", (64, 36)).save(tmp_path / build_weights.BACKGROUNDS / "photographs" / "yard.png")
+    for folder in (tmp_path / build_weights.BACKGROUNDS, tmp_path / build_weights.COLLAGES):
+        (folder / "photographs").mkdir(parents=True)
+        (folder / SCENE).write_bytes(Path(build_weights.__file__).with_name(SCENE).read_bytes())
+        Image.new("RGB", (64, 36)).save(folder / "photographs" / "yard.png")
     for source in SOURCES:
         drawn = build_weights.scenario(source, tmp_path, quick=quick)
         assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)
         for key, names in source.kept.items():
             assert len(values(drawn, key)) == len(names) < len(values(load(source.scene), key))
+
+
+def test_collages_show_patches_of_several_crops(tmp_path, monkeypatch):
+    monkeypatch.setattr(background_photographs, "COLLAGES", 12)
+    crops = tmp_path / "crops" / "photographs"
+    crops.mkdir(parents=True)
+    greys = (20, 90, 160, 230)
+    for grey in greys:
+        Image.new("RGB", background_photographs.SIZE, (grey, grey, grey)).save(crops / f"{grey}.jpg")
+    written = [
+        background_photographs.prepare_collages(crops.parent, tmp_path / name).with_name("photographs")
+        for name in ("one", "two")
+    ]
+    files = [{file.name: file.read_bytes() for file in folder.glob("*.jpg")} for folder in written]
+    assert files[0] == files[1]
+    pictures = [np.asarray(Image.open(written[0] / name).convert("RGB"), int) for name in files[0]]
+    assert len(pictures) == 12
+    shares = [max(np.mean((np.abs(p - grey) < 3).all(axis=2)) for grey in greys) for p in pictures]
+    assert 0.2 < np.mean(shares) < 0.98  # the rest is of patches
+    assert any((p.max(axis=2) - p.min(axis=2) > 20).any() for p in pictures)  # of a colour
 
 
 @pytest.mark.parametrize("learned", LEARNED)

@@ -129,8 +129,9 @@ def test_refines_examples_show_what_they_say(dataset, tmp_path):
     boxes = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
     frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(boxes)]
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    sides, parts = list[float](), 0
     for i, box in enumerate(boxes):
-        for trial in range(12):
+        for trial in range(40):
             example = refine._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
             inside = example["crops"][..., 3] == 255
             light = np.where(inside, example["crops"][..., 0], 0) > 127
@@ -139,14 +140,21 @@ def test_refines_examples_show_what_they_say(dataset, tmp_path):
             seen = np.array([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1])
             edges = np.clip(places[:4], 0, refine.REFINE_SIZE)
             np.testing.assert_allclose(seen, edges, atol=1.1, err_msg=f"{box} {trial}")
+            assert (np.abs(example["places"] - 0.5) < refine.FARTHEST - 0.5).all()
+            sides.append(refine.REFINE_SIZE / (places[2:4] - places[:2]).max())
+            parts += not np.array_equal(edges, places[:4])
             if i == 0 and np.array_equal(edges, places[:4]):
                 at = middle(example["crops"][..., 0].astype(float) * inside) * refine.REFINE_SIZE
                 np.testing.assert_allclose(at, (places[:2] + places[2:4]) / 2, atol=0.1)
-            assert example["known"].all()
+            assert example["known"][:4].all()
         nothing = refine._example(crops, i, True, stream(0, 0, "example"), None)
         assert not nothing["known"].any()
         assert nothing["present"] == 0
         assert not np.any(nothing["crops"][..., :3] == 255)
+    # Most as around a box much like the grab's, some as around a part of the grab, or much more than it.
+    assert 0.6 < np.mean((np.array(sides) > 1.05) & (np.array(sides) < 1.95)) < 0.95
+    assert np.max(sides) > 2.5
+    assert parts > 4
 
 
 def test_what_find_suspects_becomes_a_hard_example(dataset, tmp_path):

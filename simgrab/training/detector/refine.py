@@ -34,14 +34,17 @@ from simgrab.training.detector.nets import (
 )  # fmt: skip
 from simgrab.training.loop import SCORE
 
-CROP = 320  # px of a cached crop
-ROOM = 2.2  # its side over the box's longer one
+CROP = 384  # px of a cached crop
+ROOM = 3.0  # its side over the box's longer one
 _ZOOM = (1.1, 1.9)  # a learned crop's side over the box's longer one
 _SHIFT = 0.25  # of the longer side, at most
+# Where find takes a part of the grab for all of it, or takes what is around it for a part, a crop is cut like that.
+_FAR_SHARE, _FAR_ZOOM, _FAR_SHIFT = 0.25, (0.6, ROOM), 0.4
 _OTHERS = 0.3  # share of examples that show something else than the grab
 _TRIES = 50  # to draw a place of something else
 _APART = 0.1  # of the smaller of two boxes, covered by the other: from there on both show the same
 FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be predicted
+_OUTERMOST = 1 + (BEYOND - 2) * CELL / REFINE_SIZE  # at which the net has an edge that lies farther out
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,6 +242,7 @@ def _example(
         inside = laid.picture(inside)
         places = np.concatenate([laid.box(places[:4]), laid.points(places[4:])])
         yaw = laid.angle(yaw)
+    places[:4] = np.clip(places[:4], 1 - _OUTERMOST, _OUTERMOST)  # an edge that is farther out is looked for from there
     known = np.isfinite(places) & (np.abs(places - 0.5) < FARTHEST - 0.5)
     return {
         "crops": np.concatenate([picture, inside[..., None]], axis=-1),
@@ -260,8 +264,12 @@ def _window(patch: Patch, box: Array | None, rng: np.random.Generator) -> Patch:
     if box is not None:
         corners = patch.to_shares(box.reshape(2, 2)) * CROP
         longest, middle = float((corners[1] - corners[0]).max()), corners.mean(axis=0)
-    side = longest * np.exp(rng.uniform(*np.log(_ZOOM)))
-    shift = np.clip(rng.normal(0, 0.4 * _SHIFT, 2), -_SHIFT, _SHIFT) * longest
+    far = box is not None and rng.random() < _FAR_SHARE
+    side = longest * np.exp(rng.uniform(*np.log(_FAR_ZOOM if far else _ZOOM)))
+    if far:
+        shift = rng.uniform(-_FAR_SHIFT, _FAR_SHIFT, 2) * longest
+    else:
+        shift = np.clip(rng.normal(0, 0.4 * _SHIFT, 2), -_SHIFT, _SHIFT) * longest
     side = min(round(side), CROP)
     x, y = (int(np.clip(round(m - side / 2), 0, CROP - side)) for m in middle + shift)
     return Patch(x, y, x + side, y + side)
