@@ -125,7 +125,7 @@ MORE += tuple(
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 # As much as they would forget stays of their weights. Settle did no better with any of the new ones.
 KEPT = {"find": 0.25, "refine": 0.25, "settle": 1.0}
-SHOWN_MORE = {"find": 40_000, "refine": 160_000, "settle": 1}  # of settle a single epoch, which is not used
+SHOWN_MORE = {"find": 40_000, "refine": 160_000}
 
 READER = Source("digits", "digits", {}, 3024, 960, 0)
 
@@ -164,7 +164,7 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
 def detector(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Train three nets; returns them."""
     shown = None if quick else SHOWN_AGAIN
-    return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads)
+    return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads, settled=True)
 
 
 def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
@@ -176,7 +176,7 @@ def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) 
     rendered(VERIFY, work, quick=quick, workers=workers)
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
     shown, out = None if quick else SHOWN_MORE, work / "shapes-blended"
-    nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads)
+    nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads, settled=False)
     shutil.rmtree(out, ignore_errors=True)
     with board(shown=True) as progress:
         # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
@@ -187,7 +187,7 @@ def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) 
 
 def _detector(
     name: str, learned: Sequence[Source], hard: Sequence[Source], shown: Mapping[str, int] | None, work: Path,
-    quick: bool, start: Path, workers: int, threads: int,
+    quick: bool, start: Path, workers: int, threads: int, *, settled: bool,
 ) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.settings import recipes
     from simgrab.training.detector.train import NETS, train
@@ -198,7 +198,7 @@ def _detector(
     chosen = functools.partial(recipes, quick=quick, shown=shown, threads=threads)
     with board(shown=True) as progress:
         train(
-            datasets, out, chosen, hard=doubtful, start=start, resume=True, watch=progress.step,
+            datasets, out, chosen, hard=doubtful, start=start, settled=settled, resume=True, watch=progress.step,
             report=progress.training,
         )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]

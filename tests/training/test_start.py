@@ -17,7 +17,7 @@ pytest.importorskip("onnx")
 
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.instrument.detect import WEIGHTS  # noqa: E402
+from simgrab.instrument.detect import WEIGHTS, Bundled  # noqa: E402
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
@@ -87,6 +87,19 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
     assert not (tmp_path / "other").exists()
     with pytest.raises(TrainingError, match="another"):
         train([dataset], tmp_path / "out", tiny, resume=True)
+
+
+def test_settle_is_copied_where_it_is_not_trained(dataset, tmp_path):
+    found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS / "any-grab", settled=False)
+    assert found.metrics == {}
+    same = {
+        name: (tmp_path / "out" / f"{name}.onnx").read_bytes() == (WEIGHTS / "any-grab" / f"{name}.onnx").read_bytes()
+        for name in (*NETS, "verify")
+    }
+    assert same == {"find": False, "refine": False, "settle": True, "verify": True}
+    Bundled(tmp_path / "out")
+    with pytest.raises(TrainingError, match="no settle to copy"):
+        train([dataset], tmp_path / "other", tiny, settled=False)
 
 
 @pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")

@@ -47,7 +47,7 @@ def recipes(
     started : bool
         Whether the nets begin with trained weights: fewer frames, at half the rate.
     shown : mapping of str to int, optional
-        Frames shown in all, by net; by default `SHOWN`, `SHOWN_QUICK`, `SHOWN_AFTER` or `SHOWN_AFTER_QUICK`.
+        Frames shown in all, by net; else as in `SHOWN`, `SHOWN_QUICK`, `SHOWN_AFTER` or `SHOWN_AFTER_QUICK`.
     epochs : int, optional
         Of each; by default as many as show the usual number of frames.
     batch : int, optional
@@ -58,8 +58,7 @@ def recipes(
         Other settings of all.
     """
     of_start = (SHOWN_AFTER, SHOWN_AFTER_QUICK) if started else (SHOWN, SHOWN_QUICK)
-    usually = of_start[quick]
-    shown = usually if shown is None else shown
+    shown = of_start[quick] | dict(shown or {})
     whether = has_half_units(str(changes.get("device", "cpu"))) if half is None else half
     common = replace(Recipe(half=whether), **changes)  # type: ignore[arg-type]
 

@@ -64,6 +64,7 @@ def train(
     hard: Sequence[str | Path] = (),
     real: Real | None = None,
     start: str | Path | None = None,
+    settled: bool = True,
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
@@ -90,6 +91,9 @@ def train(
         Real frames: to learn from beside the others, to choose the presence threshold by, and to judge by.
     start : path, optional
         Folder of a trained detector whose weights the nets begin with, instead of random ones.
+    settled : bool
+        Whether to train settle too. Otherwise that of ``start`` is copied, thresholds and all, and nothing is measured
+        of the nets together: `simgrab.training.detector.blend.blend` does.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -99,6 +103,8 @@ def train(
     ------
     DatasetError, TrainingError
     """
+    if not settled and start is None:
+        raise TrainingError("without a detector to start from, there is no settle to copy")
     out = Path(out)
     check(out, resume=resume)
     first = start_digests(start)
@@ -110,7 +116,9 @@ def train(
     chosen = recipes(len(frames.train))
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
-        fitted = fit(frames, out, chosen, hard=doubtful, start=start, resume=resume, watch=watch, report=report)
+        fitted = fit(
+            frames, out, chosen, hard=doubtful, start=start, settled=settled, resume=resume, watch=watch, report=report
+        )
         if real:
             fitted = Fitted(fitted.nets, fitted.metrics | real.figures(out, start, watch))
         for name, trained in fitted.nets.items():
@@ -156,7 +164,7 @@ class Fitted:
 
 def fit(
     frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, start: str | Path | None = None,
-    resume: bool = False, watch: Watch | None = None,
+    settled: bool = True, resume: bool = False, watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
@@ -193,6 +201,10 @@ def fit(
     refined = _learn(build, refining, recipes.refine, out / "refine", digest, resume, follow("refine"))
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", {"task": REFINE})
+    if not settled:
+        assert start is not None
+        export.copy(_settling(start), Path(start), out)
+        return Fitted({"find": found, "refine": refined}, {})
 
     learned, judged = ([one] for one in crops)
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
@@ -203,11 +215,11 @@ def fit(
     digest += hard.digest + _digest(out / "refine.onnx")
     task = settle.Settling(learned, judged, refined.net)
     build = _starting(functools.partial(settle.learner, refined.net), start, "settle", task, "crops")
-    settled = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
-    write = functools.partial(export.export, settled.net, example, ["told"])
+    last = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
+    write = functools.partial(export.export, last.net, example, ["told"])
 
     facts: dict[str, Any] = {"task": SETTLE}
-    if start is not None and open_net(Path(start) / "settle.onnx").facts.get("verified") is True:
+    if start is not None and "verify" in _settling(start):
         facts["verified"] = True  # what verify goes by is the same for all grabs: it is taken over as it is
         export.copy(["verify"], Path(start), out)
     with scratch(out / "settle.onnx") as draft:  # a folder with settle.onnx in it is a detector, settings and all
@@ -224,7 +236,13 @@ def fit(
             Bundled(Path(start)), [*val_frames, *hard.val], step("detecting with the first weights")
         )
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
-    return Fitted({"find": found, "refine": refined, "settle": settled}, figures)
+    return Fitted({"find": found, "refine": refined, "settle": last}, figures)
+
+
+def _settling(folder: str | Path) -> tuple[str, ...]:
+    """Name the nets of a detector that come after refine."""
+    verified = open_net(Path(folder) / "settle.onnx").facts.get("verified") is True
+    return ("verify", "settle") if verified else ("settle",)
 
 
 def start_digests(start: str | Path | None) -> dict[str, str]:
