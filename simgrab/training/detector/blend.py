@@ -14,7 +14,7 @@ import onnx
 from onnx import numpy_helper
 
 from simgrab.errors import TrainingError
-from simgrab.instrument.detect.bundled import Bundled
+from simgrab.instrument.detect.bundled import PASSES, Bundled
 from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
 from simgrab.training.card import redigest
@@ -81,7 +81,7 @@ def blend(
             model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept[name])
             write(draft / f"{name}.onnx", model.SerializeToString())
         export.restated(draft / "settle.onnx", facts)
-        looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0))
+        looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0, passes=PASSES))
         seen = evaluate.watch(looks, frames, step("detecting in val images"))
         others = evaluate.watch(looks, more, step("detecting in easy val images")) if more else ()
         fitted, figures = evaluate.calibrated(looks, seen, easy=others)

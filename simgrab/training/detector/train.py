@@ -17,7 +17,7 @@ import torch
 
 from simgrab.errors import TrainingError
 from simgrab.geometry import Array
-from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE, Bundled, Settings, peaks
+from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
@@ -35,7 +35,6 @@ from simgrab.utilities.parse import read_bytes
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # batch of find, pictures
-_PASSES = 2  # of refine: around find's box it misses unfamiliar grabs by more than around its own
 
 NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
@@ -226,7 +225,8 @@ def fit(
         for name in ("find.onnx", "refine.onnx", *(["verify.onnx"] if "verified" in facts else [])):
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", facts)
-        looks = Bundled(draft, Settings(least_presence=0.0, passes=_PASSES))
+        # Around find's box refine misses unfamiliar grabs by more than around its own.
+        looks = Bundled(draft, Settings(least_presence=0.0, passes=PASSES))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
     fitted, figures = evaluate.calibrated(looks, seen, others)
