@@ -2,8 +2,8 @@
 
 `any-grab` is made in three parts, each of which begins with what the part before has made: ``detector`` trains three
 nets from those of the default detector, ``verify`` adds the fourth, and ``shapes`` lets them learn further. The shipped
-weights were made by this script as it was in commit 8ac37fb: it has shown collages and cut wider crops since. The default
-detector was made by this script as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
+weights were made by this script as it was in commit 8ac37fb; since then it shows collages, and crops differ more. The
+default detector was made by it as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.

@@ -33,7 +33,8 @@ def blend(
     """Interpolate the weights of two detectors, and fit presence threshold and deviations again.
 
     A net that learned further forgets some of what it knew. Between its weights and those that it began with, it often
-    does as well on both (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
+    does as well on both (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022). Refine looks as often as in
+    newly trained detectors.
 
     Parameters
     ----------

@@ -94,10 +94,9 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
                 env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}, stdout=said, stderr=subprocess.STDOUT,
             )  # fmt: skip
 
-    one, two, killed = tmp_path / "one", tmp_path / "two", tmp_path / "killed"
-    for out, workers in ((one, "1"), (two, "2")):
-        process = start(out, "--workers", workers)
-        assert process.wait() == 0, log.read_text()
+    one, killed = tmp_path / "one", tmp_path / "killed"
+    process = start(one, "--workers", "1")
+    assert process.wait() == 0, log.read_text()
     process = start(killed, "--workers", "2")
     total = len(parts(catalogue.load(file)))
     while len(list((killed / "small" / PARTIAL).glob("*.parquet"))) < 3:
@@ -113,7 +112,6 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     process = start(killed, "--workers", "2", "--resume")
     assert process.wait() == 0, log.read_text()
     expected = (one / "small" / TRIALS).read_bytes()
-    assert (two / "small" / TRIALS).read_bytes() == expected
     assert (killed / "small" / TRIALS).read_bytes() == expected
     table = pq.read_table(one / "small" / TRIALS)
     assert table.num_rows == 6 * 20 * 5
