@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +28,13 @@ from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.detect.patches import Picture
 from simgrab.judge.evaluate import detection
 from simgrab.judge.evaluate.detection import Case
+from simgrab.labels import datasets
+from simgrab.labels.datasets import Dataset
+from simgrab.records.observations import Detection
 from simgrab.rng import stream
-from simgrab.scenario import Scenario
+from simgrab.utilities import pictures
 from simgrab.utilities.files import drafted, write
+from simgrab.world.output.dataset import render
 
 SIZE, SECONDS, RATE_HZ, MBIT_S = (960, 540), 6, 25.0, 16
 YARD: dict[str, Any] = {"frames": round(SECONDS * RATE_HZ), "clip.frame_rate_hz": RATE_HZ}
@@ -69,29 +72,28 @@ def film(path: Path) -> None:
         file.mux(track.encode(None))
 
 
-def watched(scene: Scenario, names: tuple[str, ...], sheet: Path) -> dict[str, tuple[list[Case], list[Case]]]:
+def watched(dataset: Dataset, names: tuple[str, ...], sheet: Path) -> dict[str, tuple[list[Case], list[Case]]]:
     """Run detectors on the exam's frames as they are rendered, and as the hidden camera takes them."""
     looks = {name: opened(name) for name in names}
-    result = {name: (list[Case](), list[Case]()) for name in names}
-    shown = list[Any]()
-    for i, frame in enumerate(_frames(scene)):
-        pictures = (frame.rgb, taken(frame.rgb, stream(2, i, "hidden look")))
-        if i % scene.clip.clip_frames == 0 and len(shown) < 12:
-            shown.append(cv2.resize(np.vstack(pictures), None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA))
-        for name, look in looks.items():
-            for cases, picture in zip(result[name], pictures, strict=True):
-                cases.append(Case(frame.truth, frame.labelled, "", look(np.ascontiguousarray(picture))))
-    rows = [np.hstack(shown[k : k + 4]) for k in range(0, len(shown) - len(shown) % 4, 4)]
+    found = {name: (list[Detection](), list[Detection]()) for name in names}
+    shown, worlds = list[Any](), set[int | None]()
+    with bar("exam", shown=True) as progress:
+        for i, row in enumerate(dataset.rows):
+            rgb = pictures.read(dataset.image(row))
+            both = (rgb, taken(rgb, stream(2, i, "hidden look")))
+            if row.variant not in worlds:
+                worlds.add(row.variant)
+                shown.append(cv2.resize(np.vstack(both), None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA))
+            for name, look in looks.items():
+                for detections, picture in zip(found[name], both, strict=True):
+                    detections.append(look(picture))
+            progress(i + 1, len(dataset.rows))
+    rows = [np.hstack(shown[k : k + 4]) for k in range(0, min(len(shown), 12) // 4 * 4, 4)]
     if rows:
         write(sheet, cv2.imencode(".jpg", np.vstack(rows)[..., ::-1])[1].tobytes())
-    return result
-
-
-def _frames(scene: Scenario) -> Iterator[simgrab.Frame]:
-    with bar("exam", shown=True) as progress:
-        for i, frame in enumerate(simgrab.frames(scene, buffers=False)):
-            yield frame
-            progress(i + 1, scene.frames)
+    return {
+        name: (detection.cases(dataset, plain), detection.cases(dataset, odd)) for name, (plain, odd) in found.items()
+    }
 
 
 def _simgrab(*arguments: object) -> None:
@@ -135,7 +137,8 @@ def main(start: str, quick: bool, worlds: int, out: Path) -> None:
         options = ("--from", start, "--scene", matched / "training.toml", "--out", own, *(["--quick"] if quick else []))
         _simgrab("train", "detector", *options, *(["--resume"] if own.exists() else []))
     scene = scenes.load(EXAM, {"frames": 5 * worlds, "clip.clip_frames": 5}, size=SIZE)
-    found = watched(scene, (start, str(own)), out / "sheet.jpg")
+    render(scene, out / "exam", workers=2, resume=True)
+    found = watched(datasets.read(out / "exam"), (start, str(own)), out / "sheet.jpg")
     scores: dict[str, Any] = {
         look: {
             name: {key: detection.figures(cases[k])[key] for key in (*FIGURES, "labelled", "empty", "false_boxes")}
