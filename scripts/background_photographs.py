@@ -14,7 +14,7 @@ from __future__ import annotations
 import subprocess
 import tarfile
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -66,34 +66,39 @@ NPM_VERSION = "0.2.3"
 
 def prepare(out: Path) -> Path:
     """Write crops and the scene into a folder, unless they are there; returns the scene's path."""
-    if not out.exists():
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with drafted_folder(out) as draft:
-            (draft / "photographs").mkdir()
-            for name, picture in photographs():
-                for i in range(CROPS):
-                    crop = random_crop(picture, stream(0, i, f"photographs.{name}"))
-                    data = pictures.encode(cv2.cvtColor(crop, cv2.COLOR_RGB2BGR), "jpeg", QUALITY)
-                    (draft / "photographs" / f"{name}-{i:02d}.jpg").write_bytes(data)
-            (draft / SCENE).write_bytes(_SCENE.read_bytes())
-    return out / SCENE
+    return _prepared(
+        out,
+        (
+            (f"{name}-{i:02d}", random_crop(picture, stream(0, i, f"photographs.{name}")))
+            for name, picture in photographs()
+            for i in range(CROPS)
+        ),
+    )
 
 
 def prepare_collages(prepared: Path, out: Path) -> Path:
     """Write collages of `prepare`'s crops and the scene into a folder, unless they are there; returns the scene."""
+    return _prepared(out, ((f"collage-{i:03d}", picture) for i, picture in enumerate(_collages(prepared))))
+
+
+def _prepared(out: Path, shown: Iterable[tuple[str, Picture]]) -> Path:
     if not out.exists():
-        crops = sorted((prepared / "photographs").glob("*.jpg"))
+        out.parent.mkdir(parents=True, exist_ok=True)
         with drafted_folder(out) as draft:
             (draft / "photographs").mkdir()
-            for i in range(COLLAGES):
-                rng = stream(0, i, "collages")
-                chosen = [
-                    pictures.read(crops[k]) for k in rng.choice(len(crops), 1 + int(rng.integers(1, PATCHES + 1)))
-                ]
-                data = pictures.encode(cv2.cvtColor(collage(chosen, rng), cv2.COLOR_RGB2BGR), "jpeg", QUALITY)
-                (draft / "photographs" / f"collage-{i:03d}.jpg").write_bytes(data)
+            for name, picture in shown:
+                data = pictures.encode(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), "jpeg", QUALITY)
+                (draft / "photographs" / f"{name}.jpg").write_bytes(data)
             (draft / SCENE).write_bytes(_SCENE.read_bytes())
     return out / SCENE
+
+
+def _collages(prepared: Path) -> Iterator[Picture]:
+    crops = sorted((prepared / "photographs").glob("*.jpg"))
+    for i in range(COLLAGES):
+        rng = stream(0, i, "collages")
+        chosen = rng.choice(len(crops), 1 + int(rng.integers(1, PATCHES + 1)))
+        yield collage([pictures.read(crops[k]) for k in chosen], rng)
 
 
 def collage(crops: Sequence[Picture], rng: np.random.Generator) -> Picture:

@@ -207,8 +207,9 @@ def coded(rgb: Picture, coder: str, quality: float) -> Picture:
 def film(
     file: BinaryIO | str, container: str, frames: Iterable[Picture], rate_hz: float, coder: str, quality: float
 ) -> None:
-    """Code pictures of one size as a video by one of `VIDEO_CODERS`; an odd side gets a pixel more."""
+    """Code pictures of one size as a video by one of `VIDEO_CODERS` or h264; an odd side gets a pixel more."""
     names = {
+        "h264": ("libx264", {"crf": str(round(34 - 14 * quality)), "preset": "fast"}),
         "hevc": (
             "libx265",
             {"crf": str(round(40 - 14 * quality)), "preset": "veryfast", "x265-params": "log-level=none:pools=1"},
