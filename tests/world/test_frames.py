@@ -173,10 +173,10 @@ def test_memory_stays_flat_over_hundreds_of_frames():
     """Small pictures, so that they take no hour; of each 0.2 MB would stay if one stayed."""
     code = (
         "import resource, simgrab\n"
-        "size = {'camera.width_px': 320, 'camera.height_px': 180, 'frames': 600, 'image.samples': 0,\n"
+        "size = {'camera.width_px': 320, 'camera.height_px': 180, 'frames': 400, 'image.samples': 0,\n"
         "        'image.shadow_map_px': 0, 'place': {'model': 'plain'}}\n"
         "for i, frame in enumerate(simgrab.frames(simgrab.load('quay-day', size))):\n"
-        "    if i in (200, 599):\n"
+        "    if i in (200, 399):\n"
         "        pages = int(open('/proc/self/statm').read().split()[1])\n"
         "        print(pages * resource.getpagesize())\n"
     )

@@ -17,7 +17,7 @@ from simgrab.world.camera.weather import Still, apply
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import GRAB, ROPE
 
-SIZE = (480, 270)
+SIZE = (400, 225)
 SCENES = {name: simgrab.load(name, {"frames": 6}, size=SIZE) for name in ("rain", "heavy-snow", "fog", "glare")}
 SCENES["lens"] = simgrab.load("rain", {"frames": 6, "camera.distortion.k1": -0.1}, size=SIZE)
 EVERYTHING = {"rain_mm_h": 20.0, "visibility_m": 90.0, "wetness": 0.9, "snow_cover": 0.4}
@@ -30,9 +30,9 @@ def frames(scene, indices):
 
 @pytest.mark.parametrize("name", slow_but(SCENES, "rain"))
 def test_weather_over_what_was_kept_is_the_weather_of_each_frame_alone_in_any_order(name, monkeypatch):
-    there, back = frames(SCENES[name], [0, 1, 4]), frames(SCENES[name], [4, 1, 0])[::-1]
+    there, back = frames(SCENES[name], [0, 4]), frames(SCENES[name], [4, 0])[::-1]
     monkeypatch.setattr("simgrab.world.camera.pipeline.Camera._kept", lambda *_: None)
-    for one, other, fresh in zip(there, back, frames(SCENES[name], [0, 1, 4]), strict=True):
+    for one, other, fresh in zip(there, back, frames(SCENES[name], [0, 4]), strict=True):
         np.testing.assert_array_equal(one.rgb, fresh.rgb)
         np.testing.assert_array_equal(other.rgb, fresh.rgb)
         assert msgspec.to_builtins(one.truth) == msgspec.to_builtins(fresh.truth)
