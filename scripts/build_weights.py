@@ -121,6 +121,13 @@ MORE += tuple(
     for seed in range(71, 71 + COLLAGE_SETS)
 )
 
+# Boxes that find and refine propose then, in frames that none has learned, let verify go on learning.
+PRESENCE = (
+    Source("verify-hard-shapes-47", "training-shapes", MIXED | {"clip.clip_frames": 1}, 900, 120, 47, size=HALF),
+    Source("verify-collage-74", f"{COLLAGES}/{SCENE}", APART | {"swing.absent": 0.3}, 1200, 120, 74, size=(640, 360)),
+)
+PRESENCE_EPOCHS = 10
+
 # Frames shown to nets that begin with trained weights, and shall learn other grabs.
 SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 # As much as they would forget stays of their weights. Settle did no better with any of the new ones.
@@ -206,15 +213,29 @@ def _detector(
 
 def verify(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Train a fourth net for a detector of three; returns all four."""
+    return _verify("verify", VERIFY, work, quick, start, workers, threads)
+
+
+def presence(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
+    """Let verify go on learning for a detector of four nets; returns them."""
+    changes = {} if quick else {"epochs": PRESENCE_EPOCHS}
+    return _verify("presence", [*VERIFY, *PRESENCE], work, quick, start, workers, threads, **changes)
+
+
+def _verify(
+    name: str, sources: Sequence[Source], work: Path, quick: bool, start: Path, workers: int, threads: int,
+    **changes: Any,
+) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.train import NETS
     from simgrab.training.detector.verify import recipe, train_verify
 
     prepare(work / BACKGROUNDS)
-    paths = rendered(VERIFY, work, quick=quick, workers=workers)
-    out = work / "verify"
+    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
+    paths = rendered(sources, work, quick=quick, workers=workers)
+    out = work / name
     with board(shown=True) as shown:
         train_verify(
-            paths, start, out, recipe(quick=quick, threads=threads), resume=True,
+            paths, start, out, recipe(quick=quick, threads=threads, **changes), resume=True,
             watch=shown.step, report=shown.training("verify"),
         )  # fmt: skip
     return [out / f"{name}.onnx" for name in (*NETS, "verify")]
@@ -253,7 +274,12 @@ def copied(start: Path, folder: Path) -> Path:
 
 
 READS = "reader"
-DETECTS: dict[str, Callable[..., list[Path]]] = {"detector": detector, "verify": verify, "shapes": shapes}
+DETECTS: dict[str, Callable[..., list[Path]]] = {
+    "detector": detector,
+    "verify": verify,
+    "shapes": shapes,
+    "presence": presence,
+}
 LAST = "settle.onnx"  # with it, a folder is a detector
 
 

@@ -93,6 +93,31 @@ def redigest(card: Path, model: bytes) -> None:
     write(card.with_suffix(".md"), markdown(content).encode())
 
 
+def rejudge(card: Path, judged: Sequence[Data], figures: Mapping[str, Any], **facts: Any) -> None:
+    """State the figures of a detector in the card of one of its nets, after another net of it has changed.
+
+    Parameters
+    ----------
+    card : Path
+        The JSON, beside the model.
+    judged : sequence of Data
+        Of whose validation frames alone the figures are.
+    figures : mapping
+    **facts
+        More to state.
+    """
+    content = read_json(card, TrainingError)
+    metrics = {"best_epoch": content["metrics"].get("best_epoch"), **figures}
+    content |= {
+        "metrics": metrics,
+        "judged_by": [asdict(one) for one in judged],
+        "judged_by_these_alone": True,
+        **facts,
+    }
+    write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
+    redigest(card, card.with_suffix(".onnx").read_bytes())
+
+
 def versions() -> dict[str, str]:
     """Versions of what made a model."""
     found = {"simgrab": __version__, "python": platform.python_version()}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +15,13 @@ from simgrab.errors import TrainingError
 from simgrab.instrument.detect.bundled import PASSES, Bundled
 from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
-from simgrab.training.card import redigest
+from simgrab.training.card import rejudge
 from simgrab.training.detector import cache, evaluate, export
 from simgrab.training.detector.train import NETS, Watch
 from simgrab.training.folder import check, write
 from simgrab.utilities.destination import writing
 from simgrab.utilities.files import drafted_folder
-from simgrab.utilities.parse import read_bytes, read_json
+from simgrab.utilities.parse import read_bytes
 
 
 def blend(
@@ -88,7 +86,8 @@ def blend(
         fitted, figures = evaluate.calibrated(looks, seen, easy=others)
         export.restated(draft / "settle.onnx", facts | fitted)
         for card in draft.glob("*.json"):
-            _restate(card, kept.get(card.stem, 1.0), [one.data for one in judged], figures)
+            share = kept.get(card.stem, 1.0)
+            rejudge(card, [one.data for one in judged], figures, **({"kept": share} if share < 1 else {}))
     return figures
 
 
@@ -118,14 +117,3 @@ def between(first: onnx.ModelProto, second: onnx.ModelProto, kept: float) -> onn
 def _opened(path: Path) -> onnx.ModelProto:
     open_net(path, TrainingError)  # refuses what names other files
     return onnx.load_from_string(read_bytes(path, TrainingError, most_bytes=MOST_BYTES))
-
-
-def _restate(path: Path, kept: float, judged: Sequence[datasets.Data], figures: dict[str, Any]) -> None:
-    """State in a net's card how much of its weights before it has kept, and how good the new detector is."""
-    content = read_json(path, TrainingError)
-    metrics = {"best_epoch": content["metrics"].get("best_epoch")} | figures
-    content |= {"metrics": metrics, "judged_by": [asdict(one) for one in judged], "judged_by_these_alone": True}
-    if kept < 1:
-        content["kept"] = kept
-    write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
-    redigest(path, path.with_suffix(".onnx").read_bytes())
