@@ -1,9 +1,9 @@
 """Make the weights of the digit reader and of the detector `any-grab` again: ``python -m scripts.build_weights``.
 
-`any-grab` is made in three parts, each of which begins with what the part before has made: ``detector`` trains three
-nets from those of the default detector, ``verify`` adds the fourth, and ``shapes`` lets them learn further. The shipped
-weights were made by this script as it was in commit 8ac37fb; since then it shows collages, and crops differ more. The
-default detector was made by it as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
+`any-grab` is made in four parts, each of which begins with what the part before has made: ``detector`` trains three
+nets from those of the default detector, ``verify`` adds the fourth, ``shapes`` lets two of the first three learn further,
+and ``presence`` the fourth. The shipped weights were made in these steps, between which the script changed. The default
+detector was made by it as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.
