@@ -1,9 +1,10 @@
 """Make the weights of the digit reader and of the detector `any-grab` again: ``python -m scripts.build_weights``.
 
 `any-grab` is made in four parts, each of which begins with what the part before has made: ``detector`` trains three
-nets from those of the default detector, ``verify`` adds the fourth, ``shapes`` lets two of the first three learn further,
-and ``presence`` the fourth. The shipped weights were made in these steps, between which the script changed. The default
-detector was made by it as it was in commit 2a7ba2c, when the scene `training` showed the four-rope grab alone.
+nets from those of the default detector, ``verify`` adds the fourth, ``shapes`` lets two of the first three learn
+further, and ``presence`` the fourth. For the shipped weights ``shapes`` ran twice, at first without collages. The
+default detector was made by this script as it was in commit 2a7ba2c, when the scene `training` showed the four-rope
+grab alone.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.
@@ -26,6 +27,7 @@ from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import board, drawing
 from simgrab.instrument.detect import ANY_GRAB, WEIGHTS
+from simgrab.labels import datasets
 from simgrab.scenario import Scenario
 from simgrab.scenario.factor import OneOf
 from simgrab.training import need_torch
@@ -121,7 +123,8 @@ MORE += tuple(
     for seed in range(71, 71 + COLLAGE_SETS)
 )
 
-# Boxes that find and refine propose then, in frames that none has learned, let verify go on learning.
+# Verify then goes on learning: from the boxes that the new find and refine propose, also in frames that no net has
+# learned.
 PRESENCE = (
     Source("verify-hard-shapes-47", "training-shapes", MIXED | {"clip.clip_frames": 1}, 900, 120, 47, size=HALF),
     Source("verify-collage-74", f"{COLLAGES}/{SCENE}", APART | {"swing.absent": 0.3}, 1200, 120, 74, size=(640, 360)),
@@ -213,11 +216,14 @@ def _detector(
 
 def verify(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Train a fourth net for a detector of three; returns all four."""
+    prepare(work / BACKGROUNDS)
     return _verify("verify", VERIFY, work, quick, start, workers, threads)
 
 
 def presence(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Let verify go on learning for a detector of four nets; returns them."""
+    prepare(work / BACKGROUNDS)
+    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
     changes = {} if quick else {"epochs": PRESENCE_EPOCHS}
     return _verify("presence", [*VERIFY, *PRESENCE], work, quick, start, workers, threads, **changes)
 
@@ -226,19 +232,21 @@ def _verify(
     name: str, sources: Sequence[Source], work: Path, quick: bool, start: Path, workers: int, threads: int,
     **changes: Any,
 ) -> list[Path]:  # fmt: skip
+    from simgrab.training.card import rejudge
     from simgrab.training.detector.train import NETS
     from simgrab.training.detector.verify import recipe, train_verify
 
-    prepare(work / BACKGROUNDS)
-    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
     paths = rendered(sources, work, quick=quick, workers=workers)
     out = work / name
     with board(shown=True) as shown:
-        train_verify(
+        figures = train_verify(
             paths, start, out, recipe(quick=quick, threads=threads, **changes), resume=True,
             watch=shown.step, report=shown.training("verify"),
         )  # fmt: skip
-    return [out / f"{name}.onnx" for name in (*NETS, "verify")]
+    judged = [one.data for one in datasets.read_all(paths, "train", "val")]
+    for net in NETS:
+        rejudge(out / f"{net}.json", judged, figures)
+    return [out / f"{net}.onnx" for net in (*NETS, "verify")]
 
 
 def reader(work: Path, *, quick: bool, workers: int) -> list[Path]:

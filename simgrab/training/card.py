@@ -87,14 +87,11 @@ class Card:
 
 def redigest(card: Path, model: bytes) -> None:
     """State another model's digest and size in a card, and in the text beside it."""
-    content = read_json(card, TrainingError)
-    content |= {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
-    write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
-    write(card.with_suffix(".md"), markdown(content).encode())
+    _restate(card, read_json(card, TrainingError), model)
 
 
 def rejudge(card: Path, judged: Sequence[Data], figures: Mapping[str, Any], **facts: Any) -> None:
-    """State the figures of a detector in the card of one of its nets, after another net of it has changed.
+    """State a detector's figures in the card of one of its nets, after any of its nets has changed.
 
     Parameters
     ----------
@@ -103,6 +100,7 @@ def rejudge(card: Path, judged: Sequence[Data], figures: Mapping[str, Any], **fa
     judged : sequence of Data
         Of whose validation frames alone the figures are.
     figures : mapping
+        They replace all others.
     **facts
         More to state.
     """
@@ -114,8 +112,13 @@ def rejudge(card: Path, judged: Sequence[Data], figures: Mapping[str, Any], **fa
         "judged_by_these_alone": True,
         **facts,
     }
+    _restate(card, content, card.with_suffix(".onnx").read_bytes())
+
+
+def _restate(card: Path, content: dict[str, Any], model: bytes) -> None:
+    content |= {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
     write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
-    redigest(card, card.with_suffix(".onnx").read_bytes())
+    write(card.with_suffix(".md"), markdown(content).encode())
 
 
 def versions() -> dict[str, str]:
@@ -147,7 +150,11 @@ def markdown(content: Mapping[str, Any]) -> str:
     judged = _sets(content.get("judged_by", ()))
     if not content.get("judged_by_these_alone"):
         judged = f"these and of {judged}" if judged else "these"
-    together = " “alone” is of this net, the rest of all the nets together." if "alone" in content["metrics"] else ""
+    together = ""
+    if "alone" in content["metrics"]:
+        together = " “alone” is of this net, the rest of all the nets together."
+    elif content.get("judged_by_these_alone"):
+        together = " The figures are of all the nets together."
     lines = [
         f"# {content['name']}",
         "",

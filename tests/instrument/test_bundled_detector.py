@@ -54,7 +54,7 @@ def test_weights_for_any_grab_were_made_of_random_shapes_and_of_no_exam(name):
     assert {key: card["metrics"][key] for key in ("frames", "recall", "false_boxes")} == {
         key: together["metrics"][key] for key in ("frames", "recall", "false_boxes")
     }  # of all nets together
-    assert card["judged_by"] == together["data"]  # of other worlds in what verify learned from
+    assert card["judged_by"] == together["data"]  # validation worlds of the datasets that verify learned from
 
 
 def test_a_kind_that_no_detector_was_trained_on_is_found_by_any_grab_alone():

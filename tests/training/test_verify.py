@@ -115,21 +115,17 @@ def test_a_detector_that_says_it_has_four_nets_needs_four(four, tmp_path):
         Bundled(tmp_path / "three")
 
 
-def test_the_other_nets_are_those_it_was_trained_for_and_cards_state_the_figures_of_all(four, dataset):
-    card = json.loads((four / "verify.json").read_text())
-    figures = {key: value for key, value in card["metrics"].items() if key not in ("alone", "best_epoch")}
+def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
     for name in ("find", "refine"):
         assert (four / f"{name}.onnx").read_bytes() == (START / f"{name}.onnx").read_bytes()
-        before, after = (json.loads((folder / f"{name}.json").read_text()) for folder in (START, four))
-        assert after["metrics"] == {"best_epoch": before["metrics"]["best_epoch"], **figures}  # of all four
-        assert [one["seed"] for one in after["judged_by"]] == [datasets.read(dataset).data.seed]
-        assert f"| frames | {figures['frames']} |" in (four / f"{name}.md").read_text()
+        assert (four / f"{name}.md").read_text() == (START / f"{name}.md").read_text()
     facts, before = (open_net(folder / "settle.onnx").facts for folder in (four, START))
     assert facts["verified"] is True
     assert facts["trust"] == before["trust"]
     for name in (*NETS, "verify"):
         model = (four / f"{name}.onnx").read_bytes()
         assert json.loads((four / f"{name}.json").read_text())["model_sha256"] == hashlib.sha256(model).hexdigest()
+    card = json.loads((four / "verify.json").read_text())
     assert card["recipe"]["epochs"] == 1
     assert set(card["metrics"]) >= {"alone", "recall", "false_boxes"}
 

@@ -32,7 +32,7 @@ from simgrab.labels import arrays as labels
 from simgrab.labels import datasets
 from simgrab.rng import stream
 from simgrab.training import loop
-from simgrab.training.card import Card, rejudge
+from simgrab.training.card import Card
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache, evaluate, export, refine
 from simgrab.training.detector.augment import Dirt, turn
@@ -237,9 +237,6 @@ def train_verify(
             recipe=dataclasses.asdict(settings), epochs=trained.epochs, seconds=trained.seconds,
             metrics={"alone": trained.figures, "best_epoch": trained.epoch} | figures, started_from=sha256(begin),
         ).save(out / "verify.onnx")  # fmt: skip
-        for card in (out / f"{name}.json" for name in NETS):
-            if card.exists():
-                rejudge(card, [one.data for one in sets], figures)
     return figures
 
 
