@@ -13,7 +13,7 @@ pytest.importorskip("onnx")
 from scipy.special import logit  # noqa: E402
 
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.instrument.detect.bundled import lean  # noqa: E402
+from simgrab.instrument.detect.bundled import Settings, lean  # noqa: E402
 from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
 from simgrab.labels import arrays as labels  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
@@ -512,6 +512,20 @@ def test_how_far_out_centres_are_told_is_measured_and_taken_back(dataset, tmp_pa
     assert trust.centre == pytest.approx(1.0, abs=0.08)
     assert evaluate.outward(evaluate.drawn_in(seen, trust.outward)) == pytest.approx(0.0, abs=0.002)
     assert evaluate.outward(seen[:3]) == 0.0
+
+
+def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path):
+    row = datasets.read(dataset).rows[0]
+    box = np.array(labels.box(row), float)
+    found = Detection("found", "", 0.6, box, labels.centre(row), 0.0, np.ones(4), np.ones(2), 0.1)
+    grab = evaluate.Seen(cache.Frame(row, tmp_path, True, ""), found)
+    nothing = evaluate.Seen(cache.Frame(row, tmp_path, False, ""), Detection("none", "nothing found", 0.0))
+    looks = SimpleNamespace(settings=Settings())
+    for empty, before, kept in ((49, 0.85, True), (50, 0.85, False), (49, 0.0, False), (5, 0.2, False)):
+        facts, figures = evaluate.calibrated(looks, [grab] + [nothing] * empty, before=before)
+        presence = facts["settings"]["least_presence"]
+        assert presence == before if kept else 0.2 < presence < 0.6
+        assert figures["recall"] == (0 if kept else 1)
 
 
 def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):

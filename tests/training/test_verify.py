@@ -188,10 +188,14 @@ def test_the_ropes_leave_the_grab_for_the_rope_exit(dataset):
             assert along @ way / np.linalg.norm(way) > np.cos(np.radians(5))  # the lens bends the line a little
 
 
-def test_a_detector_that_begins_with_four_nets_keeps_the_fourth(four, dataset, tmp_path):
-    out = tmp_path / "out"
+def test_a_detector_that_begins_with_four_nets_keeps_the_fourth_and_the_threshold(four, dataset, tmp_path):
+    out, start = tmp_path / "out", tmp_path / "start"
+    shutil.copytree(four, start)
+    facts = open_net(four / "settle.onnx").facts
+    export.restated(start / "settle.onnx", facts | {"settings": facts["settings"] | {"least_presence": 0.95}})
     train([dataset], out, lambda frames: settings.recipes(frames, started=True, epochs=1, half=False, threads=1),
-          start=four)  # fmt: skip
+          start=start)  # fmt: skip
     assert (out / "verify.onnx").read_bytes() == (four / "verify.onnx").read_bytes()
     assert (out / "verify.md").exists()
     assert Bundled(out)._verify is not None
+    assert Bundled(out).settings.least_presence == 0.95  # few frames show no grab

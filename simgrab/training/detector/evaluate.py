@@ -25,6 +25,7 @@ _BOUNDS = (0.1, 0.9)  # of a least presence
 _FALSE = 3.0
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
 _FEWEST = 20  # detections from which on a factor is measured
+_FEWEST_EMPTY = 50  # frames without a grab from which on a threshold below the one before is fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ def watch(
 
 
 def calibrated(
-    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), easy: Sequence[Seen] = ()
+    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), easy: Sequence[Seen] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
@@ -81,6 +82,9 @@ def calibrated(
         Of rendered frames, and of real ones.
     easy : sequence of Seen
         To which the factors are fitted too, and the threshold is not: few of the frames are hard.
+    before : float
+        Presence threshold of the detector that this one began with. It becomes no lower unless enough of the frames
+        show no grab: else too few show what else may be taken for one.
 
     Returns
     -------
@@ -90,6 +94,8 @@ def calibrated(
         `metrics` of the rendered frames then.
     """
     presence = round(least_presence([*seen, *real]), 4)
+    if sum(not one.frame.labelled for one in [*seen, *real]) < _FEWEST_EMPTY:
+        presence = max(presence, before)
     seen, real = by(presence, seen), by(presence, real)
     settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
     factors = trust([*seen, *real, *by(presence, easy)])

@@ -229,12 +229,13 @@ def fit(
         looks = Bundled(draft, Settings(least_presence=0.0, passes=PASSES))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
-    fitted, figures = evaluate.calibrated(looks, seen, others)
+    first = Bundled(Path(start)) if start is not None else None
+    # Most of the presence is verify's, and so as before.
+    least = first.settings.least_presence if first and "verified" in facts else 0.0
+    fitted, figures = evaluate.calibrated(looks, seen, others, before=least)
     write(out / "settle.onnx", facts | fitted)
-    if start is not None:
-        before = evaluate.watch(
-            Bundled(Path(start)), [*val_frames, *hard.val], step("detecting with the first weights")
-        )
+    if first:
+        before = evaluate.watch(first, [*val_frames, *hard.val], step("detecting with the first weights"))
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
     return Fitted({"find": found, "refine": refined, "settle": last}, figures)
 
