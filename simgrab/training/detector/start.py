@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import onnx
@@ -18,7 +19,7 @@ from simgrab.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.loop import Task
 
-_Layer = nn.Conv1d | nn.Conv2d | nn.Linear
+_Layer: TypeAlias = nn.Conv1d | nn.Conv2d | nn.Linear
 _NODES = ("Conv", "Gemm")
 _MEASURED = 128  # examples for the statistics of what goes into the norms
 _TOLERANCE = 2e-3  # of what goes out, relative to its largest number; weights lie in half precision
