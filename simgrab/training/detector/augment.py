@@ -50,13 +50,17 @@ def turn(rng: np.random.Generator, *, quarters: bool) -> Turn:
 
 
 class Dirt:
-    """Draws how a picture is spoiled. Geometry stays."""
+    """Draws how a picture is spoiled, by light and by what a camera does with it. Geometry stays."""
 
     def __init__(self, seed: int = 0) -> None:
         self._noise = np.random.default_rng(seed).normal(0, 1, _NOISE).astype(np.float32)
 
     def __call__(self, picture: Picture, rng: np.random.Generator) -> Picture:
-        """Spoil the colours of a picture (h, w, 3): light, gamma, tint, hue, grey, blur, noise, and a patch cut out."""
+        """Spoil a picture (h, w, 3).
+
+        Grey or turned hues, tone and cast, blur, noise, sharpening, compression, and a patch cut out: each at times,
+        in the order in which cameras have them.
+        """
         result = np.ascontiguousarray(picture)
         if rng.random() < 0.15:
             result = cv2.cvtColor(cv2.cvtColor(result, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
@@ -68,14 +72,34 @@ class Dirt:
         if rng.random() < 0.3:
             result = self._noisy(result, float(rng.uniform(1, 10)), rng)
         if rng.random() < 0.25:
+            result = _sharpened(result, float(rng.uniform(0.3, 2.5)), float(rng.uniform(0.5, 1.6)))
+        if rng.random() < 0.15:
+            result = _coded(result, int(rng.integers(15, 60)))
+        if rng.random() < 0.25:
             result = _cut_out(result, rng)
         return np.asarray(result, np.uint8)
 
     def _noisy(self, picture: Picture, sd: float, rng: np.random.Generator) -> Picture:
+        """Add noise, white or as smooth as denoising leaves it."""
         size = picture.shape[0] * picture.shape[1] * picture.shape[2]
         start = int(rng.integers(_NOISE - size))
-        noise = (self._noise[start : start + size] * sd).astype(np.int16).reshape(picture.shape)
-        return np.clip(picture + noise, 0, 255).astype(np.uint8)
+        noise = (self._noise[start : start + size] * sd).reshape(picture.shape)
+        if rng.random() < 0.4:
+            radius = float(rng.uniform(0.6, 1.3))
+            noise = cv2.GaussianBlur(noise, (0, 0), radius) * np.float32(2 * np.sqrt(np.pi) * radius)
+        return np.clip(picture + noise.astype(np.int16), 0, 255).astype(np.uint8)
+
+
+def _sharpened(picture: Picture, amount: float, radius: float) -> Picture:
+    """Mask a picture unsharp, by a radius in px."""
+    blurred = cv2.GaussianBlur(picture, (0, 0), radius)
+    return np.asarray(cv2.addWeighted(picture, 1 + amount, blurred, -amount, 0))
+
+
+def _coded(picture: Picture, quality: int) -> Picture:
+    """Compress a picture by JPEG, whose colours are swapped on the way, which matters little."""
+    coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR))
 
 
 def _hues(angle: float) -> Array:
@@ -84,12 +108,14 @@ def _hues(angle: float) -> Array:
 
 
 def _curves(rng: np.random.Generator) -> Picture:
-    """Draw a tone curve for each colour, (1, 256, 3)."""
+    """Draw a tone curve for each colour, (1, 256, 3): gamma, contrast of the middle tones, gains and lift."""
     x = np.arange(256, dtype=np.float64)[:, None] / 255
-    gamma = np.exp(rng.normal(0, 0.25))
-    gain = np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, 0.06, 3))
-    lift = rng.normal(0, 0.04)
-    return np.clip(255 * (gain * x**gamma + lift), 0, 255).astype(np.uint8)[None]
+    toned = x ** np.exp(rng.normal(0, 0.25))
+    if rng.random() < 0.3:
+        toned = toned - rng.uniform(-0.7, 0.7) * np.sin(2 * np.pi * toned) / (2 * np.pi)
+    cast = 0.2 if rng.random() < 0.2 else 0.06
+    gain = np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, cast, 3))
+    return np.clip(255 * (gain * toned + rng.normal(0, 0.04)), 0, 255).astype(np.uint8)[None]
 
 
 def _cut_out(picture: Picture, rng: np.random.Generator) -> Picture:
