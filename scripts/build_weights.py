@@ -1,8 +1,10 @@
 """Make the weights of the digit reader and of the detector `any-grab` again: ``python -m scripts.build_weights``.
 
-`any-grab` is made in four parts, each of which begins with what the part before has made: ``detector`` trains three
+`any-grab` is made in five parts, each of which begins with what the part before has made: ``detector`` trains three
 nets from those of the default detector, ``verify`` adds the fourth, ``shapes`` lets two of the first three learn
-further, and ``presence`` the fourth. For the shipped weights ``shapes`` ran twice, at first without collages. The
+further, ``long`` lets these two learn for four times as long as before, for which a GPU is wanted, and ``presence``
+lets the fourth learn further. For the shipped weights, ``shapes`` ran twice, at first without collages, ``presence``
+also before ``long``, and ``long`` in two runs of half its length, on crops and images that WebP had compressed. The
 default detector was made by this script as it was in commit 2a7ba2c, when the scene `training` showed the four-rope
 grab alone.
 
@@ -137,6 +139,14 @@ SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 KEPT = {"find": 0.25, "refine": 0.25, "settle": 1.0}
 SHOWN_MORE = {"find": 40_000, "refine": 160_000}
 
+# Trained so far, find and refine did no better on what they had learned than on what they had not: they had not seen
+# enough, and that they see it longer and in larger batches is what helped. Nets of twice to five times the size were
+# behind after the same time.
+LONG = (Source("training-48", "training", {"clip.clip_frames": 3}, 300, 120, 48, size=HALF),)
+SHOWN_LONG = {"find": 685_000, "refine": 1_255_000}
+BATCHES = {"find": 64, "refine": 256}
+STEADY = 0.9995  # decay of the weights' average
+
 READER = Source("digits", "digits", {}, 3024, 960, 0)
 
 
@@ -195,21 +205,57 @@ def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) 
     return [out / f"{name}.onnx" for name in (*(net.stem for net in nets), "verify")]
 
 
+def long(
+    work: Path, *, quick: bool, start: Path, workers: int, threads: int, device: str, loaders: int
+) -> list[Path]:  # fmt: skip
+    """Let find and refine of a detector of four nets learn for long; returns all four."""
+    from simgrab.training.detector.blend import blend
+    from simgrab.training.detector.settings import Recipes, recipes
+
+    def chosen(frames: int) -> Recipes:
+        shown = None if quick else SHOWN_LONG
+        usual = recipes(frames, quick=quick, shown=shown, threads=threads, device=device)
+        find, refine = (
+            replace(getattr(usual, name), batch=min(size, frames), average=STEADY) for name, size in BATCHES.items()
+        )
+        return Recipes(find, refine, usual.settle)
+
+    prepare(work / BACKGROUNDS)
+    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
+    learned = [source for source in (*VERIFY, *MORE, *PRESENCE, *LONG) if source.name != DOUBTFUL]
+    nets = _train("long", learned, (), chosen, work, quick, start, workers, settled=False, loaders=loaders)
+    judged = rendered(VERIFY, work, quick=quick, workers=workers)
+    out = work / "long-settled"
+    shutil.rmtree(out, ignore_errors=True)
+    with board(shown=True) as progress:
+        kept, easy = {"find": 0.0, "refine": 0.0, "settle": 1.0}, [work / source.name for source in MORE]
+        blend(start, nets[0].parent, out, kept=kept, paths=judged, easy=easy, watch=progress.step)
+    return [out / f"{name}.onnx" for name in (*(net.stem for net in nets), "verify")]
+
+
 def _detector(
     name: str, learned: Sequence[Source], hard: Sequence[Source], shown: Mapping[str, int] | None, work: Path,
     quick: bool, start: Path, workers: int, threads: int, *, settled: bool,
 ) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.settings import recipes
+
+    # At the full learning rate, even after trained weights: there is much that these have not learned.
+    chosen = functools.partial(recipes, quick=quick, shown=shown, threads=threads)
+    return _train(name, learned, hard, chosen, work, quick, start, workers, settled=settled)
+
+
+def _train(
+    name: str, learned: Sequence[Source], hard: Sequence[Source], chosen: Callable[[int], Any], work: Path,
+    quick: bool, start: Path, workers: int, *, settled: bool, loaders: int = 0,
+) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.train import NETS, train
 
     datasets, doubtful = (rendered(some, work, quick=quick, workers=workers) for some in (learned, hard))
     out = work / name
-    # At the full learning rate, even after trained weights: there is much that these have not learned.
-    chosen = functools.partial(recipes, quick=quick, shown=shown, threads=threads)
     with board(shown=True) as progress:
         train(
             datasets, out, chosen, hard=doubtful, start=start, settled=settled, resume=True, watch=progress.step,
-            report=progress.training,
+            report=progress.training, loaders=loaders,
         )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
 
@@ -286,6 +332,7 @@ DETECTS: dict[str, Callable[..., list[Path]]] = {
     "detector": detector,
     "verify": verify,
     "shapes": shapes,
+    "long": long,
     "presence": presence,
 }
 LAST = "settle.onnx"  # with it, a folder is a detector
@@ -308,9 +355,12 @@ LAST = "settle.onnx"  # with it, a folder is a detector
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")
 @click.option("--threads", default=2, show_default=True, help="Of torch.")
+@click.option("--device", default="cpu", show_default=True, help="Of torch, for the part long.")
+@click.option("--loaders", default=0, show_default=True, help="Processes that make batches, for the part long.")
 def main(
-    quick: bool, only: str | None, start: Path | None, out: Path | None, work: Path | None, workers: int, threads: int
-) -> None:
+    quick: bool, only: str | None, start: Path | None, out: Path | None, work: Path | None, workers: int, threads: int,
+    device: str, loaders: int,
+) -> None:  # fmt: skip
     """Make the weights of the digit reader and of any-grab again."""
     if start is not None and only not in (None, "detector"):
         raise click.UsageError(f"--from belongs to the part detector, not to {only}")
@@ -324,7 +374,8 @@ def main(
         else:
             target = out / ANY_GRAB
             begin = copied((start or WEIGHTS) if name == "detector" else target, work / f"before-{name}")
-            nets = DETECTS[name](work, quick=quick, start=begin, workers=workers, threads=threads)
+            more = {"device": device, "loaders": loaders} if name == "long" else {}
+            nets = DETECTS[name](work, quick=quick, start=begin, workers=workers, threads=threads, **more)
         install(nets, target)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {target}")
 

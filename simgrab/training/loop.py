@@ -15,11 +15,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.utils.data import DataLoader, Dataset
 
 from simgrab._version import __version__
 from simgrab.errors import TrainingError
@@ -103,6 +105,7 @@ def train(
     data: str = "",
     resume: bool = False,
     report: Callable[[Report], None] | None = None,
+    loaders: int = 0,
 ) -> Trained:
     """Train a net.
 
@@ -122,6 +125,9 @@ def train(
     resume : bool
         Go on from the checkpoint, where there is one.
     report : callable, optional
+    loaders : int
+        Processes that make batches, forked from this one, which a fast device waits for less; 0 makes them in a thread.
+        The batches are the same.
 
     Raises
     ------
@@ -131,7 +137,7 @@ def train(
     if task.examples < 1:
         raise TrainingError("no training examples")
     with out_of_memory(recipe):
-        run = _Run(build, task, recipe, out / CHECKPOINT, data)
+        run = _Run(build, task, recipe, out / CHECKPOINT, data, loaders)
         if resume and run.path.exists():
             run.restore()
         while not run.finished:
@@ -142,10 +148,12 @@ def train(
 class _Run:
     """A training under way."""
 
-    def __init__(self, build: Callable[[], nn.Module], task: Task, recipe: Recipe, path: Path, data: str) -> None:
+    def __init__(
+        self, build: Callable[[], nn.Module], task: Task, recipe: Recipe, path: Path, data: str, loaders: int
+    ) -> None:
         torch.set_num_threads(recipe.threads)
         torch.manual_seed(recipe.seed)
-        self.task, self.recipe, self.path = task, recipe, path
+        self.task, self.recipe, self.path, self.loaders = task, recipe, path, loaders
         versions = {"simgrab": __version__, "torch": str(torch.__version__)}
         self.identity = dataclasses.asdict(recipe) | {"data": data} | versions
         self.device = named(recipe.device)
@@ -193,6 +201,13 @@ class _Run:
             rng = stream(recipe.seed, epoch * self.steps + i, "augmentation")
             return self.task.batch(order[i * size : (i + 1) * size], rng)
 
+        if self.loaders:
+            made = DataLoader(
+                _Made(make, self.steps), batch_size=None, num_workers=self.loaders, multiprocessing_context="fork",
+                worker_init_fn=_alone, generator=torch.Generator(),  # not the chance that dropout goes by
+            )  # fmt: skip
+            yield from (to_device(batch, self.device) for batch in made)
+            return
         with ThreadPoolExecutor(1) as pool:
             waiting: list[Future[Batch]] = []
             for i in range(self.steps + _AHEAD):
@@ -265,6 +280,25 @@ class _Run:
         return Trained(
             net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds, self.task.examples
         )
+
+
+@dataclass(frozen=True)
+class _Made(Dataset[Batch]):
+    """The batches of an epoch by their numbers."""
+
+    make: Callable[[int], Batch]
+    steps: int
+
+    def __len__(self) -> int:
+        return self.steps
+
+    def __getitem__(self, i: int) -> Batch:
+        return self.make(i)
+
+
+def _alone(_: int) -> None:
+    """Keep to one thread in each of the processes that make batches."""
+    cv2.setNumThreads(1)
 
 
 def _optimiser(net: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:

@@ -68,6 +68,25 @@ def test_the_same_seed_gives_the_same_weights(tmp_path):
     assert not torch.equal(a, c)
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # of Python 3.12, where threads run
+def test_a_process_makes_the_same_batches(tmp_path):
+    class Where(Line):
+        def batch(self, chosen, rng):
+            return super().batch(chosen, rng) | {"process": torch.full((len(chosen),), os.getpid())}
+
+        def loss(self, net, batch):
+            made_by.update(batch["process"].tolist())
+            return super().loss(net, batch)
+
+    made_by, found = set(), []
+    for loaders in (0, 1):
+        (out := tmp_path / str(loaders)).mkdir()
+        found.append(weights(loop.train(build, Where(), RECIPE, out, loaders=loaders)))
+        assert (os.getpid() in made_by) == (loaders == 0)
+        made_by.clear()
+    assert torch.equal(*found)
+
+
 def test_an_epoch_sees_every_example_at_most_once(tmp_path):
     task = Line()
     loop.train(build, task, dataclasses.replace(RECIPE, epochs=2), tmp_path)

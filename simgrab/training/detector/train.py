@@ -67,6 +67,7 @@ def train(
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+    loaders: int = 0,
 ) -> Result:
     """Train find, refine on what find takes for the grab, and settle on what refine makes of it; measure all together.
 
@@ -97,6 +98,8 @@ def train(
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
         Given the name of a step, return the callback of its progress.
+    loaders : int
+        Processes that make batches (`simgrab.training.loop.train`).
 
     Raises
     ------
@@ -116,8 +119,9 @@ def train(
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
         fitted = fit(
-            frames, out, chosen, hard=doubtful, start=start, settled=settled, resume=resume, watch=watch, report=report
-        )
+            frames, out, chosen, hard=doubtful, start=start, settled=settled, resume=resume, watch=watch, report=report,
+            loaders=loaders,
+        )  # fmt: skip
         if real:
             fitted = Fitted(fitted.nets, fitted.metrics | real.figures(out, start, watch))
         for name, trained in fitted.nets.items():
@@ -164,7 +168,7 @@ class Fitted:
 def fit(
     frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, start: str | Path | None = None,
     settled: bool = True, resume: bool = False, watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+    report: Callable[[str], Callable[[loop.Report], None]] | None = None, loaders: int = 0,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
     hard = hard or Frames((), ())
@@ -183,7 +187,7 @@ def fit(
     ]
     finding = find.Finding(*small)
     build = _starting(Find, start, "find", finding, "pictures")
-    found = _learn(build, finding, recipes.find, out / "find", digest, resume, follow("find"))
+    found = _learn(build, finding, recipes.find, out / "find", digest, resume, follow("find"), loaders)
     example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
     export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
@@ -197,7 +201,7 @@ def fit(
     digest += key
     refining = refine.Refining(*crops)
     build = _starting(Refine, start, "refine", refining, "crops")
-    refined = _learn(build, refining, recipes.refine, out / "refine", digest, resume, follow("refine"))
+    refined = _learn(build, refining, recipes.refine, out / "refine", digest, resume, follow("refine"), loaders)
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined.net, example, ["told"], out / "refine.onnx", {"task": REFINE})
     if not settled:
@@ -214,7 +218,7 @@ def fit(
     digest += hard.digest + _digest(out / "refine.onnx")
     task = settle.Settling(learned, judged, refined.net)
     build = _starting(functools.partial(settle.learner, refined.net), start, "settle", task, "crops")
-    last = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"))
+    last = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"), loaders)
     write = functools.partial(export.export, last.net, example, ["told"])
 
     facts: dict[str, Any] = {"task": SETTLE}
@@ -271,10 +275,10 @@ def _starting(
 
 def _learn(
     build: Callable[[], torch.nn.Module], task: loop.Task, recipe: Any, out: Path, digest: str, resume: bool,
-    report: Callable[[loop.Report], None],
+    report: Callable[[loop.Report], None], loaders: int,
 ) -> loop.Trained:  # fmt: skip
     out.mkdir(exist_ok=True)
-    return loop.train(build, task, recipe, out, data=digest, resume=resume, report=report)
+    return loop.train(build, task, recipe, out, data=digest, resume=resume, report=report, loaders=loaders)
 
 
 def _digest(path: Path) -> str:
