@@ -103,6 +103,7 @@ def test_what_is_physical_stays():
     changed = {key for key in before if before[key] != after[key]}
     assert changed == {
         ".camera.width_px", ".camera.height_px", ".camera.focal.pixels_per_mm", ".optics.defocus_px",
+        ".optics.sharpening.radius_px",
     }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from simgrab.scenario.factor import Factor, OneOf
 from simgrab.scenario.font import BundledFont, Font, FontFile, GeneratedFont, Ink
 from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
 from simgrab.scenario.markers import AprilTag, Balls, Circles, Markers, Target
-from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor
+from simgrab.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor, Sharpening
 from simgrab.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.scenario.sensors import (
     IMU_CLASSES,
@@ -117,6 +117,7 @@ __all__ = [
     "Sensor",
     "SensorFocal",
     "Share",
+    "Sharpening",
     "Shutter",
     "SideCamera",
     "SlewEncoder",

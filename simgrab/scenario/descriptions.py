@@ -363,7 +363,13 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "exposure": "Fixed or automatic exposure.",
         "sensor": "Noise of the sensor.",
         "night_mode": "Grey image: off, on, or auto, which depends on the gain.",
+        "white_balance": "Gains of red, green and blue after the sensor; grey images have none.",
+        "sharpening": "Sharpening by the camera.",
         "recompress_quality": "JPEG quality of an earlier compression, from 1 to 100; 0 is none.",
+    },
+    "Sharpening": {
+        "amount": "Added share of what a Gaussian blur takes away; 0 is off.",
+        "radius_px": "Standard deviation of that Gaussian.",
     },
     "FixedExposure": {"exposure_ev": "Exposure, relative to that of the rendered scene."},
     "AutoExposure": {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import msgspec
+
 from simgrab.scenario.base import Meta, Strict, Tagged
 
 Stops = Annotated[float, Meta(ge=-8, le=8)]
@@ -47,12 +49,26 @@ class Sensor(Strict, frozen=True):
             raise ValueError(f"full_well_e must be 0 (no shot noise) or at least 100, got {self.full_well_e:g}")
 
 
+class Sharpening(Strict, frozen=True):
+    """The camera's sharpening, an unsharp mask over the finished picture, noise and all; the display is not sharpened.
+
+    To each value it adds ``amount`` times what a Gaussian of standard deviation ``radius_px`` would take away.
+    """
+
+    amount: Annotated[float, Meta(ge=0, le=5)] = 0.0
+    radius_px: Annotated[float, Meta(gt=0, le=50)] = 1.0
+
+
+ColourGain = Annotated[float, Meta(ge=0.1, le=10)]
+
+
 class Optics(Strict, frozen=True):
-    """Lens, exposure and sensor; geometric distortion is ``camera.distortion``.
+    """Lens, exposure, sensor and processing; geometric distortion is ``camera.distortion``.
 
     ``vignetting_stops`` is the loss at the corner farthest from the axis, ``defocus_px`` the diameter of the circle of
     confusion, ``chromatic_px`` how far red moves outwards and blue inwards at that corner. A grey picture shows
-    luminance alone, as does a camera at night that has moved its infrared filter aside. ``recompress_quality`` is the
+    luminance alone, as does a camera at night that has moved its infrared filter aside. ``white_balance`` is what red,
+    green and blue are multiplied by after the sensor: off neutral it casts a colour. ``recompress_quality`` is the
     JPEG quality at which the finished picture has once been coded, 0 for never: artefacts within a frame.
     """
 
@@ -62,6 +78,8 @@ class Optics(Strict, frozen=True):
     exposure: FixedExposure | AutoExposure = FixedExposure()
     sensor: Sensor = Sensor()
     night_mode: Literal["off", "on", "auto"] = "off"
+    white_balance: tuple[ColourGain, ColourGain, ColourGain] = (1.0, 1.0, 1.0)
+    sharpening: Sharpening = Sharpening()
     recompress_quality: Annotated[int, Meta(ge=0, le=100)] = 0
 
     def check(self) -> None:  # noqa: D102
@@ -78,4 +96,4 @@ class Optics(Strict, frozen=True):
     @property
     def off(self) -> bool:
         """Whether the picture stays as it was drawn."""
-        return self == Optics()
+        return not self.sharpening.amount and msgspec.structs.replace(self, sharpening=Sharpening()) == Optics()

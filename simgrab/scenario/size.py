@@ -71,6 +71,7 @@ class _Change:
             "camera.principal_offset_px": scale,
             "optics.defocus_px": scale,
             "optics.chromatic_px": scale,
+            "optics.sharpening.radius_px": scale,
         }
 
     def value(self, key: str, value: Any) -> Any:

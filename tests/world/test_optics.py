@@ -4,6 +4,7 @@ import itertools
 import math
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,7 +13,7 @@ from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Distortion, Intrinsics
 from simgrab.rng import stream
-from simgrab.scenario import AutoExposure, FixedExposure, Optics, Sensor
+from simgrab.scenario import AutoExposure, FixedExposure, Optics, Sensor, Sharpening
 from simgrab.world.camera.optics import Exposure, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.optics.exposure import HYSTERESIS_DB
 from simgrab.world.camera.optics.focus import defocus
@@ -22,7 +23,7 @@ from simgrab.world.camera.optics.sensor import normals
 WIDTH, HEIGHT = 480, 270
 PLAIN = Intrinsics(WIDTH, HEIGHT, 411.2, WIDTH / 2, HEIGHT / 2)
 CROOKED = Intrinsics(WIDTH, HEIGHT, 411.2, 252.5, 127.0, Distortion(-0.28, 0.09, 5e-4, -8e-4, -0.01))
-NEUTRAL = Exposure(0.0, False)
+NEUTRAL, GREY = Exposure(0.0, False), Exposure(0.0, True)
 NOISY = Optics(sensor=Sensor(full_well_e=1000, read_noise_e=20))
 # Everything at once.
 NIGHT = Optics(
@@ -69,6 +70,7 @@ def test_the_transfer_is_srgb_and_gives_back_every_value():
 def test_all_effects_off_leave_every_byte():
     light = scene()
     assert Optics().off
+    assert Optics(sharpening=Sharpening(radius_px=0.3)).off
     assert (take(Optics(), light, intrinsics=CROOKED) == to_display(light)).all()
     assert (recompress(to_display(light), 0) == to_display(light)).all()
     assert metered(Optics(), light) == NEUTRAL
@@ -85,6 +87,8 @@ def test_all_effects_off_leave_every_byte():
         Optics(night_mode="on"),
         Optics(sensor=Sensor(full_well_e=1000)),
         Optics(sensor=Sensor(fixed_pattern_percent=3)),
+        Optics(white_balance=(1.2, 1.0, 0.8)),
+        Optics(sharpening=Sharpening(amount=1.0)),
         Optics(recompress_quality=50),
     ],
     ids=lambda optics: next(f for f in optics.__struct_fields__ if getattr(optics, f) != getattr(Optics(), f)),
@@ -317,6 +321,29 @@ def test_grey_is_the_luminance_of_bt709():
     assert to_linear(seen)[..., 0] == pytest.approx(light @ BT709, abs=0.005)
     assert metered(Optics(night_mode="on"), light).grey
     assert not metered(Optics(night_mode="off", exposure=AutoExposure()), flat(1e-4)).grey
+
+
+# Processing
+
+
+def test_white_balance_multiplies_light_and_leaves_grey_alone():
+    light = flat(0.2)
+    cast = Optics(white_balance=(1.5, 1.0, 0.5))
+    np.testing.assert_array_equal(take(cast, light), to_display(light * np.array([1.5, 1.0, 0.5], np.float32)))
+    grey = msgspec.structs.replace(cast, night_mode="on")
+    plain = msgspec.structs.replace(grey, white_balance=(1.0, 1.0, 1.0))
+    assert (take(grey, light, exposure=GREY) == take(plain, light, exposure=GREY)).all()
+
+
+@pytest.mark.parametrize(("amount", "radius"), [(0.5, 0.8), (1.0, 1.5), (2.2, 3.0)])
+def test_sharpening_overshoots_an_edge_as_an_unsharp_mask_does(amount, radius):
+    values = flat(90.0)
+    values[:, WIDTH // 2 :] = 150.0
+    light = to_linear(values.astype(np.uint8))
+    seen = take(Optics(sharpening=Sharpening(amount=amount, radius_px=radius)), light)[HEIGHT // 2, :, 1].astype(float)
+    across = np.arange(WIDTH) + 0.5 - WIDTH / 2
+    blurred = 90 + 60 * stats.norm.cdf(across / radius)
+    np.testing.assert_allclose(seen, values[0, :, 1] + amount * (values[0, :, 1] - blurred), atol=2.5)
 
 
 def test_night_begins_at_its_gain_and_ends_well_below():

@@ -14,6 +14,7 @@ from simgrab.world.camera.optics.exposure import Exposure
 from simgrab.world.camera.optics.focus import defocus
 from simgrab.world.camera.optics.lens import chromatic, vignetting
 from simgrab.world.camera.optics.light import Light, Picture, luminance, to_display
+from simgrab.world.camera.optics.processing import balanced, sharpened
 from simgrab.world.camera.optics.sensor import noisy, pattern
 from simgrab.world.camera.row_blocks import each_block
 
@@ -50,11 +51,12 @@ def expose(
             seen = luminance(seen)
         level = cv2.multiply(seen, response[rows], scale=exposure.gain)
         rng = stream(seed, frame, f"optics.noise.{rows.start}")
-        taken = to_display(noisy(level, optics.sensor, exposure.gain, rng))
+        level = noisy(level, optics.sensor, exposure.gain, rng)
+        taken = to_display(level if exposure.grey else balanced(level, optics.white_balance))
         picture[rows] = cv2.cvtColor(taken, cv2.COLOR_GRAY2RGB) if exposure.grey else taken
 
     each_block(len(light), take)
-    return picture
+    return sharpened(picture, optics.sharpening)
 
 
 @lru_cache(maxsize=2)
