@@ -39,6 +39,8 @@ TRAINING_FRAMES = 960
 NIGHT = {"sun": 0.0, "sky": 0.012, "floodlights": 0.06}  # as in `training`
 MOST_BLUR_PX = 50.0
 LEVEL_SPREAD = 1.25  # by which the exposure of training frames varies about what was measured
+CAST_SPREAD = 1.1  # likewise the gains of red and blue: the surroundings have colours of their own
+MOST_GAIN = 4.0  # of a colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +119,7 @@ def together(parts: Sequence[Appearance]) -> Appearance:
         best(lambda one: one.level),
         noise=noisy.noise,
         blur=best(lambda one: one.blur.diameter).blur,
+        sharpness=best(lambda one: one.sharpness.overshoot).sharpness,
         vignetting=best(lambda one: one.vignetting).vignetting,
         display=max(bright, key=lambda one: one.display.read).display,
         grab=best(lambda one: one.grab.size_px).grab,
@@ -133,6 +136,7 @@ def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
         optics["defocus_px"] = _rounded(min(seen.blur.diameter.value, MOST_BLUR_PX))
     if seen.grey:
         optics["night_mode"] = "on"
+    optics |= _sharpening(seen)
     data: dict[str, Any] = {
         "camera": {
             "width_px": width,
@@ -156,7 +160,9 @@ def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
     data = {"name": "matched", "frames": frames_wanted} | data
     stops = 0.0
     if seen.level.value is not None:
-        stops = _exposure(data, seen.level.value)
+        stops, gains = _exposure(data, seen)
+        if gains:
+            optics["white_balance"] = gains
         optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
         optics |= _sensor(seen, max(2.0**stops, 1.0))
     if seen.grab.paint_rgb is not None:
@@ -208,7 +214,13 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
     }
     if seen.grab.paint_rgb is not None:
         measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
-    scene = msgspec.structs.replace(scene, vary=scene.vary | measured)
+    red, green, blue = matched.optics.white_balance
+    if not seen.grey and (red, green, blue) != (1.0, 1.0, 1.0):
+        spread = (1 / CAST_SPREAD, 1.0, CAST_SPREAD)
+        casts = tuple((_rounded(red * r), green, _rounded(blue * b)) for r in spread for b in spread)
+        measured["optics.white_balance"] = OneOf(casts)
+    optics = msgspec.structs.replace(scene.optics, sharpening=matched.optics.sharpening)  # in px of this size
+    scene = msgspec.structs.replace(scene, vary=scene.vary | measured, optics=optics)
     return _comments(seen, "varies", TRAINED_ON) + scene.to_toml()
 
 
@@ -230,32 +242,49 @@ def _clip(seen: Appearance) -> dict[str, Any]:
 
 
 def _sensor(seen: Appearance, gain: float) -> dict[str, Any]:
-    """Give the sensor whose noise is what was measured, at a gain of the exposure."""
+    """Give the sensor whose noise is what was measured, at a gain of the exposure and before any sharpening."""
     shot, read_noise = seen.noise.gain.value, seen.noise.read.value
     if not shot:
         return {}
+    shot, read_noise = shot / seen.sharpness.noise_gain, (read_noise or 0.0) / math.sqrt(seen.sharpness.noise_gain)
     well = min(max(gain / shot, 100.0), 1e6)
     return {
         "sensor": {
             "full_well_e": _rounded(well),
-            "read_noise_e": _rounded(min((read_noise or 0.0) * well / gain, 1000.0)),
+            "read_noise_e": _rounded(min(read_noise * well / gain, 1000.0)),
         }
     }
 
 
-def _exposure(data: dict[str, Any], level: float) -> float:
-    """Find the stops by which the scene's frames get a mean luminance."""
+def _sharpening(seen: Appearance) -> dict[str, Any]:
+    """Give the sharpening that was measured."""
+    amount, radius = seen.sharpness.amount, seen.sharpness.radius_px
+    return {"sharpening": {"amount": _rounded(amount), "radius_px": radius}} if amount else {}
+
+
+def _exposure(data: dict[str, Any], seen: Appearance) -> tuple[float, list[float]]:
+    """Find the stops and the gains of red, green and blue by which the scene's frames get a mean level and colour.
+
+    Without a colour in the footage there are no gains.
+    """
     (frame,) = frames(scenes.load(BASE, data | {"display.layout": "none"}), (0,), buffers=False)
-    light = to_linear(frame.rgb[::2, ::2]) @ (0.2126, 0.7152, 0.0722)
+    light = to_linear(frame.rgb[::2, ::2])
+    gains = list[float]()
+    if seen.cast[0].value and seen.cast[1].value:
+        ours = light.mean(axis=(0, 1))
+        wanted = (seen.cast[0].value * ours[1] / ours[0], 1.0, seen.cast[1].value * ours[1] / ours[2])
+        gains = [_rounded(float(np.clip(gain, 1 / MOST_GAIN, MOST_GAIN))) for gain in wanted]
+        light = light * gains
+    luminance = light @ (0.2126, 0.7152, 0.0722)
 
     def off(stops: float) -> float:
-        return float(np.minimum(light * 2.0**stops, 1.0).mean()) - level
+        return float(np.minimum(luminance * 2.0**stops, 1.0).mean()) - float(seen.level.value or 0.0)
 
     low, high = -8.0, 8.0
     for _ in range(40):
         middle = (low + high) / 2
         low, high = (middle, high) if off(middle) < 0 else (low, middle)
-    return (low + high) / 2
+    return (low + high) / 2, gains
 
 
 def _paint(shown: Sequence[float], stops: float) -> list[float]:

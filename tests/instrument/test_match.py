@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import needs_chromium, shown
+from scipy.special import ndtr
 
 from simgrab import scenes
 from simgrab.distributions import Uniform
@@ -21,10 +22,12 @@ from simgrab.instrument.match.grab import Grab, _paint
 from simgrab.instrument.match.noise import noise
 from simgrab.instrument.match.quantity import Quantity, exact
 from simgrab.instrument.match.shading import vignetting
+from simgrab.instrument.match.sharpness import EDGE_PX, Sharpness, sharpness
 from simgrab.instrument.match.still import still
 from simgrab.judge import match as matching
-from simgrab.scenario import variants
+from simgrab.scenario import Sharpening, variants
 from simgrab.utilities.srgb import decoded, encoded
+from simgrab.world.camera.optics.processing import sharpened
 
 SIZE = 384, 216
 GAIN, READ = 4e-4, 3e-3
@@ -94,6 +97,63 @@ def test_vignetting_of_a_known_lens_is_found(stops):
     found = vignetting(one, None, nothing(one))
     assert found.holds(stops)
     assert found.value == pytest.approx(stops, abs=0.15)
+
+
+def processed(frames: np.ndarray, amount: float, radius: float) -> np.ndarray:
+    return np.stack([sharpened(frame, Sharpening(amount=amount, radius_px=radius)) for frame in frames])
+
+
+def bars(rng: np.random.Generator, edge: float) -> np.ndarray:
+    """Levels, 0 to 255, of bars whose edges are a Gaussian's integral of a standard deviation, px."""
+    width, height = SIZE
+    x, y = np.arange(width) + 0.5, (np.arange(height) + 0.5)[:, None]
+    level = np.full((height, width), 90.0)
+    for u in range(40, width - 40, 80):
+        for v in range(40, height - 40, 80):
+            angle = rng.uniform(0, np.pi / 2)
+            c, s = np.cos(angle), np.sin(angle)
+            p, q = c * (x - u) + s * (y - v), c * (y - v) - s * (x - u)
+            inside = [ndtr((24 - r) / edge) * ndtr((24 + r) / edge) for r in (p, q)]
+            level += rng.uniform(40, 60) * inside[0] * inside[1]
+    return np.repeat(level[..., None], 3, axis=2)
+
+
+@pytest.mark.parametrize("edge", [0.6, 0.8, 1.2])
+@pytest.mark.parametrize(("amount", "radius"), [(0.0, 1.0), (0.5, 1.0), (1.0, 1.4), (2.2, 1.6), (1.5, 2.5)])
+def test_overshoot_of_edges_and_the_mask_that_makes_it_are_found(edge, amount, radius):
+    rng = np.random.default_rng(12)
+    noisy = [np.rint(bars(rng, edge) + rng.normal(0, 1.5, (*SIZE[::-1], 3))).astype(np.uint8) for _ in range(8)]
+    one = footage(processed(np.stack(noisy), amount, radius))
+    found = sharpness(one, nothing(one))
+    x = np.arange(-8, 8.01, 0.1)
+    seen = (1 + amount) * ndtr(x / edge) - amount * ndtr(x / np.hypot(edge, radius))
+    level = seen[x > 5.4].mean()
+    truth = max(100 * (seen.max() - level) / (2 * level - 1), 0.0)
+    assert found.overshoot.holds(truth)
+    assert found.overshoot.value == pytest.approx(truth, abs=1 + 0.1 * truth)
+    if edge > 1:  # softer than rendered ones: no mask makes these alike
+        return
+    rendered = (1 + found.amount) * ndtr(x / EDGE_PX) - found.amount * ndtr(x / np.hypot(EDGE_PX, found.radius_px))
+    level = rendered[x > 5.4].mean()
+    alike = 100 * (rendered.max() - level) / (2 * level - 1)
+    assert alike == pytest.approx(truth, abs=3 + 0.15 * truth)
+
+
+def test_blurred_edges_do_not_overshoot_and_footage_without_edges_shows_nothing():
+    rng = np.random.default_rng(13)
+    blurred = footage(taken(scene(rng, 4.0), rng, 8))
+    assert sharpness(blurred, nothing(blurred)).amount == 0
+    even = footage(taken(np.full((*SIZE[::-1], 3), 0.2, np.float32), rng, 8))
+    for one, hidden in ((even, nothing(even)), (blurred, ~nothing(blurred))):
+        assert "edges between even surfaces" in sharpness(one, hidden).overshoot.text()
+
+
+@pytest.mark.parametrize(("amount", "radius"), [(0.8, 0.7), (2.45, 1.4), (1.0, 3.0)])
+def test_sharpening_multiplies_noise_as_stated(amount, radius):
+    noisy = np.clip(np.random.default_rng(14).normal(128, 3, (300, 300, 3)), 0, 255).astype(np.uint8)
+    measured = processed(noisy[None], amount, radius).var() / noisy.var()
+    assert Sharpness(exact(9.0), amount, radius).noise_gain == pytest.approx(measured, rel=0.05)
+    assert Sharpness(exact(0.0)).noise_gain == 1
 
 
 RUST = (110, 60, 35)
@@ -166,7 +226,7 @@ def test_a_scene_to_train_on_fits_portraits_and_any_blur(tmp_path):
 
 
 def test_what_is_recorded_at_night_is_matched_by_a_scene_at_night(tmp_path, monkeypatch):
-    monkeypatch.setattr(matching, "_exposure", lambda _data, _level: 0.0)  # which renders
+    monkeypatch.setattr(matching, "_exposure", lambda _data, _seen: (0.0, []))  # which renders
     rng = np.random.default_rng(11)
     footage_at_night = read(video(tmp_path / "night.mp4", taken(scene(rng, 0.0, 1.0), rng, 8)))
     seen = measure(footage_at_night, detector(), night=True)

@@ -14,6 +14,7 @@ from simgrab.instrument.match.grab import Grab, grab
 from simgrab.instrument.match.noise import Noise, noise
 from simgrab.instrument.match.quantity import Quantity, exact, unknown
 from simgrab.instrument.match.shading import vignetting
+from simgrab.instrument.match.sharpness import Sharpness, sharpness
 from simgrab.instrument.match.still import still
 
 DARK = 4.0  # levels: a picture whose brightest parts are below shows nothing
@@ -34,6 +35,7 @@ class Appearance:
         Whether it is black.
     noise : Noise
     blur : Blur
+    sharpness : Sharpness
     vignetting : Quantity
     level : Quantity
         Mean luminance in linear light, white being 1.
@@ -52,6 +54,7 @@ class Appearance:
     dark: bool
     noise: Noise
     blur: Blur
+    sharpness: Sharpness
     vignetting: Quantity
     level: Quantity
     cast: tuple[Quantity, Quantity]
@@ -85,6 +88,7 @@ class Appearance:
             ("read noise, of white", self.noise.read.text()),
             ("fixed pattern", self.pattern.text()),
             ("blur, circle of confusion", self.blur.diameter.text()),
+            ("overshoot at edges", self.sharpness.overshoot.text()),
             ("vignetting at the corner", self.vignetting.text()),
             ("mean luminance, linear", self.level.text()),
             ("red over green", self.cast[0].text()), ("blue over green", self.cast[1].text()),
@@ -118,7 +122,8 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
         none = unknown(black)
         return Appearance(
             footage, grey, True, Noise(none, none, None), Blur(unknown(black, "px"), np.zeros(0)),
-            unknown(black, "stops"), none, (none, none), pattern, hidden, tone, Display(None, black, 0.0),
+            Sharpness(unknown(black, "%")), unknown(black, "stops"), none, (none, none), pattern, hidden, tone,
+            Display(None, black, 0.0),
             Grab(exact(0.0), unknown(black, "px"), unknown(black, "°"), None, np.zeros((0, 4))), 0.0,
         )  # fmt: skip
     standing = still(footage)
@@ -129,7 +134,7 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
     for x0, y0, x1, y1 in found.boxes.astype(int).tolist():
         covered[max(y0, 0) : y1 + 1, max(x0, 0) : x1 + 1] = True
     return Appearance(
-        footage, grey, False, noise(footage, standing, overlay), blur(footage, overlay),
+        footage, grey, False, noise(footage, standing, overlay), blur(footage, overlay), sharpness(footage, overlay),
         unknown(_FLOODLIGHTS, "stops")
         if night
         else vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
