@@ -139,6 +139,15 @@ SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
 KEPT = {"find": 0.25, "refine": 0.25, "settle": 1.0}
 SHOWN_MORE = {"find": 40_000, "refine": 160_000}
 
+# Of each of these worlds nothing is learned: they show what else may be taken for the grab, by which the presence
+# threshold is chosen.
+JUDGED = (
+    Source(
+        "judged", "training-shapes", MIXED | {"clip.clip_frames": 1, "splits": {"train": 0.0, "val": 1.0, "test": 0.0}},
+        300, 120, 49, size=HALF,
+    ),
+)  # fmt: skip
+
 # Trained so far, find and refine did no better on what they had learned than on what they had not: they had not seen
 # enough, and that they see it longer and in larger batches is what helped. Nets of twice to five times the size were
 # behind after the same time.
@@ -209,7 +218,6 @@ def long(
     work: Path, *, quick: bool, start: Path, workers: int, threads: int, device: str, loaders: int
 ) -> list[Path]:  # fmt: skip
     """Let find and refine of a detector of four nets learn for long; returns all four."""
-    from simgrab.training.detector.blend import blend
     from simgrab.training.detector.settings import Recipes, recipes
 
     def chosen(frames: int) -> Recipes:
@@ -224,13 +232,8 @@ def long(
     prepare_collages(work / BACKGROUNDS, work / COLLAGES)
     learned = [source for source in (*VERIFY, *MORE, *PRESENCE, *LONG) if source.name != DOUBTFUL]
     nets = _train("long", learned, (), chosen, work, quick, start, workers, settled=False, loaders=loaders)
-    judged = rendered(VERIFY, work, quick=quick, workers=workers)
-    out = work / "long-settled"
-    shutil.rmtree(out, ignore_errors=True)
-    with board(shown=True) as progress:
-        kept, easy = {"find": 0.0, "refine": 0.0, "settle": 1.0}, [work / source.name for source in MORE]
-        blend(start, nets[0].parent, out, kept=kept, paths=judged, easy=easy, watch=progress.step)
-    return [out / f"{name}.onnx" for name in (*(net.stem for net in nets), "verify")]
+    rendered(JUDGED, work, quick=quick, workers=workers)
+    return _judged(start, nets[0].parent, work / "long-judged", work, {"find": 0.0, "refine": 0.0, "settle": 1.0})
 
 
 def _detector(
@@ -271,7 +274,22 @@ def presence(work: Path, *, quick: bool, start: Path, workers: int, threads: int
     prepare(work / BACKGROUNDS)
     prepare_collages(work / BACKGROUNDS, work / COLLAGES)
     changes = {} if quick else {"epochs": PRESENCE_EPOCHS}
-    return _verify("presence", [*VERIFY, *PRESENCE], work, quick, start, workers, threads, **changes)
+    nets = _verify("presence", [*VERIFY, *PRESENCE], work, quick, start, workers, threads, **changes)
+    rendered(JUDGED, work, quick=quick, workers=workers)
+    trained = nets[0].parent
+    return _judged(trained, trained, work / "presence-judged", work, dict.fromkeys(SHOWN_AGAIN, 1.0))
+
+
+def _judged(start: Path, trained: Path, out: Path, work: Path, kept: Mapping[str, float]) -> list[Path]:
+    """Fit threshold and deviations of a detector of four nets to all that is rendered to judge by; returns the nets."""
+    from simgrab.training.detector.blend import blend
+    from simgrab.training.detector.train import NETS
+
+    judged, easy = ([work / source.name for source in some] for some in ((*VERIFY, *PRESENCE, *JUDGED), MORE))
+    shutil.rmtree(out, ignore_errors=True)
+    with board(shown=True) as progress:
+        blend(start, trained, out, kept=kept, paths=judged, easy=easy, watch=progress.step)
+    return [out / f"{name}.onnx" for name in (*NETS, "verify")]
 
 
 def _verify(

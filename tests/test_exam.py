@@ -19,8 +19,8 @@ FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
 LEARNED = ("training", "training-shapes")
 SOURCES = (
-    *build_weights.DETECTOR, *build_weights.HARD, *build_weights.VERIFY, *build_weights.MORE, *build_weights.LONG,
-    *build_weights.PRESENCE, build_weights.READER,
+    *build_weights.DETECTOR, *build_weights.HARD, *build_weights.VERIFY, *build_weights.MORE, *build_weights.PRESENCE,
+    *build_weights.JUDGED, *build_weights.LONG, build_weights.READER,
 )  # fmt: skip
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
