@@ -14,6 +14,7 @@ from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
 from simgrab.instrument.detect.bundled import PASSES, WEIGHTS  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
+from simgrab.training.detector import evaluate  # noqa: E402
 from simgrab.training.detector.blend import between, blend  # noqa: E402
 from simgrab.training.detector.train import NETS  # noqa: E402
 
@@ -64,6 +65,15 @@ def test_a_blended_detector_states_its_own_settings_and_figures(dataset, tmp_pat
     assert Bundled(out).settings.passes == PASSES
     with pytest.raises(TrainingError, match="not empty"):
         blend(WEIGHTS, ANY, out, kept=kept, paths=[dataset])
+
+
+def test_the_threshold_falls_below_neither_the_fitted_one_nor_that_of_before(dataset, tmp_path, monkeypatch):
+    stayed = dict.fromkeys(NETS, 1.0)
+    for fitted in (0.3, 0.97):
+        monkeypatch.setattr(evaluate, "least_presence", lambda _seen, fitted=fitted: fitted)
+        blend(WEIGHTS, ANY, tmp_path / str(fitted), kept=stayed, paths=[dataset])
+        expected = max(fitted, Bundled(WEIGHTS).settings.least_presence)
+        assert Bundled(tmp_path / str(fitted)).settings.least_presence == expected
 
 
 @pytest.mark.parametrize("kept", [-0.1, 1.1, np.nan])

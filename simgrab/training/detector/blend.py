@@ -32,7 +32,8 @@ def blend(
 
     A net that learned further forgets some of what it knew. Between its weights and those that it began with, it often
     does as well on both (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022). Refine looks as often as in
-    newly trained detectors.
+    newly trained detectors. The presence threshold becomes no lower than before: users shall get no more false boxes
+    because more is found.
 
     Parameters
     ----------
@@ -83,7 +84,8 @@ def blend(
         looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0, passes=PASSES))
         seen = evaluate.watch(looks, frames, step("detecting in val images"))
         others = evaluate.watch(looks, more, step("detecting in easy val images")) if more else ()
-        fitted, figures = evaluate.calibrated(looks, seen, easy=others)
+        least = Bundled(before).settings.least_presence
+        fitted, figures = evaluate.calibrated(looks, seen, easy=others, least=least)
         export.restated(draft / "settle.onnx", facts | fitted)
         for card in draft.glob("*.json"):
             share = kept.get(card.stem, 1.0)

@@ -70,7 +70,12 @@ def watch(
 
 
 def calibrated(
-    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), easy: Sequence[Seen] = (), before: float = 0.0
+    looks: Bundled,
+    seen: Sequence[Seen],
+    real: Sequence[Seen] = (),
+    easy: Sequence[Seen] = (),
+    before: float = 0.0,
+    least: float = 0.0,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
@@ -85,6 +90,8 @@ def calibrated(
     before : float
         Presence threshold of the detector that this one began with. It becomes no lower unless enough of the frames
         show no grab: else too few show what else may be taken for one.
+    least : float
+        The lowest presence threshold, however many frames show no grab.
 
     Returns
     -------
@@ -93,7 +100,7 @@ def calibrated(
     figures : dict
         `metrics` of the rendered frames then.
     """
-    presence = round(least_presence([*seen, *real]), 4)
+    presence = max(round(least_presence([*seen, *real]), 4), least)
     if sum(not one.frame.labelled for one in [*seen, *real]) < _FEWEST_EMPTY:
         presence = max(presence, before)
     seen, real = by(presence, seen), by(presence, real)
