@@ -71,7 +71,7 @@ class Card:
         return asdict(self) | {
             "model_sha256": hashlib.sha256(model).hexdigest(),
             "model_bytes": len(model),
-            "machine": machine(),
+            "machine": machine(str(self.recipe.get("device", "cpu"))),
             "versions": versions(),
             "licence": LICENCE,
         }
@@ -132,9 +132,14 @@ def versions() -> dict[str, str]:
     return found
 
 
-def machine() -> dict[str, Any]:
-    """Say what machine this is."""
-    return {"system": platform.platform(terse=True), "processor": platform.machine(), "cores": os.cpu_count() or 1}
+def machine(device: str = "cpu") -> dict[str, Any]:
+    """Say what machine this is, and which GPU a device of torch names."""
+    found = {"system": platform.platform(terse=True), "processor": platform.machine(), "cores": os.cpu_count() or 1}
+    if device.startswith("cuda"):
+        import torch
+
+        found["accelerator"] = torch.cuda.get_device_name(device)
+    return found
 
 
 def markdown(content: Mapping[str, Any]) -> str:
@@ -162,7 +167,8 @@ def markdown(content: Mapping[str, Any]) -> str:
         "",
         f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])}{also},"
         f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
-        f" on {content['machine']['cores']} cores. Judged by the split `val` of {judged}.{together}{began}",
+        f" on {content['machine']['cores']} cores{_beside(content['machine'])}."
+        f" Judged by the split `val` of {judged}.{together}{began}",
         "",
         "| validation | |",
         "|---|---|",
@@ -174,6 +180,10 @@ def markdown(content: Mapping[str, Any]) -> str:
             lines += ["", *_table(title, table)]
     lines += ["", f"Licence: {content['licence']}. SHA-256 of the model: `{content['model_sha256']}`.", ""]
     return "\n".join(lines)
+
+
+def _beside(machine: Mapping[str, Any]) -> str:
+    return f" and an {markdown_text(machine['accelerator'])}" if "accelerator" in machine else ""
 
 
 def _sets(data: Sequence[Mapping[str, Any]]) -> str:
