@@ -103,8 +103,13 @@ def test_what_is_physical_stays():
     changed = {key for key in before if before[key] != after[key]}
     assert changed == {
         ".camera.width_px", ".camera.height_px", ".camera.focal.pixels_per_mm", ".optics.defocus_px",
-        ".optics.sharpening.radius_px",
     }  # fmt: skip
+
+
+def test_sharpening_scales_where_there_is_some():
+    sharp = load("quay-day", {"optics.sharpening": {"amount": 1.0, "radius_px": 1.5}})
+    assert resized(sharp, 640, 360).optics.sharpening.radius_px == pytest.approx(0.5)
+    assert resized(load("quay-day"), 640, 360).optics.sharpening == load("quay-day").optics.sharpening
 
 
 def test_the_display_is_fitted_or_refused():

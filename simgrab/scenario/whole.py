@@ -179,6 +179,12 @@ class Scenario(Strict, frozen=True):
         fields = {name: value for name, value in fields.items() if name not in _LATER or value != _LATER[name]}
         if self.display.font == BundledFont():
             fields["display"] = encoded({k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"})
+        optics = msgspec.structs.asdict(self.optics)
+        if not self.optics.sharpening.amount:
+            del optics["sharpening"]
+        if self.optics.white_balance == Optics().white_balance:
+            del optics["white_balance"]
+        fields["optics"] = encoded(optics)
         return bytes(encoded(fields))
 
     def to_toml(self) -> str:

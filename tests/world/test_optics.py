@@ -326,6 +326,17 @@ def test_grey_is_the_luminance_of_bt709():
 # Processing
 
 
+def test_scenes_without_the_keys_of_processing_are_digested_as_before_there_were_any():
+    plain = scenes.load("quay-day")
+    stated = scenes.load("quay-day", {"optics.white_balance": [1.0, 1.0, 1.0], "optics.sharpening.amount": 0.0})
+    assert not {"white_balance", "sharpening"} & set(plain.to_dict()["optics"])
+    assert stated.digest() == plain.digest()
+    for key, value in (("white_balance", [1.1, 1.0, 0.9]), ("sharpening", {"amount": 0.5, "radius_px": 2.0})):
+        other = scenes.load("quay-day", {f"optics.{key}": value})
+        assert other.digest() != plain.digest()
+        assert other.to_dict()["optics"][key] == value
+
+
 def test_white_balance_multiplies_light_and_leaves_grey_alone():
     light = flat(0.2)
     cast = Optics(white_balance=(1.5, 1.0, 0.5))
