@@ -1,10 +1,12 @@
 """The same view at another size of picture."""
 
+import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from conftest import CROOKED, SMALL, small_scene
 
+from simgrab.distributions import Uniform
 from simgrab.errors import ScenarioError
 from simgrab.scenario import variant
 from simgrab.scenes import load, resized
@@ -110,6 +112,12 @@ def test_sharpening_scales_where_there_is_some():
     sharp = load("quay-day", {"optics.sharpening": {"amount": 1.0, "radius_px": 1.5}})
     assert resized(sharp, 640, 360).optics.sharpening.radius_px == pytest.approx(0.5)
     assert resized(load("quay-day"), 640, 360).optics.sharpening == load("quay-day").optics.sharpening
+    varied = msgspec.structs.replace(
+        load("quay-day", {"clip.clip_frames": 1}), vary={"optics.sharpening.amount": Uniform(0.5, 2.0)}
+    )
+    drawn = resized(varied, 640, 360)
+    assert drawn.optics.sharpening.radius_px == pytest.approx(1 / 3)
+    assert drawn.vary == varied.vary
 
 
 def test_the_display_is_fitted_or_refused():

@@ -180,7 +180,7 @@ class Scenario(Strict, frozen=True):
         if self.display.font == BundledFont():
             fields["display"] = encoded({k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"})
         optics = msgspec.structs.asdict(self.optics)
-        if not self.optics.sharpening.amount:
+        if not self.optics.sharpening.amount and not any("optics.sharpening" in keys for keys in self.vary):
             del optics["sharpening"]
         if self.optics.white_balance == Optics().white_balance:
             del optics["white_balance"]
