@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.instrument.match.edges import straight_edges
 from simgrab.instrument.match.footage import Footage, to_linear
 from simgrab.instrument.match.quantity import Quantity, unknown
 from simgrab.rng import stream
@@ -73,15 +74,9 @@ def _edges(
     linear: NDArray[np.float32], level: NDArray[np.float32], usable: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Diameters of edges, shape (n,), and the part of the picture that each lies in."""
-    smooth = cv2.GaussianBlur(linear, (0, 0), 1.0)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8
-    size = np.hypot(gx, gy)
-    jxx, jyy, jxy = (cv2.GaussianBlur(a, (0, 0), 2.5) for a in (gx * gx, gy * gy, gx * gy))
-    straight = np.hypot(jxx - jyy, 2 * jxy) / np.maximum(jxx + jyy, 1e-12)
-    peak = size >= cv2.dilate(size, np.ones((5, 5), np.uint8)) * 0.999
-    at = np.argwhere(usable & peak & (straight > 0.85) & (size > LEAST_CONTRAST / 12))
-    if len(at) > MOST_EDGES:
-        at = at[np.argsort(-size[at[:, 0], at[:, 1]], kind="stable")[:MOST_EDGES]]
+    at, gx, gy, size = straight_edges(
+        linear, usable, smooth_px=1.0, about_px=2.5, least=LEAST_CONTRAST / 12, most=MOST_EDGES
+    )
     span = np.arange(-REACH_PX - 2, REACH_PX + 3)
     dy, dx = np.meshgrid(span, span, indexing="ij")
     diameters, places = list[float](), list[int]()

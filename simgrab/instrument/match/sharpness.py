@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from simgrab.instrument.match.edges import straight_edges
 from simgrab.instrument.match.footage import Footage
 from simgrab.instrument.match.quantity import Quantity, unknown
 from simgrab.rng import stream
@@ -87,15 +88,9 @@ def sharpness(footage: Footage, hidden: NDArray[np.bool_]) -> Sharpness:
 def _edges(luma: NDArray[np.uint8], usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
     """Profiles across straight edges, 0 to 1, shape (n, samples), and the part of the picture that each lies in."""
     level = luma.astype(np.float32)
-    smooth = cv2.GaussianBlur(level, (0, 0), 1.5)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8
-    size = np.hypot(gx, gy)
-    jxx, jyy, jxy = (cv2.GaussianBlur(a, (0, 0), 3.5) for a in (gx * gx, gy * gy, gx * gy))
-    straight = np.hypot(jxx - jyy, 2 * jxy) / np.maximum(jxx + jyy, 1e-9)
-    peak = size >= cv2.dilate(size, np.ones((5, 5), np.uint8)) * 0.999
-    at = np.argwhere(usable & peak & (straight > 0.85) & (size > LEAST_RISE / 10))
-    if len(at) > MOST_EDGES:
-        at = at[np.argsort(-size[at[:, 0], at[:, 1]], kind="stable")[:MOST_EDGES]]
+    at, gx, gy, size = straight_edges(
+        level, usable, smooth_px=1.5, about_px=3.5, least=LEAST_RISE / 10, most=MOST_EDGES
+    )
     wide = np.arange(-REACH_PX - 1, REACH_PX + 1 + STEP_PX / 2, STEP_PX)
     across, along = np.meshgrid(wide, np.arange(-ALONG_PX, ALONG_PX + 1), indexing="ij")
     profiles, places = list[Floats](), list[int]()

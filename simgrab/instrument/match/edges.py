@@ -1,0 +1,46 @@
+"""Straight edges of a picture, by its structure tensor."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+_STRAIGHT = 0.85  # coherence of the gradients about an edge
+
+
+def straight_edges(
+    picture: Floats, usable: NDArray[np.bool_], *, smooth_px: float, about_px: float, least: float, most: int
+) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+    """Find the steepest places of straight edges.
+
+    Parameters
+    ----------
+    picture : ndarray of float32, shape (height, width)
+    usable : ndarray of bool, shape (height, width)
+        Where edges may lie.
+    smooth_px, about_px : float
+        Standard deviations of what the picture, and what the products of its gradients, are smoothed by.
+    least : float
+        The gradient, a pixel, above which there is an edge.
+    most : int
+        Of the edges, the steepest first where there are more.
+
+    Returns
+    -------
+    places : ndarray of int, shape (n, 2)
+        Row and column.
+    gx, gy, size : ndarray of float32, shape (height, width)
+        The gradient and its length.
+    """
+    smooth = cv2.GaussianBlur(picture, (0, 0), smooth_px)
+    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8
+    size = np.hypot(gx, gy)
+    jxx, jyy, jxy = (cv2.GaussianBlur(a, (0, 0), about_px) for a in (gx * gx, gy * gy, gx * gy))
+    straight = np.hypot(jxx - jyy, 2 * jxy) / np.maximum(jxx + jyy, 1e-12)
+    peak = size >= cv2.dilate(size, np.ones((5, 5), np.uint8)) * 0.999
+    at = np.argwhere(usable & peak & (straight > _STRAIGHT) & (size > least))
+    if len(at) > most:
+        at = at[np.argsort(-size[at[:, 0], at[:, 1]], kind="stable")[:most]]
+    return at, gx, gy, size
