@@ -148,9 +148,11 @@ JUDGED = (
     ),
 )  # fmt: skip
 
+HELD_BACK = (*VERIFY, *PRESENCE, *JUDGED)  # of which no net learns the split val
+
 # Trained so far, find and refine did no better on what they had learned than on what they had not: they had not seen
-# enough, and that they see it longer and in larger batches is what helped. Nets of twice to five times the size were
-# behind after the same time.
+# enough, and that they see it longer and in larger batches is what helped. Nets of 2.5 to 4 times as many
+# weights were behind after the same time.
 LONG = (Source("training-48", "training", {"clip.clip_frames": 3}, 300, 120, 48, size=HALF),)
 SHOWN_LONG = {"find": 685_000, "refine": 1_255_000}
 BATCHES = {"find": 64, "refine": 256}
@@ -198,20 +200,14 @@ def detector(work: Path, *, quick: bool, start: Path, workers: int, threads: int
 
 def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Let a detector of four nets learn more shapes, verify aside; returns all four."""
-    from simgrab.training.detector.blend import blend
-
     prepare(work / BACKGROUNDS)
     prepare_collages(work / BACKGROUNDS, work / COLLAGES)
     rendered(VERIFY, work, quick=quick, workers=workers)
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
-    shown, out = None if quick else SHOWN_MORE, work / "shapes-blended"
+    shown = None if quick else SHOWN_MORE
     nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads, settled=False)
-    shutil.rmtree(out, ignore_errors=True)
-    with board(shown=True) as progress:
-        # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
-        judged, easy = ([work / source.name for source in some] for some in (VERIFY, MORE))
-        blend(start, nets[0].parent, out, kept=KEPT, paths=judged, easy=easy, watch=progress.step)
-    return [out / f"{name}.onnx" for name in (*(net.stem for net in nets), "verify")]
+    # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
+    return _judged(start, nets[0].parent, work / "shapes-blended", work, KEPT, VERIFY)
 
 
 def long(
@@ -233,7 +229,9 @@ def long(
     learned = [source for source in (*VERIFY, *MORE, *PRESENCE, *LONG) if source.name != DOUBTFUL]
     nets = _train("long", learned, (), chosen, work, quick, start, workers, settled=False, loaders=loaders)
     rendered(JUDGED, work, quick=quick, workers=workers)
-    return _judged(start, nets[0].parent, work / "long-judged", work, {"find": 0.0, "refine": 0.0, "settle": 1.0})
+    return _judged(
+        start, nets[0].parent, work / "long-judged", work, {"find": 0.0, "refine": 0.0, "settle": 1.0}, HELD_BACK
+    )
 
 
 def _detector(
@@ -277,15 +275,17 @@ def presence(work: Path, *, quick: bool, start: Path, workers: int, threads: int
     nets = _verify("presence", [*VERIFY, *PRESENCE], work, quick, start, workers, threads, **changes)
     rendered(JUDGED, work, quick=quick, workers=workers)
     trained = nets[0].parent
-    return _judged(trained, trained, work / "presence-judged", work, dict.fromkeys(SHOWN_AGAIN, 1.0))
+    return _judged(trained, trained, work / "presence-judged", work, dict.fromkeys(SHOWN_AGAIN, 1.0), HELD_BACK)
 
 
-def _judged(start: Path, trained: Path, out: Path, work: Path, kept: Mapping[str, float]) -> list[Path]:
-    """Fit threshold and deviations of a detector of four nets to all that is rendered to judge by; returns the nets."""
+def _judged(
+    start: Path, trained: Path, out: Path, work: Path, kept: Mapping[str, float], sources: Sequence[Source]
+) -> list[Path]:  # fmt: skip
+    """Fit the threshold of a detector of four nets to datasets, and deviations to easier ones too; returns the nets."""
     from simgrab.training.detector.blend import blend
     from simgrab.training.detector.train import NETS
 
-    judged, easy = ([work / source.name for source in some] for some in ((*VERIFY, *PRESENCE, *JUDGED), MORE))
+    judged, easy = ([work / source.name for source in some] for some in (sources, MORE))
     shutil.rmtree(out, ignore_errors=True)
     with board(shown=True) as progress:
         blend(start, trained, out, kept=kept, paths=judged, easy=easy, watch=progress.step)
