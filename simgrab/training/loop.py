@@ -11,6 +11,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -204,9 +205,11 @@ class _Run:
         if self.loaders:
             made = DataLoader(
                 _Made(make, self.steps), batch_size=None, num_workers=self.loaders, multiprocessing_context="fork",
-                worker_init_fn=_alone, generator=torch.Generator(),  # not the chance that dropout goes by
+                generator=torch.Generator(),  # not the chance that dropout goes by
             )  # fmt: skip
-            yield from (to_device(batch, self.device) for batch in made)
+            with _one_opencv_thread():
+                batches = iter(made)
+            yield from (to_device(batch, self.device) for batch in batches)
             return
         with ThreadPoolExecutor(1) as pool:
             waiting: list[Future[Batch]] = []
@@ -296,9 +299,15 @@ class _Made(Dataset[Batch]):
         return self.make(i)
 
 
-def _alone(_: int) -> None:
-    """Keep to one thread in each of the processes that make batches."""
+@contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    """End OpenCV's threads while processes are forked: a fork has none of them, and would wait for them for ever."""
+    threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def _optimiser(net: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:

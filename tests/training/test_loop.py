@@ -5,6 +5,7 @@ import subprocess
 import sys
 import zipfile
 
+import cv2
 import numpy as np
 import pytest
 
@@ -78,13 +79,15 @@ def test_a_process_makes_the_same_batches(tmp_path):
             made_by.update(batch["process"].tolist())
             return super().loss(net, batch)
 
-    made_by, found = set(), []
+    cv2.GaussianBlur(np.zeros((2000, 2000, 3), np.uint8), (0, 0), 5)  # starts OpenCV's threads
+    threads, made_by, found = cv2.getNumThreads(), set(), []
     for loaders in (0, 1):
         (out := tmp_path / str(loaders)).mkdir()
         found.append(weights(loop.train(build, Where(), RECIPE, out, loaders=loaders)))
         assert (os.getpid() in made_by) == (loaders == 0)
         made_by.clear()
     assert torch.equal(*found)
+    assert cv2.getNumThreads() == threads
 
 
 def test_an_epoch_sees_every_example_at_most_once(tmp_path):
