@@ -335,6 +335,24 @@ def test_refines_loss_is_least_at_its_target():
     assert refine.loss(moved, unknown) == refine.loss(out, unknown)
 
 
+@pytest.mark.parametrize("column", [6, 11, nets.YAW_SCALE])
+def test_scales_far_too_small_do_not_drown_what_else_is_to_learn(column):
+    batch = {
+        "places": torch.full((1, 6), 0.5), "known": torch.ones(1, 6), "turned": torch.tensor([[0.0, 1.0]]),
+        "present": torch.ones(1),
+    }  # fmt: skip
+
+    def gradient(scale):
+        out = torch.full((1, nets.COLUMNS), 0.4)
+        out[:, column] = scale
+        out.requires_grad_(True)
+        refine.loss(out, batch).backward()
+        assert torch.isfinite(out.grad).all()
+        return float(out.grad[0, column])
+
+    assert gradient(-200.0) == gradient(-20.0) < gradient(-2.5) < 0  # grows with the surprise, to a bound
+
+
 def test_weights_are_best_on_the_cells_beside_a_position():
     places = torch.tensor([[0.5, 0.51, 0.1, 0.9, -0.1, 1.1]])
     batch = {"places": places, "known": torch.ones(1, 6)}

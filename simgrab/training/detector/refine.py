@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,7 @@ _SHIFT = 0.25  # of the longer side, at most
 _FAR_SHARE, _FAR_ZOOM, _FAR_SHIFT = 0.25, (0.6, ROOM), 0.4
 _OTHERS = 0.3  # share of examples that show something else than the grab
 _TRIES = 50  # to draw a place of something else
+_SURPRISE = 10.0  # scales; of Laplace's errors 1 in 20,000 is greater
 _APART = 0.1  # of the smaller of two boxes, covered by the other: from there on both show the same
 FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be predicted
 _OUTERMOST = 1 + (BEYOND - 2) * CELL / REFINE_SIZE  # at which the net has an edge that lies farther out
@@ -184,25 +186,35 @@ def lost(net: nn.Module, batch: Batch) -> Tensor:
 def loss(out: Tensor, batch: Batch) -> Tensor:
     """Loss of an output of `simgrab.training.detector.nets.Refine` (n, 16).
 
-    Positions are learned by their distance alone; their error is then learned as the scale of a Laplace distribution.
+    Positions are learned by their distance alone; their error is then learned as the scale of a Laplace distribution,
+    of which errors of many scales count as little more than `_SURPRISE` of them.
     """
     known = batch["known"]
     count = known.sum().clamp(min=1.0)
     miss = (out[:, :6] - batch["places"]).abs() * known
     scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
-    unsure = (miss.detach() * torch.exp(-scales) + scales) * known
+    unsure = (_surprise(miss.detach(), scales) + scales) * known
     turned, there = batch["turned"], batch["present"]
     level = there * (turned != 0).any(1).float()  # of which the yaw is known
     unit = normalize(out[:, YAW], dim=1, eps=1e-3)
     off = (1 - (unit * turned).sum(1)) * level
     # 1 − cos δ gives |δ| where it is small, and stays finite where it is not.
     delta = torch.sqrt((2 * off).clamp(min=0.0)).detach()
-    lean = (delta * torch.exp(-out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * level
+    lean = (_surprise(delta, out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * level
     grabs = level.sum().clamp(min=1.0)
     presence = binary_cross_entropy_with_logits(out[:, PRESENCE], there)
     return (
         40 * miss.sum() / count + 0.2 * unsure.sum() / count + off.sum() / grabs + 0.05 * lean.sum() / grabs + presence
     )
+
+
+def _surprise(miss: Tensor, scales: Tensor) -> Tensor:
+    """Errors in their scales, given as logarithms; beyond `_SURPRISE` of them, as slowly more as its logarithm.
+
+    Scales that a net learned elsewhere may be far too small: the gradient would be theirs alone, and is bounded so.
+    """
+    ratio, most = torch.log(miss) - scales, math.log(_SURPRISE)  # logarithms, which cannot overflow
+    return torch.where(ratio < most, torch.exp(ratio.clamp(max=most)), _SURPRISE * (1 + ratio - most))
 
 
 def spread(weights: Tensor, batch: Batch) -> Tensor:
