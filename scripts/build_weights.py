@@ -1,12 +1,12 @@
 """Make the weights of the digit reader and of the detector `any-grab` again: ``python -m scripts.build_weights``.
 
-`any-grab` is made in five parts, each of which begins with what the part before has made: ``detector`` trains three
+`any-grab` is made in six parts, each of which begins with what the part before has made: ``detector`` trains three
 nets from those of the default detector, ``verify`` adds the fourth, ``shapes`` lets two of the first three learn
-further, ``long`` lets these two learn for four times as long as before, for which a GPU is wanted, and ``presence``
-lets the fourth learn further. For the shipped weights, ``shapes`` ran twice, at first without collages, ``presence``
-also before ``long``, and ``long`` in two runs of half its length, on crops and images that WebP had compressed. The
-default detector was made by this script as it was in commit 2a7ba2c, when the scene `training` showed the four-rope
-grab alone.
+further, ``long`` lets these two learn for four times as long as before, for which a GPU is wanted, ``presence`` lets
+the fourth learn further, and ``settle`` the third. For the shipped weights, ``shapes`` ran twice, at first without
+collages, ``presence`` also before ``long``, and ``long`` in two runs of half its length, on crops and images that WebP
+had compressed. The default detector was made by this script as it was in commit 2a7ba2c, when the scene `training`
+showed the four-rope grab alone.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -154,8 +154,9 @@ HELD_BACK = (*VERIFY, *PRESENCE, *JUDGED)  # of which no net learns the split va
 # enough, and that they see it longer and in larger batches is what helped. Nets of 2.5 to 4 times as many
 # weights were behind after the same time.
 LONG = (Source("training-48", "training", {"clip.clip_frames": 3}, 300, 120, 48, size=HALF),)
-SHOWN_LONG = {"find": 685_000, "refine": 1_255_000}
-BATCHES = {"find": 64, "refine": 256}
+FIRST_TWO = ("find", "refine")
+SHOWN_LONG = {"find": 685_000, "refine": 1_255_000, "settle": 146_000}
+BATCHES = {"find": 64, "refine": 256, "settle": 64}
 STEADY = 0.9995  # decay of the weights' average
 
 READER = Source("digits", "digits", {}, 3024, 960, 0)
@@ -195,7 +196,7 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
 def detector(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
     """Train three nets; returns them."""
     shown = None if quick else SHOWN_AGAIN
-    return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads, settled=True)
+    return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads, learning=BATCHES)
 
 
 def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
@@ -205,7 +206,7 @@ def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) 
     rendered(VERIFY, work, quick=quick, workers=workers)
     learned = [source for source in VERIFY if source.name != DOUBTFUL]
     shown = None if quick else SHOWN_MORE
-    nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads, settled=False)
+    nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads, learning=FIRST_TWO)
     # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
     return _judged(start, nets[0].parent, work / "shapes-blended", work, KEPT, VERIFY)
 
@@ -214,40 +215,51 @@ def long(
     work: Path, *, quick: bool, start: Path, workers: int, threads: int, device: str, loaders: int
 ) -> list[Path]:  # fmt: skip
     """Let find and refine of a detector of four nets learn for long; returns all four."""
+    return _longer("long", FIRST_TWO, work, quick, start, workers, threads, device, loaders)
+
+
+def settle(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
+    """Let settle of a detector of four nets learn for long; returns all four."""
+    return _longer("settle", ("settle",), work, quick, start, workers, threads)
+
+
+def _longer(
+    name: str, learning: Collection[str], work: Path, quick: bool, start: Path, workers: int, threads: int,
+    device: str = "cpu", loaders: int = 0,
+) -> list[Path]:  # fmt: skip
+    """Let some of three nets learn for long, from all datasets."""
     from simgrab.training.detector.settings import Recipes, recipes
 
     def chosen(frames: int) -> Recipes:
         shown = None if quick else SHOWN_LONG
         usual = recipes(frames, quick=quick, shown=shown, threads=threads, device=device)
-        find, refine = (
-            replace(getattr(usual, name), batch=min(size, frames), average=STEADY) for name, size in BATCHES.items()
-        )
-        return Recipes(find, refine, usual.settle)
+        return Recipes(**{
+            net: replace(getattr(usual, net), batch=min(size, frames), average=STEADY) for net, size in BATCHES.items()
+        })  # fmt: skip
 
     prepare(work / BACKGROUNDS)
     prepare_collages(work / BACKGROUNDS, work / COLLAGES)
     learned = [source for source in (*VERIFY, *MORE, *PRESENCE, *LONG) if source.name != DOUBTFUL]
-    nets = _train("long", learned, (), chosen, work, quick, start, workers, settled=False, loaders=loaders)
+    nets = _train(name, learned, (), chosen, work, quick, start, workers, learning=learning, loaders=loaders)
     rendered(JUDGED, work, quick=quick, workers=workers)
-    return _judged(
-        start, nets[0].parent, work / "long-judged", work, {"find": 0.0, "refine": 0.0, "settle": 1.0}, HELD_BACK
-    )
+    kept = {net: float(net not in learning) for net in BATCHES}
+    return _judged(start, nets[0].parent, work / f"{name}-judged", work, kept, HELD_BACK)
 
 
 def _detector(
     name: str, learned: Sequence[Source], hard: Sequence[Source], shown: Mapping[str, int] | None, work: Path,
-    quick: bool, start: Path, workers: int, threads: int, *, settled: bool,
+    quick: bool, start: Path, workers: int, threads: int, *, learning: Collection[str],
 ) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.settings import recipes
 
     # At the full learning rate, even after trained weights: there is much that these have not learned.
     chosen = functools.partial(recipes, quick=quick, shown=shown, threads=threads)
-    return _train(name, learned, hard, chosen, work, quick, start, workers, settled=settled)
+    return _train(name, learned, hard, chosen, work, quick, start, workers, learning=learning)
 
 
 def _train(
     name: str, learned: Sequence[Source], hard: Sequence[Source], chosen: Callable[[int], Any], work: Path,
-    quick: bool, start: Path, workers: int, *, settled: bool, loaders: int = 0,
+    quick: bool, start: Path, workers: int, *, learning: Collection[str], loaders: int = 0,
 ) -> list[Path]:  # fmt: skip
     from simgrab.training.detector.train import NETS, train
 
@@ -255,7 +267,7 @@ def _train(
     out = work / name
     with board(shown=True) as progress:
         train(
-            datasets, out, chosen, hard=doubtful, start=start, settled=settled, resume=True, watch=progress.step,
+            datasets, out, chosen, hard=doubtful, start=start, learning=learning, resume=True, watch=progress.step,
             report=progress.training, loaders=loaders,
         )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
@@ -352,6 +364,7 @@ DETECTS: dict[str, Callable[..., list[Path]]] = {
     "shapes": shapes,
     "long": long,
     "presence": presence,
+    "settle": settle,
 }
 LAST = "settle.onnx"  # with it, a folder is a detector
 

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import hashlib
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ def train(
     hard: Sequence[str | Path] = (),
     real: Real | None = None,
     start: str | Path | None = None,
-    settled: bool = True,
+    learning: Collection[str] = NETS,
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
@@ -91,9 +91,9 @@ def train(
         Real frames: to learn from beside the others, to choose the presence threshold by, and to judge by.
     start : path, optional
         Folder of a trained detector whose weights the nets begin with, instead of random ones.
-    settled : bool
-        Whether to train settle too. Otherwise that of ``start`` is copied, thresholds and all, and nothing is measured
-        of the nets together: `simgrab.training.detector.blend.blend` does.
+    learning : collection of str
+        Which of the nets to train. If not all, the others of ``start`` are copied, thresholds and deviations are those
+        of ``start``, and nothing is measured of the nets together: `simgrab.training.detector.blend.blend` does.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -105,8 +105,8 @@ def train(
     ------
     DatasetError, TrainingError
     """
-    if not settled and start is None:
-        raise TrainingError("without a detector to start from, there is no settle to copy")
+    if missing := [name for name in NETS if name not in learning and start is None]:
+        raise TrainingError(f"without a detector to start from, there is no {missing[0]} to copy")
     out = Path(out)
     check(out, resume=resume)
     first = start_digests(start)
@@ -119,8 +119,8 @@ def train(
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
         fitted = fit(
-            frames, out, chosen, hard=doubtful, start=start, settled=settled, resume=resume, watch=watch, report=report,
-            loaders=loaders,
+            frames, out, chosen, hard=doubtful, start=start, learning=learning, resume=resume, watch=watch,
+            report=report, loaders=loaders,
         )  # fmt: skip
         if real:
             fitted = Fitted(fitted.nets, fitted.metrics | real.figures(out, start, watch))
@@ -167,7 +167,7 @@ class Fitted:
 
 def fit(
     frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, start: str | Path | None = None,
-    settled: bool = True, resume: bool = False, watch: Watch | None = None,
+    learning: Collection[str] = NETS, resume: bool = False, watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None, loaders: int = 0,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
@@ -185,29 +185,43 @@ def fit(
         find.pictures(folder / f"small-{name}", some, step(f"resizing {name} images"))
         for name, some in (("train", train_frames), ("val", val_frames))
     ]
-    finding = find.Finding(*small)
-    build = _starting(Find, start, "find", finding, "pictures")
-    found = _learn(build, finding, recipes.find, out / "find", digest, resume, follow("find"), loaders)
-    example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
-    export.export(found.net, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
+    trained: dict[str, loop.Trained] = {}
+
+    def learn(name: str, build: Callable[[], torch.nn.Module], task: loop.Task, taken: str) -> torch.nn.Module:
+        """Train a net, or take it as it is."""
+        if start is not None:
+            build = functools.partial(_begun, build, Path(start) / f"{name}.onnx", task, taken)
+        if name not in learning:
+            export.copy([name], Path(str(start)), out)
+            return build()
+        (out / name).mkdir(exist_ok=True)
+        trained[name] = loop.train(
+            build, task, getattr(recipes, name), out / name, data=digest, resume=resume, report=follow(name),
+            loaders=loaders,
+        )  # fmt: skip
+        return trained[name].net
+
+    found = learn("find", Find, find.Finding(*small), "pictures")
+    if "find" in learning:
+        example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
+        export.export(found, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
     key = _digest(out / "find.onnx")
 
     def cut(place: Path, name: str, some: Sequence[cache.Frame], pictures: find.Pictures) -> refine.Crops:
-        boxes, progress = suspects(found.net, pictures, some), step(f"cutting {name} crops")
+        boxes, progress = suspects(found, pictures, some), step(f"cutting {name} crops")
         return refine.crops(place / f"crops-{name}-{key}", some, boxes, seed=recipes.refine.seed, progress=progress)
 
     crops = [cut(folder, "train", train_frames, small[0]), cut(folder, "val", val_frames, small[1])]
     digest += key
-    refining = refine.Refining(*crops)
-    build = _starting(Refine, start, "refine", refining, "crops")
-    refined = _learn(build, refining, recipes.refine, out / "refine", digest, resume, follow("refine"), loaders)
-    example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
-    export.export(refined.net, example, ["told"], out / "refine.onnx", {"task": REFINE})
-    if not settled:
+    refined = learn("refine", Refine, refine.Refining(*crops), "crops")
+    if "refine" in learning:
+        example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
+        export.export(refined, example, ["told"], out / "refine.onnx", {"task": REFINE})
+    if "settle" not in learning:
         assert start is not None
         export.copy(_settling(start), Path(start), out)
-        return Fitted({"find": found, "refine": refined}, {})
+        return Fitted(trained, {})
 
     learned, judged = ([one] for one in crops)
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
@@ -216,15 +230,19 @@ def fit(
             pictures = find.pictures(aside / f"small-{name}", some, step(f"resizing hard {name} images"))
             sets.append(cut(aside, f"hard-{name}", some, pictures))
     digest += hard.digest + _digest(out / "refine.onnx")
-    task = settle.Settling(learned, judged, refined.net)
-    build = _starting(functools.partial(settle.learner, refined.net), start, "settle", task, "crops")
-    last = _learn(build, task, recipes.settle, out / "settle", digest, resume, follow("settle"), loaders)
-    write = functools.partial(export.export, last.net, example, ["told"])
+    task = settle.Settling(learned, judged, refined)
+    last = learn("settle", functools.partial(settle.learner, refined), task, "crops")
+    example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
+    write = functools.partial(export.export, last, example, ["told"])
 
     facts: dict[str, Any] = {"task": SETTLE}
     if start is not None and "verify" in _settling(start):
         facts["verified"] = True  # what verify goes by is the same for all grabs: it is taken over as it is
         export.copy(["verify"], Path(start), out)
+    if not set(NETS) <= set(learning):
+        assert start is not None
+        write(out / "settle.onnx", open_net(Path(start) / "settle.onnx", TrainingError).facts)
+        return Fitted(trained, {})
     with scratch(out / "settle.onnx") as draft:  # a folder with settle.onnx in it is a detector, settings and all
         for name in ("find.onnx", "refine.onnx", *(["verify.onnx"] if "verified" in facts else [])):
             shutil.copyfile(out / name, draft / name)
@@ -241,7 +259,7 @@ def fit(
     if first:
         before = evaluate.watch(first, [*val_frames, *hard.val], step("detecting with the first weights"))
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
-    return Fitted({"find": found, "refine": refined, "settle": last}, figures)
+    return Fitted(trained, figures)
 
 
 def _settling(folder: str | Path) -> tuple[str, ...]:
@@ -260,25 +278,8 @@ def start_digests(start: str | Path | None) -> dict[str, str]:
     }
 
 
-def _starting(
-    build: Callable[[], torch.nn.Module], start: str | Path | None, name: str, task: loop.Task, taken: str
-) -> Callable[[], torch.nn.Module]:
-    """Give what builds a net: as it is, or with the weights of a trained one."""
-    if start is None:
-        return build
-
-    def begin() -> torch.nn.Module:
-        return begun(build, Path(start) / f"{name}.onnx", some_examples(task)[taken])
-
-    return begin
-
-
-def _learn(
-    build: Callable[[], torch.nn.Module], task: loop.Task, recipe: Any, out: Path, digest: str, resume: bool,
-    report: Callable[[loop.Report], None], loaders: int,
-) -> loop.Trained:  # fmt: skip
-    out.mkdir(exist_ok=True)
-    return loop.train(build, task, recipe, out, data=digest, resume=resume, report=report, loaders=loaders)
+def _begun(build: Callable[[], torch.nn.Module], path: Path, task: loop.Task, taken: str) -> torch.nn.Module:
+    return begun(build, path, some_examples(task)[taken])
 
 
 def _digest(path: Path) -> str:
