@@ -1,7 +1,7 @@
 """Prove `simgrab match` by truth: ``python -m scripts.match_truth render|score FOLDER``.
 
 ``render`` draws scenes at random over the scenario's ranges, none of them bundled, and renders a video of each: optics,
-sensor, coder, display, weather and paint are known. ``score`` matches each video, which sees its pixels alone, and
+sharpening, sensor, coder, display, weather and paint are known. ``score`` matches each video by its pixels alone, and
 compares with the scenes: coverage of stated intervals, errors, and displays found.
 """
 
@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 import numpy as np
+from scipy.special import ndtr
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
@@ -26,6 +27,9 @@ from simgrab.scenario import FixedExposure, Scenario
 
 SIZES = ((640, 360), (960, 540))
 SECONDS = 5.0
+SHARPENED = 0.5  # share of the videos, and of those with a colour cast
+EDGE_PX = 0.6  # standard deviation of a rendered edge
+FLAT_PX = (5.0, 8.0)  # from an edge, where it counts as flat
 PLACES: tuple[dict[str, Any], ...] = (
     {"model": "quay", "cargo": "coal"}, {"model": "quay", "cargo": "grain", "receiver": "truck"},
     {"model": "quay", "cargo": "bauxite", "receiver": "none"}, {"model": "hold", "cargo": "ore"}, {"model": "water"},
@@ -81,6 +85,13 @@ def drawn(number: int) -> Scenario:
         changes["weather.snow_mm_h"] = float(rng.uniform(0.3, 2))
     layout = rng.choice(["none", "two-by-four", "four-point-four", "own"], p=[0.35, 0.25, 0.2, 0.2])
     changes["display.layout"] = own_layout(rng) if layout == "own" else str(layout)
+    if rng.random() < SHARPENED:
+        changes |= {
+            "optics.sharpening.amount": float(rng.uniform(0.3, 3)),
+            "optics.sharpening.radius_px": float(rng.uniform(1.5, 6)),
+        }
+    if rng.random() < SHARPENED:
+        changes["optics.white_balance"] = [round(float(gain), 3) for gain in np.exp(rng.normal(0, 0.15, 3))]
     return scenes.load("quay-day", changes | {"name": f"match-{number:03d}"}, size=(width, height))
 
 
@@ -162,8 +173,24 @@ def truths(scenario: Scenario) -> dict[str, float | None]:
         "key frames": scenario.clip.gop_frames, "noise gain": gain / optics.sensor.full_well_e,
         "read noise": gain * optics.sensor.read_noise_e / optics.sensor.full_well_e,
         "blur": max(optics.defocus_px, 1.0), "vignetting": optics.vignetting_stops,
-        "hue": None if optics.night_mode == "on" else hue, "grey": float(optics.night_mode == "on"),
+        "overshoot": overshoot(scenario), "hue": None if optics.night_mode == "on" else hue,
+        "grey": float(optics.night_mode == "on"),
     }  # fmt: skip
+
+
+def overshoot(scenario: Scenario) -> float | None:
+    """Say by how much a rendered edge overshoots its rise when it is defocused and sharpened, %; None where it is not.
+
+    A circle of confusion counts as a Gaussian of the same standard deviation, a quarter of its diameter.
+    """
+    mask = scenario.optics.sharpening
+    if not mask.amount:
+        return None
+    sd = math.hypot(EDGE_PX, scenario.optics.defocus_px / 4)
+    x = np.arange(0.0, FLAT_PX[1], 0.01)
+    edge = ndtr(x / sd) + mask.amount * (ndtr(x / sd) - ndtr(x / math.hypot(sd, mask.radius_px)))
+    rise = 2 * edge[x >= FLAT_PX[0]].mean() - 1
+    return 100 * (float(edge.max()) - 0.5 - rise / 2) / rise
 
 
 def compared(number: int, seen: Appearance) -> dict[str, Any]:
@@ -172,7 +199,7 @@ def compared(number: int, seen: Appearance) -> dict[str, Any]:
     footage, known = seen.footage, truths(scenario)
     found: dict[str, Quantity] = {
         "noise gain": seen.noise.gain, "read noise": seen.noise.read, "blur": seen.blur.diameter,
-        "vignetting": seen.vignetting, "hue": seen.grab.hue_deg,
+        "vignetting": seen.vignetting, "overshoot": seen.sharpness.overshoot, "hue": seen.grab.hue_deg,
     }  # fmt: skip
     stated = {
         "width": footage.size[0], "height": footage.size[1], "frame rate": footage.frame_rate_hz,
@@ -188,11 +215,13 @@ def compared(number: int, seen: Appearance) -> dict[str, Any]:
         truth = known[name]
         if quantity.value is None:
             row["reasons"][name] = quantity.reason
-        else:
+        elif name != "overshoot" or truth is not None:  # edges that are not sharpened overshoot by a few % too
             if name == "hue" and truth is not None:  # hues go round
                 truth += 360 * round((quantity.value - truth) / 360)
             row["intervals"][name] = [quantity.value, quantity.low, quantity.high, truth]
     layout, own = seen.display.layout, scenario.display_layout
+    if seen.sharpness.overshoot.value is not None:
+        row["sharpened"] = [scenario.optics.sharpening.amount > 0, seen.sharpness.amount > 0]
     row["display"] = [own is not None, layout is not None, own is not None and layout is not None and near(layout, own)]
     return row
 
@@ -212,6 +241,7 @@ def tables(rows: list[dict[str, Any]]) -> str:
         ("read noise", "%"),
         ("blur", " px"),
         ("vignetting", " stops"),
+        ("overshoot", " points"),
         ("hue", "°"),
     ):
         some = np.array([row["intervals"][name] for row in rows if name in row["intervals"]], float).reshape(-1, 4)
@@ -231,10 +261,13 @@ def tables(rows: list[dict[str, Any]]) -> str:
         right = sum(abs(a - b) <= 1e-3 * abs(b) for a, b in pairs)
         lines.append(f"| {name} | {right} of {len(pairs)} |")
     shown = [row["display"] for row in rows]
+    sharpened = [row["sharpened"] for row in rows if "sharpened" in row]
     counts = (
         ("display found where there is one", [d[1] for d in shown if d[0]]),
         ("its digits in the right place", [d[2] for d in shown if d[0] and d[1]]),
         ("no display found where there is none", [not d[1] for d in shown if not d[0]]),
+        ("sharpening found where there is some", [s[1] for s in sharpened if s[0]]),
+        ("no sharpening found where there is none", [not s[1] for s in sharpened if not s[0]]),
     )
     lines += [f"| {name} | {sum(right)} of {len(right)} |" for name, right in counts]
     return "\n".join(lines)
