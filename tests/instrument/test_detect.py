@@ -89,7 +89,7 @@ def test_iou():
 
 
 def test_settings_in_python_are_checked_as_those_of_a_file_are():
-    for wrong in ({"least_heat": -0.1}, {"room": 4}, {"rivals": "all"}, {"least_presence": np.nan}):
+    for wrong in ({"least_heat": -0.1}, {"room": 4}, {"rivals": "all"}, {"least_presence": np.nan}, {"flips": 5}):
         with pytest.raises(DetectorError, match=f"^{next(iter(wrong))}: .*got"):
             Settings(**wrong)
     with pytest.raises(DetectorError, match=r"^outward: "):

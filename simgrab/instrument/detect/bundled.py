@@ -24,6 +24,7 @@ from simgrab.errors import DetectorError, one_line
 from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.boxes import about
+from simgrab.instrument.detect.flips import FLIPS, averaged, flipped
 from simgrab.instrument.detect.patches import (
     FIND_HEIGHT,
     FIND_WIDTH,
@@ -92,6 +93,9 @@ class Settings(Checked, frozen=True):
         Side of refine's crop, over the box's longer side.
     passes : int
         How often refine looks at the best candidate, each time around the box that it gave before.
+    flips : int
+        In how many of four mirror images, the crop itself among them, all nets but find look at a crop; their outputs
+        are averaged.
     """
 
     error = DetectorError
@@ -101,6 +105,7 @@ class Settings(Checked, frozen=True):
     rivals: Share = 0.3
     room: Annotated[float, msgspec.Meta(ge=0.5, le=3)] = 1.5
     passes: Annotated[int, msgspec.Meta(ge=1, le=5)] = 1
+    flips: Annotated[int, msgspec.Meta(ge=1, le=len(FLIPS))] = 1
 
 
 class Trust(Checked, frozen=True):
@@ -254,20 +259,26 @@ class Bundled:
         """Look closely at crops around n boxes, each of shape (4,), px of the picture."""
         patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
-        return read(_run(self._refine, crops, _ROWS)[0], patches, picture.shape[1], picture.shape[0])
+        return read(self._rows(self._refine, crops), patches, picture.shape[1], picture.shape[0])
+
+    def _rows(self, net: Net, crops: Picture) -> NDArray[np.floating]:
+        """Run refine or settle on n crops and their mirror images, (n, 16)."""
+        ways = self.settings.flips
+        rows = _run(net, flipped(crops, ways), _ROWS)[0]
+        return rows if ways == 1 else averaged(_sane(rows), ways)
 
     def settle(self, picture: Picture, refined: Refined) -> Refined:
         """Predict presence, centre and yaw of one refined box (n = 1) again."""
         level = refined.level()
         crop = cut_level(picture, level, REFINE_SIZE)[None]
-        found = settled(refined, _run(self._settle, crop, _ROWS)[0], level)
+        found = settled(refined, self._rows(self._settle, crop), level)
         return found if self._verify is None else self._verified(picture, found, self._verify)
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
         """Presence of a settled box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
         box = _sound(found.boxes[0])
-        crop = cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None]
-        own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
+        crops = flipped(cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None], self.settings.flips)
+        own = _bounded(_run(net, crops, _VERDICT)[0][:, 0].astype(float), -_LIMIT).mean()
         before = logit(np.clip(found.presence, *_PRESENCES))
         sd = max(float(found.box_sd[0].mean() / (box[2:] - box[:2]).max()), _LEAST_SD)
         unsure = _UNSURE * math.log(sd / _USUAL_SD)
@@ -301,7 +312,7 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
     return result
 
 
-def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int) -> Refined:
+def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Refined:
     """Read refine's output (n, 16) on patches of a picture of a size."""
     o = _sane(out)
     corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
@@ -316,7 +327,7 @@ def read(out: NDArray[np.float32], patches: list[Patch], width: int, height: int
     )  # fmt: skip
 
 
-def settled(refined: Refined, out: NDArray[np.float32], level: Level) -> Refined:
+def settled(refined: Refined, out: NDArray[np.floating], level: Level) -> Refined:
     """Put settle's output (1, 16) on a level part in place of refine's output, except for the box."""
     o = _sane(out)[0]
     sd = math.sqrt(2) * np.exp(o[10:12]) * level.side

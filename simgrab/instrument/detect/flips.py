@@ -1,0 +1,38 @@
+"""Crops mirrored, and what nets predict in them: errors of the mirror images differ, and their mean is smaller."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+from simgrab.instrument.detect.patches import Picture
+
+#: Left to right, and upside down: every crop is seen in the first ways of these, as many as the settings say.
+FLIPS = ((False, False), (True, False), (False, True), (True, True))
+
+
+def flipped(crops: Picture, ways: int) -> Picture:
+    """Mirror crops, (n, h, w, channels), in so many ways, shape (ways * n, h, w, channels)."""
+    return np.concatenate([
+        crops[:, :: -1 if down else 1, :: -1 if across else 1] for across, down in FLIPS[:ways]
+    ])  # fmt: skip
+
+
+def averaged(rows: NDArray[np.floating], ways: int) -> Array:
+    """Average refine's or settle's output on `flipped` crops, (ways * n, 16), laid back; shape (n, 16).
+
+    Log scales and logits are averaged as they are, and yaw as a direction.
+    """
+    each = rows.astype(float).reshape(ways, -1, rows.shape[-1])
+    for part, way in zip(each, FLIPS[:ways], strict=True):
+        for axis, mirrored in enumerate(way):
+            if mirrored:
+                low, high, centre = axis, 2 + axis, 4 + axis
+                part[:, [low, high]] = 1 - part[:, [high, low]]
+                part[:, centre] = 1 - part[:, centre]
+                part[:, [6 + low, 6 + high]] = part[:, [6 + high, 6 + low]]
+                part[:, 13] *= -1
+    yaw = each[..., 12:14]
+    each[..., 12:14] = yaw / np.maximum(np.linalg.norm(yaw, axis=-1, keepdims=True), 1e-6)
+    return np.asarray(each.mean(axis=0))
