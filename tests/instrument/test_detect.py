@@ -135,9 +135,10 @@ def test_refine_looks_again_around_its_own_box(tmp_path, monkeypatch):
     looks = Bundled(hand_made(tmp_path), Settings(least_heat=0.2, passes=3))
     around, refine = [], looks.refine
 
-    def watched(picture, boxes):
-        refined = refine(picture, boxes)
+    def watched(picture, boxes, *, last=False):
+        refined = refine(picture, boxes, last=last)
         around.append((boxes[0], refined.boxes[0]))
+        assert last == (len(around) == 3)
         return refined
 
     monkeypatch.setattr(looks, "refine", watched)

@@ -21,17 +21,17 @@ def mirrored(box):
 def both(looks, picture):
     """Refine and settle a picture, and its mirror image, laid back."""
     for shown, box, laid in ((picture, BOX, False), (picture[:, ::-1], mirrored(BOX), True)):
-        refined = looks.refine(shown, [box])
+        refined = looks.refine(shown, [box], last=True)
         settled = looks.settle(shown, refined.one(0))
         for found in (refined, settled):
             centre, yaw, sd = found.centres[0], found.yaw[0], found.box_sd[0]
             if laid:
                 yield (
                     mirrored(found.boxes[0]), sd[[2, 1, 0, 3]], [WIDTH - centre[0], centre[1]], found.centre_sd[0],
-                    2 * (np.pi - yaw), found.presence[0],
+                    2 * (np.pi - yaw), refined.presence[0],
                 )  # fmt: skip
             else:
-                yield found.boxes[0], sd, centre, found.centre_sd[0], 2 * yaw, found.presence[0]
+                yield found.boxes[0], sd, centre, found.centre_sd[0], 2 * yaw, refined.presence[0]
 
 
 def apart(looks, picture):

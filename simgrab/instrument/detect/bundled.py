@@ -94,8 +94,8 @@ class Settings(Checked, frozen=True):
     passes : int
         How often refine looks at the best candidate, each time around the box that it gave before.
     flips : int
-        In how many of four mirror images, the crop itself among them, all nets but find look at a crop; their outputs
-        are averaged.
+        In how many of four mirror images, the crop itself among them, settle looks at a crop, and refine in its last
+        pass; their outputs are averaged.
     """
 
     error = DetectorError
@@ -218,8 +218,8 @@ class Bundled:
         close = [candidate for candidate in candidates[:_MOST] if candidate.heat >= enough]
         refined = self.refine(picture, [candidate.box for candidate in close])
         best = refined.one(int(np.argmax(refined.presence * [candidate.heat for candidate in close])))
-        for _ in range(self.settings.passes - 1):
-            best = self.refine(picture, [best.boxes[0]])
+        for left in reversed(range(self.settings.passes - 1)):
+            best = self.refine(picture, [best.boxes[0]], last=not left)
         found = self.settle(picture, best)
         if found.presence[0] < max(_SURE, self.settings.least_presence):
             found = max([found, *self._again(picture, candidates)], key=lambda one: float(one.presence[0]))
@@ -239,8 +239,8 @@ class Bundled:
         places += [candidate.box for candidate in candidates if candidate.heat >= _AGAIN_HEAT]
         refined = self.refine(picture, places)
         boxes = [box for i, box in enumerate(refined.boxes) if i < surely or refined.presence[i] >= _LIKELY]
-        for _ in range(PASSES - 1):
-            refined = self.refine(picture, boxes)
+        for left in reversed(range(PASSES - 1)):
+            refined = self.refine(picture, boxes, last=not left)
             boxes = list(refined.boxes)
         return [self.settle(picture, refined.one(i)) for i in range(len(boxes))]
 
@@ -255,15 +255,15 @@ class Bundled:
             for box, heat in peaks(logits[0], reach[0])
         ]
 
-    def refine(self, picture: Picture, boxes: list[Array]) -> Refined:
-        """Look closely at crops around n boxes, each of shape (4,), px of the picture."""
+    def refine(self, picture: Picture, boxes: list[Array], *, last: bool = False) -> Refined:
+        """Look closely at crops around n boxes, each of shape (4,), px; in the last pass at mirror images too."""
         patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
-        return read(self._rows(self._refine, crops), patches, picture.shape[1], picture.shape[0])
+        rows = self._rows(self._refine, crops, self.settings.flips if last else 1)
+        return read(rows, patches, picture.shape[1], picture.shape[0])
 
-    def _rows(self, net: Net, crops: Picture) -> NDArray[np.floating]:
+    def _rows(self, net: Net, crops: Picture, ways: int) -> NDArray[np.floating]:
         """Run refine or settle on n crops and their mirror images, (n, 16)."""
-        ways = self.settings.flips
         rows = _run(net, flipped(crops, ways), _ROWS)[0]
         return rows if ways == 1 else averaged(_sane(rows), ways)
 
@@ -271,14 +271,14 @@ class Bundled:
         """Predict presence, centre and yaw of one refined box (n = 1) again."""
         level = refined.level()
         crop = cut_level(picture, level, REFINE_SIZE)[None]
-        found = settled(refined, self._rows(self._settle, crop), level)
+        found = settled(refined, self._rows(self._settle, crop, self.settings.flips), level)
         return found if self._verify is None else self._verified(picture, found, self._verify)
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
         """Presence of a settled box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
         box = _sound(found.boxes[0])
-        crops = flipped(cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None], self.settings.flips)
-        own = _bounded(_run(net, crops, _VERDICT)[0][:, 0].astype(float), -_LIMIT).mean()
+        crop = cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None]
+        own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
         before = logit(np.clip(found.presence, *_PRESENCES))
         sd = max(float(found.box_sd[0].mean() / (box[2:] - box[:2]).max()), _LEAST_SD)
         unsure = _UNSURE * math.log(sd / _USUAL_SD)

@@ -13,6 +13,7 @@ from onnx import numpy_helper
 
 from simgrab.errors import TrainingError
 from simgrab.instrument.detect.bundled import PASSES, Bundled
+from simgrab.instrument.detect.flips import WAYS
 from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
 from simgrab.training.card import rejudge
@@ -31,9 +32,9 @@ def blend(
     """Interpolate the weights of two detectors, and fit presence threshold and deviations again.
 
     A net that learned further forgets some of what it knew. Between its weights and those that it began with, it often
-    does as well on both (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022). Refine looks as often as in
-    newly trained detectors. The presence threshold becomes no lower than before: users shall get no more false boxes
-    because more is found.
+    does as well on both (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022). Refine and settle look as
+    often as in newly trained detectors. The presence threshold becomes no lower than before: users shall get no more
+    false boxes because more is found.
 
     Parameters
     ----------
@@ -81,7 +82,8 @@ def blend(
             model = between(_opened(before / f"{name}.onnx"), _opened(after / f"{name}.onnx"), kept[name])
             write(draft / f"{name}.onnx", model.SerializeToString())
         export.restated(draft / "settle.onnx", facts)
-        looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, least_presence=0.0, passes=PASSES))
+        usual = {"least_presence": 0.0, "passes": PASSES, "flips": WAYS}
+        looks = Bundled(draft, msgspec.structs.replace(Bundled(after).settings, **usual))
         seen = evaluate.watch(looks, frames, step("detecting in val images"))
         others = evaluate.watch(looks, more, step("detecting in easy val images")) if more else ()
         least = Bundled(before).settings.least_presence

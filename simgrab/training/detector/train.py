@@ -18,6 +18,7 @@ import torch
 from simgrab.errors import TrainingError
 from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, Bundled, Settings, peaks
+from simgrab.instrument.detect.flips import WAYS
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.instrument.net import MOST_BYTES, open_net
 from simgrab.labels import datasets
@@ -248,7 +249,7 @@ def fit(
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", facts)
         # Around find's box refine misses unfamiliar grabs by more than around its own.
-        looks = Bundled(draft, Settings(least_presence=0.0, passes=PASSES))
+        looks = Bundled(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
     first = Bundled(Path(start)) if start is not None else None
