@@ -8,6 +8,7 @@ compares with the scenes: coverage of stated intervals, errors, and displays fou
 from __future__ import annotations
 
 import colorsys
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -15,11 +16,14 @@ from typing import Any
 
 import click
 import numpy as np
-from scipy.special import ndtr
+from msgspec.structs import replace
+from numpy.typing import NDArray
 
+import simgrab
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.instrument.match import Appearance, Quantity
+from simgrab.instrument.match import Appearance, Footage, Quantity
+from simgrab.instrument.match.sharpness import noise_gain, sharpness
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.layouts import Layout
 from simgrab.rng import stream
@@ -28,8 +32,7 @@ from simgrab.scenario import FixedExposure, Scenario
 SIZES = ((640, 360), (960, 540))
 SECONDS = 5.0
 SHARPENED = 0.5  # share of the videos, and of those with a colour cast
-EDGE_PX = 0.6  # standard deviation of a rendered edge
-FLAT_PX = (5.0, 8.0)  # from an edge, where it counts as flat
+CLEAN = 8  # frames, for what a picture would show without noise and coding
 PLACES: tuple[dict[str, Any], ...] = (
     {"model": "quay", "cargo": "coal"}, {"model": "quay", "cargo": "grain", "receiver": "truck"},
     {"model": "quay", "cargo": "bauxite", "receiver": "none"}, {"model": "hold", "cargo": "ore"}, {"model": "water"},
@@ -164,39 +167,45 @@ def score(folder: Path, first: int, count: int) -> None:
 
 def truths(scenario: Scenario) -> dict[str, float | None]:
     """Give what `simgrab match` should find; None for what the scene does not have."""
-    optics, camera = scenario.optics, scenario.camera
-    assert isinstance(optics.exposure, FixedExposure)
-    gain = max(2.0**optics.exposure.exposure_ev, 1.0)
+    optics, camera, mask = scenario.optics, scenario.camera, scenario.optics.sharpening
+    gain = noise(scenario)
+    raised = noise_gain(mask.amount, mask.radius_px)  # noise is measured as the picture has it
     hue = 360 * colorsys.rgb_to_hsv(*scenario.grab.paint_rgb)[0]
     return {
         "width": camera.width_px, "height": camera.height_px, "frame rate": scenario.clip.frame_rate_hz,
-        "key frames": scenario.clip.gop_frames, "noise gain": gain / optics.sensor.full_well_e,
-        "read noise": gain * optics.sensor.read_noise_e / optics.sensor.full_well_e,
+        "key frames": scenario.clip.gop_frames, "noise gain": raised * gain,
+        "read noise": math.sqrt(raised) * gain * optics.sensor.read_noise_e,
         "blur": max(optics.defocus_px, 1.0), "vignetting": optics.vignetting_stops,
-        "overshoot": overshoot(scenario), "hue": None if optics.night_mode == "on" else hue,
+        "overshoot": None, "hue": None if optics.night_mode == "on" else hue,
         "grey": float(optics.night_mode == "on"),
     }  # fmt: skip
 
 
-def overshoot(scenario: Scenario) -> float | None:
-    """Say by how much a rendered edge overshoots its rise when it is defocused and sharpened, %; None where it is not.
+def noise(scenario: Scenario) -> float:
+    """Gain of the sensor's shot noise."""
+    exposure = scenario.optics.exposure
+    assert isinstance(exposure, FixedExposure)
+    return max(2.0**exposure.exposure_ev, 1.0) / scenario.optics.sensor.full_well_e
 
-    A circle of confusion counts as a Gaussian of the same standard deviation, a quarter of its diameter.
-    """
-    mask = scenario.optics.sharpening
-    if not mask.amount:
-        return None
-    sd = math.hypot(EDGE_PX, scenario.optics.defocus_px / 4)
-    x = np.arange(0.0, FLAT_PX[1], 0.01)
-    edge = ndtr(x / sd) + mask.amount * (ndtr(x / sd) - ndtr(x / math.hypot(sd, mask.radius_px)))
-    rise = 2 * edge[x >= FLAT_PX[0]].mean() - 1
-    return 100 * (float(edge.max()) - 0.5 - rise / 2) / rise
+
+def overshoot(scenario: Scenario, footage: Footage, hidden: NDArray[np.bool_]) -> float | None:
+    """Measure how far edges overshoot without noise and coding, %: what is measured depends on how soft edges are."""
+    sensor = replace(scenario.optics.sensor, full_well_e=1e6, read_noise_e=0.0, fixed_pattern_percent=0.0)
+    clean = replace(scenario, optics=replace(scenario.optics, sensor=sensor))
+    step = max(footage.frames // CLEAN, 1)
+    luma = [
+        np.rint(frame.rgb @ np.array(footage.weights)).astype(np.uint8)
+        for i, frame in enumerate(simgrab.frames(clean, buffers=False)) if i % step == 0
+    ]  # fmt: skip
+    return sharpness(dataclasses.replace(footage, luma=np.stack(luma)), hidden).overshoot.value
 
 
 def compared(number: int, seen: Appearance) -> dict[str, Any]:
     """Compare what was measured with its scene."""
-    scenario = drawn(number)
-    footage, known = seen.footage, truths(scenario)
+    scenario, footage = drawn(number), seen.footage
+    known = truths(scenario)
+    if seen.sharpness.overshoot.value is not None:
+        known["overshoot"] = overshoot(scenario, footage, seen.display.mask(*footage.luma.shape[1:]))
     found: dict[str, Quantity] = {
         "noise gain": seen.noise.gain, "read noise": seen.noise.read, "blur": seen.blur.diameter,
         "vignetting": seen.vignetting, "overshoot": seen.sharpness.overshoot, "hue": seen.grab.hue_deg,
@@ -215,10 +224,12 @@ def compared(number: int, seen: Appearance) -> dict[str, Any]:
         truth = known[name]
         if quantity.value is None:
             row["reasons"][name] = quantity.reason
-        elif name != "overshoot" or truth is not None:  # edges that are not sharpened overshoot by a few % too
+        elif name != "overshoot" or truth is not None:
             if name == "hue" and truth is not None:  # hues go round
                 truth += 360 * round((quantity.value - truth) / 360)
             row["intervals"][name] = [quantity.value, quantity.low, quantity.high, truth]
+    if seen.noise.gain.value is not None:  # of the sensor that the matched scene gets, and of the true one
+        row["sensor"] = [seen.noise.gain.value / seen.sharpness.noise_gain, noise(scenario)]
     layout, own = seen.display.layout, scenario.display_layout
     if seen.sharpness.overshoot.value is not None:
         row["sharpened"] = [scenario.optics.sharpening.amount > 0, seen.sharpness.amount > 0]
@@ -260,6 +271,10 @@ def tables(rows: list[dict[str, Any]]) -> str:
         pairs = [row["stated"][name] for row in rows if row["stated"][name][0] is not None]
         right = sum(abs(a - b) <= 1e-3 * abs(b) for a, b in pairs)
         lines.append(f"| {name} | {right} of {len(pairs)} |")
+    written = np.array([row["sensor"] for row in rows if "sensor" in row], float).reshape(-1, 2)
+    if len(written):
+        off = 100 * np.abs(written[:, 0] / written[:, 1] - 1)
+        lines.append(f"| sensor's noise gain, as the scene gets it | median error {np.median(off):.2g} % |")
     shown = [row["display"] for row in rows]
     sharpened = [row["sharpened"] for row in rows if "sharpened" in row]
     counts = (
