@@ -20,7 +20,7 @@ from simgrab.judge.audit.audit import audit
 from simgrab.labels.truth import columns
 from simgrab.world.extensions import Recipe
 from simgrab.world.output.dataset import render
-from simgrab.world.output.folder import Folder
+from simgrab.world.output.folder import Folder, differences
 
 
 def digest(path: Path) -> dict[str, str]:
@@ -136,6 +136,13 @@ def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     with pytest.raises(DatasetError, match="seed differs"):
         render(small_scene(seed=5), folder.path, resume=True)
     assert digest(folder.path) == before
+
+
+def test_what_differs_is_named_on_whichever_side_it_lies():
+    known = {"scenario": {"seed": 0, "cast": 1}, "made_by": "else"}  # of the latter, nothing is asked
+    assert differences(known, {"scenario": {"seed": 0}}) == "scenario.cast"
+    assert differences(known, {"scenario": {"seed": 1, "cast": 1, "blur": 2}}) == "scenario.seed, scenario.blur"
+    assert not differences(known, {"scenario": {"seed": 0, "cast": 1}})
 
 
 def test_a_finished_folder_is_never_touched(dataset, scene):

@@ -240,7 +240,7 @@ def differ(known: dict[str, Any], wanted: dict[str, Any]) -> bool:
 def differences(known: dict[str, Any], wanted: dict[str, Any], prefix: str = "") -> str:
     """Dotted keys in which two identities differ, the first few."""
     found: list[str] = []
-    for key in wanted | ({} if prefix else {"extensions": None}):
+    for key in wanted | (known if prefix else {"extensions": None}):
         a, b = known.get(key), wanted.get(key)
         if isinstance(a, dict) and isinstance(b, dict):
             inner = differences(a, b, f"{prefix}{key}.")
