@@ -52,9 +52,20 @@ def test_a_net_begins_as_the_file_it_was_written_to(name, build):
         np.testing.assert_allclose(ours.numpy(), theirs, atol=2e-3 * np.abs(theirs).max())
 
 
-def test_what_it_learns_from_has_the_same_statistics_as_what_it_began_with():
+def trained_find():
+    """Build a find whose norms have seen something."""
+    net = Find()
+    for norm in net.modules():
+        if isinstance(norm, torch.nn.BatchNorm2d):
+            norm.running_mean.normal_(0, 3)
+            norm.running_var.uniform_(0.01, 30)
+    return net
+
+
+@pytest.mark.parametrize("build", [Find, trained_find])
+def test_what_it_learns_from_has_the_same_statistics_as_what_it_began_with(build):
     some = smooth(24, SHAPES["find"])
-    net = begun(Find, WEIGHTS / "find.onnx", some)
+    net = begun(build, WEIGHTS / "find.onnx", some)
     with torch.no_grad():
         still = net(some)[0]
         moving = net.train()(some)[0]

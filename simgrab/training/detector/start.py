@@ -57,6 +57,7 @@ def begun(build: Callable[[], nn.Module], path: Path, examples: Tensor) -> nn.Mo
                 assert layer.bias is not None
                 layer.bias.copy_(torch.from_numpy(bias))
             else:
+                norm.reset_running_stats()  # a net that has been trained has others, which the file knows nothing of
                 norm.weight.fill_(float(np.sqrt(1.0 + norm.eps)))
                 norm.bias.copy_(torch.from_numpy(bias))
         _unfold([(layer, norm) for layer, norm in layers if norm is not None], net, examples)
