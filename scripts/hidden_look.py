@@ -41,7 +41,6 @@ from simgrab.world.output.dataset import render
 
 SIZE, SECONDS, RATE_HZ, QUALITY = (960, 540), 6, 25.0, 0.6
 YARD: dict[str, Any] = {"frames": round(SECONDS * RATE_HZ), "clip.frame_rate_hz": RATE_HZ}
-EXAM = "exam-family-known"
 CAST = np.array([1.12, 1.0, 0.72], np.float32)  # of red, green and blue
 NOISE_SD = (5.0, 9.0)  # of luminance and of each colour, of 255
 SHARPENED, RADIUS_PX = 2.2, 1.6
@@ -94,10 +93,11 @@ def _simgrab(*arguments: object) -> None:
 
 @click.command(help=(__doc__ or "").partition("\n")[0])
 @click.option("--from", "start", default="any-grab", show_default=True, help="Detector that is trained further.")
+@click.option("--exam", default="exam-family-known", show_default=True, help="Scene of the other frames.")
 @click.option("--quick", is_flag=True, help="Train for a fifth of the time.")
 @click.option("--worlds", default=160, show_default=True, type=click.IntRange(2), help="Of the exam, a frame each.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/hidden-look"), show_default=True)
-def main(start: str, quick: bool, worlds: int, out: Path) -> None:
+def main(start: str, exam: str, quick: bool, worlds: int, out: Path) -> None:
     """Film, match, train, and compare."""
     out.mkdir(parents=True, exist_ok=True)
     video, matched, own = out / "yard.mp4", out / "matched", out / "own"
@@ -109,7 +109,7 @@ def main(start: str, quick: bool, worlds: int, out: Path) -> None:
     if not (own / "settle.onnx").exists():
         options = ("--from", start, "--scene", matched / "training.toml", "--out", own, *(["--quick"] if quick else []))
         _simgrab("train", "detector", *options, *(["--resume"] if own.exists() else []))
-    scene = scenes.load(EXAM, {"frames": worlds, "clip.clip_frames": 1}, size=SIZE)
+    scene = scenes.load(exam, {"frames": worlds, "clip.clip_frames": 1}, size=SIZE)
     render(scene, out / "exam", workers=2, resume=True)
     found = watched(datasets.read(out / "exam"), (start, str(own)), out / "sheet.jpg")
     scores = dict[str, Any]()
