@@ -22,7 +22,7 @@ from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SI
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.labels import datasets  # noqa: E402
 from simgrab.scenario import Mesh, variants  # noqa: E402
-from simgrab.training.detector import settings  # noqa: E402
+from simgrab.training.detector import evaluate, settings  # noqa: E402
 from simgrab.training.detector.nets import Find, Refine  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
 from simgrab.training.detector.start import begun  # noqa: E402
@@ -83,10 +83,13 @@ def tiny(frames):
     return settings.recipes(frames, started=True, epochs=1, half=False, threads=1)
 
 
-def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path):
+def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluate, "least_presence", lambda _seen: 0.2)
     found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS)
     assert found.metrics["recall"] > 0.5  # which random weights would not reach in a step
     assert found.metrics["before"]["frames"] == found.metrics["frames"]
+    thresholds = [Bundled(folder).settings.least_presence for folder in (WEIGHTS, tmp_path / "out")]
+    assert thresholds[1] == thresholds[0] > 0.2  # few frames show no grab
     for name in NETS:
         card = json.loads((tmp_path / "out" / f"{name}.json").read_text())
         assert card["started_from"] == json.loads((WEIGHTS / f"{name}.json").read_text())["model_sha256"]

@@ -253,8 +253,7 @@ def fit(
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
     first = Bundled(Path(start)) if start is not None else None
-    # Most of the presence is verify's, and so as before.
-    least = first.settings.least_presence if first and "verified" in facts else 0.0
+    least = first.settings.least_presence if first else 0.0
     fitted, figures = evaluate.calibrated(looks, seen, others, before=least)
     write(out / "settle.onnx", facts | fitted)
     if first:
