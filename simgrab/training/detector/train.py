@@ -216,8 +216,8 @@ def fit(
     crops = [cut(folder, "train", train_frames, small[0]), cut(folder, "val", val_frames, small[1])]
     digest += key
     refined = learn("refine", Refine, refine.Refining(*crops), "crops")
+    example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     if "refine" in learning:
-        example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
         export.export(refined, example, ["told"], out / "refine.onnx", {"task": REFINE})
     if "settle" not in learning:
         assert start is not None
@@ -233,7 +233,6 @@ def fit(
     digest += hard.digest + _digest(out / "refine.onnx")
     task = settle.Settling(learned, judged, refined)
     last = learn("settle", functools.partial(settle.learner, refined), task, "crops")
-    example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     write = functools.partial(export.export, last, example, ["told"])
 
     facts: dict[str, Any] = {"task": SETTLE}
