@@ -98,6 +98,7 @@ def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> 
 @click.command(help=(__doc__ or "").partition("\n")[0])
 @click.option("--blender", metavar="PYTHON", help="Interpreter that can import bpy; without it, only score.")
 @click.option("--worlds", "count", default=48, show_default=True, type=click.IntRange(min=1))
+@click.option("--first", default=0, show_default=True, type=click.IntRange(min=0), help="Number of the first world.")
 @click.option("--half", type=click.Choice(list(SEEDS)), default="tune", show_default=True)
 @click.option("--conditions", "names", default="", callback=_names, help="Separated by commas; all by default.")
 @click.option("--size", default="960x540", show_default=True)
@@ -107,11 +108,11 @@ def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> 
 @click.option("--resamples", default=200, show_default=True, help="Of worlds, for intervals.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/foreign"), show_default=True)
 def main(
-    blender: str | None, count: int, half: str, names: tuple[str, ...], size: str, samples: int, threads: int,
+    blender: str | None, count: int, first: int, half: str, names: tuple[str, ...], size: str, samples: int, threads: int,
     detectors: tuple[str, ...], resamples: int, out: Path,
 ) -> None:  # fmt: skip
     """Make the pictures, score them, and write tables and contact sheets."""
-    pixels, worlds = scenes.parse_size(size), [World(half, number) for number in range(count)]
+    pixels, worlds = scenes.parse_size(size), [World(half, first + number) for number in range(count)]
     refused = {}
     stated = {"size": list(pixels), "samples": samples}
     setting = out / "setting.json"
