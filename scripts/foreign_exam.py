@@ -108,8 +108,8 @@ def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> 
 @click.option("--resamples", default=200, show_default=True, help="Of worlds, for intervals.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/foreign"), show_default=True)
 def main(
-    blender: str | None, count: int, first: int, half: str, names: tuple[str, ...], size: str, samples: int, threads: int,
-    detectors: tuple[str, ...], resamples: int, out: Path,
+    blender: str | None, count: int, first: int, half: str, names: tuple[str, ...], size: str, samples: int,
+    threads: int, detectors: tuple[str, ...], resamples: int, out: Path,
 ) -> None:  # fmt: skip
     """Make the pictures, score them, and write tables and contact sheets."""
     pixels, worlds = scenes.parse_size(size), [World(half, first + number) for number in range(count)]

@@ -1,8 +1,10 @@
 """Prove `simgrab match` by truth: ``python -m scripts.match_truth render|score FOLDER``.
 
 ``render`` draws scenes at random over the scenario's ranges, none of them bundled, and renders a video of each: optics,
-sharpening, sensor, coder, display, weather and paint are known. ``score`` matches each video by its pixels alone, and
-compares with the scenes: coverage of stated intervals, errors, and displays found.
+sharpening, sensor, coder, display, weather and paint are known. With ``--blender PYTHON``, an interpreter that can
+import bpy (GPL; simgrab does not depend on it), the light before the lens is path-traced, with other materials, another
+yard and another sky, and the display has another font; the camera is the scene's. ``score`` matches each video by its
+pixels alone, and compares with the scenes: coverage of stated intervals, errors, and displays found.
 """
 
 from __future__ import annotations
@@ -11,15 +13,21 @@ import colorsys
 import dataclasses
 import json
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
+import cv2
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import simgrab
+from scripts.foreign.camera import before_coding
+from scripts.foreign.clips import BY_BLENDER, blender, traced
+from scripts.foreign.worlds import levelled
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.instrument.match import Appearance, Footage, Quantity
@@ -28,11 +36,15 @@ from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.layouts import Layout
 from simgrab.rng import stream
 from simgrab.scenario import FixedExposure, Scenario
+from simgrab.utilities import pictures
+from simgrab.utilities.files import drafted, write
+from simgrab.world.output.video.coder import Coder
 
 SIZES = ((640, 360), (960, 540))
 SECONDS = 5.0
 SHARPENED = 0.5  # share of the videos, and of those with a colour cast
 CLEAN = 8  # frames, for what a picture would show without noise and coding
+FOREIGN = (*BY_BLENDER, "digits")  # what path-traced videos do not have of simgrab
 PLACES: tuple[dict[str, Any], ...] = (
     {"model": "quay", "cargo": "coal"}, {"model": "quay", "cargo": "grain", "receiver": "truck"},
     {"model": "quay", "cargo": "bauxite", "receiver": "none"}, {"model": "hold", "cargo": "ore"}, {"model": "water"},
@@ -40,11 +52,29 @@ PLACES: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 
 
-def drawn(number: int) -> Scenario:
+@dataclass(frozen=True)
+class Video:
+    """One video: its number, and whether its light is path-traced."""
+
+    number: int
+    foreign: bool
+
+    @property
+    def name(self) -> str:
+        """Name of its file, without the suffix."""
+        return f"foreign-{self.number:03d}" if self.foreign else f"{self.number:03d}"
+
+    @property
+    def scenario(self) -> Scenario:
+        """Its scene: where light is path-traced, by day over a level yard, without weather or automatic exposure."""
+        return levelled(drawn(self.number, foreign=True)) if self.foreign else drawn(self.number)
+
+
+def drawn(number: int, *, foreign: bool = False) -> Scenario:
     """Draw scene ``number``."""
     rng = stream(3207, number, "match.truth")
     width, height = SIZES[int(rng.random() < 0.3)]
-    night = rng.random() < 0.15
+    night = rng.random() < 0.15 and not foreign
     rate = float(rng.choice([9.0, 12.5, 15.0]))
     grey = rng.random() < 0.2
     changes: dict[str, Any] = {
@@ -80,6 +110,10 @@ def drawn(number: int) -> Scenario:
     if night:
         changes |= {"light.sun": 0.0, "light.sky": 0.05, "light.floodlights": float(rng.uniform(0.4, 0.8))}
     weather = rng.choice(["none", "fog", "rain", "snow"], p=[0.6, 0.15, 0.15, 0.1])
+    if foreign:
+        weather = "none"
+        changes |= {"place": {"model": "plain"}, "optics.exposure": {"model": "fixed"}}
+        changes |= {"shutter.exposure_s": 0.0, "shutter.rolling_s": 0.0}
     if weather == "fog":
         changes["weather.visibility_m"] = float(rng.uniform(60, 400))
     elif weather == "rain":
@@ -127,20 +161,65 @@ def main() -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--count", default=30, show_default=True)
 @click.option("--first", default=0, show_default=True)
-def render(folder: Path, count: int, first: int) -> None:
+@click.option("--blender", "python", metavar="PYTHON", help="Path-trace them by an interpreter that can import bpy.")
+@click.option("--samples", default=1, show_default=True, help="Of the path tracer, a pixel; it denoises.")
+def render(folder: Path, count: int, first: int, python: str | None, samples: int) -> None:
     """Render videos into FOLDER."""
     from simgrab.world.output.video.render import render_video
 
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(first, first + count):
-        path = folder / f"{number:03d}.mp4"
+        video = Video(number, python is not None)
+        path = folder / f"{video.name}.mp4"
         if path.exists():
             continue
         try:
-            made = render_video(drawn(number), path)
-            click.echo(f"{path}: {made.frames} frames, {made.mbit_s:.1f} Mbit/s")
+            if python:
+                path_trace(video, path, python, samples)
+                click.echo(f"{path}: {video.scenario.frames} frames")
+            else:
+                made = render_video(video.scenario, path)
+                click.echo(f"{path}: {made.frames} frames, {made.mbit_s:.1f} Mbit/s")
         except ScenarioError as problem:  # a draw that cannot be, such as a grab in the ground
             click.echo(f"{path}: {problem}")
+
+
+def path_trace(video: Video, path: Path, python: str, samples: int) -> None:
+    """Write a video of path-traced light, and some of its frames without noise and coding beside it.
+
+    Frames share the path tracer's noise, so that what stands still differs from frame to frame by the sensor alone.
+    """
+    scenario, ticks_per_s = video.scenario, 90_000
+    job = {
+        "replaced": list(BY_BLENDER), "dusk": False, "seed": video.number, "samples": samples, "threads": 1,
+        "grain": False,
+    }  # fmt: skip
+    clean = without_noise(scenario)
+    with (
+        drafted(path) as draft,
+        Coder(draft, "mp4", ticks_per_s, scenario.camera, scenario.clip) as coder,
+    ):
+        for frame, buffers, light in traced(scenario, range(scenario.frames), job, blender(python)):
+            wanted = [scenario, clean] if frame % clean_step(scenario.frames) == 0 else [scenario]
+            rgb, *others = (
+                before_coding(
+                    each, buffers, light, FOREIGN, stream(video.number, 0, "match.camera"), np.random.default_rng(0)
+                )
+                for each in wanted
+            )
+            coder.send(rgb, round(frame * ticks_per_s / scenario.clip.frame_rate_hz))
+            for other in others:
+                write(clean_file(path, frame), pictures.encode(cv2.cvtColor(other, cv2.COLOR_RGB2BGR), "png"))
+
+
+def clean_file(path: Path, frame: int) -> Path:
+    """Path of a frame of a path-traced video without noise and coding."""
+    return path.with_suffix("") / f"{frame:03d}.png"
+
+
+def clean_step(frames: int) -> int:
+    """Of how many frames one is also made without noise and coding."""
+    return max(frames // CLEAN, 1)
 
 
 @main.command()
@@ -148,21 +227,26 @@ def render(folder: Path, count: int, first: int) -> None:
 @click.option("--first", default=0, show_default=True)
 @click.option("--count", default=40, show_default=True)
 def score(folder: Path, first: int, count: int) -> None:
-    """Match the videos of FOLDER that were rendered, and compare with their scenes."""
+    """Match the videos of FOLDER that were made, and compare with their scenes."""
     from simgrab.instrument.detect import detector
     from simgrab.instrument.match import measure, read
 
     find, kept = detector(), folder / "score.jsonl"
     done = [json.loads(line) for line in kept.read_text("utf-8").splitlines()] if kept.exists() else []
-    known = {row["video"] for row in done}
-    for number in range(first, first + count):
-        path = folder / f"{number:03d}.mp4"
-        if path.exists() and number not in known:
-            seen = measure(read(path), find, night=drawn(number).light.floodlights > 0)  # users know when it was
-            done.append(compared(number, seen))
+    known = {(row["video"], row["foreign"]) for row in done}
+    videos = [Video(number, foreign) for foreign in (False, True) for number in range(first, first + count)]
+    for video in videos:
+        path = folder / f"{video.name}.mp4"
+        if path.exists() and (video.number, video.foreign) not in known:
+            night = video.scenario.light.floodlights > 0  # users know when it was
+            done.append(compared(video, path, measure(read(path), find, night=night)))
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(done[-1]) + "\n")
-    click.echo(tables([row for row in done if first <= row["video"] < first + count]))
+    rows = [row for row in done if first <= row["video"] < first + count]
+    foreign = [row for row in rows if row["foreign"]]
+    click.echo(tables(rows))
+    if foreign and len(foreign) < len(rows):
+        click.echo("\nOf these, with path-traced light:\n\n" + tables(foreign))
 
 
 def truths(scenario: Scenario) -> dict[str, float | None]:
@@ -188,34 +272,44 @@ def noise(scenario: Scenario) -> float:
     return max(2.0**exposure.exposure_ev, 1.0) / scenario.optics.sensor.full_well_e
 
 
-def overshoot(scenario: Scenario, footage: Footage, hidden: NDArray[np.bool_]) -> float | None:
-    """Measure how far edges overshoot without noise and coding, %: what is measured depends on how soft edges are."""
+def without_noise(scenario: Scenario) -> Scenario:
+    """Give a scenario a sensor without noise."""
     sensor = replace(scenario.optics.sensor, full_well_e=1e6, read_noise_e=0.0, fixed_pattern_percent=0.0)
-    clean = replace(scenario, optics=replace(scenario.optics, sensor=sensor))
-    step = max(footage.frames // CLEAN, 1)
-    luma = [
-        np.rint(frame.rgb @ np.array(footage.weights)).astype(np.uint8)
-        for i, frame in enumerate(simgrab.frames(clean, buffers=False)) if i % step == 0
-    ]  # fmt: skip
+    return replace(scenario, optics=replace(scenario.optics, sensor=sensor))
+
+
+def overshoot(video: Video, path: Path, footage: Footage, hidden: NDArray[np.bool_]) -> float | None:
+    """Measure how far edges overshoot without noise and coding, %: what is measured depends on how soft edges are."""
+    step = clean_step(footage.frames)
+    clean: Iterable[NDArray[np.uint8]]
+    if video.foreign:
+        clean = (pictures.read(clean_file(path, frame)) for frame in range(0, footage.frames, step))
+    else:
+        made = simgrab.frames(without_noise(video.scenario), buffers=False)
+        clean = (frame.rgb for i, frame in enumerate(made) if i % step == 0)
+    luma = [np.rint(rgb @ np.array(footage.weights)).astype(np.uint8) for rgb in clean]
     return sharpness(dataclasses.replace(footage, luma=np.stack(luma)), hidden).overshoot.value
 
 
-def compared(number: int, seen: Appearance) -> dict[str, Any]:
+def compared(video: Video, path: Path, seen: Appearance) -> dict[str, Any]:
     """Compare what was measured with its scene."""
-    scenario, footage = drawn(number), seen.footage
+    scenario, footage = video.scenario, seen.footage
     known = truths(scenario)
     if seen.sharpness.overshoot.value is not None:
-        known["overshoot"] = overshoot(scenario, footage, seen.display.mask(*footage.luma.shape[1:]))
+        known["overshoot"] = overshoot(video, path, footage, seen.display.mask(*footage.luma.shape[1:]))
     found: dict[str, Quantity] = {
         "noise gain": seen.noise.gain, "read noise": seen.noise.read, "blur": seen.blur.diameter,
-        "vignetting": seen.vignetting, "overshoot": seen.sharpness.overshoot, "hue": seen.grab.hue_deg,
+        "vignetting": seen.vignetting, "overshoot": seen.sharpness.overshoot,
     }  # fmt: skip
+    if not video.foreign:  # whose paint has another hue, by other light
+        found["hue"] = seen.grab.hue_deg
     stated = {
         "width": footage.size[0], "height": footage.size[1], "frame rate": footage.frame_rate_hz,
         "key frames": footage.gop_frames, "grey": float(seen.grey),
     }  # fmt: skip
     row: dict[str, Any] = {
-        "video": number, "stated": {name: [value, known[name]] for name, value in stated.items()}, "intervals": {},
+        "video": video.number, "foreign": video.foreign, "intervals": {},
+        "stated": {name: [value, known[name]] for name, value in stated.items()},
         "place": type(scenario.place).__name__, "night": scenario.light.floodlights > 0,
         "fog": scenario.weather.visibility_m, "rain": scenario.weather.rain_mm_h, "snow": scenario.weather.snow_mm_h,
         "quantiser": footage.quantiser, "still": seen.still, "reasons": {},

@@ -46,6 +46,7 @@ class Foreign(Blender):
         self._carried: list[tuple[Any, Array]] = []
         self._tone: tuple[float, str] | None = None
         self._light: Array | None = None
+        self._level: float | None = None
         super().__init__(scene, "cycles")
         self.pose(0)
         if "ground" in self._replaced:
@@ -173,7 +174,8 @@ class Foreign(Blender):
     def render(self, frame: int) -> None:
         """See `scripts.bench_scene.SceneRenderer.render`."""
         self.pose(frame)
-        self._scene.cycles.seed = frame + 1
+        if self._table["grain"]:
+            self._scene.cycles.seed = frame + 1
         self._light = self.light(self._table["samples"])
 
     def save(self, path: str) -> None:
@@ -189,12 +191,13 @@ class Foreign(Blender):
         light = self._read("OPEN_EXR", "32", "Raw")
         if "light" not in self._replaced:
             return light
-        level = float((light[4::8, 4::8] @ (0.2126, 0.7152, 0.0722)).mean())
+        if self._level is None or self._table["grain"]:
+            self._level = float((light[4::8, 4::8] @ (0.2126, 0.7152, 0.0722)).mean())
         view = self._scene.view_settings
         if self._tone is None:  # that of all frames
             looks = ["None", "Medium High Contrast", "High Contrast"]
             self._tone = self._rng.uniform(0.7, 1.5), str(self._rng.choice(looks))
-        view.exposure, view.look = math.log2(AGX_LEVEL * self._tone[0] / max(level, 1e-6)), self._tone[1]
+        view.exposure, view.look = math.log2(AGX_LEVEL * self._tone[0] / max(self._level, 1e-6)), self._tone[1]
         return linear(self._read("PNG", "16", "AgX"))
 
     def ids(self, finer: int, window: Sequence[int]) -> Any:
@@ -273,8 +276,9 @@ def render(table: dict[str, Any]) -> None:
         ``dusk``: whether the sun is low. ``ground_m``, ``ceiling_m``: z of the foreign yard, and of what is highest on
         it. ``photographs``: path of an archive of pictures for it. ``seed``, ``samples``, ``threads``. ``out``: where
         linear light goes as an array. ``ids``: where ids go as an array, or none; ``ids_finer`` and ``ids_window``.
-        ``jib_poses``: of a scene of several frames alone, which is given in the jib frame of its first frame: pose of
-        each frame's jib frame in that one, shape (frames, 4, 4).
+        Of a scene of several frames, which is given in the jib frame of its first frame: ``jib_poses``, pose of each
+        frame's jib frame in that one, shape (frames, 4, 4); ``grain``, whether each frame has noise of the path tracer
+        of its own and an exposure by its own brightness, in place of those of the first.
     """
     made = Foreign(ExportedScene.load(Path(table["scene"])), table)
     if table["out"]:

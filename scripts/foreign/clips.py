@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from scripts.bench_renderers import RenderProcess, exported
 from scripts.bench_scene import ExportedScene
-from scripts.foreign.camera import VIDEO_CODERS, before_coding, film
+from scripts.foreign.camera import VIDEO_CODERS, Light, before_coding, film
 from scripts.foreign.making import BELOW_GRAB_M, surface_photographs
 from scripts.foreign.worlds import CLIP_SEEDS, CONDITIONS, DEFAULT_FAMILY, at_time, foreign_grab, levelled, sky_of
 from simgrab import scenes
@@ -29,6 +29,7 @@ from simgrab.rng import stream
 from simgrab.scenario import AutoExposure, Cycles, Dynamic, FixedMount, Scenario, Wind
 from simgrab.utilities import pictures
 from simgrab.utilities.files import drafted, write
+from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.lens import Lens
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -211,38 +212,62 @@ class Filmer:
 
     def _trace(self, clip: Clip, scenario: Scenario, missing: list[int], folder: Path) -> None:
         """Path-trace missing frames, and take their pictures by one camera."""
-        lens = None if scenario.camera.intrinsics.distortion.is_null else Lens(scenario.camera.intrinsics)
-        with FrameGenerator(scenario) as generator, tempfile.TemporaryDirectory() as temporary:
-            place, full = Path(temporary), generator.scene(0).renderer.full
-            poses = jib_poses(generator)
-            standing(exported(generator, range(scenario.frames)), poses).save(place / "scene.npz")
-            np.savez(place / "photographs.npz", **surface_photographs())
-            table = {
-                "scene": str(place / "scene.npz"), "photographs": str(place / "photographs.npz"),
-                "replaced": [part for part in BY_BLENDER if part in self.setting.replaced],
-                "light": sky_of(scenario.light), "dusk": clip.time == "dusk", "jib_poses": poses.tolist(),
-                "ground_m": -scenario.jib.head_height_m, "ceiling_m": lowest(generator) - BELOW_GRAB_M,
-                "seed": clip.seed, "samples": self.setting.samples, "threads": self.threads,
-            }  # fmt: skip
+        job = {
+            "replaced": [part for part in BY_BLENDER if part in self.setting.replaced], "dusk": clip.time == "dusk",
+            "seed": clip.seed, "samples": self.setting.samples, "threads": self.threads, "grain": True,
+        }  # fmt: skip
+        start = time.monotonic()
+        for frame, buffers, light in traced(scenario, missing, job, self.open_tracer):
+            rgb = before_coding(
+                scenario, buffers, light, self.setting.replaced, stream(clip.seed, 0, "foreign.camera"),
+                stream(clip.seed, frame, "foreign.noise"),
+            )  # fmt: skip
+            write(frame_file(folder, frame), pictures.encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "png"))
+            self.report(f"{clip.time}, frame {frame} of {scenario.frames}: {time.monotonic() - start:.1f} s")
             start = time.monotonic()
-            with self.open_tracer(table) as tracer:
-                self.report(f"{clip.time}: the scene is built, {time.monotonic() - start:.1f} s")
-                for frame in missing:
-                    start = time.monotonic()
-                    tracer.render(frame)
-                    tracer.save(place / "light.npy")
-                    traced = time.monotonic() - start
-                    light = np.load(place / "light.npy").astype(np.float32)
-                    bent = light if lens is None else np.asarray(lens.map(full).resample(light, cv2.INTER_CUBIC))
-                    scene = generator.scene(frame)
-                    rgb = before_coding(
-                        scenario, scene.draw(scene.project(frame), labelled=False), np.maximum(bent, 0),
-                        self.setting.replaced, stream(clip.seed, 0, "foreign.camera"),
-                        stream(clip.seed, frame, "foreign.noise"),
-                    )  # fmt: skip
-                    write(frame_file(folder, frame), pictures.encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "png"))
-                    whole = time.monotonic() - start
-                    self.report(f"{clip.time}, frame {frame} of {scenario.frames}: {whole:.1f} s, {traced:.1f} traced")
+
+
+def traced(
+    scenario: Scenario, frames: Iterable[int], job: dict[str, Any], open_tracer: Opener
+) -> Iterator[tuple[int, Buffers, Light]]:
+    """Path-trace frames of a scenario in motion.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    frames : iterable of int
+    job : dict
+        ``replaced``, ``dusk``, ``seed``, ``samples``, ``threads`` and ``grain`` of `scripts.foreign.blender.render`.
+    open_tracer : callable
+        See `Filmer`.
+
+    Yields
+    ------
+    frame : int
+    buffers : Buffers
+        MuJoCo's of the frame.
+    light : ndarray of float32, shape (height, width, 3)
+        Path-traced linear light, bent by the lens.
+    """
+    lens = None if scenario.camera.intrinsics.distortion.is_null else Lens(scenario.camera.intrinsics)
+    with FrameGenerator(scenario) as generator, tempfile.TemporaryDirectory() as temporary:
+        place, full = Path(temporary), generator.scene(0).renderer.full
+        poses = jib_poses(generator)
+        standing(exported(generator, range(scenario.frames)), poses).save(place / "scene.npz")
+        np.savez(place / "photographs.npz", **surface_photographs())
+        table = job | {
+            "scene": str(place / "scene.npz"), "photographs": str(place / "photographs.npz"),
+            "light": sky_of(scenario.light), "jib_poses": poses.tolist(),
+            "ground_m": -scenario.jib.head_height_m, "ceiling_m": lowest(generator) - BELOW_GRAB_M,
+        }  # fmt: skip
+        with open_tracer(table) as tracer:
+            for frame in frames:
+                tracer.render(frame)
+                tracer.save(place / "light.npy")
+                light = np.load(place / "light.npy").astype(np.float32)
+                bent = light if lens is None else np.asarray(lens.map(full).resample(light, cv2.INTER_CUBIC))
+                scene = generator.scene(frame)
+                yield frame, scene.draw(scene.project(frame), labelled=False), np.maximum(bent, 0)
 
 
 def encode(path: Path, clip: Clip, scenario: Scenario, folder: Path, replaced: Collection[str]) -> None:

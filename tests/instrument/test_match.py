@@ -21,7 +21,7 @@ from simgrab.instrument.match.footage import BT709
 from simgrab.instrument.match.grab import Grab, _paint
 from simgrab.instrument.match.noise import noise
 from simgrab.instrument.match.quantity import Quantity, exact
-from simgrab.instrument.match.shading import vignetting
+from simgrab.instrument.match.shading import CELL_PX, FOCAL_PER_WIDTH, vignetting
 from simgrab.instrument.match.sharpness import EDGE_PX, Sharpness, sharpness
 from simgrab.instrument.match.still import still
 from simgrab.judge import match as matching
@@ -97,6 +97,19 @@ def test_vignetting_of_a_known_lens_is_found(stops):
     found = vignetting(one, None, nothing(one))
     assert found.holds(stops)
     assert found.value == pytest.approx(stops, abs=0.15)
+
+
+@pytest.mark.parametrize("stops", [0.0, 2.0])
+def test_vignetting_of_uneven_ground_is_not_found_too_small(stops):
+    rng = np.random.default_rng(4)
+    width, height = 640, 360
+    x, y = np.arange(width) + 0.5 - width / 2, (np.arange(height) + 0.5 - height / 2)[:, None]
+    field = np.log1p((x**2 + y**2) / (FOCAL_PER_WIDTH * width) ** 2)
+    ground = rng.normal(0, 0.12, (height // CELL_PX, width // CELL_PX)).repeat(CELL_PX, axis=0).repeat(CELL_PX, axis=1)
+    light = 0.3 * np.exp2(ground - stops * field / field.max())
+    found = vignetting(footage(np.rint(255 * encoded(np.tile(light[None, ..., None], (1, 1, 1, 3))))), None, light < 0)
+    assert found.holds(stops)
+    assert found.value == pytest.approx(stops, abs=0.2)
 
 
 def processed(frames: np.ndarray, amount: float, radius: float) -> np.ndarray:

@@ -1,15 +1,20 @@
 """Vignetting, by how the light falls off outwards where surfaces are even.
 
 What a scene shows gets brighter outwards about as often as darker; vignetting makes all of it darker (Zheng et al.,
-Single-image vignetting correction using radial gradient symmetry, CVPR 2008). The law is cosⁿ of the field angle.
+Single-image vignetting correction using radial gradient symmetry, CVPR 2008). The law is cosⁿ of the field angle. What
+is even is judged after the vignetting found so far is taken away: judged before, more of what gets darker outwards than
+of what gets brighter would look uneven, and vignetting would be found too small.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -19,11 +24,16 @@ from simgrab.instrument.match.quantity import Quantity, unknown
 
 CELL_PX = 8
 SECTORS = 12
+APART = 4  # cells: of the pairs that are compared
 LEAST_PAIRS = 40  # of cells, in a sector
 FOCAL_PER_WIDTH = PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM / 1920  # typical; the law's shape hardly depends on it
-EVEN = 0.25  # of a cell's logarithm, by which its neighbour may differ
+EVEN = 0.3  # of a cell's logarithm, by which its neighbour may differ
 MOST_SD = 0.6
-_SD = 0.12  # stops, of the method itself
+_SD = 0.09  # stops, of the method itself
+_ROUNDS, _CLOSE = 8, 0.01  # stops
+_RANGE = -1.0, 5.0  # stops
+
+Floats = NDArray[np.float64]
 
 
 def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArray[np.bool_]) -> Quantity:
@@ -39,11 +49,11 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     """
     width, height = footage.size
     rows, columns = height // CELL_PX, width // CELL_PX
-    if rows < 8 or columns < 8:
+    if min(rows, columns) < 2 * APART:
         return unknown("the picture is too small", "stops")
     h, w = rows * CELL_PX, columns * CELL_PX
 
-    def cells(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    def cells(values: NDArray[np.floating]) -> Floats:
         return np.asarray(cv2.resize(np.asarray(values[:h, :w], float), (columns, rows), interpolation=cv2.INTER_AREA))
 
     level = footage.mean
@@ -58,21 +68,18 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     falloff /= math.log1p((width**2 + height**2) / 4 / (FOCAL_PER_WIDTH * width) ** 2)
     log = np.log2(np.maximum(light, 1e-6))
     sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * SECTORS).astype(int) % SECTORS
-    changes, steps, where = list[NDArray[np.float64]](), list[NDArray[np.float64]](), list[NDArray[np.int64]]()
-    for axis in (0, 1):
-        both = good & np.roll(good, -1, axis)
-        change, step = np.roll(log, -1, axis) - log, np.roll(falloff, -1, axis) - falloff
-        both &= (np.abs(change) < EVEN) & (np.abs(step) > 1e-4)
-        both[(-1, slice(None)) if axis == 0 else (slice(None), -1)] = False
-        changes.append(change[both])
-        steps.append(step[both])
-        where.append(sector[both])
-    change, step, at = (np.concatenate(parts) for parts in (changes, steps, where))
-    found = [-_slope(change[at == i], step[at == i]) for i in range(SECTORS) if (at == i).sum() >= LEAST_PAIRS]
+    value, pairs = 0.0, _pairs(log, falloff, good, sector)
+    for _ in range(_ROUNDS):
+        if not len(pairs.step):
+            break
+        before, value = value, float(np.clip(-_slope(pairs.change, pairs.step), *_RANGE))
+        if abs(value - before) < _CLOSE:
+            break
+        pairs = _pairs(log, falloff, good, sector, value)
+    found = np.array([-_slope(*part) for part in pairs.by_sector()])
     if len(found) < SECTORS // 2:
         return unknown("too little of the picture shows even surfaces that stand still", "stops")
-    value = float(np.median(found))
-    spread = 1.4826 * float(np.median(np.abs(np.array(found) - value)))
+    spread = 1.4826 * float(np.median(np.abs(found - np.median(found))))
     sd = math.hypot(1.25 * spread / math.sqrt(len(found)), _SD)
     if sd > MOST_SD:
         return unknown("what it shows differs too much from one direction to another", "stops")
@@ -81,7 +88,43 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     return Quantity(value, max(value - reach, 0.0), value + reach, unit="stops")
 
 
-def _slope(change: NDArray[np.float64], step: NDArray[np.float64]) -> float:
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of cells with even surface between them, shape (n,).
+
+    Attributes
+    ----------
+    change, step : ndarray
+        By how much the logarithm of light to base 2, and the falloff per stop, change from one cell to the other.
+    sector : ndarray of int
+    """
+
+    change: Floats
+    step: Floats
+    sector: NDArray[np.int64]
+
+    def by_sector(self) -> list[tuple[Floats, Floats]]:
+        """Give changes and steps of each sector that has enough of them."""
+        parts = [self.sector == i for i in range(SECTORS)]
+        return [(self.change[part], self.step[part]) for part in parts if part.sum() >= LEAST_PAIRS]
+
+
+def _pairs(
+    log: Floats, falloff: Floats, good: NDArray[np.bool_], sector: NDArray[np.int64], stops: float = 0.0
+) -> _Pairs:
+    """Find pairs of cells along rows and columns; ``stops`` is the vignetting by which evenness is judged."""
+    flat, parts = log + stops * falloff, list[tuple[NDArray[Any], ...]]()
+    for values in ((flat, log, falloff, good, sector), (flat.T, log.T, falloff.T, good.T, sector.T)):
+        level, light, fall, fit, where = values
+        even = fit[1:] & fit[:-1] & (np.abs(np.diff(level, axis=0)) < EVEN)
+        even = np.asarray(sliding_window_view(even, APART, axis=0).all(axis=-1))
+        change, step = light[APART:] - light[:-APART], fall[APART:] - fall[:-APART]
+        even &= np.abs(step) > 1e-4 * APART
+        parts.append((change[even], step[even], where[APART // 2 : -(APART - APART // 2)][even]))
+    return _Pairs(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _slope(change: Floats, step: Floats) -> float:
     """Slope through the origin of least absolute deviation: the weighted median of the ratios."""
     ratio, weight = change / step, np.abs(step)
     order = np.argsort(ratio)
