@@ -31,6 +31,7 @@ from scripts.foreign.worlds import levelled
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.instrument.match import Appearance, Footage, Quantity
+from simgrab.instrument.match.footage import BT709
 from simgrab.instrument.match.sharpness import noise_gain, sharpness
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.layouts import Layout
@@ -252,13 +253,13 @@ def score(folder: Path, first: int, count: int) -> None:
 def truths(scenario: Scenario) -> dict[str, float | None]:
     """Give what `simgrab match` should find; None for what the scene does not have."""
     optics, camera, mask = scenario.optics, scenario.camera, scenario.optics.sharpening
-    gain = noise(scenario)
+    gain, balance = noise(scenario), balanced(scenario)
     raised = noise_gain(mask.amount, mask.radius_px)  # noise is measured as the picture has it
     hue = 360 * colorsys.rgb_to_hsv(*scenario.grab.paint_rgb)[0]
     return {
         "width": camera.width_px, "height": camera.height_px, "frame rate": scenario.clip.frame_rate_hz,
-        "key frames": scenario.clip.gop_frames, "noise gain": raised * gain,
-        "read noise": math.sqrt(raised) * gain * optics.sensor.read_noise_e,
+        "key frames": scenario.clip.gop_frames, "noise gain": raised * balance[0] * gain,
+        "read noise": math.sqrt(raised * balance[1]) * gain * optics.sensor.read_noise_e,
         "blur": max(optics.defocus_px, 1.0), "vignetting": optics.vignetting_stops,
         "overshoot": None, "hue": None if optics.night_mode == "on" else hue,
         "grey": float(optics.night_mode == "on"),
@@ -270,6 +271,14 @@ def noise(scenario: Scenario) -> float:
     exposure = scenario.optics.exposure
     assert isinstance(exposure, FixedExposure)
     return max(2.0**exposure.exposure_ev, 1.0) / scenario.optics.sensor.full_well_e
+
+
+def balanced(scenario: Scenario) -> tuple[float, float]:
+    """Say by what the white balance multiplies gain and read variance of a grey surface's luminance."""
+    if scenario.optics.night_mode == "on":  # grey images have none
+        return 1.0, 1.0
+    share, gains = np.square(BT709) / np.square(BT709).sum(), np.array(scenario.optics.white_balance)
+    return float(share @ gains), float(share @ gains**2)
 
 
 def without_noise(scenario: Scenario) -> Scenario:
@@ -323,7 +332,7 @@ def compared(video: Video, path: Path, seen: Appearance) -> dict[str, Any]:
                 truth += 360 * round((quantity.value - truth) / 360)
             row["intervals"][name] = [quantity.value, quantity.low, quantity.high, truth]
     if seen.noise.gain.value is not None:  # of the sensor that the matched scene gets, and of the true one
-        row["sensor"] = [seen.noise.gain.value / seen.sharpness.noise_gain, noise(scenario)]
+        row["sensor"] = [seen.noise.gain.value / seen.sharpness.noise_gain, balanced(scenario)[0] * noise(scenario)]
     layout, own = seen.display.layout, scenario.display_layout
     if seen.sharpness.overshoot.value is not None:
         row["sharpened"] = [scenario.optics.sharpening.amount > 0, seen.sharpness.amount > 0]
