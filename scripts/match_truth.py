@@ -42,7 +42,7 @@ from simgrab.utilities.files import drafted, write
 from simgrab.world.output.video.coder import Coder
 
 SIZES = ((640, 360), (960, 540))
-SECONDS = 5.0
+SECONDS, FOREIGN_SECONDS = 5.0, 3.0
 SHARPENED = 0.5  # share of the videos, and of those with a colour cast
 CLEAN = 8  # frames, for what a picture would show without noise and coding
 FOREIGN = (*BY_BLENDER, "digits")  # what path-traced videos do not have of simgrab
@@ -74,13 +74,13 @@ class Video:
 def drawn(number: int, *, foreign: bool = False) -> Scenario:
     """Draw scene ``number``."""
     rng = stream(3207, number, "match.truth")
-    width, height = SIZES[int(rng.random() < 0.3)]
+    width, height = SIZES[int(rng.random() < 0.3 and not foreign)]
     night = rng.random() < 0.15 and not foreign
     rate = float(rng.choice([9.0, 12.5, 15.0]))
     grey = rng.random() < 0.2
     changes: dict[str, Any] = {
         "seed": number,
-        "frames": math.ceil(SECONDS * rate),
+        "frames": math.ceil((FOREIGN_SECONDS if foreign else SECONDS) * rate),
         "clip.frame_rate_hz": rate,
         "clip.gop_frames": int(rng.integers(20, 61)),
         "clip.bit_rate_mbit_s": float(np.exp(rng.uniform(np.log(4.0), np.log(40.0)))) * width / 960,
@@ -163,7 +163,7 @@ def main() -> None:
 @click.option("--count", default=30, show_default=True)
 @click.option("--first", default=0, show_default=True)
 @click.option("--blender", "python", metavar="PYTHON", help="Path-trace them by an interpreter that can import bpy.")
-@click.option("--samples", default=1, show_default=True, help="Of the path tracer, a pixel; it denoises.")
+@click.option("--samples", default=4, show_default=True, help="Of the path tracer, a pixel; it denoises.")
 def render(folder: Path, count: int, first: int, python: str | None, samples: int) -> None:
     """Render videos into FOLDER."""
     from simgrab.world.output.video.render import render_video
