@@ -18,7 +18,8 @@ from simgrab.layouts import LEAST_CLOCK_PX, LEAST_DIGIT_PX, Clock, Layout
 FRAMES = 8
 LEAST_SEEN = 3  # times, among frames and contrasts, that a character is seen
 MOST_BESIDE = 11  # characters at one level: more are a clock
-MOST_PAIRS = 40
+MOST_PAIRS, MOST_NUMBERS = 40, 80
+ROW = 8  # steps on both sides of a number in which other characters make it a part of a longer text
 WHITE, ABOVE = 190, (45, 70, 100)  # levels: of a stroke, and by how much its surroundings are darker
 FINE = 2  # pictures are enlarged so much: strokes may be a pixel wide
 WIDEST_STROKE = 0.02  # of the picture's height
@@ -72,6 +73,8 @@ def display(footage: Footage) -> Display:
             share = digits / max(digits + read.count("?"), 1)
             if share > best.read:
                 best = Display(layout, "", share, _clock(lines, footage.size) is not None)
+        if best.read >= LEAST_READ:
+            break
     if best.read < LEAST_READ:
         reason = best.reason or f"what looks like digits could be read in {best.read:.0%} of its cells alone"
         return Display(None, reason, best.read)
@@ -135,46 +138,80 @@ def _lines(boxes: list[Box]) -> list[list[Box]]:
     return lines
 
 
-def _numbers(line: Sequence[Box]) -> list[list[Box]]:
-    """Find groups of four characters at an even pitch, with a wider gap for a point perhaps."""
+@dataclass(frozen=True)
+class _Number:
+    """Four characters at an even pitch, and how unlike a number they are: others in their row, and uneven steps."""
+
+    boxes: tuple[Box, Box, Box, Box]
+    unlike: float
+
+    @property
+    def height(self) -> float:
+        """Of the tallest character."""
+        return max(y1 - y0 for _, y0, _, y1 in self.boxes)
+
+
+def _numbers(boxes: Sequence[Box]) -> list[_Number]:
+    """Find four characters at an even pitch, with a wider gap for a point perhaps, the most even ones first."""
     found = []
-    centres = [(x0 + x1) / 2 for x0, _, x1, _ in line]
-    for i in range(len(line) - 3):
-        steps = [b - a for a, b in itertools.pairwise(centres[i : i + 4])]
-        height = max(y1 - y0 for _, y0, _, y1 in line[i : i + 4])
-        first, middle, last = steps
-        even = abs(first - last) <= 0.35 * height and min(steps) >= 0.4 * height
-        if even and max(first, last) <= 1.5 * height and min(first, last) - 2 <= middle <= 2.2 * max(first, last):
-            found.append(list(line[i : i + 4]))
-    return found
+    for a in boxes:
+        height = a[3] - a[1]
+        near = sorted(box for box in boxes if _level(a, box, 0.4) and abs(box[0] - a[0]) <= 2 * ROW * height)
+        row = [box for box in near if 0 < box[0] - a[0] <= 7 * height]
+        for b in row:
+            first = _centre(b) - _centre(a)
+            if not 0.4 * height <= first <= 1.5 * height:
+                continue
+            for c, d in itertools.combinations(row, 2):
+                middle, last = _centre(c) - _centre(b), _centre(d) - _centre(c)
+                uneven = abs(last - first) / height
+                if uneven <= 0.5 and 0.7 * min(first, last) <= middle <= 2.2 * max(first, last):
+                    four = (a, b, c, d)
+                    low, high = _centre(a) - ROW * first, _centre(d) + ROW * first
+                    others = sum(box not in four and low <= _centre(box) <= high for box in near)
+                    found.append(_Number(four, others + uneven))
+    return sorted(found, key=lambda number: number.unlike)[:MOST_NUMBERS]
 
 
-def _pairs(lines: list[list[Box]], width: int) -> list[tuple[list[Box], list[Box]]]:
-    """Two numbers, side by side or one above the other."""
-    short = [line for line in lines if len(line) >= 4 and _beside(line[0], lines) <= MOST_BESIDE]
-    numbers = [(i, number) for i, line in enumerate(short) for number in _numbers(line)]
-    result = []
-    for (i, a), (j, b) in itertools.permutations(numbers, 2):
-        ha, hb = (max(y1 - y0 for _, y0, _, y1 in number) for number in (a, b))
-        if not 0.8 <= ha / hb <= 1.25:
+def _centre(box: Box) -> float:
+    return (box[0] + box[2]) / 2
+
+
+def _level(box: Box, other: Box, most: float) -> bool:
+    """Whether boxes are about as tall, and about at one level: apart by a share of the taller's height at most."""
+    heights = box[3] - box[1], other[3] - other[1]
+    apart = abs(box[1] + box[3] - other[1] - other[3]) / 2
+    return 0.75 <= heights[0] / heights[1] <= 1.33 and apart <= most / 2 * max(heights)
+
+
+def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequence[Box]]]:
+    """Two numbers, side by side or one above the other, those most like numbers first."""
+    boxes = [box for line in lines for box in line]
+    numbers = _numbers([box for line in lines if _beside(line[0], lines) <= MOST_BESIDE for box in line])
+    result = list[tuple[float, Sequence[Box], Sequence[Box]]]()
+    for one, two in itertools.permutations(numbers, 2):
+        (a, b), height = (one.boxes, two.boxes), one.height
+        if not 0.8 <= height / two.height <= 1.25 or set(a) & set(b):
             continue
-        beside = abs(a[0][1] - b[0][1]) <= 0.3 * ha and 0 < b[0][0] - a[3][2] <= 0.3 * width
-        above = i != j and all(abs(p[0] + p[2] - q[0] - q[2]) <= 0.8 * ha for p, q in zip(a, b, strict=True))
-        if beside or (above and 0 < b[0][1] - a[0][1] <= 4 * ha):
-            result.append((a, b))
+        beside = abs(a[0][1] - b[0][1]) <= 0.3 * height and 0 < b[0][0] - a[3][2] <= 0.3 * width
+        above = all(abs(_centre(p) - _centre(q)) <= 0.4 * height for p, q in zip(a, b, strict=True))
+        if beside or (above and 0 < b[0][1] - a[0][1] <= 4 * height):
+            result.append((one.unlike + two.unlike, a, b))
     # A character of the lower number may be lost in what lies behind it: two that stand below others will do.
-    for _, a in numbers:
-        height = max(y1 - y0 for _, y0, _, y1 in a)
+    for one in numbers:
+        a, height = one.boxes, one.height
         drops: dict[int, int] = {}
-        for x0, y0, x1, _ in (box for line in lines for box in line):
+        for box in boxes:
             if (
-                any(abs(x0 + x1 - p[0] - p[2]) <= 0.5 * height for p in a)
-                and 1.05 * height < y0 - a[0][1] <= 3 * height
+                any(abs(_centre(box) - _centre(p)) <= 0.25 * height for p in a)
+                and 1.05 * height < box[1] - a[0][1] <= 3 * height
             ):
-                drops[round(y0 - a[0][1])] = drops.get(round(y0 - a[0][1]), 0) + 1
-        for drop in (drop for drop, count in drops.items() if count >= 2):
-            result.append((a, [(x0, y0 + drop, x1, y1 + drop) for x0, y0, x1, y1 in a]))
-    return result
+                drops[round(box[1] - a[0][1])] = drops.get(round(box[1] - a[0][1]), 0) + 1
+        for drop, count in drops.items():
+            if count >= 2:
+                below = [(x0, y0 + drop, x1, y1 + drop) for x0, y0, x1, y1 in a]
+                result.append((2 * one.unlike + 4 - count, a, below))
+    return [(a, b) for _, a, b in sorted(result, key=lambda pair: pair[0])]
 
 
 def _beside(box: Box, lines: list[list[Box]]) -> int:
@@ -203,7 +240,9 @@ def _clock(lines: list[list[Box]], size: tuple[int, int]) -> Clock | None:
     return clock if clock.cells[-1][2] <= size[0] and clock.cells[-1][3] <= size[1] else None
 
 
-def _layouts(hoist: list[Box], closing: list[Box], lines: list[list[Box]], size: tuple[int, int]) -> list[Layout]:
+def _layouts(
+    hoist: Sequence[Box], closing: Sequence[Box], lines: list[list[Box]], size: tuple[int, int]
+) -> list[Layout]:
     """Layouts whose cells hold the characters of two numbers."""
     boxes = [*hoist, *closing]
     height = float(np.median([y1 - y0 for _, y0, _, y1 in boxes]))
