@@ -31,12 +31,13 @@ _ROUNDS = 12
 _TUNE = 2.5  # robust deviations at which a block begins to count less
 # A coder that predicts each frame from the one before lets noise correlate in time, and takes a part of it. Measured on
 # videos of known noise (``scripts/match_truth.py``): the share lost is about this of the correlation, within so much.
-LOST_ALWAYS, LOST, LOST_SD, LOST_SD_PER = 0.02, 0.8, 0.08, 0.35
+LOST_ALWAYS, LOST, LOST_SD, LOST_SD_PER = 0.02, 0.8, 0.06, 0.35
 MOST_CORRELATION = 0.45
 LEAST_STEPS = 0.5  # deviation over the coder's step, below which even more is lost
 # Dark noise reaches where the coding of light bends: variance grows by about this of its relative variance.
 BENT = 1.2
-TILT = 0.06  # relative error of variances per 100 levels
+TILT = 0.12  # relative error of variances per 100 levels, of which rain and snow make the most
+DARK_QUANTILE = 0.1
 CLEAR = 7.0  # deviations that a level must be above black
 
 
@@ -102,7 +103,9 @@ def noise(footage: Footage, still: Still | None, hidden: NDArray[np.bool_]) -> N
     rng = stream(0, 0, "match.noise")
     drawn = np.array([_fit(blocks.resampled(rng).tilted(rng)) for _ in range(_RESAMPLES)]) / kept
     relative = (LOST_SD + LOST_SD_PER * correlation) / kept
-    sd = np.hypot(drawn.std(axis=0), relative * np.array([gain, read]))
+    # Where it is darkest, a share of all of the variance that is lost is taken for read noise.
+    darkest = gain * float(np.quantile(blocks.shot / blocks.read, DARK_QUANTILE))
+    sd = np.hypot(drawn.std(axis=0), relative * np.array([gain, read + darkest]))
     low, high = max(gain - 1.96 * sd[0], 0.0), gain + 1.96 * sd[0]
     ends = np.sqrt(np.maximum(read + 1.96 * np.array([-1, 1]) * sd[1], 0))
     return Noise(Quantity(gain, low, high), Quantity(float(np.sqrt(read)), float(ends[0]), float(ends[1])), curve)
