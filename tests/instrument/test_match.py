@@ -16,7 +16,7 @@ from simgrab.errors import SourceError
 from simgrab.instrument.detect import detector
 from simgrab.instrument.match import Footage, measure, read
 from simgrab.instrument.match.blur import blur
-from simgrab.instrument.match.display import display
+from simgrab.instrument.match.display import _lines, _pairs, display
 from simgrab.instrument.match.footage import BT709
 from simgrab.instrument.match.grab import Grab, _paint
 from simgrab.instrument.match.noise import noise
@@ -253,6 +253,17 @@ def test_what_is_recorded_at_night_is_matched_by_a_scene_at_night(tmp_path, monk
     drawn = [one.scenario for one, _ in variants(scenes.load(path, {"frames": 80}))]
     assert {one.light.sun for one in drawn} == {0.0}
     assert len({one.weather for one in drawn}) > 2
+
+
+def test_numbers_are_found_where_clutter_joins_or_adds_characters_and_a_clock_is_broken():
+    clock = [(x, 13.0, x + 6.0, 23.0) for x in (81.0, 91.0, 104.0, 114.0, 187.0, 195.0, 214.0, 222.0)]
+    joined = [(584.5, 33.0, 591.0, 43.0), (594.0, 33.0, 601.0, 43.0), (605.0, 33.0, 611.5, 43.0)]
+    hoist = [*joined, (616.0, 33.0, 627.5, 43.0)]  # the last one with something beside it
+    closing = [(x0, y0 + 18, min(x1, 623.0), y1 + 18) for x0, y0, x1, y1 in hoist]
+    added = (600.0, 52.0, 607.0, 61.0)  # across two digits
+    for boxes in ([*clock, *hoist, *closing, added], [*clock, *hoist, *closing[:1], added, *closing[1:]]):
+        above, below = _pairs(_lines(boxes), 640)[0]
+        assert (list(above), list(below)) == (hoist, closing)
 
 
 def test_footage_without_a_display_has_none():

@@ -210,7 +210,7 @@ def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequ
         for drop, count in drops.items():
             if count >= 2:
                 below = [(x0, y0 + drop, x1, y1 + drop) for x0, y0, x1, y1 in a]
-                result.append((2 * one.unlike + 4 - count, a, below))
+                result.append((2 * one.unlike + 6 - min(count, 4), a, below))
     return [(a, b) for _, a, b in sorted(result, key=lambda pair: pair[0])]
 
 
