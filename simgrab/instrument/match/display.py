@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -140,10 +140,15 @@ def _lines(boxes: list[Box]) -> list[list[Box]]:
 
 @dataclass(frozen=True)
 class _Number:
-    """Four characters at an even pitch, and how unlike a number they are: others in their row, and uneven steps."""
+    """Four characters at an even pitch, how uneven their steps are, and other characters of their row."""
 
     boxes: tuple[Box, Box, Box, Box]
-    unlike: float
+    uneven: float
+    others: frozenset[Box]
+
+    def unlike(self, *rest: Box) -> float:
+        """Say how unlike a number they are, where the rest are those of the other number."""
+        return self.uneven + len(self.others.difference(rest))
 
     @property
     def height(self) -> float:
@@ -157,6 +162,7 @@ def _numbers(boxes: Sequence[Box]) -> list[_Number]:
     for a in boxes:
         height = a[3] - a[1]
         near = sorted(box for box in boxes if _level(a, box, 0.4) and abs(box[0] - a[0]) <= 2 * ROW * height)
+        alike = [box for box in near if _level(a, box, 0.2, 1.15)]
         row = [box for box in near if 0 < box[0] - a[0] <= 7 * height]
         for b in row:
             first = _centre(b) - _centre(a)
@@ -168,20 +174,20 @@ def _numbers(boxes: Sequence[Box]) -> list[_Number]:
                 if uneven <= 0.5 and 0.7 * min(first, last) <= middle <= 2.2 * max(first, last):
                     four = (a, b, c, d)
                     low, high = _centre(a) - ROW * first, _centre(d) + ROW * first
-                    others = sum(box not in four and low <= _centre(box) <= high for box in near)
-                    found.append(_Number(four, others + uneven))
-    return sorted(found, key=lambda number: number.unlike)[:MOST_NUMBERS]
+                    others = frozenset(box for box in alike if box not in four and low <= _centre(box) <= high)
+                    found.append(_Number(four, uneven, others))
+    return sorted(found, key=_Number.unlike)[:MOST_NUMBERS]
 
 
 def _centre(box: Box) -> float:
     return (box[0] + box[2]) / 2
 
 
-def _level(box: Box, other: Box, most: float) -> bool:
+def _level(box: Box, other: Box, most: float, ratio: float = 1.33) -> bool:
     """Whether boxes are about as tall, and about at one level: apart by a share of the taller's height at most."""
     heights = box[3] - box[1], other[3] - other[1]
     apart = abs(box[1] + box[3] - other[1] - other[3]) / 2
-    return 0.75 <= heights[0] / heights[1] <= 1.33 and apart <= most / 2 * max(heights)
+    return max(heights) <= ratio * min(heights) and apart <= most / 2 * max(heights)
 
 
 def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequence[Box]]]:
@@ -196,8 +202,8 @@ def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequ
         beside = abs(a[0][1] - b[0][1]) <= 0.3 * height and 0 < b[0][0] - a[3][2] <= 0.3 * width
         above = all(abs(_centre(p) - _centre(q)) <= 0.4 * height for p, q in zip(a, b, strict=True))
         if beside or (above and 0 < b[0][1] - a[0][1] <= 4 * height):
-            result.append((one.unlike + two.unlike, a, b))
-    # A character of the lower number may be lost in what lies behind it: two that stand below others will do.
+            result.append((one.unlike(*b) + two.unlike(*a), a, b))
+    # A character of a number may be lost in what lies behind it: two that stand below others will do.
     for one in numbers:
         a, height = one.boxes, one.height
         drops: dict[int, int] = {}
@@ -210,8 +216,27 @@ def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequ
         for drop, count in drops.items():
             if count >= 2:
                 below = [(x0, y0 + drop, x1, y1 + drop) for x0, y0, x1, y1 in a]
-                result.append((2 * one.unlike + 6 - min(count, 4), a, below))
+                result.append((2 * one.unlike() + 6 - min(count, 4), a, below))
+        result += [(2 * one.unlike(*seen) + 6 - len(seen), *pair) for seen, pair in _partners(one, boxes, width)]
     return [(a, b) for _, a, b in sorted(result, key=lambda pair: pair[0])]
+
+
+def _partners(
+    one: _Number, boxes: Sequence[Box], width: int
+) -> Iterator[tuple[list[Box], tuple[Sequence[Box], Sequence[Box]]]]:
+    """Complete numbers beside one, of which three characters are seen: these, and both numbers."""
+    a, height = one.boxes, one.height
+    row = [box for box in boxes if box not in a and _level(a[0], box, 0.3)]
+    tried = set[int]()
+    for q, p in itertools.product(row, a):
+        shift = _centre(q) - _centre(p)
+        if round(shift) in tried or not a[3][2] - a[0][0] < abs(shift) <= 0.3 * width:
+            continue
+        tried.add(round(shift))
+        seen = [box for box in row if any(abs(_centre(box) - _centre(r) - shift) <= 0.2 * height for r in a)]
+        if len(seen) == 3:
+            other = [(x0 + shift, y0, x1 + shift, y1) for x0, y0, x1, y1 in a]
+            yield seen, (a, other) if shift > 0 else (other, a)
 
 
 def _beside(box: Box, lines: list[list[Box]]) -> int:
