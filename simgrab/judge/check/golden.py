@@ -1,6 +1,6 @@
 """Golden frames: pictures that must stay as they were recorded.
 
-With the same renderer and packages, their files must be the same to the byte. Elsewhere edges and texture
+With the same renderer, packages and kind of CPU, their files must be the same to the byte. Elsewhere edges and texture
 filters differ a little everywhere, so their likeness is judged tile by tile: the least mean SSIM (Wang, Bovik, Sheikh
 & Simoncelli 2004) of 8 by 8 tiles. Over the whole picture a grab that is gone would hardly be missed. A frame of
 `calm-day` keeps 0.89 with a coarser shadow map and 0.94 without multisampling; with the grab 9 px aside it keeps
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from simgrab.errors import DatasetError, PictureError, SuiteError
+from simgrab.judge.doctor import cpu_features
 from simgrab.labels.datasets import MANIFEST, Dataset
 from simgrab.labels.truth import Row
 from simgrab.utilities.parse import read_json
@@ -154,11 +155,14 @@ def likeness(a: Picture, b: Picture) -> float:
 
 
 def drawn_by(dataset: Dataset) -> str:
-    """Digest of the renderer and the packages that made a dataset."""
+    """Digest of the renderer and the packages that made a dataset, and of the vector units of this machine's CPU.
+
+    NumPy takes another path through them on another kind of CPU, and the last bit of light may differ.
+    """
     path = dataset.path / MANIFEST
     made = read_json(path, DatasetError)
     try:
-        who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"]}
+        who = {"fingerprint": made["renderer"]["fingerprint"], "packages": made["packages"], "cpu": cpu_features()}
     except (LookupError, TypeError):
         raise DatasetError(f"{path} is not a simgrab manifest: it does not name the renderer") from None
     return hashlib.sha256(json.dumps(who, sort_keys=True).encode()).hexdigest()[:16]
