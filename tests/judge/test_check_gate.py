@@ -324,6 +324,12 @@ def test_golden_frames_are_compared_by_hash_or_by_likeness(place, tmp_path):
     assert "size" in altered(place, tmp_path, lambda p: p[:200], drawn_by="another").message
 
 
+def test_golden_frames_of_another_kind_of_cpu_are_compared_by_likeness(place, tmp_path, monkeypatch):
+    monkeypatch.setattr(golden, "cpu_features", lambda: {"numpy": ("another",)})
+    assert altered(place, tmp_path, lambda picture: picture).status == "passed"
+    assert altered(place, tmp_path, without_grab).status == "failed"
+
+
 @pytest.fixture
 def shell(place, tmp_path, monkeypatch):
     """Run the command line where ``pipelines.py`` offers the sound pipeline, the faults and broken factories."""
