@@ -39,7 +39,7 @@ def test_the_true_noise_is_that_of_pictures(mask, grey):
 
 
 def grey(table):
-    """Path-trace squares that do not move."""
+    """Path-trace lines that do not move."""
     with np.load(table["scene"]) as file:
         width, height = file["camera"][:2].astype(int)
     assert not table["grain"]

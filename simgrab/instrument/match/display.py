@@ -125,12 +125,10 @@ def _lines(boxes: list[Box]) -> list[list[Box]]:
     boxes = sorted(boxes)
     lines: list[list[Box]] = []
     for box in boxes:
-        h = box[3] - box[1]
         for line in lines:
             last = line[-1]
             g = last[3] - last[1]
-            level = abs((box[1] + box[3]) - (last[1] + last[3])) <= 0.4 * max(h, g)
-            if level and 0.75 <= h / g <= 1.33 and 0 < box[0] - last[0] <= 2.6 * g and box[0] >= last[2] - 0.5:
+            if _level(last, box, 0.2) and 0 < box[0] - last[0] <= 2.6 * g and box[0] >= last[2] - 0.5:
                 line.append(box)
                 break
         else:
@@ -161,8 +159,8 @@ def _numbers(boxes: Sequence[Box]) -> list[_Number]:
     found = []
     for a in boxes:
         height = a[3] - a[1]
-        near = sorted(box for box in boxes if _level(a, box, 0.4) and abs(box[0] - a[0]) <= 2 * ROW * height)
-        alike = [box for box in near if _level(a, box, 0.2, 1.15)]
+        near = sorted(box for box in boxes if _level(a, box, 0.2) and abs(box[0] - a[0]) <= 2 * ROW * height)
+        alike = [box for box in near if _level(a, box, 0.1, 1.15)]
         row = [box for box in near if 0 < box[0] - a[0] <= 7 * height]
         for b in row:
             first = _centre(b) - _centre(a)
@@ -184,10 +182,10 @@ def _centre(box: Box) -> float:
 
 
 def _level(box: Box, other: Box, most: float, ratio: float = 1.33) -> bool:
-    """Whether boxes are about as tall, and about at one level: apart by a share of the taller's height at most."""
+    """Whether boxes are about as tall, and their middles at one level within a share of the taller's height."""
     heights = box[3] - box[1], other[3] - other[1]
     apart = abs(box[1] + box[3] - other[1] - other[3]) / 2
-    return max(heights) <= ratio * min(heights) and apart <= most / 2 * max(heights)
+    return max(heights) <= ratio * min(heights) and apart <= most * max(heights)
 
 
 def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequence[Box]]]:
@@ -226,7 +224,7 @@ def _partners(
 ) -> Iterator[tuple[list[Box], tuple[Sequence[Box], Sequence[Box]]]]:
     """Complete numbers beside one, of which three characters are seen: these, and both numbers."""
     a, height = one.boxes, one.height
-    row = [box for box in boxes if box not in a and _level(a[0], box, 0.3)]
+    row = [box for box in boxes if box not in a and _level(a[0], box, 0.15)]
     tried = set[int]()
     for q, p in itertools.product(row, a):
         shift = _centre(q) - _centre(p)
