@@ -21,8 +21,8 @@ from simgrab.utilities.files import drafted
 def waits(path, cleaning):
     with drafted(path) as draft:
         draft.write_text("half")
-        (path.parent / "begun").touch()
         try:
+            (path.parent / "begun").touch()
             time.sleep(600)
         finally:
             (path.parent / "cleaning").touch()
