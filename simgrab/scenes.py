@@ -15,6 +15,7 @@ import numpy as np
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario, merged, vary
 from simgrab.scenario import resized as resized
+from simgrab.scenario.factor import JOINT
 from simgrab.utilities import fonts, models, photographs, resources
 from simgrab.utilities.models import Model, copied
 from simgrab.utilities.parse import MOST_LEVELS, Refuse, parse_value, read_json, read_toml, shown
@@ -42,7 +43,8 @@ def load(
     scene : str or Path
         A bundled scene's name (see `names`), a TOML file, or the ``manifest.json`` of a dataset.
     changes : mapping, optional
-        Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``. A key that is set so varies no more.
+        Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``. As in a scene file over its base, a key that is set
+        does not vary any more.
     size : tuple of 2 ints, optional
         Width and height of the images, px, which then show the same view; see `resized`. The keys ``camera.width_px``
         and ``camera.height_px`` crop instead, because the focal length in pixels stays.
@@ -63,14 +65,14 @@ def load(
     """
     if not isinstance(changes, Mapping | None):
         raise ScenarioError("", f"changes must be a mapping from dotted keys to values, got {type(changes).__name__}")
-    data = merged(Scenario().to_dict(), _read(scene))
+    change: dict[str, Any] = {}
     for key, value in (changes or {}).items():
-        change = vary.nested(key, value.item() if isinstance(value, np.generic) else value)
-        data = merged(data, _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse)))
-    scenario = convert(data, Scenario)
-    for key in changes or {}:
-        if not f"{key}.".startswith("vary."):
-            scenario = msgspec.structs.replace(scenario, vary=vary.fixed(scenario.vary, key))
+        change = merged(change, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
+    varied = {part for name in change.get("vary") or () for part in str(name).split(JOINT)}
+    for key in varied & set(changes or ()):
+        raise ScenarioError(key, "is set and varies in the same call; leave out one of both")
+    change = _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse))
+    scenario = convert(vary.laid_over(_read(scene), change), Scenario)
     vary.check(scenario)
     return scenario if size is None else resized(scenario, *size)
 
@@ -106,10 +108,10 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def _read(scene: str | Path) -> dict[str, Any]:
-    """Plain data of a scene, laid over its base where it names one."""
+    """Plain data of a whole scene: laid over its base where it names one, and over the defaults."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix == ".json":
-        return _manifest_scenario(path)
+        return merged(_defaults(), _manifest_scenario(path))
 
     def beside(table: Mapping[str, Any], refuse: Refuse) -> Model:
         return _kind(table).read(models.inside(path.parent, table["file"], refuse), refuse)
@@ -117,10 +119,14 @@ def _read(scene: str | Path) -> dict[str, Any]:
     data = _with_models(read_toml(path, _REFUSE), beside)
     base = data.pop("base", None)
     if base is None:
-        return data
+        return merged(_defaults(), data)
     if base not in names():
         raise ScenarioError("base", f"{path}: no bundled scene {base!r}; one of: {', '.join(names())}")
-    return merged(_read(base), data)
+    return vary.laid_over(_read(base), data)
+
+
+def _defaults() -> dict[str, Any]:
+    return dict(msgspec.to_builtins(Scenario()))
 
 
 def _manifest_scenario(path: Path) -> dict[str, Any]:

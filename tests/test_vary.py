@@ -1,15 +1,19 @@
 """Factors: drawn by their laws, each from a stream of its own, and refused where they cannot be."""
 
 import json
+import tomllib
 
 import msgspec
 import numpy as np
 import pytest
+import tomli_w
 from scipy import stats
 
 from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Hold, Plain, Scenario, variant, variants
+from simgrab.scenario import Hold, Plain, Scenario, merged, variant, variants, vary
+from simgrab.scenario.vary import laid_over, nested
+from simgrab.utilities.strict import _structs_of as structs_of
 from simgrab.utilities.strict import convert
 
 UNIFORM = {"dist": "uniform", "low": 1.0, "high": 5.0}
@@ -148,16 +152,168 @@ def test_draws_that_contradict_each_other_name_clip_and_key():
         list(variants(scenario))
 
 
-def test_a_key_set_by_hand_varies_no_more():
-    joint = {"dist": "one-of", "values": [{"light.sky": 0.5, "light.sun": 0.3}], "names": ["dim"]}
-    factors = {"camera.beta_deg": UNIFORM, "light.sky+light.sun": joint, "place": PLACES}
-    every = scenes.load("quay-day", {"clip.clip_frames": 2, "vary": factors, "camera.beta_deg": 2.5, "light.sun": 0.9})
-    assert set(every.vary) == {"light.sky", "place"}
-    one = variant(every, 0).scenario
-    assert (one.camera.beta_deg, one.light.sun, one.light.sky) == (2.5, 0.9, 0.5)
-    assert np.isin("place", list(every.vary))
-    with pytest.raises(ScenarioError, match="change that factor under vary"):
-        scenes.load("quay-day", {"clip.clip_frames": 2, "vary": factors, "place.fill": 0.1, "place.model": "hold"})
+JOINT = {
+    "dist": "one-of",
+    "values": [{"light.sky": 0.5, "light.sun": 0.3}, {"light.sky": 0.7, "light.sun": 0.6}],
+    "names": ["dim", "bright"],
+}
+
+
+@pytest.fixture(params=["file", "set", "python"])
+def state(request, tmp_path):
+    """State keys over a bundled scene, each way that there is."""
+
+    def by_file(scene, keys):
+        data = {"base": scene}
+        for key, value in keys.items():
+            data = merged(data, nested(key, value))
+        (tmp_path / "scene.toml").write_text(tomli_w.dumps(data))
+        return scenes.load(tmp_path / "scene.toml")
+
+    def by_set(scene, keys):
+        return scenes.load(scene, scenes.parse_changes(f"{key}={inline(value)}" for key, value in keys.items()))
+
+    return {"file": by_file, "set": by_set, "python": scenes.load}[request.param]
+
+
+def inline(value):
+    """Write a value as TOML on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f'"{key}" = {inline(inner)}' for key, inner in value.items()) + "}"
+    return "[" + ", ".join(map(inline, value)) + "]" if isinstance(value, list) else json.dumps(value)
+
+
+def drawn(scenario, key, frames=range(0, 80, 8)):
+    """Values that a key has in the first variants."""
+    return [at(msgspec.to_builtins(variant(scenario, frame).scenario), key) for frame in frames]
+
+
+def at(data, key):
+    for step in key.split("."):
+        data = data[step]
+    return data
+
+
+def test_a_stated_key_does_not_vary(state):
+    keys = {"camera.beta_deg": 8.0, "swing.alpha.sigma_deg": 1.0, "optics.exposure.target_level": 0.2}
+    scenario = state("training", keys)
+    for key, value in keys.items():
+        assert drawn(scenario, key) == [value] * 10
+    free = scenes.load("training")
+    assert drawn(scenario, "camera.roll_deg") == drawn(free, "camera.roll_deg")
+    assert len(set(drawn(scenario, "jib.head_height_m"))) > 1  # was joined with the swing
+    with pytest.raises(ScenarioError, match=r"camera\.beta_deg: .*<= 30"):
+        state("training", {"camera.beta_deg": 31.0})
+
+
+def test_a_table_whose_kind_is_stated_does_not_vary_but_other_keys_in_it_do(state):
+    scenario = state("training", {"grab.model": "scissors", "grab.volume_m3": 7.0, "place.model": "water"})
+    assert set(drawn(scenario, "grab.model")) == {"scissors"}
+    assert set(drawn(scenario, "grab.volume_m3")) == {7.0}
+    assert set(drawn(scenario, "place.model")) == {"water"}
+    assert len(set(drawn(scenario, "grab.wear"))) == 10
+    assert "grab.tines" not in scenario.vary  # of orange-peel grabs
+
+
+def test_a_stated_key_that_a_varying_table_would_overwrite_is_refused_with_a_cure(state):
+    cases = {"grab.paint_rgb": [0.0, 0.0, 1.0], "light.sun": 0.5, "weather.rain_mm_h": 5.0}
+    for key, value in cases.items():
+        with pytest.raises(ScenarioError, match=r"would be overwritten.*\[vary\]") as caught:
+            state("training", {key: value})
+        assert caught.value.key == key
+        cure = tomllib.loads(caught.value.problem.rpartition("[vary] ")[2])
+        cured, free = state("training", {"vary": cure}), scenes.load("training")
+        assert [np.ravel(v).tolist() for v in drawn(cured, key)] == [np.ravel(value).tolist()] * 10
+        assert drawn(cured, "camera.beta_deg") == drawn(free, "camera.beta_deg")
+    with pytest.raises(ScenarioError, match=r"state place\.model too"):
+        state("training", {"place.cargo": "coal"})
+    # Nothing that is drawn states this key, so it stays.
+    assert drawn(state("training", {"light.sun_elevation_deg": 50.0}), "light.sun_elevation_deg") == [50.0] * 10
+
+
+def test_what_a_file_varies_replaces_the_factors_of_its_base(state):
+    low = {"dist": "uniform", "low": 0.0, "high": 0.01}
+    kinds = {"dist": "one-of", "values": [{"model": "four-rope"}, {"model": "scissors"}]}
+    scenario = state("training", {"vary": {"camera.roll_deg+camera.beta_deg": {
+        "dist": "one-of", "values": [{"camera.roll_deg": 1.0, "camera.beta_deg": 2.0}]}, "grab": kinds}})  # fmt: skip
+    assert set(drawn(scenario, "camera.beta_deg")) == {2.0}
+    assert set(drawn(scenario, "grab.model")) == {"four-rope", "scissors"}
+    scenario = state(
+        "exam-calm", {"vary": {"grab.cargo": {"dist": "one-of", "values": ["grain"]}, "camera.roll_deg": low}}
+    )
+    assert set(drawn(scenario, "grab.cargo")) == {"grain"}  # which the base draws with its places
+    assert max(drawn(scenario, "camera.roll_deg")) < 0.01
+
+
+def test_what_is_left_of_a_joint_factor_is_labelled_by_its_values():
+    base = {"clip.clip_frames": 2, "vary": {"light.sky+light.sun": JOINT}}
+    scenario = scenes.load("quay-day", base)
+    data = laid_over(msgspec.to_builtins(scenario), {"light": {"sun": 0.9}})
+    one = variant(convert(data, Scenario), 0)
+    assert one.scenario.light.sun == 0.9
+    assert one.drawn == {"light.sky": one.scenario.light.sky}
+
+
+def test_contradictions_are_refused(state):
+    with pytest.raises(ScenarioError, match=r"^camera: an empty table states nothing, and camera\.\w+ varies"):
+        state("training", {"camera": {}})
+    factors = {"camera.beta_deg": UNIFORM, "camera.beta_deg+camera.roll_deg": {
+        "dist": "one-of", "values": [{"camera.roll_deg": 1.0, "camera.beta_deg": 2.0}]}}  # fmt: skip
+    with pytest.raises(ScenarioError, match=r"camera\.beta_deg: varies twice"):
+        state("quay-day", {"clip.clip_frames": 2, "vary": factors})
+
+
+def test_setting_and_varying_a_key_in_one_call_is_refused():
+    with pytest.raises(ScenarioError, match=r"camera\.beta_deg: is set and varies in the same call"):
+        scenes.load("quay-day", {"clip.clip_frames": 2, "vary": {"camera.beta_deg": UNIFORM}, "camera.beta_deg": 2.5})
+
+
+def every_key(kind, prefix=""):
+    """Give all keys of a struct but those that must not vary, each with its default and the kinds of its tables."""
+    for field in msgspec.structs.fields(kind):
+        key, tables = f"{prefix}{field.encode_name}", structs_of(field.type)
+        if not prefix and field.name in vary.FIXED:
+            continue
+        if not tables and field.default is not msgspec.NODEFAULT:
+            yield key, {key: msgspec.to_builtins(field.default)}
+        for table in tables:
+            config = table.__struct_config__
+            kinds = {f"{key}.{config.tag_field}": config.tag} if config.tag else {}
+            if any(inner.required for inner in msgspec.structs.fields(table)):
+                continue  # a file of the user's
+            for inner, stated in every_key(table, f"{key}."):
+                yield inner, kinds | stated
+
+
+VARYING = [name for name in scenes.names() if scenes.load(name).vary]
+USUAL = ("training-shapes", "exam-fog-dust")
+
+
+@pytest.mark.parametrize(
+    "scene", [pytest.param(name, marks=[] if name in USUAL else pytest.mark.slow) for name in VARYING]
+)
+def test_no_stated_key_is_drawn_otherwise(scene):
+    """All keys of the schema over a scene that varies: each alone, and with the kinds of the tables that it is in."""
+    base, refused, kept = msgspec.to_builtins(scenes.load(scene)), 0, 0
+    kind = base["swing"]["model"]
+    for _, stated in every_key(Scenario):
+        if stated.get("swing.model", kind) != kind:
+            continue
+        for keys in (stated, dict([list(stated.items())[-1]])):
+            layer = {}
+            for key, value in keys.items():
+                layer = merged(layer, nested(key, value))
+            try:
+                scenario = convert(laid_over(base, layer), Scenario)
+                one = [msgspec.to_builtins(variant(scenario, frame).scenario) for frame in (0, 40, 400)]
+            except ScenarioError:
+                if keys is stated:
+                    refused += 1
+                continue
+            kept += 1
+            for key, value in keys.items():
+                assert all(at(data, key) == value for data in one), (keys, [at(data, key) for data in one])
+    assert kept > 4 * refused, (kept, refused)
 
 
 def test_what_does_not_vary_is_not_checked_again():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -11,7 +11,7 @@ import numpy as np
 
 from simgrab.errors import ScenarioError
 from simgrab.rng import stream
-from simgrab.scenario.factor import JOINT, Factor, OneOf, draw, trials
+from simgrab.scenario.factor import JOINT, OneOf, draw, trials
 from simgrab.scenario.whole import Scenario, merged
 from simgrab.utilities.strict import convert, of_another_kind
 
@@ -132,6 +132,10 @@ def check(scenario: Scenario) -> None:
     count = sum(len(trials(factor, rng)) for factor in scenario.vary.values())
     if count > MOST_TRIALS:
         raise ScenarioError("vary", f"the factors have {count} values in total; the limit is {MOST_TRIALS}")
+    parts = [part for name in scenario.vary for part in name.split(JOINT)]
+    for part in parts:
+        if parts.count(part) > 1:
+            raise ScenarioError(f"vary.{part}", "varies twice, alone and joined or joined twice; leave out one")
     for key, factor in scenario.vary.items():
         around = _table_around(scenario, key)
         for value in trials(factor, rng):
@@ -155,21 +159,118 @@ def _table_around(scenario: Scenario, key: str) -> dict[str, Any]:
     return {}
 
 
-def fixed(factors: Mapping[str, Factor], key: str) -> dict[str, Factor]:
-    """Drop from factors what would overwrite ``key``, which somebody set by hand."""
-    left: dict[str, Factor] = {}
+def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge plain data of a scene over those of its base: what the layer states no longer varies as in the base.
+
+    A stated key leaves the factors of the base, and so does a table of which the layer states the kind. What the layer
+    itself varies replaces the base's factors of the same keys.
+
+    Parameters
+    ----------
+    base, layer : mapping
+        As a scene file holds them.
+
+    Raises
+    ------
+    ScenarioError
+        If a table that varies as a whole would overwrite a stated key in it.
+    """
+    data, factors, own = merged(base, layer), base.get("vary"), layer.get("vary", {})
+    if not isinstance(factors, Mapping) or not isinstance(own, Mapping):
+        return data
+    stated = dict(_leaves({key: value for key, value in layer.items() if key != "vary"}))
+    kinds = {key.rpartition(".")[0] for key in stated if key.endswith((".model", ".dist"))}
+    fixed = {*stated, *kinds, *(part for name in own for part in name.split(JOINT))}
+    left: dict[str, Any] = {}
     for name, factor in factors.items():
         parts = name.split(JOINT)
-        kept = [part for part in parts if not f"{part}.".startswith(f"{key}.")]
-        if any(key.startswith(f"{part}.") for part in kept):
-            raise ScenarioError(key, f"varies as a part of {name!r}; change that factor under vary")
-        if kept == parts:
-            left[name] = factor
-        elif kept and isinstance(factor, OneOf):
-            tables = [{part: value[part] for part in kept} for value in factor.values]
-            values = tuple(tables if len(kept) > 1 else (table[kept[0]] for table in tables))
-            left[JOINT.join(kept)] = msgspec.structs.replace(factor, values=values)
-    return left
+        kept = [part for part in parts if not _is_fixed(part, fixed, stated) and _fits(part, fixed, data, own)]
+        if kept:
+            left[JOINT.join(kept)] = factor if kept == parts else _only(kept, factor)
+    for name, factor in left.items():
+        _refuse_overwriting(stated, name, factor, data)
+    return data | {"vary": left | dict(own)}
+
+
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Give the dotted keys that a table states, with their values; of an empty table its own."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and value:
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _is_fixed(part: str, fixed: Collection[str], stated: Mapping[str, Any]) -> bool:
+    for key in stated:
+        if stated[key] == {} and f"{part}.".startswith(f"{key}."):
+            raise ScenarioError(key, f"an empty table states nothing, and {part} varies; leave it out, or fill it")
+    return part in fixed or any(part.startswith(f"{key}.") for key in stated)
+
+
+def _fits(part: str, fixed: Collection[str], data: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
+    """Whether a part of the base's factors belongs to any kind that a table above it now is or may be drawn as."""
+    above = [table for table in fixed if part.startswith(f"{table}.")]
+    if not above or not of_another_kind(data, Scenario, part):
+        return True
+    drawn = ((table, value) for name, factor in own.items() for table, value in _tables(name, factor))
+    return any(
+        table in above and not of_another_kind(merged(data, nested(table, value)), Scenario, part)
+        for table, value in drawn
+    )
+
+
+def _tables(name: str, factor: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Give the tables among a factor's values, plain data, each with the part that it is a value of."""
+    values = factor.get("values") if isinstance(factor, Mapping) else None
+    for value in values if isinstance(values, list | tuple) else ():
+        by_part = value if JOINT in name else {name: value}
+        for part, table in by_part.items() if isinstance(by_part, Mapping) else ():
+            if isinstance(table, Mapping):
+                yield part, table
+
+
+def _only(parts: Sequence[str], factor: Any) -> Any:
+    """Leave only some parts of a joint factor, plain data, whose names would describe values that are gone."""
+    try:
+        values = [{part: value[part] for part in parts} for value in factor["values"]]
+        rest = {key: value for key, value in factor.items() if key not in ("names", "values")}
+    except (AttributeError, KeyError, TypeError):
+        return factor  # refused later
+    return rest | {"values": values if len(parts) > 1 else [value[parts[0]] for value in values]}
+
+
+def _refuse_overwriting(stated: Mapping[str, Any], name: str, factor: Any, data: Mapping[str, Any]) -> None:
+    for part, table in _tables(name, factor):
+        laid = merged(data, nested(part, table))
+        below = {key.removeprefix(f"{part}."): value for key, value in stated.items() if key.startswith(f"{part}.")}
+        for key, value in below.items():
+            if _at(laid, f"{part}.{key}") == value:
+                continue
+            if "model" in table:
+                cure = (
+                    f'state {part}.model too, or set it in every draw: [vary] "{part}.{key}" = {_one_of(_toml(value))}'
+                )
+            else:
+                inner = ", ".join(f"{inner} = {_toml(value)}" for inner, value in below.items())
+                cure = f'replace that factor: [vary] "{part}" = {_one_of(f"{{ {inner} }}")}'
+            raise ScenarioError(
+                f"{part}.{key}", f"would be overwritten, because {part} varies as a whole (vary.{name}); {cure}"
+            )
+
+
+def _one_of(value: str) -> str:
+    return f'{{ dist = "one-of", values = [{value}] }}'
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, default=str)
+
+
+def _at(data: Any, key: str) -> Any:
+    for step in key.split("."):
+        data = data.get(step) if isinstance(data, Mapping) else None
+    return data
 
 
 def _by_key(name: str, value: Any) -> dict[str, Any]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import msgspec
 
 from simgrab import scenes
-from simgrab.scenario import Mesh, Scenario
-from simgrab.scenario.factor import JOINT
+from simgrab.scenario import Mesh, Scenario, vary
+from simgrab.utilities.strict import convert
 
 FRAMES, CLIP_FRAMES = 960, 4  # 240 worlds
 SIZE = (960, 540)  # the nets' crops of nearly every grab have fewer pixels still
-_PAINT = ("grab.paint_rgb", "grab.wear", "grab.residue")
 
 
 def scene_of(grab: Mesh, *, frames: int = FRAMES, seed: int = 0) -> Scenario:
@@ -19,14 +18,13 @@ def scene_of(grab: Mesh, *, frames: int = FRAMES, seed: int = 0) -> Scenario:
     Parameters
     ----------
     grab : Mesh
-        Its paint varies where it has none of its own.
+        Its looks vary as in `training` where they are the default ones.
     frames : int
     seed : int
     """
     training = scenes.load("training", {"frames": frames, "seed": seed, "clip.clip_frames": CLIP_FRAMES}, size=SIZE)
-    kept = {
-        key: factor
-        for key, factor in training.vary.items()
-        if key != "grab" and (key in _PAINT or not any(part.startswith("grab.") for part in key.split(JOINT)))
+    values, fields = msgspec.to_builtins(grab), msgspec.structs.fields(grab)
+    stated = {"model": values["model"]} | {
+        field.name: values[field.name] for field in fields if getattr(grab, field.name) != field.default
     }
-    return msgspec.structs.replace(training, name="own-grab", grab=grab, vary=kept)
+    return convert(vary.laid_over(msgspec.to_builtins(training), {"name": "own-grab", "grab": stated}), Scenario)
