@@ -99,7 +99,7 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.3f}"
     if isinstance(value, tuple):
-        return " … ".join(_text(v) for v in value)
+        return " … ".join(dict.fromkeys(_text(v) for v in value))
     if isinstance(value, dict):
         return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
     return printable(str(value))

@@ -163,7 +163,7 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
                   + "; ".join(f"({_metres(end)})" for end in made.terminations + centre)
                   + " m from the file's origin" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
         ("jaws", "; ".join(f"{jaw.node}: {f'{jaw.open_deg:g}°' if jaw.open_deg else f'{jaw.stroke_m:g} m'}"
-                           for jaw in keys.jaws) or "none: swing.jaw_deg must be 0, or swing.clamp = true"),
+                           for jaw in keys.jaws) or "none: this grab does not open"),
         ("keypoints", f"ends of ropes: {len(made.terminations)}; ends of lips: {sum(map(len, made.lips.values()))}"),
         ("mass", f"{mass.mass:,.0f} kg" + ("" if keys.mass_kg else
                  f" (estimated: closed pieces as solid steel, others as {1e3 * PLATE_M:g} mm plates)")),

@@ -76,6 +76,12 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     yaw_deg: Annotated[Finite, _column("deg", "turn of the grab about its rope, 0 = x outboard, (-180, 180]")]
     jaw_deg: Annotated[Finite, _column("deg", "opening of each shell about its hinge, 0 = closed")]
     load: Annotated[Finite, _column("", "fill of the closed grab, 0 to 1; an open grab holds nothing")]
+    clamped: Annotated[
+        str,
+        _column(
+            "", "keys of the swing, joined by +, that were drawn impossible and replaced (`swing.clamp`); empty if none"
+        ),
+    ]
     present: Annotated[
         bool,
         _column(

@@ -34,9 +34,11 @@ from simgrab.scenario.size import resized
 from simgrab.scenario.surroundings import Clutter, Hold, Jib, Light, Photo, Place, Plain, Quay, RandomPlace, Water
 from simgrab.scenario.suspension import DoublePendulum, FourRopes, OneBody, Suspension, Waves
 from simgrab.scenario.swing import (
+    CLAMPABLE,
     MOST_ALPHA_DEG,
     ROPE_LENGTH_RANGE_M,
     Alpha,
+    Clampable,
     Cycles,
     Dynamic,
     Forcing,
@@ -51,6 +53,7 @@ from simgrab.scenario.weather import Weather
 from simgrab.scenario.whole import Scenario, merged, schema
 
 __all__ = [
+    "CLAMPABLE",
     "IMU_CLASSES",
     "MOST_ALPHA_DEG",
     "ROPE_LENGTH_RANGE_M",
@@ -63,6 +66,7 @@ __all__ = [
     "Camera",
     "Cargo",
     "Circles",
+    "Clampable",
     "Clamshell",
     "Clip",
     "Clutter",

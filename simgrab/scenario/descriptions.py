@@ -178,7 +178,8 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "rope_length_m": "Distance from the rope exit O to the grab centre A; within 6 to 45 m.",
         "yaw_deg": "Turn of the grab about the rope; 0 has its x axis outboard.",
         "absent": "Share of frames without grab and ropes.",
-        "clamp": "Whether impossible draws are replaced by the nearest possible ones; otherwise they are an error.",
+        "clamp": "Keys of which impossible draws are replaced by the nearest possible values, or `true` for both; "
+        "others are an error.",
     },
     "Alpha": {
         "sigma_deg": "Scale: √E[α²], for every distribution.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal, get_args
 
 from simgrab.distributions import AnyDistribution, Constant, HalfNormal, Uniform
 from simgrab.scenario.base import Meta, Share, Strict, Tagged
@@ -11,6 +11,8 @@ MOST_ALPHA_DEG = 80.0
 ROPE_LENGTH_RANGE_M = (6.0, 45.0)
 RopeLength = Annotated[float, Meta(ge=ROPE_LENGTH_RANGE_M[0], le=ROPE_LENGTH_RANGE_M[1])]
 Jaw = Annotated[float, Meta(ge=0, le=90)]
+Clampable = Literal["jaw_deg", "rope_length_m"]
+CLAMPABLE: tuple[Clampable, ...] = get_args(Clampable)
 
 
 class Alpha(Strict, frozen=True):
@@ -33,8 +35,9 @@ class Iid(Tagged, frozen=True, tag="iid"):
     """Independent frames: each draws its own swing, rope length, yaw, jaws and load.
 
     A share ``absent`` of the frames shows neither grab nor ropes. A grab that is open, or of a kind that holds no bulk,
-    has no load whatever was drawn. With ``clamp``, impossible draws are replaced by the nearest possible: jaws open as
-    far as they go, and a rope that would lower the grab into what stands below is shortened.
+    has no load whatever was drawn, and a grab without jaws does not open. Impossible draws of the keys that ``clamp``
+    names, or of both with ``true``, are replaced by the nearest possible: jaws open as far as they go, and a rope that
+    would lower the grab into what stands below is shortened. The column ``clamped`` names them.
     """
 
     alpha: Alpha = Alpha()
@@ -44,7 +47,12 @@ class Iid(Tagged, frozen=True, tag="iid"):
     jaw_deg: AnyDistribution = Constant(0.0)
     load: AnyDistribution = Constant(0.0)
     absent: Share = 0.0
-    clamp: bool = False
+    clamp: bool | Annotated[tuple[Clampable, ...], Meta(max_length=2)] = False
+
+    @property
+    def clamped(self) -> tuple[Clampable, ...]:
+        """Keys of which impossible draws are replaced."""
+        return (CLAMPABLE if self.clamp else ()) if isinstance(self.clamp, bool) else self.clamp
 
 
 class Hang(Tagged, frozen=True, tag="hang"):
@@ -137,3 +145,4 @@ class Dynamic(Tagged, frozen=True, tag="dynamic"):
     radius_m: Annotated[float, Meta(ge=10, le=50)] = 25.0
     drag_area_m2: Annotated[float, Meta(ge=0, le=50)] | None = None
     settle_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0
+    clamped: ClassVar[tuple[Clampable, ...]] = ()

@@ -61,6 +61,7 @@ def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] |
         yaw_deg=_degrees(state.yaw),
         jaw_deg=_degrees(state.jaw),
         load=state.load,
+        clamped="+".join(moment.clamped),
         present=moment.present,
         distance_m=float(np.linalg.norm(projection.centre_camera)),
         width_px=k.width_px,

@@ -61,6 +61,30 @@ def test_labels_hold_what_the_scenario_set(crooked_dataset):
     assert not np.allclose(table.grab_u_px, table.ideal_u_px)
 
 
+def test_the_summary_states_what_was_drawn_and_how_much_was_clamped(tmp_path):
+    changes = {
+        "frames": 8, "image.samples": 0, "image.shadow_map_px": 0, "seed": 3, "clip.clip_frames": 2,
+        "place": {"model": "plain"}, "grab": {"model": "scissors"}, "swing.clamp": True,
+        "swing.jaw_deg": {"dist": "choice", "values": [0.0, 89.0], "weights": [1, 1]},
+        "swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 34.0},
+        "vary": {"camera.beta_deg": {"dist": "uniform", "low": 1.0, "high": 5.0}},
+    }  # fmt: skip
+    scene = scenes.load("quay-day", changes, size=(160, 90))
+    summary = render(scene, tmp_path / "folder", video=tmp_path / "v.mkv")
+    rows = pq.read_table(tmp_path / "folder" / "labels.parquet").to_pylist()
+    betas, ropes = ([row[key] for row in rows] for key in ("beta_deg", "rope_length_m"))
+    assert summary.beta_deg == (min(betas), max(betas))
+    assert len(set(betas)) == 4
+    assert summary.rope_length_m == (min(ropes), max(ropes))
+    counts = {key: sum(key in row["clamped"] for row in rows) for key in ("jaw_deg", "rope_length_m")}
+    assert all(0 < count < 8 for count in counts.values())
+    assert summary.clamped == summary.video.clamped == counts
+    assert json.loads((tmp_path / "folder" / "manifest.json").read_text())["clamped"] == counts
+    shards = render(scene, (tmp_path / "shards").as_uri(), shard_frames=4)
+    assert (shards.clamped, shards.beta_deg) == (counts, summary.beta_deg)
+    assert json.loads((tmp_path / "shards" / "manifest.json").read_text())["clamped"] == counts
+
+
 def test_two_workers_give_the_same_bytes(dataset, scene, tmp_path):
     render(scene, tmp_path / "two", workers=2)
     assert digest(tmp_path / "two") == digest(dataset)

@@ -321,7 +321,7 @@ def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
     plan = draw_up(clamped)
     asked, given = ([iid.draw(scene, frame) for frame in range(12)] for scene in (replace_jaw(free), clamped))
     moments = [Trajectory(clamped, plan=plan).at(frame) for frame in range(12)]
-    with pytest.raises(ScenarioError, match=r"swing\.clamp = true"):
+    with pytest.raises(ScenarioError, match=r'swing\.clamp = \["jaw_deg"\]'):
         [iid.draw(free, frame) for frame in range(12)]
     lifted = 0
     for before, alone, moment in zip(asked, given, moments, strict=True):
@@ -332,8 +332,14 @@ def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
         assert moment.grab.rope_length <= alone.grab.rope_length
         points = trimesh.transform_points(plan.grab_points(moment.grab), moment.grab.jib_from_grab)
         assert plan.ground.gap(points) >= CLEARANCE_M
-        lifted += moment.grab.rope_length < alone.grab.rope_length
+        shorter = moment.grab.rope_length < alone.grab.rope_length
+        opened = ("jaw_deg",) if alone.grab.jaw else ()
+        assert moment.clamped == opened + (("rope_length_m",) if shorter else ())
+        lifted += shorter
     assert 0 < lifted < 12
+    jaws = scenes.load("quay-day", changes | {"swing.clamp": ["jaw_deg"]})
+    alone = [Trajectory(jaws, plan=plan).at(frame) for frame in range(12)]
+    assert [moment.grab.rope_length for moment in alone] == [moment.grab.rope_length for moment in asked]
 
 
 def replace_jaw(scene: Scenario) -> Scenario:

@@ -249,7 +249,7 @@ def _same(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -
 def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
     """Write everything that depends on all frames, one frame at a time; the manifest comes last."""
     scenario, core = recipe.scenario, manifest.identity(recipe)
-    first: list[Row] = []
+    first, tally = list[Row](), Tally()
     with Tables(folder.writing, core, scenario) as written:
         for frame in range(scenario.frames):
             record = folder.record(frame)
@@ -257,9 +257,11 @@ def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
             row = record.truth
             written.add(row, record.mask)
             folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))
+            tally += Tally.of([row], scenario)
             first += [row] * (len(first) < preview.MOST_TILES)
     tiles = ((pictures.read(folder.path / row.file, cv2.IMREAD_COLOR), row) for row in first)
     others = sensors.write(recipe, folder.writing)
+    core |= tally.stated(scenario)
     finish(folder, core, written.splits, preview.of(tiles), scenario, rendered_by, written=others)
     folder.close()
 

@@ -198,7 +198,7 @@ def refuse_unseen(frames: int, seen: int) -> None:
         raise ScenarioError(
             "camera",
             f"the grab is outside the image in all {frames} frames; "
-            "lower camera.beta_deg or the focal length, or set offset and azimuth so that the rope is in view",
+            "lower the tilt (camera.beta_deg) or the focal length, or set offset and azimuth so that it is in view",
         )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from simgrab.labels.truth import SPLITS, Row
-from simgrab.scenario import Scenario
+from simgrab.scenario import CLAMPABLE, Scenario
 from simgrab.world.output.video.render import VideoSummary
 
 
@@ -19,7 +19,9 @@ class Seen(msgspec.Struct, frozen=True):
 
     split: str
     alpha_deg: float
+    beta_deg: float
     rope_length_m: float
+    clamped: str
     visible_fraction: float
 
 
@@ -34,16 +36,23 @@ class Tally(msgspec.Struct, frozen=True):
         Frames with a detection label.
     alpha_squares, alpha_max : float
         Sum of α², deg²; the largest α, deg.
+    beta_min, beta_max : float
+        Tilt, deg.
     shortest_m, longest_m : float
         Rope.
+    clamped : tuple of 2 int
+        Frames in which each of `simgrab.scenario.CLAMPABLE` was replaced by the nearest possible value.
     """
 
     splits: tuple[int, int, int] = (0, 0, 0)
     labelled: int = 0
     alpha_squares: float = 0.0
     alpha_max: float = 0.0
+    beta_min: float = math.inf
+    beta_max: float = -math.inf
     shortest_m: float = math.inf
     longest_m: float = -math.inf
+    clamped: tuple[int, int] = (0, 0)
 
     @classmethod
     def of(cls, rows: Iterable[Row | Seen], scenario: Scenario) -> Tally:
@@ -51,14 +60,18 @@ class Tally(msgspec.Struct, frozen=True):
         rows = list(rows)
         least = max(scenario.labels.least_visible_fraction, 1e-12)
         names = [row.split for row in rows]
-        ropes = [row.rope_length_m for row in rows]
+        ropes, betas = [row.rope_length_m for row in rows], [row.beta_deg for row in rows]
+        jaws, shortened = (sum(key in row.clamped.split("+") for row in rows) for key in CLAMPABLE)
         return cls(
             (names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
             sum(row.visible_fraction >= least for row in rows),
             math.fsum(row.alpha_deg**2 for row in rows),
             max((row.alpha_deg for row in rows), default=0.0),
+            min(betas, default=math.inf),
+            max(betas, default=-math.inf),
             min(ropes, default=math.inf),
             max(ropes, default=-math.inf),
+            (jaws, shortened),
         )
 
     def __add__(self, other: Tally) -> Tally:
@@ -68,9 +81,18 @@ class Tally(msgspec.Struct, frozen=True):
             self.labelled + other.labelled,
             self.alpha_squares + other.alpha_squares,
             max(self.alpha_max, other.alpha_max),
+            min(self.beta_min, other.beta_min),
+            max(self.beta_max, other.beta_max),
             min(self.shortest_m, other.shortest_m),
             max(self.longest_m, other.longest_m),
+            (self.clamped[0] + other.clamped[0], self.clamped[1] + other.clamped[1]),
         )
+
+    def stated(self, scenario: Scenario) -> dict[str, dict[str, int]]:
+        """Give what the manifest states: frames by key that was clamped, where the scenario lets keys be clamped."""
+        counts = dict(zip(CLAMPABLE, self.clamped, strict=True))
+        keys = scenario.swing.clamped
+        return {"clamped": {key: counts[key] for key in keys}} if keys else {}
 
 
 @dataclass(frozen=True)
@@ -88,9 +110,12 @@ class Summary:
         Frames rendered in this run; the others were there already.
     alpha_rms_deg, alpha_max_deg : float
         √mean α², and the largest α.
-    beta_deg : float
+    beta_deg : tuple of 2 floats
+        Least and largest tilt of the frames.
     rope_length_m : tuple of 2 floats
         Shortest and longest.
+    clamped : dict of str to int, or None
+        Frames by key of the swing that was replaced by the nearest possible value; None without ``swing.clamp``.
     fingerprint : str
     video : VideoSummary or None
         Where there is one beside the dataset.
@@ -103,8 +128,9 @@ class Summary:
     made: int
     alpha_rms_deg: float
     alpha_max_deg: float
-    beta_deg: float
+    beta_deg: tuple[float, float]
     rope_length_m: tuple[float, float]
+    clamped: dict[str, int] | None
     fingerprint: str
     video: VideoSummary | None = None
 
@@ -120,7 +146,8 @@ class Summary:
             made=made,
             alpha_rms_deg=math.sqrt(tally.alpha_squares / frames),
             alpha_max_deg=tally.alpha_max,
-            beta_deg=scenario.camera.beta_deg,
+            beta_deg=(tally.beta_min, tally.beta_max),
             rope_length_m=(tally.shortest_m, tally.longest_m),
+            clamped=tally.stated(scenario).get("clamped"),
             fingerprint=fingerprint,
         )

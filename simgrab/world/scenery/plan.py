@@ -102,14 +102,15 @@ class Plan:
 
     def lifted(self, moment: Moment) -> Moment:
         """Shorten the rope of a moment until its grab is clear of what stands below."""
-        points = self.grab_points(moment.grab)
+        points, clamped = self.grab_points(moment.grab), (*moment.clamped, "rope_length_m")
         for _ in range(MOST_LIFTS):
             pose = moment.grab.jib_from_grab
             missing = CLEARANCE_M - self._gap(moment, points @ pose[:3, :3].T + pose[:3, 3])
             if missing <= 0:
                 break
             grab = replace(moment.grab, rope_length=moment.grab.rope_length - missing - 0.01)
-            moment = replace(moment, grab=hung(grab, self.suspension, float(self.grab.terminations[0, 2])))
+            grab = hung(grab, self.suspension, float(self.grab.terminations[0, 2]))
+            moment = replace(moment, grab=grab, clamped=clamped)
         return moment
 
     def _gap(self, moment: Moment, points_jib: Array) -> float:
@@ -124,10 +125,12 @@ class Plan:
         jib, rope = moment.jib, moment.grab.rope_length
         gap = self._gap(moment, points_jib)
         if gap < CLEARANCE_M:
+            shorten = "" if jib else ', or let swing.clamp = ["rope_length_m"] shorten such ropes'
             raise ScenarioError(
                 "swing.work" if jib else "swing.rope_length_m",
                 f"frame {moment.frame}: a rope of {rope:.2f} m lowers the grab into the ground or the cargo; "
-                f"at most {rope - CLEARANCE_M + gap:.2f} m there",
+                f"at most {rope - CLEARANCE_M + gap:.2f} m there; hang it higher (jib.head_height_m), over a deeper "
+                f"place (such as a hold){shorten}",
             )
 
 

@@ -43,15 +43,14 @@ def draw(scenario: Scenario, frame: int) -> Moment:
         )
     jaw = np.radians(value("jaw", swing.jaw_deg))
     design = design_of(scenario.grab)
-    most = design.max_jaw
-    if swing.clamp:
-        jaw = min(jaw, most)
-    elif jaw > most:
+    most, clamped = design.max_jaw, jaw > design.max_jaw > 0
+    if clamped and "jaw_deg" not in swing.clamped:
         raise ScenarioError(
             "swing.jaw_deg",
             f"frame {frame} has a jaw angle of {np.degrees(jaw):.1f}°; at most {np.degrees(most):g}° is possible; "
-            "swing.clamp = true opens jaws as far as they go",
+            'swing.clamp = ["jaw_deg"] opens jaws as far as they go',
         )
+    jaw = min(jaw, most)
     gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
     load = value("load", swing.load)
     tilt = np.radians((scenario.camera.beta_deg, scenario.camera.tilt_azimuth_deg, scenario.camera.roll_deg))
@@ -65,4 +64,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     )
     grab = hung(grab, scenario.suspension, float(design.terminations[0, 2]))
     present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
-    return Moment(frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma), present=bool(present))
+    return Moment(
+        frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma),
+        present=bool(present), clamped=("jaw_deg",) if clamped else (),
+    )  # fmt: skip

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from simgrab import geometry
 from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.scenario import Camera
+from simgrab.scenario import Camera, Clampable
 from simgrab.world.trajectory.display import Shown
 
 STRAIGHT = 1e-12  # sine of a tilt so small that it has no azimuth
@@ -132,6 +132,8 @@ class Moment:
         What the display shows; None where there is no display.
     ahead : Moment or None
         A moment shortly after, where the camera sees things move.
+    clamped : tuple of str
+        Keys of the swing whose draw was impossible and was replaced by the nearest possible value.
     """
 
     frame: int
@@ -145,6 +147,7 @@ class Moment:
     apparent_gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
     shown: Shown | None = None
     ahead: Moment | None = None
+    clamped: tuple[Clampable, ...] = ()
 
     @classmethod
     def still(cls, frame: int, grab: GrabState, tilt: Tilt) -> Moment:

@@ -52,7 +52,7 @@ class Trajectory:
             return moment if moment.shown else self._with_display(moment)
         if isinstance(self._scenario.swing, Iid):
             moment = swing.draw(self._scenario, frame)
-            if self._scenario.swing.clamp:
+            if "rope_length_m" in self._scenario.swing.clamped:
                 assert self._plan is not None
                 moment = self._plan.lifted(moment)
             return self._with_display(moment)

@@ -69,11 +69,11 @@ class Work:
             first = self._vary(work.dig_rope_m, "dig_rope", 0)
             self._rope, self._jaw, self._load = Axis(self._depth(first)), Axis(self._open), Axis(0.0)
         else:
-            if math.radians(work.jaw_deg) > self._most_jaw:
+            if math.radians(work.jaw_deg) > self._most_jaw > 0:  # a grab without jaws stays closed
                 raise ScenarioError(
                     "swing.work.jaw_deg", f"this grab opens by {math.degrees(self._most_jaw):g}°, got {work.jaw_deg:g}°"
                 )
-            self._rope, self._jaw = Axis(work.rope_length_m), Axis(math.radians(work.jaw_deg))
+            self._rope, self._jaw = Axis(work.rope_length_m), Axis(min(math.radians(work.jaw_deg), self._most_jaw))
             self._load, self._until = Axis(work.load), math.inf
         self._slew = Axis(math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0)
         self._luff = Axis(0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -68,7 +69,7 @@ def encode_clip(
     scenario, container = videos.scenario, videos.container
     core = videos.identity() | {"clip": clip}
     video, table = videos.draft(clip, videos.path.suffix), videos.draft(clip, ".parquet")
-    sent, shown = 0, None
+    sent, shown, clamped = 0, None, Counter[str]()
     with (
         writing(videos.path),
         Coder(video, container.name, container.ticks_per_s, scenario.camera, scenario.clip) as coder,
@@ -79,6 +80,7 @@ def encode_clip(
             if slot.shows_frame:
                 assert shot is not None
                 shown = replace(shot, truth=_timed(shot.truth, clip, slot))
+                clamped.update(filter(None, shot.truth.clamped.split("+")))
             if slot.pts is not None:
                 assert shown is not None  # a clip's first frame is always sent
                 coder.send(shown.rgb, slot.pts)
@@ -95,6 +97,8 @@ def encode_clip(
             copy = videos.path.parent / name
             copy.parent.mkdir(parents=True, exist_ok=True)
             files.write(copy, data)
+        if scenario.swing.clamped:
+            core |= {"clamped": {key: clamped[key] for key in scenario.swing.clamped}}
         whole = manifest.compose(core | {"coder": _coder(coder.x264)}, rendered_by, _digests(videos, clip))
         videos.draft(clip, MANIFEST).write_bytes(whole)
         videos.put_in_place(clip)

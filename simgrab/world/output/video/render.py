@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -36,6 +37,9 @@ class VideoSummary:
         nothing was sent.
     mbit_s : float
         Size of the videos over the time that they show.
+    clamped : dict of str to int, or None
+        Frames in the videos by key of the swing that was replaced by the nearest possible value; None without
+        ``swing.clamp``.
     fingerprint : str
     """
 
@@ -47,6 +51,7 @@ class VideoSummary:
     repeated: int
     dropped: int
     mbit_s: float
+    clamped: dict[str, int] | None
     fingerprint: str
 
 
@@ -190,11 +195,13 @@ class ClipWork:
 def _summary(videos: VideoFiles, made: int) -> VideoSummary:
     scenario = videos.scenario
     sent = repeated = size = 0
+    clamped = Counter[str]()
     for clip in range(videos.count):
         files = videos.files(clip)
         column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
         sent += len(column)
         repeated += pc.sum(column).as_py()
+        clamped.update((videos.known(clip) or {}).get("clamped", {}))
         size += files[videos.path.suffix].stat().st_size
     return VideoSummary(
         path=videos.path,
@@ -205,5 +212,6 @@ def _summary(videos: VideoFiles, made: int) -> VideoSummary:
         repeated=repeated,
         dropped=scenario.frames - sent,
         mbit_s=size * 8e-6 / (scenario.frames / scenario.clip.frame_rate_hz),
+        clamped=dict(clamped) or None,
         fingerprint=str(videos.rendered_by()),
     )
