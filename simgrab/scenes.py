@@ -72,7 +72,7 @@ def load(
     for key in varied & set(changes or ()):
         raise ScenarioError(key, "is set and varies in the same call; leave out one of both")
     change = _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse))
-    scenario = convert(vary.laid_over(_read(scene), change), Scenario)
+    scenario = convert(vary.laid_over(_read(scene), change, changes or ()), Scenario)
     vary.check(scenario)
     return scenario if size is None else resized(scenario, *size)
 

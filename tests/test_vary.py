@@ -231,6 +231,12 @@ def test_a_stated_key_that_a_varying_table_would_overwrite_is_refused_with_a_cur
     assert drawn(state("training", {"light.sun_elevation_deg": 50.0}), "light.sun_elevation_deg") == [50.0] * 10
 
 
+def test_a_table_that_a_call_sets_as_a_whole_does_not_vary():
+    scenario = scenes.load("training", {"light": {"sun": 0.0, "sky": 0.5}})
+    assert set(drawn(scenario, "light.sky")) == {0.5}
+    assert len(set(drawn(scenario, "light.sun_elevation_deg"))) == 10
+
+
 def test_what_a_file_varies_replaces_the_factors_of_its_base(state):
     low = {"dist": "uniform", "low": 0.0, "high": 0.01}
     kinds = {"dist": "one-of", "values": [{"model": "four-rope"}, {"model": "scissors"}]}

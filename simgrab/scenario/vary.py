@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -159,7 +159,7 @@ def _table_around(scenario: Scenario, key: str) -> dict[str, Any]:
     return {}
 
 
-def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any], tables: Iterable[str] = ()) -> dict[str, Any]:
     """Merge plain data of a scene over those of its base: what the layer states no longer varies as in the base.
 
     A stated key leaves the factors of the base, and so does a table of which the layer states the kind. What the layer
@@ -169,6 +169,8 @@ def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, An
     ----------
     base, layer : mapping
         As a scene file holds them.
+    tables : iterable of str
+        Dotted keys of tables that the layer states as a whole, as ``--set light={sun=0}`` does.
 
     Raises
     ------
@@ -180,7 +182,7 @@ def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, An
         return data
     stated = dict(_leaves({key: value for key, value in layer.items() if key != "vary"}))
     kinds = {key.rpartition(".")[0] for key in stated if key.endswith((".model", ".dist"))}
-    fixed = {*stated, *kinds, *(part for name in own for part in name.split(JOINT))}
+    fixed = {*stated, *kinds, *tables, *(part for name in own for part in name.split(JOINT))}
     left: dict[str, Any] = {}
     for name, factor in factors.items():
         parts = name.split(JOINT)
