@@ -1,4 +1,4 @@
-"""Monte Carlo studies of the estimators: `scripts/estimators.py` prints them whole, the tests run them small."""
+"""Monte Carlo studies of the estimators, which the tests run at a part of the recorded size."""
 
 from __future__ import annotations
 

@@ -82,7 +82,6 @@ def test_one_step_is_a_kalman_filter_and_a_rauch_tung_striebel_pass():
     np.testing.assert_allclose(state_covariances(best, d), [p[:d, :d] for _, p in smooth], atol=1e-9)
 
 
-# Must show 5 at a tenth of the size; `scripts/estimators.py smoother` has it whole.
 @pytest.mark.slow
 def test_less_than_two_periods_of_free_swing_give_the_tilt():
     found = studies.swinging("free", 40, 15.0, damping=0.005, size_deg=3.0)

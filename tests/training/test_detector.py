@@ -117,7 +117,7 @@ def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frame
 
 @pytest.mark.slow
 def test_no_hard_dataset_is_needed_to_fit_and_one_that_shows_the_grab_is(trained, halves, tmp_path):
-    """Frames by hand, as `scripts.training_studies` takes them."""
+    """Frames by hand."""
     frames = Frames.of([datasets.read(halves)])
     fitted = fit(Frames(frames.train, frames.val), tmp_path, tiny(len(frames.train)))
     assert fitted.metrics == trained.metrics

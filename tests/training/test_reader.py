@@ -11,7 +11,6 @@ pytest.importorskip("onnx")
 
 from click.testing import CliRunner  # noqa: E402
 
-from scripts import training_page, training_studies  # noqa: E402
 from simgrab import layouts, scenes  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
@@ -208,14 +207,3 @@ def test_one_clear_message(dataset, tmp_path):
     assert not (tmp_path / "none").exists()
     with pytest.raises(TrainingError, match="does not contain a training"):
         train_reader([dataset], broken, FAST)
-
-
-def test_the_papers_digits_are_learned(dataset, tmp_path, monkeypatch):
-    changes = {"filmed": lambda *_: datasets.read(dataset), "LABELLED": 24, "CROPS": 100}
-    for name, value in changes.items():
-        monkeypatch.setattr(training_studies, name, value)
-    ((name, piece),) = training_studies.digits(training_studies.Settings(tmp_path, 1, 1, 0))
-    found = {name: piece()}
-    assert found["digits"]["tested"] == 20
-    assert found["digits"]["right"] >= 18
-    assert "of 20 test crops" in training_page.page({"digits": {"found": found}}).replace("\n", " ")
