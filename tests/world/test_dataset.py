@@ -80,6 +80,7 @@ def test_the_summary_states_what_was_drawn_and_how_much_was_clamped(tmp_path):
     assert all(0 < count < 8 for count in counts.values())
     assert summary.clamped == summary.video.clamped == counts
     assert json.loads((tmp_path / "folder" / "manifest.json").read_text())["clamped"] == counts
+    assert not audit(tmp_path / "folder").findings
     shards = render(scene, (tmp_path / "shards").as_uri(), shard_frames=4)
     assert (shards.clamped, shards.beta_deg) == (counts, summary.beta_deg)
     assert json.loads((tmp_path / "shards" / "manifest.json").read_text())["clamped"] == counts

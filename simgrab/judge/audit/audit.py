@@ -31,6 +31,7 @@ from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.output import manifest, stored, tables
 from simgrab.world.output.stored import Record
+from simgrab.world.output.summary import Tally
 from simgrab.world.scenery.grabs import design_of
 
 # What depends on the renderer. Another fingerprint than the dataset's may differ by so much.
@@ -150,7 +151,7 @@ def _manifest_proof(data: _Dataset) -> Proof:
     text = (data.schema.metadata or {}).get(b"simgrab", b"{}")
     copy = parse_json(text, DatasetError, f"{data.path / 'labels.parquet'}: its metadata is not valid JSON")
     copy = copy if isinstance(copy, dict) else {}
-    for key in sorted({*copy, *known} - {"renderer", "files", "manifest_digest"}):
+    for key in sorted({*copy, *known} - {"renderer", "files", "manifest_digest", "clamped"}):
         for dotted, a, b in _leaves(key, known.get(key), copy.get(key)):
             found.expect(a == b, f"manifest.json, {dotted}", f"{a!r}, but labels.parquet was written for {b!r}")
     files = known.get("files")
@@ -174,10 +175,12 @@ def _manifest_proof(data: _Dataset) -> Proof:
         found.expect(False, "manifest.json, renderer", "missing")
     _refuse_strangers(found, data)
     frames = [row.frame for row in data.rows]
-    if "selection" in known:  # a part that was exported
+    if "selection" in known:  # a part that was exported, of which the manifest counts nothing
         right = frames == sorted(set(frames)) and len(frames) == known.get("frames")
     else:
         right = frames == list(range(data.scenario.frames))
+        counts = Tally.of(data.rows, data.scenario).stated(data.scenario).get("clamped")
+        found.expect(known.get("clamped") == counts, "manifest.json, clamped", f"the labels' frames are {counts}")
     found.expect(right, "labels.parquet, frame", "rows missing, doubled or moved")
     return found.proof("the manifest agrees with itself, the labels and the files")
 

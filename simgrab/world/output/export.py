@@ -142,7 +142,7 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part
         raise DatasetError(f"{where}: it names no renderer") from None
     core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
     if not dataset.is_whole:
-        core |= {"frames": len(dataset)}
+        core = {key: core[key] for key in core if key != "clamped"} | {"frames": len(dataset)}
         core["selection"] = {"of_frames": dataset.data.frames, "labels_sha256": dataset.data.labels_sha256}
     scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
     varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
