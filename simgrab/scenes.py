@@ -68,9 +68,10 @@ def load(
     change: dict[str, Any] = {}
     for key, value in (changes or {}).items():
         change = merged(change, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
-    varied = {part for name in change.get("vary") or () for part in str(name).split(JOINT)}
-    for key in varied & set(changes or ()):
-        raise ScenarioError(key, "is set and varies in the same call; leave out one of both")
+    factors = change.get("vary")
+    varied = {part for name in factors for part in name.split(JOINT)} if isinstance(factors, Mapping) else set()
+    for key in sorted(varied & set(changes or ())):
+        raise ScenarioError(key, "is set and varies in the same call; leave out one of the two")
     change = _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse))
     scenario = convert(vary.laid_over(_read(scene), change, changes or ()), Scenario)
     vary.check(scenario)

@@ -269,6 +269,12 @@ def test_contradictions_are_refused(state):
         state("quay-day", {"clip.clip_frames": 2, "vary": factors})
 
 
+@pytest.mark.parametrize("value", [3, [3], "x", {"camera.beta_deg": 3}])
+def test_what_is_no_factor_is_refused(value, state):
+    with pytest.raises(ScenarioError, match="vary"):
+        state("training", {"vary": value})
+
+
 def test_setting_and_varying_a_key_in_one_call_is_refused():
     with pytest.raises(ScenarioError, match=r"camera\.beta_deg: is set and varies in the same call"):
         scenes.load("quay-day", {"clip.clip_frames": 2, "vary": {"camera.beta_deg": UNIFORM}, "camera.beta_deg": 2.5})

@@ -249,7 +249,9 @@ def _refuse_overwriting(stated: Mapping[str, Any], name: str, factor: Any, data:
         for key, value in below.items():
             if _at(laid, f"{part}.{key}") == value:
                 continue
-            if "model" in table:
+            if key in ("file", "sha256"):
+                cure = f"state {part}.model too"
+            elif "model" in table:
                 cure = (
                     f'state {part}.model too, or set it in every draw: [vary] "{part}.{key}" = {_one_of(_toml(value))}'
                 )
