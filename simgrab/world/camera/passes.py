@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
-from OpenGL.GL.ARB import clip_control
 from OpenGL.error import GLError
+from OpenGL.GL.ARB import clip_control
 
 from simgrab.errors import RendererError
 from simgrab.geometry import Array
