@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import importlib
@@ -15,8 +16,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from simgrab.errors import RendererError, shortened
-from simgrab.text import printable
+from simgrab.errors import RendererError
+from simgrab.utilities import environment
 from simgrab.utilities.processes import PLACE
 from simgrab.world import gl_variables, llvm
 
@@ -61,9 +62,8 @@ def choose() -> str:
     os.environ["MUJOCO_GL"] = os.environ["PYOPENGL_PLATFORM"] = backend
     if backend == "disabled":
         del os.environ["PYOPENGL_PLATFORM"]
-    elif ignored:
-        names = printable(", ".join(f"{name}={value}" for name, value in ignored.items()))
-        _log.warning("simgrab renders by %s and ignores %s", backend, shortened(names))
+    else:
+        environment.ignore(ignored, f"it renders by {backend}, and as without")
     if backend == "egl":
         _choose_gpu()
     return backend
@@ -278,6 +278,8 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.
         platform = importlib.import_module(f"mujoco.{os.environ['MUJOCO_GL']}")
         window = platform.GLContext(width_px, height_px)
+        if os.environ["MUJOCO_GL"] == "osmesa":
+            atexit.register(window.free)  # later its __del__ would fail, for want of PyOpenGL
         window.make_current()
         model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
         try:
@@ -285,6 +287,7 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
                 context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except BaseException:
             window.free()
+            atexit.unregister(window.free)
             raise
     except (ImportError, AttributeError, ValueError, RuntimeError, mujoco.FatalError) as problem:
         raise RendererError(f"no offscreen OpenGL ({problem}); {_advice()}") from problem
@@ -297,3 +300,4 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
             window.make_current()  # else what is freed would be another context's, whose names are the same numbers
             context.free()
             window.free()
+            atexit.unregister(window.free)
