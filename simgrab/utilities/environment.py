@@ -1,4 +1,4 @@
-"""Environment variables that OpenCV reads as it is imported: those with which it cannot work here are ignored."""
+"""Environment variables that OpenCV and NumPy read when imported: those with which they cannot work are ignored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEAST = {
     "OPENCV_IO_MAX_IMAGE_PIXELS": MOST_PIXELS, "OPENCV_IO_MAX_IMAGE_WIDTH": MOST_SIDE,
     "OPENCV_IO_MAX_IMAGE_HEIGHT": MOST_SIDE, "OPENCV_IO_MAX_IMAGE_PARAMS": 2,
 }  # fmt: skip
-_OF_NUMBERS = re.compile(r"OPENCV_\w*(_MAX_|_NUM$|_WAIT_|_GRANULARITY$|_LIMIT$|_DEPTH_)\w*")
+_OF_NUMBERS = re.compile(r"OPENCV_\w*(_MAX_|_NUM$|_WAIT_|_GRANULARITY$|_LIMIT$|_DEPTH_)\w*|NUMPY_MADVISE_HUGEPAGE")
 _NUMBER = re.compile(r"(\d+)(?:([KM])b)?", re.IGNORECASE)
 
 _log = logging.getLogger(__name__)
@@ -30,9 +30,9 @@ def ignore(variables: dict[str, str], why: str) -> None:
 
 
 def take_out_numbers() -> None:
-    """Take out numbers that OpenCV would end the process for, without naming them, or refuse our own pictures for."""
+    """Take out numbers that end the process, unnamed, as OpenCV or NumPy is imported, or refuse simgrab's own files."""
     names = [name for name in os.environ if _OF_NUMBERS.fullmatch(name) and not _is_enough(name, os.environ[name])]
-    ignore({name: os.environ.pop(name) for name in names}, "OpenCV needs a larger number, or none")
+    ignore({name: os.environ.pop(name) for name in names}, "no numbers with which OpenCV and NumPy work")
 
 
 def _is_enough(name: str, value: str) -> bool:
