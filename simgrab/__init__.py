@@ -15,6 +15,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from simgrab._version import __version__
+from simgrab.utilities import environment
+
+environment.take_out_numbers()  # must come before OpenCV is imported anywhere below
 
 if TYPE_CHECKING:
     from simgrab import calibration as calibration

@@ -28,7 +28,8 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate.frames import LATEST_S
 from simgrab.text import printable
 from simgrab.utilities import containers
-from simgrab.utilities.pictures import MOST_PIXELS, too_large
+from simgrab.utilities.environment import MOST_PIXELS
+from simgrab.utilities.pictures import too_large
 
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame

@@ -59,7 +59,8 @@ class Diagnosis:
         Of Mesa's software renderer; None where another driver renders.
     cpu_features : dict of str to tuple of str
         By library, what it takes from this CPU beyond what it was built for: features that NumPy and OpenCV dispatch
-        to, kernels of the OpenBLAS in NumPy and SciPy. With others, results may differ in the last bit.
+        to, code of Intel's IPP in OpenCV, kernels of the OpenBLAS in NumPy and SciPy. With others, results may differ
+        in the last bit.
     versions : dict of str to str
         Of simgrab, of the packages in a manifest, on which bytes depend, and of a few others.
     """
@@ -124,6 +125,7 @@ def cpu_features() -> dict[str, tuple[str, ...]]:
         "opencv": tuple(
             name[1:] for name in cv2.getCPUFeaturesLine().split() if name.startswith("*") and not name.endswith("?")
         ),
+        "ipp": (cv2.ipp.getIppVersion().split()[1],) if cv2.ipp.useIPP() else (),
         "openblas": tuple(kernel for package in (np, scipy) for kernel in _openblas_kernels(package)),
     }
 

@@ -18,10 +18,9 @@ from cv2.utils import logging
 from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, PictureError, first_line
+from simgrab.utilities.environment import MOST_PIXELS, MOST_SIDE
 from simgrab.utilities.parse import cannot, read_bytes
 
-MOST_PIXELS = 100_000_000  # three times 8K; as RGB such a picture takes 300 MB
-MOST_SIDE = 16_384  # a detector pads a narrow strip to the net's aspect, and OpenCV warps no more than 32,766
 MOST_BYTES = 8 * MOST_PIXELS  # four channels of 16 bits, uncompressed
 
 MOST_SCANS = 500  # of a JPEG, each of which takes time for all of its pixels; a progressive one has about 10

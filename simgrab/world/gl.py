@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import importlib
-import importlib.util
 import logging
 import os
 import re
@@ -13,17 +13,18 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simgrab.errors import RendererError
+from simgrab.utilities import environment
 from simgrab.utilities.processes import PLACE
+from simgrab.world import gl_variables, llvm
 
 if TYPE_CHECKING:
     import mujoco
 
+BACKENDS = ("egl", "osmesa")
 INSTALL_HINT = "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 LEAST_PYOPENGL = "3.1.10"  # as in pyproject.toml
 PYOPENGL_HINT = f"pip install 'PyOpenGL>={LEAST_PYOPENGL}'"
@@ -37,28 +38,46 @@ _log = logging.getLogger(__name__)
 
 
 def choose() -> str:
-    """Set ``MUJOCO_GL`` unless the user has: EGL where a device answers, else OSMesa, else ``disabled``.
+    """Set ``MUJOCO_GL`` to the one of EGL and OSMesa that it names, else EGL where a device answers, else OSMesa.
 
-    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. On a machine with several GPUs,
-    worker processes take them in turn, unless ``MUJOCO_EGL_DEVICE_ID`` names one. With a PyOpenGL that is too old
-    for EGL, `import mujoco` itself would fail: then the backend is ``disabled`` too, and `offscreen` reports why.
+    MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. A variable that names something
+    else, or would change pictures, is ignored, here and in worker processes, and a warning names it; see
+    `simgrab.world.gl_variables`. On a machine with several GPUs, worker processes take them in turn, unless
+    ``MUJOCO_EGL_DEVICE_ID`` names one.
 
     Returns
     -------
     str
-        The backend, also when the user chose it.
+        ``egl``, ``osmesa``, or ``disabled`` where neither is there or PyOpenGL is too old for EGL, with which
+        `import mujoco` itself would fail; `offscreen` reports why.
     """
     os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # Mesa's warnings; what it cannot do comes as an error
-    if not os.environ.get("MUJOCO_GL"):
-        has_gl = _loads("libOpenGL.so.0") or _loads("libGL.so.1")  # PyOpenGL wants one beside EGL
-        os.environ["MUJOCO_GL"] = (
-            "egl" if has_gl and _has_egl_device() else "osmesa" if _loads("libOSMesa.so.8") else "disabled"
-        )
-    if os.environ["MUJOCO_GL"].strip().lower() == "egl" and _old_pyopengl():
-        os.environ["MUJOCO_GL"] = "disabled"
-    if os.environ["MUJOCO_GL"].strip().lower() == "egl":
+    ignored = gl_variables.take_out()
+    backend = _backend(os.environ.get("MUJOCO_GL", "").strip().lower())
+    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):
+        value = os.environ.get(name, "")
+        asked = value.strip().lower()
+        if asked not in ("", backend):
+            ignored[name] = f"{value} (not available)" if name == "MUJOCO_GL" and asked in BACKENDS else value
+    os.environ["MUJOCO_GL"] = os.environ["PYOPENGL_PLATFORM"] = backend
+    if backend == "disabled":
+        del os.environ["PYOPENGL_PLATFORM"]
+    else:
+        environment.ignore(ignored, f"it renders by {backend}, and as without")
+    if backend == "egl":
         _choose_gpu()
-    return os.environ["MUJOCO_GL"]
+    return backend
+
+
+def _backend(asked: str) -> str:
+    """Return the backend that was asked for where it is there, else one that is."""
+    for name in sorted(BACKENDS, key=lambda name: name != asked):
+        if name == "osmesa" and _loads("libOSMesa.so.8"):
+            return name
+        # PyOpenGL wants a library of OpenGL beside EGL's.
+        if name == "egl" and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) and _has_egl_device():
+            return "disabled" if _old_pyopengl() else name
+    return "disabled"
 
 
 def _old_pyopengl() -> str:
@@ -81,6 +100,8 @@ def _loads(library: str) -> bool:
 
 def _choose_gpu() -> None:
     """Give a worker process one of several GPUs."""
+    if not os.environ.get("MUJOCO_EGL_DEVICE_ID", "0").strip():
+        del os.environ["MUJOCO_EGL_DEVICE_ID"]  # MuJoCo takes it for a number
     place = os.environ.get(PLACE, "")
     if place.isdigit() and "MUJOCO_EGL_DEVICE_ID" not in os.environ and len(found := gpus()) > 1:
         os.environ["MUJOCO_EGL_DEVICE_ID"] = str(found[int(place) % len(found)])
@@ -182,18 +203,6 @@ def fingerprint() -> Fingerprint:
     )
 
 
-@cache
-def _load_triton() -> None:
-    """Load triton's library, where it is installed, before Mesa's.
-
-    torch's optimisers import it. It has an LLVM inside, whose symbols would be looked up in Mesa's if that came first:
-    the process would end in a segmentation fault.
-    """
-    spec = importlib.util.find_spec("triton")
-    for folder in (spec and spec.submodule_search_locations) or ():
-        _loads(str(Path(folder) / "_C" / "libtriton.so"))
-
-
 @dataclass(frozen=True, eq=False)
 class Offscreen:
     """An offscreen buffer with a model's textures and meshes in it."""
@@ -227,6 +236,15 @@ def _out_of_memory_raises() -> Iterator[None]:
         _log.warning("MuJoCo: %s", warning)
 
 
+def _advice() -> str:
+    """Say what may help where OpenGL cannot be opened: to unset variables, or to install it."""
+    chosen = ", ".join(f"{name}={value}" for name, value in gl_variables.that_choose().items())
+    if not chosen:
+        return INSTALL_HINT
+    advice = f"unset these environment variables, which may be why: {chosen}"
+    return advice if os.environ["MUJOCO_GL"] != "disabled" else f"{advice}, or {INSTALL_HINT}"
+
+
 _used_by: int | None = None  # process, of which a fork lacks the renderer's threads
 
 
@@ -252,13 +270,16 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         raise RendererError(
             f"no offscreen OpenGL: PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo; {PYOPENGL_HINT}"
         )
-    _load_triton()
+    if os.environ["MUJOCO_GL"] == "disabled":
+        raise RendererError(f"no offscreen OpenGL (EGL lists no device, and OSMesa is not installed); {_advice()}")
+    llvm.keep_apart()
     _used_by = os.getpid()
     try:
         # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.
-        backend = os.environ["MUJOCO_GL"]
-        platform = importlib.import_module(f"mujoco.{backend}" if backend in ("egl", "osmesa") else "mujoco")
+        platform = importlib.import_module(f"mujoco.{os.environ['MUJOCO_GL']}")
         window = platform.GLContext(width_px, height_px)
+        if os.environ["MUJOCO_GL"] == "osmesa":
+            atexit.register(window.free)  # later its __del__ would fail, for want of PyOpenGL
         window.make_current()
         model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
         try:
@@ -266,9 +287,10 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
                 context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except BaseException:
             window.free()
+            atexit.unregister(window.free)
             raise
-    except (ImportError, AttributeError, RuntimeError, mujoco.FatalError) as problem:
-        raise RendererError(f"no offscreen OpenGL ({problem}); {INSTALL_HINT}") from problem
+    except (ImportError, AttributeError, ValueError, RuntimeError, mujoco.FatalError) as problem:
+        raise RendererError(f"no offscreen OpenGL ({problem}); {_advice()}") from problem
     try:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
         context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # as drawn: the other way loses far digits
@@ -278,3 +300,4 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
             window.make_current()  # else what is freed would be another context's, whose names are the same numbers
             context.free()
             window.free()
+            atexit.unregister(window.free)

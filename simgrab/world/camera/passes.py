@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import GLError
+from OpenGL.GL.ARB import clip_control
 
 from simgrab.errors import RendererError
 from simgrab.geometry import Array
@@ -131,7 +132,7 @@ class Passes:
         self, model: mujoco.MjModel, textures: Mapping[str, NDArray[np.uint8]], buffer: Offscreen,
         size: tuple[int, int], screen: str = "",
     ) -> None:  # fmt: skip
-        if not GL.glClipControl:
+        if b"GL_ARB_clip_control" not in (GL.glGetString(GL.GL_EXTENSIONS) or b"").split():
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
         meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
         if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
@@ -237,7 +238,8 @@ class Passes:
             _load(GL.GL_MODELVIEW, view)
             GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
             GL.glDrawBuffer(GL.GL_NONE)
-            GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
+            clip = GL.glClipControl or clip_control.glClipControl  # OSMesa has it as a function of the extension alone
+            clip(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
             GL.glEnable(GL.GL_DEPTH_TEST)
             GL.glDepthFunc(GL.GL_GEQUAL)  # depth goes from 1 at the near plane to 0, as in MuJoCo
             GL.glDepthMask(GL.GL_TRUE)

@@ -1,0 +1,41 @@
+"""Keep the LLVM in triton apart from the one of Mesa's software renderer."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.abc
+import importlib.util
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
+
+
+class _Finder(importlib.abc.MetaPathFinder):
+    """Loads triton's library when triton is about to be imported, as torch's optimisers do."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None  # noqa: ARG002
+    ) -> ModuleSpec | None:  # fmt: skip
+        if fullname != "triton":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        for folder in (spec and spec.submodule_search_locations) or ():
+            for library in Path(folder).glob("_C/libtriton*.so"):
+                with suppress(OSError):
+                    ctypes.CDLL(str(library), mode=os.RTLD_NOW | os.RTLD_DEEPBIND)
+        return spec
+
+
+def keep_apart() -> None:
+    """Let triton find its own LLVM, whenever it is imported after Mesa was loaded.
+
+    The loader searches Mesa's symbols before those of libraries that come later. Functions of triton would call those
+    of another version, and the process would end in a segmentation fault.
+    """
+    if "triton" not in sys.modules and not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())

@@ -1,0 +1,231 @@
+"""What environment variables do: nothing, or they are ignored and named, or the refusal names them."""
+
+import json
+import os
+import subprocess
+import sys
+import types
+
+import pytest
+
+from simgrab.utilities import environment
+from simgrab.world import gl, gl_variables, llvm
+
+LIBRARIES = {"libOpenGL.so.0", "libOSMesa.so.8"}
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """A machine with EGL and OSMesa, of which a test takes away."""
+    there = {"egl", *LIBRARIES}
+    monkeypatch.setattr(gl, "_loads", lambda library: library in there)
+    monkeypatch.setattr(gl, "_has_egl_device", lambda: "egl" in there)
+    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID"):
+        monkeypatch.setenv(name, "")
+    return there
+
+
+@pytest.mark.parametrize(
+    ("given", "lacking", "backend", "ignored"),
+    [
+        ({}, "", "egl", ""),
+        ({}, "egl", "osmesa", ""),
+        ({}, "libOSMesa.so.8", "egl", ""),
+        ({}, "libOpenGL.so.0", "osmesa", ""),
+        ({"MUJOCO_GL": "osmesa"}, "", "osmesa", ""),
+        ({"MUJOCO_GL": " OSMesa "}, "", "osmesa", ""),
+        ({"MUJOCO_GL": "EGL"}, "", "egl", ""),
+        ({"MUJOCO_GL": "osmesa"}, "libOSMesa.so.8", "egl", "MUJOCO_GL=osmesa (not available)"),
+        ({"MUJOCO_GL": "egl"}, "egl", "osmesa", "MUJOCO_GL=egl (not available)"),
+        ({"MUJOCO_GL": "glfw"}, "", "egl", "MUJOCO_GL=glfw"),
+        ({"MUJOCO_GL": "glx"}, "egl", "osmesa", "MUJOCO_GL=glx"),
+        ({"MUJOCO_GL": "off"}, "", "egl", "MUJOCO_GL=off"),
+        ({"MUJOCO_GL": "no\nsuch"}, "", "egl", r"MUJOCO_GL=no\nsuch"),
+        ({"PYOPENGL_PLATFORM": "osmesa"}, "", "egl", "PYOPENGL_PLATFORM=osmesa"),
+        ({"PYOPENGL_PLATFORM": "Egl"}, "", "egl", ""),
+        ({"PYOPENGL_PLATFORM": "egl", "MUJOCO_GL": "osmesa"}, "", "osmesa", "PYOPENGL_PLATFORM=egl"),
+        ({"LP_NO_RAST": "1", "PYOPENGL_PLATFORM": "glx"}, "", "egl", "LP_NO_RAST=1, PYOPENGL_PLATFORM=glx"),
+        ({"LP_NATIVE_VECTOR_WIDTH": "512"}, "", "egl", "LP_NATIVE_VECTOR_WIDTH=512"),
+        ({"LP_NATIVE_VECTOR_WIDTH": "128"}, "", "egl", ""),
+        ({"MUJOCO_EGL_DEVICE_ID": " "}, "", "egl", ""),
+    ],
+)
+def test_the_backend_is_one_that_is_there_and_what_is_ignored_is_named_once(
+    machine, monkeypatch, caplog, given, lacking, backend, ignored
+):
+    machine.discard(lacking)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    assert gl.choose() == backend
+    assert os.environ["MUJOCO_GL"] == os.environ["PYOPENGL_PLATFORM"] == backend
+    assert gl.choose() == backend  # as in a worker process, which inherits the environment
+    expected = [f"simgrab ignores {ignored}: it renders by {backend}, and as without"] if ignored else []
+    assert caplog.messages == expected
+    assert not os.environ.get("MUJOCO_EGL_DEVICE_ID", "none").isspace()
+
+
+def test_without_any_backend_the_refusal_names_what_is_set_and_what_to_install(machine, monkeypatch, caplog):
+    import mujoco
+
+    from simgrab.errors import RendererError
+
+    machine.clear()
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/none")
+    assert gl.choose() == "disabled"
+    assert "PYOPENGL_PLATFORM" not in os.environ
+    words = r"OSMesa is not installed\); unset .*__EGL_VENDOR_LIBRARY_FILENAMES=/none, or .*apt-get install"
+    with pytest.raises(RendererError, match=words), gl.offscreen(mujoco.MjSpec().compile(), 8, 8):
+        pass
+    assert caplog.messages == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "taken"),
+    [
+        ("OPENCV_IO_MAX_IMAGE_PIXELS", "abc", True),
+        ("OPENCV_IO_MAX_IMAGE_PIXELS", "", True),
+        ("OPENCV_IO_MAX_IMAGE_PIXELS", "-1", True),
+        ("OPENCV_IO_MAX_IMAGE_PIXELS", "1000", True),
+        ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**40), False),
+        ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**64), True),
+        ("OPENCV_IO_MAX_IMAGE_WIDTH", "10", True),
+        ("OPENCV_IO_MAX_IMAGE_HEIGHT", "1MB", False),
+        ("OPENCV_IO_MAX_IMAGE_PARAMS", "0", True),
+        ("OPENCV_FOR_THREADS_NUM", "two", True),
+        ("OPENCV_FOR_THREADS_NUM", "2", False),
+        ("OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN", "x", True),
+        ("NUMPY_MADVISE_HUGEPAGE", "on", True),
+        ("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;udp", False),
+        ("OPENCV_LOG_LEVEL", "ERROR", False),
+    ],
+)
+def test_numbers_with_which_opencv_ends_the_process_are_ignored(monkeypatch, caplog, name, value, taken):
+    monkeypatch.setenv(name, value)
+    environment.take_out_numbers()
+    assert (name not in os.environ) == taken == any(f"{name}={value}" in line for line in caplog.messages)
+
+
+def test_triton_finds_its_own_llvm_when_it_is_imported_after_mesa(monkeypatch, tmp_path):
+    (tmp_path / "triton" / "_C").mkdir(parents=True)
+    (tmp_path / "triton" / "__init__.py").touch()
+    (tmp_path / "triton" / "_C" / "libtriton.so").touch()
+    loaded = []
+    monkeypatch.setattr(llvm, "ctypes", types.SimpleNamespace(CDLL=lambda path, mode: loaded.append((path, mode))))
+    monkeypatch.setattr(sys, "meta_path", [f for f in sys.meta_path if not isinstance(f, llvm._Finder)])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "triton", raising=False)
+    before = list(sys.meta_path)
+    llvm.keep_apart()
+    llvm.keep_apart()
+    assert (len(sys.meta_path), loaded) == (len(before) + 1, [])
+    import triton
+
+    monkeypatch.setitem(sys.modules, "triton", triton)  # removed again
+    assert loaded == [(str(tmp_path / "triton" / "_C" / "libtriton.so"), os.RTLD_NOW | os.RTLD_DEEPBIND)]
+    assert sys.meta_path == before
+
+
+# Forks itself for every environment, before OpenGL is loaded, and renders a small frame there.
+RENDER = """
+import hashlib, json, logging, os, sys
+os.environ["MUJOCO_GL"] = "disabled"
+import cv2, mujoco, scipy.optimize, scipy.spatial, trimesh, shapely, simgrab
+del os.environ["MUJOCO_GL"]
+for name in ("PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID", "LP_NATIVE_VECTOR_WIDTH"):
+    os.environ.pop(name, None)
+
+def render():
+    said = []
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())
+    logging.getLogger("simgrab").addHandler(handler)
+    try:
+        from simgrab.world.frames import FrameGenerator
+        with FrameGenerator(simgrab.load("quay-day", json.loads(sys.argv[1]))) as generator:
+            frame = generator.frame(0, full=True)
+            drawn = frame.rgb.tobytes() + frame.ids.tobytes() + frame.depth.tobytes()
+            found = hashlib.sha256(drawn).hexdigest() + generator.scene(0).renderer.fingerprint.digest
+    except simgrab.errors.SimgrabError as problem:
+        found = str(problem)
+    assert not {"torch", "triton"} & set(sys.modules)
+    return [found, said]
+
+for variables in json.loads(sys.argv[2]):
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        os.environ.update(variables)
+        os.write(write, json.dumps(render()).encode())
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as answer:
+        print(answer.read() or "null", flush=True)
+    os.waitpid(child, 0)
+"""
+SIZE = {"camera.width_px": 240, "camera.height_px": 136, "camera.focal": {"model": "pixels", "focal_length_px": 205.6},
+        "image.samples": 4, "image.shadow_map_px": 1024, "display.layout": "none", "frames": 2}  # fmt: skip
+REFUSED, IGNORED, SAME = "refused", "ignored", "same"
+FEW = [
+    ({"MUJOCO_EGL_DEVICE_ID": "3"}, REFUSED),
+    ({"MUJOCO_EGL_DEVICE_ID": "first"}, REFUSED),
+    ({"LP_PERF": "no_mipmap"}, IGNORED),
+    ({"MUJOCO_GL": "glx", "PYOPENGL_PLATFORM": "glx"}, IGNORED),
+]
+MANY = [
+    ({"MUJOCO_EGL_DEVICE_ID": "-1"}, REFUSED),
+    ({"GALLIUM_DRIVER": "none"}, REFUSED),
+    ({"LIBGL_DRIVERS_PATH": "/none"}, REFUSED),
+    ({"DRAW_USE_LLVM": "0"}, IGNORED),
+    ({"GALLIUM_DDEBUG": "flush"}, IGNORED),
+    ({"GALLIUM_NOOP": "1"}, IGNORED),
+    ({"GALLIUM_TESTS": "1"}, IGNORED),
+    ({"GALLIVM_PERF": "brilinear"}, IGNORED),
+    ({"LP_NATIVE_VECTOR_WIDTH": "512"}, IGNORED),
+    ({"MESA_EXTENSION_OVERRIDE": "-GL_ARB_clip_control"}, IGNORED),
+    ({"MESA_GL_VERSION_OVERRIDE": "2.1"}, IGNORED),
+    ({"MESA_MVP_DP4": "1"}, IGNORED),
+    ({"CUDA_VISIBLE_DEVICES": "", "DISPLAY": ":9", "WAYLAND_DISPLAY": "none", "XDG_SESSION_TYPE": "wayland"}, SAME),
+    ({"EGL_PLATFORM": "x11", "DRI_PRIME": "1", "LP_NUM_THREADS": "many", "LIBGL_ALWAYS_SOFTWARE": "1"}, SAME),
+    ({"MESA_DEBUG": "silent", "MESA_GLSL_VERSION_OVERRIDE": "330", "MESA_GLSL": "nopt", "ST_DEBUG": ""}, SAME),
+    ({"PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_USE_ACCELERATE": "0", "PYOPENGL_CONTEXT_CHECKING": "1"}, SAME),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("cases", [FEW, pytest.param(MANY, marks=pytest.mark.slow)], ids=["few", "many"])
+def test_no_variable_changes_a_picture_unsaid(cases):
+    environments = json.dumps([{}, *(variables for variables, _ in cases)])
+    command = [sys.executable, "-c", RENDER, json.dumps(SIZE), environments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    (plain, said), *others = map(json.loads, done.stdout.splitlines())
+    assert (len(plain), said) == (64 + 16, [])  # a picture, and nothing said
+    found = {}
+    for (variables, _), answer in zip(cases, others, strict=True):
+        picture, said = answer or ("died", [])
+        named = all(f"{name}={value}" in "".join([picture, *said]) for name, value in variables.items())
+        kind = IGNORED if picture == plain and named and len(said) == 1 else REFUSED if named and not said else "wrong"
+        found[str(variables)] = SAME if picture == plain and not said else kind
+    assert found == {str(variables): kind for variables, kind in cases}
+
+
+@pytest.mark.skipif(not gl._loads("libOSMesa.so.8"), reason="OSMesa is not installed")
+def test_osmesa_renders_what_egl_renders_and_a_renderer_left_open_ends_quietly():
+    code = RENDER.partition("def render")[0] + (
+        "generator = simgrab.frames(simgrab.load('quay-day', json.loads(sys.argv[1])))\n"
+        "print(hashlib.sha256(next(generator).rgb.tobytes()).hexdigest(), os.environ['MUJOCO_GL'])"
+    )
+    code = code.replace('del os.environ["MUJOCO_GL"]', 'os.environ["MUJOCO_GL"] = sys.argv[2]')
+    done = [
+        subprocess.run([sys.executable, "-c", code, json.dumps(SIZE), name], capture_output=True, text=True, check=True)
+        for name in gl.BACKENDS
+    ]
+    assert [one.stdout.split()[1] for one in done] == list(gl.BACKENDS)
+    assert done[0].stdout.split()[0] == done[1].stdout.split()[0]
+    assert [one.stderr for one in done] == ["", ""]
+
+
+def test_every_ignored_variable_is_taken_out(monkeypatch):
+    for name in gl_variables._IGNORED:
+        monkeypatch.setenv(name, "1")
+    assert set(gl_variables.take_out()) == set(gl_variables._IGNORED)
+    assert not set(gl_variables._IGNORED) & set(os.environ)
