@@ -19,7 +19,6 @@ from typing import Any, BinaryIO
 
 import av
 import av.error
-import numpy as np
 from av.container import InputContainer
 from av.packet import Packet
 from av.video.frame import VideoFrame
@@ -46,7 +45,7 @@ SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp
 PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
 _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
 _STEPS = 31  # time steps of which the median is what a step should be
-UNTIMED_HZ = 9.0  # where nothing states a rate
+UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS
 
 

@@ -52,7 +52,7 @@ def stream_of(streams: tuple[VideoStream, ...]) -> VideoStream | None:
 
 def squared(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
     """Size of a picture whose pixels are made square, the longer side of them being kept, px."""
-    return max(round(width * max(aspect, 1)), 1), max(round(height / min(aspect, 1)), 1)
+    return (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
 
 
 class Playback:
@@ -95,7 +95,7 @@ class Playback:
         """Make a frame's pixels square and turn it: any array of shape (height, width) or (height, width, 3)."""
         size = squared(frame.width, frame.height, self.aspect)
         if size != (frame.width, frame.height):
-            picture = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)  # type: ignore[call-overload]
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
         swapped, columns, rows = turn = self._turn(frame)
         if turn == _UPRIGHT:
             return picture
