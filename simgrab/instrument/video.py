@@ -46,6 +46,7 @@ PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
 _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
 _STEPS = 31  # time steps of which the median is what a step should be
 UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
+_BACK_S = (0.0, 10.0, math.inf)  # by how much earlier a file is searched where there is no key frame before a time
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS
 
 
@@ -93,25 +94,35 @@ class Video:
             yield from _with_gaps(self._decoded(stream, _Clock(stream, self._rate_hz)))
 
     def from_time(self, time_s: float) -> Generator[Frame, None, None]:
-        """Decode from the last key frame at or before a time, or from the beginning where there are no time stamps.
+        """Decode from a key frame at or before a time, or from the beginning where the file cannot be searched.
 
         Raises
         ------
         SourceError
             If the file is gone, or cannot be read from there.
         """
-        with self.opened() as stream:
-            clock = _Clock(stream, self._rate_hz)
-            if self.timed and stream.time_base is not None:
-                clock.origin = self._origin
-                try:
-                    begin = math.floor((time_s + clock.origin) / stream.time_base)
-                    stream.container.seek(begin, stream=stream, backward=True)  # type: ignore[attr-defined]
-                except (av.error.FFmpegError, OSError, OverflowError) as problem:
-                    raise SourceError(
-                        f"{self.name}: cannot be read from {time_s:g} s ({first_line(problem)})"
-                    ) from None
-            yield from self._decoded(stream, clock)
+        for back_s in _BACK_S:
+            with self.opened() as stream:
+                clock = _Clock(stream, self._rate_hz)
+                searched = clock.searchable and back_s < math.inf
+                if searched:
+                    clock.origin = self._origin
+                    self._seek(stream, time_s - back_s + clock.origin)
+                frames = self._decoded(stream, clock)
+                first = next(frames, None)
+                # Some formats are searched to any frame, after which the next key frame is the first that is decoded.
+                early = first is not None and first.picture is not None and (first.time_s or 0.0) <= time_s
+                if first is not None and (early or not searched):
+                    yield first
+                    yield from frames
+                    return
+
+    def _seek(self, stream: VideoStream, stamp_s: float) -> None:
+        container: Any = stream.container
+        try:
+            container.seek(math.floor(stamp_s / (stream.time_base or 1)), stream=stream, backward=True)
+        except (av.error.FFmpegError, OSError, OverflowError) as problem:
+            raise SourceError(f"{self.name}: cannot be read from {stamp_s:g} s ({first_line(problem)})") from None
 
     @contextmanager
     def opened(self) -> Iterator[VideoStream]:
@@ -309,7 +320,7 @@ def _pictures(packet: Packet[Any], clock: _Clock, playback: Playback) -> Iterato
 
 
 def _frame(picture: VideoFrame, clock: _Clock, playback: Playback) -> Frame:
-    time = clock.next(picture.time)
+    time = clock.next(clock.stamp(picture))
     if picture.is_corrupt:
         return Frame(None, time, "damaged in the video")
     note = "; ".join(filter(None, (playback.note(picture), clock.note)))
@@ -327,10 +338,14 @@ class _Clock:
         What was assumed of the step; empty where nothing was.
     origin : float or None
         Time stamp that counts as 0, s; None as long as there was none.
+    searchable : bool
+        Whether frames have the same times wherever decoding begins.
     """
 
     def __init__(self, stream: VideoStream, rate_hz: float | None = None) -> None:
         self._timed = _timed(stream)
+        self._numbered = stream.container.format.name == "avi"  # whose frames have numbers, in the order of decoding
+        self.searchable = self._timed and not (self._numbered and stream.codec_context.has_b_frames)
         if self._timed:
             rate = stream.average_rate or stream.guessed_rate
         else:
@@ -339,6 +354,11 @@ class _Clock:
         self.step = 1 / float(rate or UNTIMED_HZ)
         self.origin: float | None = None
         self._last: float | None = None
+
+    def stamp(self, picture: VideoFrame) -> float | None:
+        """Time stamp of a decoded frame, s, or None."""
+        ticks = picture.dts if self._numbered else picture.pts
+        return None if ticks is None or picture.time_base is None else float(ticks * picture.time_base)
 
     def next(self, stamp: float | None) -> float:
         """Time of the next frame; a step after the last where its stamp is missing, goes back or exceeds LATEST_S."""
