@@ -53,6 +53,8 @@ class Files:
     root : Path
     labels_sha256 : str
         Of a dataset, by which it is known again; empty for a folder of pictures.
+    bits : int or None
+        Of 16-bit pictures, as `simgrab.utilities.pictures.bits` finds them.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Files:
     times: tuple[float | None, ...]
     root: Path
     labels_sha256: str = ""
+    bits: int | None = None
     live: bool = False
 
     @property
@@ -72,13 +75,12 @@ class Files:
         for path, time in zip(self.files, self.times, strict=True):
             name = encodable(path.relative_to(self.root))
             try:
-                # OpenCV makes 8 bits of 16, and three channels of one.
-                picture = pictures.read(path)
+                picture = pictures.read(path, bits=self.bits)
             except PictureError as problem:
                 reason = f"{printable(name)} cannot be read as an image: {problem.reason}"
                 yield Frame(None, time, reason, name)
             else:
-                yield Frame(picture, time, name=name)
+                yield Frame(picture, time, name=name, note=pictures.scaled(self.bits))
 
 
 def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
@@ -117,7 +119,7 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if not stat.S_ISREG(mode):
         raise SourceError(f"{path}: it is {kind_of(mode)}, not a file or folder")
     if path.suffix.lower() in pictures.SUFFIXES:
-        return Files(printable(path), (path,), (0.0,), path.parent)
+        return Files(printable(path), (path,), (0.0,), path.parent, bits=pictures.bits((path,)))
     return _untimed(Video(path, rate_hz), rate_hz)
 
 
@@ -133,7 +135,8 @@ def _folder(path: Path, rate_hz: float | None) -> Files:
     if not files:
         raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
     rate = UNTIMED_HZ if rate_hz is None else rate_hz
-    return Files(printable(path), files, tuple(i / rate for i in range(len(files))), path)
+    times = tuple(i / rate for i in range(len(files)))
+    return Files(printable(path), files, times, path, bits=pictures.bits(files))
 
 
 def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:
