@@ -47,6 +47,7 @@ _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; pla
 _STEPS = 31  # time steps of which the median is what a step should be
 UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
 _BACK_S = (0.0, 10.0, math.inf)  # by how much earlier a file is searched where there is no key frame before a time
+_MOST_HZ = 1000  # that a coded picture's rate is believed
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS
 
 
@@ -349,7 +350,8 @@ class _Clock:
         if self._timed:
             rate = stream.average_rate or stream.guessed_rate
         else:
-            rate = Fraction(rate_hz) if rate_hz else stream.codec_context.framerate  # as coded beside the pictures
+            stated = stream.codec_context.framerate  # beside the pictures, which may be the resolution of lost stamps
+            rate = Fraction(rate_hz) if rate_hz else stated if stated and stated <= _MOST_HZ else None
         self.note = "" if rate or self._timed else f"without time stamps, {UNTIMED_HZ:g} frames/s are assumed (--rate)"
         self.step = 1 / float(rate or UNTIMED_HZ)
         self.origin: float | None = None
