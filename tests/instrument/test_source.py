@@ -251,6 +251,7 @@ def test_of_two_fields_the_first_is_read(tmp_path, first):
     assert one.note == "of interlaced pictures the first field is read"
 
 
+@pytest.mark.slow  # FFmpeg makes a table of colours, which takes seconds
 def test_light_beyond_standard_range_is_brought_into_it(tmp_path):
     def pq(stream):
         codec = stream.codec_context
