@@ -20,6 +20,7 @@ from av.video.stream import VideoStream
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from simgrab.errors import SimgrabError
 from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
 from simgrab.utilities.playback import Playback, aspect_of, squared, stream_of
@@ -140,6 +141,8 @@ def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:
                 if image.mode.startswith("I"):  # which Pillow would cut off at 255
                     raise refuse(f"{name}: has values of 16 bits; store 8 bits")
                 return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+        except SimgrabError:
+            raise
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
             raise refuse(f"{name}: is truncated, too large, or not a photograph") from None
 
