@@ -141,7 +141,7 @@ def decode(
     """
     if problem := _problem(data):
         raise PictureError(path, problem)
-    if _depth(data) == 8 or mode == cv2.IMREAD_UNCHANGED:
+    if _depth(data) == 8:
         return _decoded(data, path, mode)
     if mode != cv2.IMREAD_COLOR_RGB:
         return _eight_bits(_decoded(data, path, mode | cv2.IMREAD_ANYDEPTH), path, bits)
