@@ -80,8 +80,10 @@ class Video:
         self.name, self._path, self._rate_hz = printable(path), path, rate_hz
         with self._file() as file:
             self._extent = containers.extent(file)
-        with self.opened() as stream:
+        with self.opened() as stream, self._file() as file:
             self.count, self.timed = _count(stream), _timed(stream)
+            if containers.crops(file, stream.codec_context.width, stream.codec_context.height):
+                raise SourceError(f"{self.name}: its container crops the pictures; crop the coded ones instead")
 
     def __iter__(self) -> Iterator[Frame]:
         """Decode from the beginning, as `simgrab.utilities.playback` shows frames. Time counts from the first.

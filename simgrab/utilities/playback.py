@@ -106,7 +106,7 @@ class Playback:
         """Say what was done to a frame and is not to be expected; empty where nothing was."""
         notes, coded = [], (frame.width, frame.height)
         if self._beside:
-            notes.append(f"stream {self._index} of {self._beside + 1} video streams is read")
+            notes.append(f"of {self._beside + 1} video streams FFmpeg's #{self._index} is read")
         if frame.interlaced_frame:
             notes.append("of interlaced pictures the first field is read")
         if frame.color_trc in _HDR:

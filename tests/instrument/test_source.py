@@ -207,10 +207,10 @@ def test_the_stream_that_players_show_is_read(tmp_path):
     none, default, cover = Disposition(0), Disposition.default, Disposition.attached_pic
     frame = two(tmp_path / "a.mkv", none, default)
     assert frame.picture.shape[1::-1] == SIZE
-    assert frame.note == "stream 1 of 2 video streams is read"
+    assert frame.note == "of 2 video streams FFmpeg's #1 is read"
     frame = two(tmp_path / "b.mkv", none, none)
     assert frame.picture.shape[1::-1] == (128, 96)
-    assert frame.note == "stream 0 of 2 video streams is read"
+    assert frame.note == "of 2 video streams FFmpeg's #0 is read"
     frame = two(tmp_path / "c.mp4", cover, default)
     assert frame.picture.shape[1::-1] == SIZE
     assert not frame.note
