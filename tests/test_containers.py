@@ -186,6 +186,32 @@ def test_how_far_a_file_goes_and_whether_it_is_whole(name):
     assert extent(io.BytesIO(data)) == Extent(end, whole)
 
 
+TRACKS, CLUSTER = b"\x16\x54\xae\x6b", b"\x1f\x43\xb6\x75"
+EBML, CROP = b"\x1a\x45\xdf\xa3" + bytes(9), b"\x54\xcc\x81\x10"  # 16 px of the left side
+
+
+def aperture(width, height):
+    clap = box(b"clap", struct.pack(">8I", width, 1, height, 1, 0, 1, 0, 1))
+    return box(b"ftyp", b"isom") + box(b"moov", b"x" * 9 + clap)
+
+
+@pytest.mark.parametrize(
+    ("data", "cropped"),
+    [
+        (aperture(128, 72), False),
+        (aperture(128, 70), True),
+        (MP4, False),
+        (EBML + TRACKS + bytes(40) + CROP + CLUSTER, True),
+        (EBML + CLUSTER + bytes(40) + TRACKS + CROP, True),
+        (EBML + TRACKS + b"\x54\xcc\x81\0" + CLUSTER, False),
+        (EBML + CLUSTER + CROP, False),
+        (b"", False),
+    ],
+)
+def test_a_container_that_crops_pictures_is_known(data, cropped):
+    assert containers.crops(io.BytesIO(data), 128, 72) == cropped
+
+
 @pytest.mark.parametrize("tail", [bytes(4096), b"GPS 57.7N 11.9E" * 50, b"\0\0\0"])
 def test_what_is_appended_to_an_mp4_does_no_harm(own, tmp_path, tail):
     film(tmp_path / "plain.mp4", np.arange(COUNT) / 9, SIZE, draw=noise)

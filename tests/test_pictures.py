@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from simgrab.errors import PictureError
-from simgrab.utilities.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, read
+from simgrab.utilities.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, bits, read
 
 KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
 
@@ -88,6 +88,56 @@ def test_what_a_camera_appends_to_a_jpeg_or_puts_before_its_picture_does_no_harm
 )
 def test_what_is_no_picture_is_refused(tmp_path, data, reason):
     assert refused(tmp_path / "a.png", data) == reason
+
+
+@pytest.mark.parametrize("name", ["plain.png", "lossless.webp", "plain.tif"])
+def test_what_holds_several_pictures_is_refused_and_one_with_a_preview_is_not(tmp_path, name):
+    more = {"save_all": True, "append_images": [Image.fromarray(rgb()[::-1])]}
+    path = saved(tmp_path / name, **WHOLE[name] | more)
+    assert refused(path, path.read_bytes()) in ("it is an animation of several pictures", "it has several pages")
+    data = bytearray(saved(tmp_path / "b.tif", **more).read_bytes())
+    (first,) = struct.unpack_from("<I", data, 4)
+    (entries,) = struct.unpack_from("<H", data, first)
+    (second,) = struct.unpack_from("<I", data, first + 2 + 12 * entries)
+    struct.pack_into("<HHII", data, second + 2, 254, 4, 1, 1)  # in place of its width: a smaller copy
+    (tmp_path / "b.tif").write_bytes(data)
+    np.testing.assert_array_equal(read(tmp_path / "b.tif"), rgb())
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32, np.int16])
+def test_values_that_are_not_whole_numbers_of_16_bits_are_refused(tmp_path, kind):
+    data = cv2.imencode(".tiff", rgb().astype(kind))[1].tobytes()
+    assert refused(tmp_path / "a.tif", data) == "its values are not whole numbers of at most 16 bits"
+
+
+@pytest.mark.parametrize("mode", [cv2.IMREAD_COLOR_RGB, cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE])
+@pytest.mark.parametrize("kind", [".png", ".tiff"])
+def test_pictures_of_16_bits_are_those_of_8(tmp_path, kind, mode):
+    (tmp_path / "a").write_bytes(cv2.imencode(".png", rgb())[1].tobytes())
+    (tmp_path / "b").write_bytes(cv2.imencode(kind, rgb().astype(np.uint16) * 257)[1].tobytes())
+    assert np.abs(read(tmp_path / "a", mode).astype(int) - read(tmp_path / "b", mode)).max() <= 1
+
+
+def test_a_picture_alone_that_may_be_of_fewer_bits_or_dark_is_refused(tmp_path):
+    data = cv2.imencode(".png", rgb().astype(np.uint16) << 4)[1].tobytes()
+    assert "it has fewer bits or is dark; store 8 bits" in refused(tmp_path / "a.png", data)
+    np.testing.assert_array_equal(read(tmp_path / "a.png", cv2.IMREAD_COLOR, 12), rgb())
+
+
+def test_bits_that_a_file_states_are_believed_where_its_values_fit(tmp_path):
+    def stating(path, picture, stated):
+        data = cv2.imencode(".png", picture)[1].tobytes()
+        chunk = b"sBIT" + bytes([stated] * 3)
+        path.write_bytes(data[:33] + struct.pack(">I", 3) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[33:])
+        return path
+
+    dark = rgb().astype(np.uint16) // 2  # of 12 bits, of which no more than 8 are seen
+    assert bits([stating(tmp_path / "a.png", dark, 12)]) == 12
+    assert bits([stating(tmp_path / "b.png", dark << 8, 12)]) == 16  # scaled, as PNG asks for
+    Image.fromarray(dark[..., 0]).save(tmp_path / "c.tif", tiffinfo={281: 4095})
+    assert bits([tmp_path / "c.tif"]) == 12
+    assert bits([saved(tmp_path / "d.png")]) is None
+    assert bits([]) is None
 
 
 @pytest.mark.parametrize("name", ["plain.png", "lzw.tif", "jpeg.tif"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import msgspec
 import numpy as np
 import pyarrow as pa
@@ -212,10 +213,12 @@ class _FilePictures:
 
     def __init__(self, source: Files, names: tuple[str, ...]) -> None:
         known = {str(path.relative_to(source.root)): path for path in source.files}
-        self._paths = [known.get(name) for name in names]
+        self._paths, self._bits = [known.get(name) for name in names], source.bits
 
     def content(self, row: int) -> bytes:
         path = self._paths[row]
         if path is None:
             raise RunError(f"row {row}: the source has no picture of it")
+        if self._bits:  # as it was measured
+            return pictures.encode(pictures.read(path, cv2.IMREAD_COLOR, self._bits), "png")
         return read_bytes(path, RunError, most_bytes=pictures.MOST_BYTES)

@@ -34,7 +34,9 @@ class VideoPictures:
     """
 
     def __init__(self, path: Path, times_s: Sequence[float]) -> None:
-        self._video, self._times = Video(path), times_s
+        lasting = times_s[-1] - times_s[0] if times_s else 0.0
+        # A video without time stamps has the rate by which it was measured.
+        self._video, self._times = Video(path, (len(times_s) - 1) / lasting if lasting > 0 else None), times_s
         self._row_at = {round(time / _SAME_S): row for row, time in enumerate(times_s)}
         self._kept, self._turn = Kept[int](), threading.Lock()
 

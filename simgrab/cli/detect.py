@@ -37,6 +37,8 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
     files, looks = detections.pictures(source), detector(name)
     with bar("detecting", shown=not as_json and len(files) > 1) as progress:
         found = detections.detect_files(files, looks, progress)
+    if found.note:
+        click.echo(f"note: {found.note}", err=True)
     if as_json:
         for row in detections.rows(found):
             click.echo(json.dumps(row))

@@ -60,7 +60,12 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
     "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
 )
 @click.option("--live", is_flag=True, help="Update the estimate while frames arrive; always on for streams.")
-@click.option("--rate", type=float, callback=_rate, help="Frames/s of a folder.  [default: 9]")
+@click.option(
+    "--rate",
+    type=float,
+    callback=_rate,
+    help="Frames/s of a folder, or of a video without time stamps.  [default: what the video states, or 9]",
+)
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
 @click.option("--paper", is_flag=True, help="Print the paper's figures of its own video next to this run's.")
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")

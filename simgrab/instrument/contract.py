@@ -35,12 +35,15 @@ class Frame:
         Why there is no picture; empty where there is one.
     name : str
         Of the picture's file; empty in a video.
+    note : str
+        What was assumed of the picture or its time, or how the picture differs from the coded one; mostly empty.
     """
 
     picture: Picture | None
     time_s: float | None
     reason: str = ""
     name: str = ""
+    note: str = ""
 
 
 class Measurement(msgspec.Struct, frozen=True, kw_only=True):

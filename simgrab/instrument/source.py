@@ -12,13 +12,13 @@ from typing import Protocol
 from simgrab.calibration import Calibration
 from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
 from simgrab.instrument.contract import Frame
-from simgrab.instrument.video import Stream, Video
+from simgrab.instrument.video import UNTIMED_HZ, Stream, Video
 from simgrab.records import frame_files
 from simgrab.text import encodable, printable
 from simgrab.utilities import pictures
 from simgrab.utilities.parse import kind_of
 
-RATE_HZ = 9.0  # of the port's camera, for pictures without time stamps
+_RATE_IS_OF = "--rate applies to image folders and to videos without time stamps"
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
 
 
@@ -53,6 +53,8 @@ class Files:
     root : Path
     labels_sha256 : str
         Of a dataset, by which it is known again; empty for a folder of pictures.
+    bits : int or None
+        Of 16-bit pictures, as `simgrab.utilities.pictures.bits` finds them.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Files:
     times: tuple[float | None, ...]
     root: Path
     labels_sha256: str = ""
+    bits: int | None = None
     live: bool = False
 
     @property
@@ -72,13 +75,12 @@ class Files:
         for path, time in zip(self.files, self.times, strict=True):
             name = encodable(path.relative_to(self.root))
             try:
-                # OpenCV makes 8 bits of 16, and three channels of one.
-                picture = pictures.read(path)
+                picture = pictures.read(path, bits=self.bits)
             except PictureError as problem:
                 reason = f"{printable(name)} cannot be read as an image: {problem.reason}"
                 yield Frame(None, time, reason, name)
             else:
-                yield Frame(picture, time, name=name)
+                yield Frame(picture, time, name=name, note=pictures.scaled(self.bits))
 
 
 def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
@@ -90,7 +92,8 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
         A video file, the URL of a stream (``rtsp://…``), a picture or a folder of pictures, or a rendered dataset.
         Nothing else is opened: playlists and scripts, which name other files, are refused.
     rate_hz : float, optional
-        Of pictures in a folder, 9 by default; it is an error where the source has times of its own.
+        Of pictures in a folder, 9 by default, or of a video without time stamps, by default what it states or else 9.
+        It is an error where the source has times of its own.
 
     Raises
     ------
@@ -101,12 +104,12 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     """
     _refuse_empty(source)
     if "://" in str(source):
-        return _timed(Stream(str(source)), rate_hz)
+        return _untimed(Stream(str(source), rate_hz), rate_hz)
     path = Path(source)
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            return _timed(_dataset(path), rate_hz) if frame_files.is_dataset(path) else _folder(path, rate_hz)
+            return _dataset(path, rate_hz) if frame_files.is_dataset(path) else _folder(path, rate_hz)
     except FileNotFoundError:
         raise SourceError(f"{path}: there is no such file or folder") from None
     except SimgrabError:
@@ -116,8 +119,8 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if not stat.S_ISREG(mode):
         raise SourceError(f"{path}: it is {kind_of(mode)}, not a file or folder")
     if path.suffix.lower() in pictures.SUFFIXES:
-        return _timed(Files(printable(path), (path,), (0.0,), path.parent), rate_hz)
-    return _timed(Video(path), rate_hz)
+        return Files(printable(path), (path,), (0.0,), path.parent, bits=pictures.bits((path,)))
+    return _untimed(Video(path, rate_hz), rate_hz)
 
 
 def _refuse_empty(source: str | Path) -> None:
@@ -131,18 +134,21 @@ def _folder(path: Path, rate_hz: float | None) -> Files:
     files = pictures.of(path)
     if not files:
         raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
-    rate = RATE_HZ if rate_hz is None else rate_hz
-    return Files(printable(path), files, tuple(i / rate for i in range(len(files))), path)
+    rate = UNTIMED_HZ if rate_hz is None else rate_hz
+    times = tuple(i / rate for i in range(len(files)))
+    return Files(printable(path), files, times, path, bits=pictures.bits(files))
 
 
-def _timed(source: Source, rate_hz: float | None) -> Source:
-    if rate_hz is not None:
-        raise SourceError(f"{source.name} has its own time stamps; --rate applies to image folders only")
-    return source
+def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:
+    if rate_hz is not None and video.timed:
+        raise SourceError(f"{video.name} has its own time stamps; {_RATE_IS_OF}")
+    return video
 
 
-def _dataset(path: Path) -> Files:
+def _dataset(path: Path, rate_hz: float | None) -> Files:
     """Pictures of a dataset; its independent frames have no time."""
+    if rate_hz is not None:
+        raise SourceError(f"{printable(path)} is a dataset, whose labels hold the times; {_RATE_IS_OF}")
     rows, labels_sha256 = frame_files.read(path)
     times: list[float | None] = []
     begin, clip = 0.0, rows[0].clip
@@ -192,7 +198,7 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
                 problem = f"an image of {given[0]}x{given[1]} px, but the camera file states {size[0]}x{size[1]} px"
                 if not seen:
                     named = f"{frame.name} is {problem}" if frame.name else problem
-                    raise SourceError(f"{named}: they do not match")
+                    raise SourceError(f"{named}: they do not match" + (f" ({frame.note})" if frame.note else ""))
                 frame = Frame(None, frame.time_s, problem, frame.name)
             seen = True
         yield frame

@@ -11,13 +11,14 @@ import os
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
+from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from statistics import median
 from typing import Any, BinaryIO
 
 import av
 import av.error
-import numpy as np
 from av.container import InputContainer
 from av.packet import Packet
 from av.video.frame import VideoFrame
@@ -30,20 +31,25 @@ from simgrab.text import printable
 from simgrab.utilities import containers
 from simgrab.utilities.environment import MOST_PIXELS
 from simgrab.utilities.pictures import too_large
+from simgrab.utilities.playback import Playback, aspect_of, squared, stream_of
 
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
 # FFmpeg's names of formats that hold pictures themselves and open nothing else.
 FORMATS = (
     "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "h264", "hevc", "m4v", "mjpeg", "obu",
-    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe", "mpjpeg", "gif", "wtv", "rm",
+    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe", "mpjpeg", "jpeg_pipe", "gif",
+    "apng", "wtv", "rm",
 )  # fmt: skip
 STREAM_FORMATS = ("rtsp", "rtp")
 SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp", "tcp")
 PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
 _KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
 _STEPS = 31  # time steps of which the median is what a step should be
-_UNTIMED_HZ = 9.0  # of a stream that does not state its rate
+UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
+_BACK_S = (0.0, 10.0, math.inf)  # by how much earlier a file is searched where there is no key frame before a time
+_MOST_HZ = 1000  # that a coded picture's rate is believed
+_NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS
 
 
 class Video:
@@ -52,12 +58,16 @@ class Video:
     Parameters
     ----------
     path : Path
+    rate_hz : float, optional
+        Of the frames, where the file has no time stamps; 9 unless it states a rate.
 
     Attributes
     ----------
     name : str
     count : int or None
         Frames, where the file states them or its length; then about so many.
+    timed : bool
+        Whether it has time stamps, or a rate in their place.
 
     Raises
     ------
@@ -67,55 +77,86 @@ class Video:
 
     live = False
 
-    def __init__(self, path: Path) -> None:
-        self.name, self._path = printable(path), path
+    def __init__(self, path: Path, rate_hz: float | None = None) -> None:
+        self.name, self._path, self._rate_hz = printable(path), path, rate_hz
         with self._file() as file:
             self._extent = containers.extent(file)
-        with self._opened() as container:
-            self.count = _count(container.streams.video[0])
+        with self.opened() as stream, self._file() as file:
+            self.count, self.timed = _count(stream), _timed(stream)
+            if containers.crops(file, stream.codec_context.width, stream.codec_context.height):
+                raise SourceError(f"{self.name}: its container crops the pictures; crop the coded ones instead")
 
     def __iter__(self) -> Iterator[Frame]:
-        """Decode from the beginning. The time of a frame is its time stamp.
+        """Decode from the beginning, as `simgrab.utilities.playback` shows frames. Time counts from the first.
 
         Raises
         ------
         SourceError
-            If the file is gone, or breaks off before its first picture.
+            If the file is gone, breaks off before its first picture, or its pictures are turned by less than a quarter.
         """
-        with self._opened() as container:
-            yield from _with_gaps(_decoded(container, self.name, whole=self._extent.whole))
+        with self.opened() as stream:
+            yield from _with_gaps(self._decoded(stream, _Clock(stream, self._rate_hz)))
 
     def from_time(self, time_s: float) -> Generator[Frame, None, None]:
-        """Decode from the last key frame at or before a time; frames have their time stamps.
+        """Decode from a key frame at or before a time, or from the beginning where the file cannot be searched.
 
         Raises
         ------
         SourceError
             If the file is gone, or cannot be read from there.
         """
-        with self._opened() as container:
-            stream = container.streams.video[0]
-            if stream.time_base is not None:
-                try:
-                    container.seek(math.floor(time_s / stream.time_base), stream=stream, backward=True)
-                except (av.error.FFmpegError, OSError, OverflowError) as problem:
-                    raise SourceError(
-                        f"{self.name}: cannot be read from {time_s:g} s ({first_line(problem)})"
-                    ) from None
-            yield from _decoded(container, self.name, whole=self._extent.whole)
+        for back_s in _BACK_S:
+            with self.opened() as stream:
+                clock = _Clock(stream, self._rate_hz)
+                searched = clock.searchable and back_s < math.inf
+                if searched:
+                    clock.origin = self._origin
+                    self._seek(stream, time_s - back_s + clock.origin)
+                frames = self._decoded(stream, clock)
+                first = next(frames, None)
+                # Some formats are searched to any frame, after which the next key frame is the first that is decoded.
+                early = first is not None and first.picture is not None and (first.time_s or 0.0) <= time_s
+                if first is not None and (early or not searched):
+                    yield first
+                    yield from frames
+                    return
+
+    def _seek(self, stream: VideoStream, stamp_s: float) -> None:
+        container: Any = stream.container
+        try:
+            container.seek(math.floor(stamp_s / (stream.time_base or 1)), stream=stream, backward=True)
+        except (av.error.FFmpegError, OSError, OverflowError) as problem:
+            raise SourceError(f"{self.name}: cannot be read from {stamp_s:g} s ({first_line(problem)})") from None
+
+    @contextmanager
+    def opened(self) -> Iterator[VideoStream]:
+        """Open the stream of its container that is read.
+
+        Raises
+        ------
+        SourceError
+            If the file is gone.
+        """
+        # No protocol: FFmpeg opens nothing itself.
+        rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
+        with self._file() as file, closing(_open(_First(file, self._extent.end), self.name, rules)) as container:
+            yield _stream(container)
+
+    @cached_property
+    def _origin(self) -> float:
+        """Time stamp that counts as 0, s: the first frame's."""
+        with self.opened() as stream:
+            clock = _Clock(stream)
+            return next((clock.origin for _ in self._decoded(stream, clock) if clock.origin is not None), 0.0)
+
+    def _decoded(self, stream: VideoStream, clock: _Clock) -> Iterator[Frame]:
+        return _decoded(stream, clock, self.name, whole=self._extent.whole)
 
     def _file(self) -> BinaryIO:
         try:
             return self._path.open("rb")
         except OSError as problem:
             raise SourceError(f"{self.name}: cannot be read ({first_line(problem)})") from None
-
-    @contextmanager
-    def _opened(self) -> Iterator[InputContainer]:
-        # No protocol: FFmpeg opens nothing itself.
-        rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
-        with self._file() as file, closing(_open(_First(file, self._extent.end), self.name, rules)) as container:
-            yield container
 
 
 class _First:
@@ -140,12 +181,16 @@ class Stream:
     Parameters
     ----------
     url : str
+    rate_hz : float, optional
+        As of a `Video`.
 
     Attributes
     ----------
     name : str
     count : int or None
         Frames, where the stream is a file that states them.
+    timed : bool
+        Whether it has time stamps.
 
     Raises
     ------
@@ -155,8 +200,8 @@ class Stream:
 
     live = True
 
-    def __init__(self, url: str) -> None:
-        self.name = printable(url)
+    def __init__(self, url: str, rate_hz: float | None = None) -> None:
+        self.name, self._rate_hz = printable(url), rate_hz
         scheme = url.partition("://")[0].lower()
         if scheme not in SCHEMES:
             streams = ", ".join(f"{s}://" for s in SCHEMES)
@@ -166,10 +211,11 @@ class Stream:
             "protocol_whitelist": ",".join(PROTOCOLS),
         }
         self._container: InputContainer | None = _open(url, self.name, rules)
-        self.count = _count(self._container.streams.video[0])
+        stream = _stream(self._container)
+        self.count, self.timed = _count(stream), _timed(stream)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Decode from now on. The time of a frame is its time stamp.
+        """Decode from now on, as a `Video`; time counts from the first frame.
 
         Raises
         ------
@@ -180,7 +226,8 @@ class Stream:
         if container is None:
             raise SourceError(f"{self.name}: a stream can be read once")
         with container:
-            yield from _with_gaps(_decoded(container, self.name, whole=True))
+            stream = _stream(container)
+            yield from _with_gaps(_decoded(stream, _Clock(stream, self._rate_hz), self.name, whole=True))
 
 
 def _open(source: str | _First, name: str, rules: dict[str, str]) -> InputContainer:
@@ -194,17 +241,31 @@ def _open(source: str | _First, name: str, rules: dict[str, str]) -> InputContai
         container.close()
         raise SourceError(f"{name}: {refused}")
     # Pictures may change their size later.
-    container.streams.video[0].codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+    _stream(container).codec_context.options = {"max_pixels": str(MOST_PIXELS)}
     return container
 
 
+def _stream(container: InputContainer) -> VideoStream:
+    stream = stream_of(container.streams.video)
+    assert stream is not None  # else `_problem` refuses it
+    return stream
+
+
 def _problem(container: InputContainer) -> str:
-    if not container.streams.video:
+    stream = stream_of(container.streams.video)
+    if stream is None:
         return "it has no pictures"
-    codec: Any = container.streams.video[0].codec_context  # None where FFmpeg has no decoder
+    codec: Any = stream.codec_context  # None where FFmpeg has no decoder
     if codec is None:
         return "its pictures are coded in a way that is not known"
-    return too_large(codec.width, codec.height)
+    # As shown: a pixel may be wide.
+    return too_large(codec.width, codec.height) or too_large(*squared(codec.width, codec.height, aspect_of(stream)))
+
+
+def _timed(stream: VideoStream) -> bool:
+    """Whether the container has time stamps or a rate. Where it has none, FFmpeg makes up 25 frames/s."""
+    kind = stream.container.format
+    return not kind.flags & _NO_TIMESTAMPS and not kind.name.endswith("_pipe")
 
 
 def _count(stream: VideoStream) -> int | None:
@@ -214,11 +275,11 @@ def _count(stream: VideoStream) -> int | None:
     return round(stream.duration * stream.time_base * rate)
 
 
-def _decoded(container: InputContainer, name: str, *, whole: bool) -> Iterator[Frame]:
+def _decoded(stream: VideoStream, clock: _Clock, name: str, *, whole: bool) -> Iterator[Frame]:
     """Pictures as they come, damaged ones as lost frames; ends with a lost frame where the video breaks off."""
-    stream = container.streams.video[0]
+    container: Any = stream.container
     stream.codec_context.thread_count = 1  # the next picture is decoded while a core processes this one
-    clock = _Clock(stream)
+    playback = Playback(stream, lambda why: SourceError(f"{name}: {why}"))
     packets = container.demux(stream)
     broken, ended, seen = "" if whole else "the file is cut off", False, False
     while not ended:
@@ -230,7 +291,7 @@ def _decoded(container: InputContainer, name: str, *, whole: bool) -> Iterator[F
             broken, ended = first_line(problem), True
         else:
             ended = packet.is_corrupt and not whole  # the last one, of which only a part is there
-        for frame in _pictures(_rest(stream) if ended else packet, clock):
+        for frame in _pictures(_rest(stream) if ended else packet, clock, playback):
             seen = seen or frame.picture is not None
             yield frame
     if broken and not seen:
@@ -254,36 +315,66 @@ def _rest(stream: VideoStream) -> Packet[Any]:
     return packet
 
 
-def _pictures(packet: Packet[Any], clock: _Clock) -> Iterator[Frame]:
+def _pictures(packet: Packet[Any], clock: _Clock, playback: Playback) -> Iterator[Frame]:
     try:
         for picture in packet.decode():
-            yield _frame(picture, clock)
+            yield _frame(picture, clock, playback)
     except av.error.FFmpegError as problem:
         yield Frame(None, clock.next(None), f"cannot be decoded ({first_line(problem)})")
 
 
-def _frame(picture: VideoFrame, clock: _Clock) -> Frame:
-    time = clock.next(picture.time)
+def _frame(picture: VideoFrame, clock: _Clock, playback: Playback) -> Frame:
+    time = clock.next(clock.stamp(picture))
     if picture.is_corrupt:
         return Frame(None, time, "damaged in the video")
-    return Frame(np.asarray(picture.to_ndarray(format="rgb24"), np.uint8), time)
+    note = "; ".join(filter(None, (playback.note(picture), clock.note)))
+    return Frame(playback.picture(picture), time, note=note)
 
 
 class _Clock:
-    """Times of frames: their time stamps, as long as these increase."""
+    """Times of frames, from the first: their time stamps, as long as these increase.
 
-    def __init__(self, stream: VideoStream) -> None:
-        rate = stream.average_rate or stream.guessed_rate
-        self.step = 1 / float(rate) if rate else 1 / _UNTIMED_HZ
+    Attributes
+    ----------
+    step : float
+        Between frames that have no time stamps, s.
+    note : str
+        What was assumed of the step; empty where nothing was.
+    origin : float or None
+        Time stamp that counts as 0, s; None as long as there was none.
+    searchable : bool
+        Whether frames have the same times wherever decoding begins.
+    """
+
+    def __init__(self, stream: VideoStream, rate_hz: float | None = None) -> None:
+        self._timed = _timed(stream)
+        self._numbered = stream.container.format.name == "avi"  # whose frames have numbers, in the order of decoding
+        self.searchable = self._timed and not (self._numbered and stream.codec_context.has_b_frames)
+        if self._timed:
+            rate = stream.average_rate or stream.guessed_rate
+        else:
+            stated = stream.codec_context.framerate  # beside the pictures, which may be the resolution of lost stamps
+            rate = Fraction(rate_hz) if rate_hz else stated if stated and stated <= _MOST_HZ else None
+        self.note = "" if rate or self._timed else f"without time stamps, {UNTIMED_HZ:g} frames/s are assumed (--rate)"
+        self.step = 1 / float(rate or UNTIMED_HZ)
+        self.origin: float | None = None
         self._last: float | None = None
+
+    def stamp(self, picture: VideoFrame) -> float | None:
+        """Time stamp of a decoded frame, s, or None."""
+        ticks = picture.dts if self._numbered else picture.pts
+        return None if ticks is None or picture.time_base is None else float(ticks * picture.time_base)
 
     def next(self, stamp: float | None) -> float:
         """Time of the next frame; a step after the last where its stamp is missing, goes back or exceeds LATEST_S."""
-        if stamp is None or not abs(stamp) <= LATEST_S or (self._last is not None and stamp <= self._last):
-            # A step may be less than what doubles resolve there.
-            stamp = 0.0 if self._last is None else max(self._last + self.step, math.nextafter(self._last, math.inf))
-        self._last = stamp
-        return stamp
+        # A step may be less than what doubles resolve there.
+        time = 0.0 if self._last is None else max(self._last + self.step, math.nextafter(self._last, math.inf))
+        if self._timed and stamp is not None and abs(stamp) <= LATEST_S:
+            self.origin = stamp - time if self.origin is None else self.origin
+            stated = stamp - self.origin
+            time = stated if self._last is None or stated > self._last else time
+        self._last = time
+        return time
 
 
 def _with_gaps(frames: Iterator[Frame]) -> Iterator[Frame]:

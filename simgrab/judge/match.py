@@ -108,7 +108,8 @@ def together(parts: Sequence[Appearance]) -> Appearance:
     first = parts[0]
     for other in parts[1:]:
         if other.footage.size != first.footage.size:
-            raise SourceError(f"{other.footage.name}: is of another size than {first.footage.name}: match each alone")
+            sizes = "{}x{} px, and {} of {}x{} px".format(*other.footage.size, first.footage.name, *first.footage.size)
+            raise SourceError(f"{other.footage.name}: is of {sizes}: match each alone")
     bright = [one for one in parts if not one.dark] or list(parts)
 
     def best(of: Callable[[Appearance], Quantity]) -> Appearance:
@@ -143,7 +144,7 @@ def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
             "height_px": height,
             "focal": {
                 "model": "pixels",
-                "focal_length_px": _rounded(PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM * width / 1920),
+                "focal_length_px": _rounded(PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM * max(width, height) / 1920),
             },
         },
         "swing": {"model": "dynamic"},

@@ -7,6 +7,7 @@ comes with its own index, and the segment index before them (``sidx``) states ho
 from __future__ import annotations
 
 import os
+import re
 import struct
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -22,7 +23,11 @@ _MP4 = {b"ftyp", b"styp", b"moov", b"moof", b"mdat", b"free", b"skip", b"wide", 
 _MOST_BOXES = 500_000  # that are examined: a day of a fragment for each of four frames
 _MOST_INDEX = 2**20  # bytes; 65,535 references, the most, take 786 kB
 _UNSTATED = 0xFFFFFFFF  # length of an AVI list whose recorder did not come back to write it
-_EBML, _SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
+_EBML, _SEGMENT, _CLUSTER = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67", b"\x1f\x43\xb6\x75"
+_TRACKS = b"\x16\x54\xae\x6b"
+_PIXEL_CROP = re.compile(rb"\x54[\xaa\xbb\xcc\xdd](?:\x81.|\x82..|\x84....)", re.DOTALL)  # PixelCropBottom and so on
+_CLEAN_APERTURE = re.compile(rb"\0\0\0\x28clap(.{32})", re.DOTALL)  # ISO/IEC 14496-12, 12.1.4
+_MOST_HEAD, _MOST_TAIL = 2**24, 2**16  # bytes of a container's description that are searched
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,39 @@ def extent(file: BinaryIO) -> Extent:
     if start[:4] == b"RIFF" and start[8:12] == b"AVI ":
         return _avi(file, size)
     return Extent(size, True)
+
+
+def crops(file: BinaryIO, width: int, height: int) -> bool:
+    """Whether a Matroska or MP4 states that its pictures are to be cropped, which FFmpeg's decoders do not.
+
+    Parameters
+    ----------
+    file : binary file
+        Is left anywhere.
+    width, height : int
+        Of the decoded pictures, px.
+    """
+    start = _at(file, 0, 12)
+    if start[:4] == _EBML:
+        size = file.seek(0, os.SEEK_END)
+        # Editors move the tracks to the end.
+        parts = _at(file, 0, _MOST_HEAD).partition(_CLUSTER)[0], _at(file, max(size - _MOST_TAIL, 0), _MOST_TAIL)
+        return any(any(found[3:]) for part in parts for found in _PIXEL_CROP.findall(part.partition(_TRACKS)[2]))
+    if start[4:8] not in _MP4:
+        return False
+    at, size = 0, file.seek(0, os.SEEK_END)
+    for _ in range(_MOST_BOXES):
+        length, kind = struct.unpack(">I4s", _at(file, at, 8).ljust(8, b"\0"))
+        if length == 1:
+            length = int.from_bytes(_at(file, at + 8, 8))
+        if kind == b"moov":
+            head = _at(file, at, min(length, _MOST_HEAD))
+            stated = (struct.unpack(">4I", found[:16]) for found in _CLEAN_APERTURE.findall(head))
+            return any(w != width * of or h != height * over for w, of, h, over in stated)
+        at += length
+        if length < 8 or at >= size:
+            break
+    return False
 
 
 def _at(file: BinaryIO, offset: int, length: int) -> bytes:

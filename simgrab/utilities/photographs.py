@@ -11,14 +11,19 @@ import warnings
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
+from av.container import InputContainer
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageOps
 
+from simgrab.errors import SimgrabError
 from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
+from simgrab.utilities.playback import Playback, aspect_of, squared, stream_of
 
 PHOTOGRAPHS = ("jpg", "jpeg", "png", "webp", "bmp")
 VIDEOS = ("mp4", "mkv", "avi", "mov")
@@ -68,8 +73,7 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
         raise refuse(f"{name}: more than {MOST_BYTES >> 20} MiB or {MOST_FILES} files")
     for file, data in files.items():
         if file == name and _ending(file) in VIDEOS:
-            with _video(file, data, refuse) as container:
-                _decoded(file, container, refuse)
+            _decoded(file, data, refuse)
         elif _ending(file) in PHOTOGRAPHS:
             _photograph(file, data, refuse)
         else:
@@ -110,14 +114,15 @@ class Sequence:
             picture: Picture = self._kept(self._names[number])
             return picture
         if self._frames is None or number < self._next:
-            container = _video(self._model.name, self._model.data, self._refuse)
-            self._frames, self._next = container.decode(video=0), 0
+            container, stream = _video(self._model.name, self._model.data, self._refuse)
+            self._frames, self._next = container.decode(stream), 0
+            self._playback = Playback(stream, lambda why: self._refuse(f"{self._model.name}: {why}"))
         try:
             while True:
                 frame = next(self._frames)
                 self._next += 1
                 if self._next > number:
-                    return np.asarray(frame.to_ndarray(format="rgb24"))
+                    return self._playback.picture(frame)
         except (av.FFmpegError, StopIteration):
             self._frames = None
             raise self._refuse(f"{self._model.name}: frame {self._next} of {self._count} cannot be decoded") from None
@@ -133,7 +138,11 @@ def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:
         try:
             with Image.open(io.BytesIO(data), formats=("JPEG", "PNG", "WEBP", "BMP")) as image:
                 _check_size(name, *image.size, refuse)
-                return np.asarray(image.convert("RGB"))
+                if image.mode.startswith("I"):  # which Pillow would cut off at 255
+                    raise refuse(f"{name}: has values of 16 bits; store 8 bits")
+                return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+        except SimgrabError:
+            raise
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
             raise refuse(f"{name}: is truncated, too large, or not a photograph") from None
 
@@ -145,28 +154,37 @@ def _check_size(name: str, width: int, height: int, refuse: Refuse) -> None:
         raise refuse(f"{name}: has {width}x{height} pixels; at least {LEAST_SIDE_PX} a side are needed")
 
 
-def _video(name: str, data: bytes, refuse: Refuse) -> av.container.InputContainer:
+def _video(name: str, data: bytes, refuse: Refuse) -> tuple[InputContainer, VideoStream]:
+    """Open a video, and the stream of it that players show."""
     try:
         container = av.open(io.BytesIO(data), mode="r")
-        size = container.streams.video[0].codec_context
-        _check_size(name, size.width, size.height, refuse)
-    except (av.FFmpegError, IndexError, ValueError):
+    except (av.FFmpegError, ValueError):
         raise refuse(f"{name}: is truncated, or not a video") from None
-    return container
+    stream = stream_of(container.streams.video)
+    if stream is None:
+        raise refuse(f"{name}: has no pictures")
+    codec: Any = stream.codec_context  # None where FFmpeg has no decoder
+    if codec is None:
+        raise refuse(f"{name}: is coded in a way that is not known")
+    _check_size(name, *squared(codec.width, codec.height, aspect_of(stream)), refuse)
+    return container, stream
 
 
-def _decoded(name: str, container: av.container.InputContainer, refuse: Refuse) -> None:
-    try:
-        next(container.decode(video=0))
-    except (av.FFmpegError, StopIteration):
-        raise refuse(f"{name}: no frame of it can be decoded") from None
+def _decoded(name: str, data: bytes, refuse: Refuse) -> None:
+    container, stream = _video(name, data, refuse)
+    with container:
+        try:
+            Playback(stream, lambda why: refuse(f"{name}: {why}")).picture(next(container.decode(stream)))
+        except (av.FFmpegError, StopIteration):
+            raise refuse(f"{name}: no frame of it can be decoded") from None
 
 
 def _count(name: str, data: bytes, refuse: Refuse) -> int:
     """Count the frames of a video without decoding them."""
-    with _video(name, data, refuse) as container:
+    container, stream = _video(name, data, refuse)
+    with container:
         try:
-            count = sum(packet.size > 0 for packet in container.demux(video=0))
+            count = sum(packet.size > 0 for packet in container.demux(stream))
         except av.FFmpegError:
             raise refuse(f"{name}: is truncated, or not a video") from None
     if not 0 < count <= MOST_FRAMES:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+import cv2
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -23,7 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from films import film
+from films import film, picture
 from http_requests import ask
 
 import simgrab
@@ -31,11 +32,13 @@ from simgrab.browse import browse, columns, dataset, masks
 from simgrab.browse.exporting import Exports
 from simgrab.browse.masks import IndexedMasks
 from simgrab.browse.pictures import Kept
+from simgrab.browse.run import _FilePictures
 from simgrab.browse.videos import VideoPictures
 from simgrab.cli import cli
 from simgrab.errors import DatasetError, SimgrabError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run import runs
+from simgrab.instrument.source import open_source
 from simgrab.instrument.video import Video
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.labels.masks import Coded, Masks
@@ -391,6 +394,22 @@ def test_pictures_of_a_video_are_those_of_their_times(tmp_path):
     assert [frame.picture.mean() for frame in Video(path).from_time(times[13])][-10:] == expected[-10:]
     with pytest.raises(SimgrabError, match="no image at 99"):
         VideoPictures(path, [99.0]).content(0)
+
+
+def test_pictures_of_a_video_without_time_stamps_are_those_of_the_rate_it_was_measured_at(tmp_path):
+    jpegs = (cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(12))
+    (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
+    found = VideoPictures(tmp_path / "a.mjpeg", [i / 20 for i in range(12)])
+    levels = [pictures.decode(found.content(row), "frame").mean() for row in (11, 0, 5)]
+    assert levels == pytest.approx([picture(row).mean() for row in (11, 0, 5)], abs=1)
+
+
+def test_pictures_of_fewer_bits_are_shown_as_they_were_measured(tmp_path):
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(i).astype(np.uint16) << 4)
+    source = open_source(tmp_path)
+    found = pictures.decode(_FilePictures(source, ("0.png", "1.png", "2.png")).content(1), "frame")
+    np.testing.assert_array_equal(found, list(source)[1].picture)
 
 
 @settings(max_examples=60)

@@ -1,6 +1,8 @@
 """What footage shows of its camera, on pictures whose camera is known, and on footage that shows nothing."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -271,16 +273,37 @@ def test_footage_without_a_display_has_none():
     assert display(footage(taken(scene(rng), rng, 8))).layout is None
 
 
-def video(path: Path, frames: np.ndarray) -> Path:
+def video(path: Path, frames: np.ndarray, state: Callable[[av.VideoStream], None] = lambda _: None) -> Path:
     """Code frames without loss of luma."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=10, options={"qp": "0", "preset": "ultrafast"})
         stream.height, stream.width = frames.shape[1:3]
         stream.pix_fmt = "yuv420p"
+        state(stream)
         for frame in frames:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode())
     return path
+
+
+def test_footage_is_what_players_show(tmp_path):
+    frames = taken(scene(np.random.default_rng(3)), np.random.default_rng(4), 2)
+    plain = read(video(tmp_path / "plain.mp4", frames))
+
+    def state(stream):
+        stream.set_display_rotation(90)
+        stream.codec_context.sample_aspect_ratio = Fraction(3, 2)
+
+    shown = read(video(tmp_path / "shown.mp4", frames, state))
+    width, height = SIZE
+    assert shown.size == (height, width * 3 // 2)
+    wide = cv2.resize(plain.luma[1], (width * 3 // 2, height), interpolation=cv2.INTER_LINEAR)
+    np.testing.assert_array_equal(shown.luma[1], np.rot90(wide))
+    assert shown.rgb.shape[1:3] == shown.luma.shape[1:]
+    assert "are made square" in shown.note
+    assert "turned by 90°" in shown.note
+    assert not plain.note
+    assert plain.frame_rate_hz == shown.frame_rate_hz
 
 
 def test_a_black_video_determines_nothing_but_what_its_file_states(tmp_path):

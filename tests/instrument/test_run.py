@@ -270,6 +270,50 @@ def test_truncated_streams_and_changing_rates_give_what_they_held(tmp_path):
     assert len(run(faster, CAMERA, tmp_path / "b", Pipeline(nothing, None)).measurements) == 80
 
 
+def shorter(frames):
+    return frames[:-1]
+
+
+def longer(frames):
+    return [*frames, Frame(None, 99.0, "late")]
+
+
+def later(frames):
+    return [*frames[:2], Frame(frames[2].picture, 0.25), *frames[3:]]
+
+
+@pytest.mark.parametrize(("changed", "counts", "k"), [(shorter, (4, 3), 3), (longer, (4, 5), 4), (later, (4, 4), 2)])
+def test_a_source_that_changes_while_it_is_measured_is_refused(tmp_path, monkeypatch, changed, counts, k):
+    class Changing:
+        name, count, live, passes = "yard", None, False, 0
+
+        def __iter__(self):
+            self.passes += 1
+            frames = [Frame(picture(i), i / 9) for i in range(4)]
+            return iter(frames if self.passes == 1 else changed(frames))
+
+    monkeypatch.setattr("simgrab.instrument.run.run.open_source", lambda *_args, **_kwargs: Changing())
+    before, after = counts
+    with pytest.raises(SourceError) as refused:
+        run("yard", CAMERA, tmp_path / "out", Pipeline(nothing, None))
+    assert str(refused.value) == (
+        f"yard: it changed while it was measured: {before} frames at first, then {after} when read again for the "
+        f"annotated video, other ones from frame {k} on"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_was_assumed_of_a_source_is_stated_once(tmp_path):
+    def state(stream):
+        stream.set_display_rotation(180)
+
+    path = film(tmp_path / "a.mp4", np.arange(5) / 9, state=state)
+    result = run(path, CAMERA, tmp_path / "out", Pipeline(nothing, None))
+    assert runs.load(tmp_path / "out").about["notes"] == ["pictures are turned by 180°"]
+    assert held(result)[:2] == [("source", str(path)), ("  note", "pictures are turned by 180°")]
+    assert page(result, {}).count("pictures are turned by 180°") == 1
+
+
 def test_greys_of_16_bits_are_measured(tmp_path):
     folder = tmp_path / "grey"
     folder.mkdir()

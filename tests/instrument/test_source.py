@@ -9,19 +9,22 @@ import time
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import cv2
 import msgspec
 import numpy as np
 import pytest
+from av.filter import Graph
+from av.stream import Disposition
 
 from simgrab.calibration import Calibration
 from simgrab.errors import SourceError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source
-from simgrab.instrument.video import _Clock
+from simgrab.instrument.video import Video, _Clock
 from simgrab.labels import datasets
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -67,6 +70,204 @@ def test_a_video_gives_its_pictures_at_their_times(tmp_path):
     assert times_of(source) == times_of(frames)  # again from the beginning
 
 
+def corners(_, size):
+    """A picture with no symmetry."""
+    rgb = np.full((size[1], size[0], 3), 60, np.uint8)
+    rgb[: size[1] // 3, : size[0] // 4] = (220, 40, 40)
+    rgb[-(size[1] // 3) :, : size[0] // 2] = (40, 200, 60)
+    return rgb
+
+
+def turned(*how):
+    return lambda stream: stream.set_display_rotation(*how)
+
+
+def wide(aspect):
+    def state(stream):
+        stream.codec_context.sample_aspect_ratio = Fraction(aspect)
+
+    return state
+
+
+TURNS = {  # counterclockwise by degrees, then mirrored left to right, top to bottom: what a player makes of the picture
+    (0, False, False): lambda p: p,
+    (90, False, False): lambda p: np.rot90(p),
+    (180, False, False): lambda p: np.rot90(p, 2),
+    (270, False, False): lambda p: np.rot90(p, 3),
+    (0, True, False): lambda p: p[:, ::-1],
+    (0, False, True): lambda p: p[::-1],
+    (90, True, False): lambda p: np.rot90(p)[:, ::-1],
+    (90, False, True): lambda p: np.rot90(p)[::-1],
+}
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv"])
+def test_pictures_are_turned_as_their_file_states(tmp_path, name):
+    upright = next(iter(open_source(film(tmp_path / name, even(1), draw=corners)))).picture
+    for how, shown in TURNS.items():
+        (frame,) = open_source(film(tmp_path / name, even(1), draw=corners, state=turned(*how)))
+        np.testing.assert_array_equal(frame.picture, shown(upright), str(how))
+        assert bool(frame.note) == any(how)
+    with pytest.raises(SourceError, match=r"are to be turned by -?45°; only quarter turns are read"):
+        list(open_source(film(tmp_path / name, even(1), state=turned(45, False, False))))
+
+
+def test_a_turned_picture_does_not_fit_the_camera_of_the_upright_one(tmp_path):
+    path = film(tmp_path / "a.mp4", even(2), state=turned(90, False, False))
+    with pytest.raises(SourceError, match=r"36x64 px, but the camera file states 64x36 px: .* turned by 90°"):
+        list(fitting(iter(open_source(path)), Calibration(*SIZE, 60.0, 32.0, 18.0)))
+
+
+@pytest.mark.parametrize(("aspect", "size"), [("4/3", (85, 36)), ("3/4", (64, 48)), ("1", SIZE), ("64/64", SIZE)])
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv", "a.ts", "a.h264"])
+def test_pixels_are_made_square(tmp_path, name, aspect, size):
+    (frame, *_) = open_source(film(tmp_path / name, even(3), draw=corners, state=wide(aspect)))
+    plain = next(iter(open_source(film(tmp_path / name, even(3), draw=corners)))).picture
+    assert frame.picture.shape[1::-1] == size
+    assert np.abs(cv2.resize(plain, size, interpolation=cv2.INTER_LINEAR) - frame.picture.astype(int)).max() <= 1
+    assert ("are made square: 64x36 px become" in frame.note) == (size != SIZE)
+
+
+def test_pixels_are_made_square_before_the_picture_is_turned(tmp_path):
+    def state(stream):
+        wide("4/3")(stream)
+        turned(90, False, False)(stream)
+
+    (frame,) = open_source(film(tmp_path / "a.mp4", even(1), state=state))
+    assert frame.picture.shape == (85, 64 - 28, 3)
+
+
+def test_a_picture_that_becomes_too_large_is_refused(tmp_path):
+    path = film(tmp_path / "a.mp4", even(1), (64, 600), state=wide("300"))
+    with pytest.raises(SourceError, match="it has 19200 x 600 px; the limit is"):
+        open_source(path)
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv", "a.ts"])
+def test_time_counts_from_the_first_frame(tmp_path, name):
+    path = film(tmp_path / name, 1.4 + even(20))
+    with av.open(str(path)) as file:
+        assert next(file.decode(video=0)).time >= 1.4 - 1e-3
+    frames = list(open_source(path))
+    assert times_of(frames) == pytest.approx(even(20), abs=2e-3)
+    assert frames[0].time_s == 0
+    for k in (0, 3, 12, 19):
+        found = next(f for f in Video(path).from_time(times_of(frames)[k]) if f.time_s >= times_of(frames)[k] - 1e-6)
+        np.testing.assert_array_equal(found.picture, frames[k].picture)
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv", "a.ts", "a.avi", "a.h264"])
+def test_frames_that_are_coded_in_another_order_have_their_times(tmp_path, name):
+    frames = list(open_source(coded(tmp_path / name, "libx264", "yuv420p")))
+    assert times_of(frames) == pytest.approx(even(20, 25), abs=2e-3)
+    levels = [frame.picture[20:40, 70:120].mean() for frame in frames]
+    assert levels == sorted(levels)
+
+
+def test_frames_without_time_stamps_have_the_rate_that_is_given_stated_or_assumed(tmp_path):
+    raw = coded(tmp_path / "a.h264", "libx264", "yuv420p")  # states its rate beside each key frame
+    absurd = film(
+        tmp_path / "b.h264", even(6), coding={"tune": "psnr"}
+    )  # states the resolution of the time stamps that it had
+    jpegs = (cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(6))
+    (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
+    assert times_of(open_source(raw)) == pytest.approx(even(20, 25))
+    assert times_of(open_source(raw, rate_hz=12)) == pytest.approx(even(20, 12))
+    for path in (tmp_path / "a.mjpeg", absurd):
+        assumed, given = (list(open_source(path, rate_hz=rate)) for rate in (None, 12))
+        assert times_of(assumed) == pytest.approx(even(6))
+        assert times_of(given) == pytest.approx(even(6, 12))
+        assert {frame.note for frame in assumed} == {"without time stamps, 9 frames/s are assumed (--rate)"}
+        assert {frame.note for frame in given} == {""}
+    with over_http(tmp_path) as url:
+        assert times_of(open_source(f"{url}/a.mjpeg", rate_hz=12)) == pytest.approx(even(6, 12))
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_mjpeg_of_any_length_is_read(tmp_path, count):
+    pictures = [np.random.default_rng(i).integers(0, 255, (96, 128, 3), np.uint8) for i in range(count)]
+    (tmp_path / "a.mjpeg").write_bytes(b"".join(cv2.imencode(".jpg", one)[1].tobytes() for one in pictures))
+    assert len(list(open_source(tmp_path / "a.mjpeg"))) == count
+
+
+def test_the_stream_that_players_show_is_read(tmp_path):
+    def two(path, *dispositions):
+        with av.open(str(path), "w") as file:
+            streams = []
+            for size, disposition in zip(((128, 96), SIZE), dispositions, strict=True):
+                stream = file.add_stream("mjpeg", rate=9)
+                stream.width, stream.height, stream.pix_fmt = *size, "yuvj420p"
+                stream.disposition = disposition
+                streams.append((stream, size))
+            for i in range(3):
+                for stream, size in streams:
+                    file.mux(stream.encode(av.VideoFrame.from_ndarray(picture(i, size), format="rgb24")))
+        return next(iter(open_source(path)))
+
+    none, default, cover = Disposition(0), Disposition.default, Disposition.attached_pic
+    frame = two(tmp_path / "a.mkv", none, default)
+    assert frame.picture.shape[1::-1] == SIZE
+    assert frame.note == "of 2 video streams FFmpeg's #1 is read"
+    frame = two(tmp_path / "b.mkv", none, none)
+    assert frame.picture.shape[1::-1] == (128, 96)
+    assert frame.note == "of 2 video streams FFmpeg's #0 is read"
+    frame = two(tmp_path / "c.mp4", cover, default)
+    assert frame.picture.shape[1::-1] == SIZE
+    assert not frame.note
+    with pytest.raises(SourceError, match=r"d\.mp4: it has no pictures"):
+        two(tmp_path / "d.mp4", cover, cover)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_fields_the_first_is_read(tmp_path, first):
+    grey = np.repeat(corners(0, (64, 64))[..., 1:2], 3, axis=2)
+
+    def woven(other):
+        def draw(*_):
+            rgb = grey.copy()
+            rgb[1 - first :: 2] = other
+            return rgb
+
+        return draw
+
+    def fields(frame):
+        graph = Graph()
+        nodes = (
+            graph.add_buffer(width=64, height=64, format=frame.format, time_base=Fraction(1, 9)),
+            graph.add("setfield", "bff" if first else "tff"),
+        )
+        graph.link_nodes(*nodes, graph.add("buffersink")).configure()
+        graph.push(frame)
+        return graph.vpull()
+
+    lossless = {"qp": "0", "x264-params": "tff=1", "tune": "psnr"}
+    one, two = (
+        next(iter(open_source(film(tmp_path / name, even(2), (64, 64), None, woven(other), lossless, mark=fields))))
+        for name, other in (("a.mp4", 0), ("b.mp4", 255))
+    )
+    np.testing.assert_array_equal(one.picture, two.picture)
+    with av.open(str(tmp_path / "a.mp4")) as file:
+        both = next(file.decode(video=0)).to_ndarray(format="rgb24")
+    assert (
+        np.abs(one.picture[first::2].astype(int) - both[first::2]).max() <= 4
+    )  # colours of two rows are coded together
+    assert one.note == "of interlaced pictures the first field is read"
+
+
+@pytest.mark.slow  # FFmpeg makes a table of colours, which takes seconds
+def test_light_beyond_standard_range_is_brought_into_it(tmp_path):
+    def pq(stream):
+        codec = stream.codec_context
+        codec.color_trc, codec.color_primaries, codec.colorspace = 16, 9, 9
+
+    def white(_, size):  # of 203 cd/m2, which is diffuse white
+        return np.full((size[1], size[0], 3), 148, np.uint8)
+
+    (frame,) = open_source(film(tmp_path / "a.mp4", even(1), draw=white, state=pq))
+    assert frame.picture.mean() > 190
+    assert frame.note == "HDR (PQ) is brought to standard range"
+
+
 def test_gaps_are_lost_frames(tmp_path):
     kept = np.delete(even(30), [12, 20, 21, 22])
     frames = list(open_source(film(tmp_path / "a.mp4", kept)))
@@ -103,10 +304,8 @@ def test_time_stamps_beyond_what_doubles_resolve_count_as_missing(tmp_path, stam
 
 
 def test_times_increase_however_short_a_step_is():
-    class Fast:
-        average_rate, guessed_rate = 10**9, None
-
-    clock = _Clock(Fast())
+    container = SimpleNamespace(format=SimpleNamespace(name="mov", flags=0))
+    clock = _Clock(SimpleNamespace(average_rate=10**9, guessed_rate=None, container=container))
     times = [clock.next(stamp) for stamp in (1e12, None, 1e12, 1e13, float("nan"))]
     assert all(later > earlier for earlier, later in pairwise(times))
 
@@ -347,8 +546,37 @@ def test_a_folder_of_pictures_has_the_rate_it_is_given(tmp_path):
     assert frames[1].name == "1.png"
     cv2.imwrite(str(tmp_path / "10.png"), picture(0))
     assert [f.name for f in open_source(tmp_path)][-2:] == ["4.png", "10.png"]
-    with pytest.raises(SourceError, match="its own time stamps"):
+
+
+def test_a_rate_is_refused_where_there_are_times(tmp_path, dataset):
+    with pytest.raises(SourceError, match="has its own time stamps; --rate applies to image folders and to videos wi"):
         open_source(film(tmp_path / "a.mp4", even(3)), rate_hz=9)
+    with pytest.raises(SourceError, match="is a dataset, whose labels hold the times; --rate applies to"):
+        open_source(dataset, rate_hz=9)
+    cv2.imwrite(str(tmp_path / "a.png"), picture(3))
+    assert times_of(open_source(tmp_path / "a.png", rate_hz=12)) == [0]
+
+
+@pytest.mark.parametrize("ending", ["png", "tiff"])
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_fewer_bits_stored_in_16_are_scaled_alike_in_a_folder(tmp_path, bits, ending):
+    bright = picture(29)
+    for i, part in enumerate((1, 1, 8)):  # the last is dark
+        cv2.imwrite(str(tmp_path / f"{i}.{ending}"), (bright.astype(np.uint16) + 40 << bits - 8) // part)
+    one, _, dark = open_source(tmp_path)
+    np.testing.assert_array_equal(one.picture, bright[..., ::-1] + 40)
+    np.testing.assert_array_equal(dark.picture, (bright[..., ::-1].astype(int) + 40) // 8)
+    noted = f"16-bit pictures are read as of {bits} bits: no greater value was found"
+    assert one.note == dark.note == ("" if bits == 16 else noted)
+
+
+def test_a_picture_of_more_bits_than_those_beside_it_is_lost(tmp_path):
+    for i in range(40):
+        bits = 16 if i == 7 else 12
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(i).astype(np.uint16) << bits - 8)
+    lost = {i: frame.reason for i, frame in enumerate(open_source(tmp_path)) if frame.picture is None}
+    assert list(lost) == [7]
+    assert "above the 12 bits of other pictures in its folder" in lost[7]
 
 
 def test_pictures_of_16_bits_and_of_one_channel_become_rgb(tmp_path):

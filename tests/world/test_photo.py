@@ -16,6 +16,7 @@ import simgrab
 from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.scenario import Scenario
+from simgrab.utilities.photographs import Sequence, read
 from simgrab.world.scenery.model import PLACE
 
 SIZE = (320, 180)
@@ -106,6 +107,25 @@ def test_a_video_goes_on_frame_by_frame_and_repeats(tmp_path: Path) -> None:
     moving = scene(tmp_path, "yard.mp4", frames=5, **{"light.sun": 0.0})
     levels = [float(np.median(frame.rgb)) for frame in simgrab.frames(moving, (0, 1, 2, 3, 1))]
     assert np.allclose(levels, [60, 120, 180, 60, 120], atol=3)
+
+
+def test_a_photograph_and_a_video_are_shown_as_players_show_them(tmp_path: Path) -> None:
+    rgb, exif, data = np.kron(photograph(2, (32, 64)), np.ones((2, 2, 1), np.uint8)), Image.Exif(), io.BytesIO()
+    exif[0x112] = 6  # to be turned by 90° clockwise
+    Image.fromarray(rgb).save(tmp_path / "turned.png", exif=exif)
+    with av.open(data, "w", format="mp4") as container:
+        stream = container.add_stream("libx264rgb", rate=10, options={"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = 64, 128, "rgb24"
+        stream.set_display_rotation(-90)
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+        container.mux(stream.encode())
+    (tmp_path / "turned.mp4").write_bytes(data.getvalue())
+    for name in ("turned.png", "turned.mp4"):
+        shown = Sequence(read(tmp_path / name, AssertionError), AssertionError)[0]
+        np.testing.assert_array_equal(shown, np.rot90(rgb, -1), name)
+    cv2.imwrite(str(tmp_path / "deep.png"), rgb[..., 0].astype(np.uint16) * 16)
+    with pytest.raises(ScenarioError, match="has values of 16 bits; store 8 bits"):
+        scene(tmp_path, "deep.png")
 
 
 def bomb() -> bytes:

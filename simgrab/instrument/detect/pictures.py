@@ -6,7 +6,7 @@ import csv
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from simgrab.text import cell, encodable
 from simgrab.utilities import parquet
 from simgrab.utilities.destination import check_file, writing
 from simgrab.utilities.files import drafted
-from simgrab.utilities.pictures import SUFFIXES
+from simgrab.utilities.pictures import SUFFIXES, bits, scaled
 from simgrab.utilities.pictures import of as files_of
 from simgrab.utilities.pictures import read as read_picture
 
@@ -42,12 +42,15 @@ class Detections:
     detections : tuple of Detection
     seconds : tuple of float
         From decoded picture to detection.
+    note : str
+        What was assumed of the pictures; mostly empty.
     """
 
     detector: str
     files: tuple[Path, ...]
     detections: tuple[Detection, ...]
     seconds: tuple[float, ...]
+    note: str = ""
 
 
 def detect(
@@ -105,7 +108,9 @@ def detect_files(files: Sequence[Path], detector: Detector, progress: Progress |
     DatasetError, DetectorError
         If an image cannot be read or used; names it.
     """
-    return _detect(files, map(read_picture, files), detector, progress)
+    depth = bits(files)
+    found = _detect(files, (read_picture(file, bits=depth) for file in files), detector, progress)
+    return replace(found, note=scaled(depth))
 
 
 def detect_dataset(

@@ -81,7 +81,7 @@ class Appearance:
             places = ", ".join(f"({x}, {y})" for x, y in (layout.hoist_px[0], layout.closing_px[0]))
             digits = f"{layout.digit_width_px}x{layout.digit_height_px} px, numbers begin at {places}"
         return [
-            ("size", f"{width}x{height} px"), ("coder", footage.codec),
+            ("size", f"{width}x{height} px" + (f": {footage.note}" if footage.note else "")), ("coder", footage.codec),
             *((name, quantity.text()) for name, quantity in stated.items()),
             ("grey picture", "yes" if self.grey else "no"),
             ("shot noise, variance per light", self.noise.gain.text()),

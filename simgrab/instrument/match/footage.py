@@ -10,17 +10,16 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import av
 import av.error
 import numpy as np
-from av.container import InputContainer
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from simgrab.errors import SourceError, first_line
-from simgrab.text import printable
-from simgrab.utilities.pictures import too_large
+from simgrab.instrument.video import Video
+from simgrab.utilities.playback import Playback, squared
 from simgrab.utilities.srgb import decoded
 
 MOST_FRAMES = 150
@@ -42,7 +41,7 @@ class Footage:
     ----------
     name : str
     luma : ndarray of uint8, shape (frames, height, width)
-        Y' as the file has it, brought to 0 … 255 where it is coded in the limited range.
+        Y' as players show it (`simgrab.utilities.playback`), brought to 0 … 255 where it is coded in the limited range.
     rgb : ndarray of uint8, shape (k, height, width, 3)
         A few of the frames, spread over the footage.
     codec : str
@@ -56,6 +55,8 @@ class Footage:
         Mean step by which H.264 quantised the luma residual, levels of 0 … 255; None for other coders.
     weights : tuple of 3 floats
         Of red, green and blue in luma.
+    note : str
+        How pictures differ from the coded ones; empty where they do not.
     broken : str
         Why the footage ends early; empty where it does not.
     """
@@ -69,6 +70,7 @@ class Footage:
     gop_frames: int | None
     quantiser: float | None
     weights: tuple[float, float, float]
+    note: str = ""
     broken: str = ""
 
     @property
@@ -106,38 +108,36 @@ def read(path: str | Path) -> Footage:
     SourceError
         If it cannot be opened, or breaks off before its first picture.
     """
-    name = printable(path)
-    try:
-        with Path(path).open("rb") as file, av.open(file, "r") as container:
-            return _read(container, name)
-    except (av.error.FFmpegError, OSError, ValueError) as problem:
-        raise SourceError(f"{name}: not a video that can be opened ({first_line(problem)})") from None
+    video = Video(Path(path))
+    with video.opened() as stream:
+        return _read(stream, video)
 
 
-def _read(container: InputContainer, name: str) -> Footage:
-    if not container.streams.video:
-        raise SourceError(f"{name}: it has no pictures")
-    stream = container.streams.video[0]
-    codec = stream.codec_context
-    if refused := too_large(codec.width, codec.height):
-        raise SourceError(f"{name}: {refused}")
-    codec.options = {"export_side_data": "venc_params"}
-    most = max(min(MOST_FRAMES, MOST_STACK_PX // max(codec.width * codec.height, 1)), LEAST_FRAMES)
+def _read(stream: VideoStream, video: Video) -> Footage:
+    container: Any = stream.container
+    name, codec = video.name, stream.codec_context
+    playback = Playback(stream, lambda why: SourceError(f"{name}: {why}"))
+    codec.options |= {"export_side_data": "venc_params"}
+    width, height = squared(codec.width, codec.height, playback.aspect)
+    most = max(min(MOST_FRAMES, MOST_STACK_PX // max(width * height, 1)), LEAST_FRAMES)
     luma, rgb, times = list[NDArray[np.uint8]](), list[NDArray[np.uint8]](), list[float]()
     sizes, keys, steps, broken = list[int](), list[int](), list[float](), ""
-    weights, every = BT709, max(most // 12, 1)
+    weights, every, note = BT709, max(most // 12, 1), ""
     try:
         for packet in container.demux(stream):
             for frame in packet.decode():
-                if luma and (frame.height, frame.width) != luma[0].shape:
+                plain = playback.plain(frame)
+                grey = playback.placed(_luma(plain), frame)
+                if luma and grey.shape != luma[0].shape:
                     raise SourceError(f"{name}: the picture's size changes at frame {len(luma)}")
                 if len(luma) % every == 0:
-                    rgb.append(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8))
+                    rgb.append(playback.placed(_rgb(plain), frame))
                 if frame.key_frame:
                     keys.append(len(luma))
-                weights = BT709 if int(frame.colorspace) == 1 else BT601
-                luma.append(_luma(frame))
-                times.append(float(frame.time) if frame.time is not None else float("nan"))
+                weights = BT709 if int(plain.colorspace) == 1 else BT601
+                note = note or playback.note(frame)
+                luma.append(grey)
+                times.append(float(frame.time) if video.timed and frame.time is not None else float("nan"))
                 steps += _step(frame)
                 if len(luma) >= most:
                     break
@@ -154,8 +154,12 @@ def _read(container: InputContainer, name: str) -> Footage:
         name=name, luma=np.stack(luma), rgb=np.stack(rgb), codec=codec.codec.name, frame_rate_hz=rate,
         bit_rate_mbit_s=8e-6 * sum(sizes) * rate / len(luma) if rate else None,
         gop_frames=int(median(b - a for a, b in pairwise(keys))) if len(keys) > 1 else None,
-        quantiser=float(np.mean(steps)) if steps else None, weights=weights, broken=broken,
+        quantiser=float(np.mean(steps)) if steps else None, weights=weights, note=note, broken=broken,
     )  # fmt: skip
+
+
+def _rgb(frame: VideoFrame) -> NDArray[np.uint8]:
+    return np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
 
 
 def _luma(frame: VideoFrame) -> NDArray[np.uint8]:

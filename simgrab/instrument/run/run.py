@@ -46,7 +46,7 @@ class Options:
     video : bool
         Whether to write the annotated video.
     rate_hz : float or None
-        Of pictures in a folder.
+        Of pictures in a folder, or of a video without time stamps.
     rule : Rule
         Of the alarm.
     """
@@ -156,14 +156,19 @@ def _whole(
     source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
     progress: Progress | None,
 ) -> tuple[Run, OverlayVideo]:  # fmt: skip
-    """Measure, and go through the source again for the annotated video."""
+    """Measure, and go through the source again for the annotated video: it must give the same frames.
+
+    The angles that are drawn are known once the whole record is measured, and its pictures are too many to keep.
+    """
     frames = _counted(source, progress)
     found = measure(frames, calibration, instrument, source=source.name, rule=options.rule)
     with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
         if folder is None:
             return found, overlay
-        for frame, measured in zip(fitting(iter(source), calibration), found.measurements, strict=False):
+        again = _Notes()
+        for frame, measured in zip(again.of(fitting(iter(source), calibration)), found.measurements, strict=False):
             overlay.add(frame, measured)
+    again.check_against(found)
     return found, overlay
 
 
@@ -202,22 +207,37 @@ def _live(
 
 
 class _Notes:
-    """Times and names of frames that have passed; never their pictures."""
+    """Times, names and notes of frames that have passed; never their pictures."""
 
     def __init__(self) -> None:
         self.times: list[float | None] = []
         self.names: list[str] = []
+        self.notes: dict[str, None] = {}  # each once, in order
 
     def of(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         for frame in frames:
             self.times.append(frame.time_s)
             self.names.append(frame.name)
+            if frame.note:
+                self.notes[frame.note] = None
             yield frame
 
     def first(self, n: int) -> _Notes:
         kept = _Notes()
-        kept.times, kept.names = self.times[:n], self.names[:n]
+        kept.times, kept.names, kept.notes = self.times[:n], self.names[:n], self.notes
         return kept
+
+    def check_against(self, run: Run) -> None:
+        """Refuse frames that are not those of a run."""
+        times = [None] * len(run.names) if run.time is None else run.time.tolist()
+        first, here = list(zip(times, run.names, strict=True)), list(zip(self.times, self.names, strict=True))
+        if first == here:
+            return
+        k = next((k for k, (a, b) in enumerate(zip(first, here, strict=False)) if a != b), min(len(first), len(here)))
+        raise SourceError(
+            f"{run.source}: it changed while it was measured: {len(first)} frames at first, then {len(here)} when read "
+            f"again for the annotated video, other ones from frame {k} on"
+        )
 
     @property
     def time(self) -> Array | None:
@@ -255,6 +275,7 @@ def _conclude(
         "paper": estimate_json(paper) | _of_paper(paper),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
+        "notes": list(notes.notes),
         "speed": speed,
     }  # fmt: skip
     return Run(instrument.name, source, calibration, notes.time, tuple(notes.names), measurements, found, about)

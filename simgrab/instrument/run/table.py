@@ -55,7 +55,8 @@ def held(run: Run) -> list[tuple[str, str]]:
     n, speed = len(run.measurements), run.about["speed"]
     read = sum(m.rope_status == "read" for m in run.measurements)
     asked = sum(bool(m.rope_status) for m in run.measurements)
-    rows = [("source", run.source), ("instrument", run.instrument), ("frames", str(n))]
+    rows = [("source", run.source), *(("  note", note) for note in run.about.get("notes", ()))]
+    rows += [("instrument", run.instrument), ("frames", str(n))]
     rows += [
         (f"  {name}", f"{count} ({100 * count / n:.2f} %)") for name, count in run.about["counts"].items() if count
     ]
