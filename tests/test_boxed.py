@@ -212,7 +212,7 @@ def refused(path, grab_classes=()):
         ("0 0.1 0.1 0.2\n", "expected 'class"), ("0 a 0.1 0.2 0.2", "expected 'class"),
         ("0.5 0.5 0.5 0.2 0.2", "expected 'class"), ("-1 0.5 0.5 0.2 0.2", "expected 'class"),
         ("0 0.1 0.1 0.2 0.1 0.2", "expected 'class"), ("0 0.1 0.1 0.2 0.1 0.2 0.2 0.1", "expected 'class"),
-        ("0 0.1 0.1 nan 0.1 0.2 0.2", "lies outside the image"), ("0 0.1 0.1 0.2 0.1 0.3 0.1", "has no area"),
+        ("0 0.1 0.1 nan 0.1 0.2 0.2", "lies outside the image"), ("0 0.9 0.1 0.9 0.2 0.9 0.3", "has no area"),
         ("0 0.5 0.5 1.2 0.2", "lies outside the image of 64 x 40 px"), ("0 nan 0.5 0.2 0.2", "lies outside the image"),
         ("0 100 50 20 20", "lies outside the image"), ("0 0.5 0.5 0 0.2", "has no area"),
         ("0 0.5 0.5 -0.2 0.2", "has no area"), ("3 0.5 0.5 0.2 0.2", "class 3 is not among the 1 names"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import cv2
@@ -18,6 +18,7 @@ from cv2.utils import logging
 from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, PictureError, first_line
+from simgrab.utilities.files import is_visible
 from simgrab.utilities.parse import cannot, read_bytes
 
 MOST_PIXELS = 100_000_000  # three times 8K; as RGB such a picture takes 300 MB
@@ -43,9 +44,27 @@ class _RefusedError(Exception):
     """Says why a file is not given to OpenCV."""
 
 
-def of(folder: Path) -> tuple[Path, ...]:
-    """Picture files of a folder, by the numbers in their names."""
-    return tuple(sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_by_number))
+def of(folder: Path, suffixes: Collection[str] = SUFFIXES, *, below: bool = False) -> tuple[Path, ...]:
+    """Picture files of a folder that `is_visible` admits, by the numbers in their names.
+
+    Parameters
+    ----------
+    folder : Path
+    suffixes : collection of str
+        In lower case, with the dot; those of the files may be in upper case.
+    below : bool
+        Also of the folders in it.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be listed.
+    """
+    found = (
+        path for path in (folder.rglob("*") if below else folder.iterdir())
+        if path.suffix.lower() in suffixes and is_visible(path, folder) and not path.is_dir()
+    )  # fmt: skip
+    return tuple(sorted(found, key=_by_number))
 
 
 def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
