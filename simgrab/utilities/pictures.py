@@ -67,10 +67,10 @@ def of(folder: Path, suffixes: Collection[str] = SUFFIXES, *, below: bool = Fals
     return tuple(sorted(found, key=_by_number))
 
 
-def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
+def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], Path]:
     """Key that sorts frame2 before frame10, and numbers before letters, by the file's name."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
-    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path.name
+    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path
 
 
 def read(path: Path, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
