@@ -59,7 +59,7 @@ BAD = {
     "unknown scene": (scene(scene="quay-dya"), "scenes.calm: no scene or file 'quay-dya' (did you mean 'quay-day'?)"),
     "unknown change": (scene(changes={"camera.betta_deg": 1}), "scenes.calm: camera.betta_deg: unknown key"),
     "table as a change": (scene(changes={"camera.mount": {"model": "loose"}}), "scenes.calm: camera.mount.model"),
-    "seed as a change": (scene(changes={"seed": 1}), "calm.changes.seed: set it as scenes.calm.seed or at the top of the suite"),
+    "seed as a change": (scene(changes={"seed": 1}), "set it as scenes.calm.seed or at the top of the suite"),
     "frames as a change": ({"changes": {"frames": 1}}, "frames: set it as scenes.calm.frames"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),

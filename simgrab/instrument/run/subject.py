@@ -19,6 +19,7 @@ from simgrab.errors import InstrumentError, RecordError, SimgrabError
 from simgrab.instrument.contract import Frame, Instrument, Measurement, TakesSensors, flaw
 from simgrab.instrument.pipeline import Pipeline, bundled
 from simgrab.utilities import modules
+from simgrab.utilities.strict import in_words
 
 BUNDLED = "bundled"
 PACKAGE = Path(__file__).parents[2]
@@ -111,8 +112,10 @@ class CheckedInstrument:
         try:
             plain = msgspec.convert({k: _number(v) for k, v in msgspec.structs.asdict(given).items()}, Measurement)
         except msgspec.ValidationError as problem:
-            text, _, key = str(problem).replace("`", "").partition(" - at $.")
-            raise InstrumentError(f"{self.name}: frame {i}: {key or 'measurement'}: {text}") from None
+            text, _, key = str(problem).partition(" - at `$.")
+            raise InstrumentError(
+                f"{self.name}: frame {i}: {key.rstrip('`') or 'measurement'}: {in_words(text)}"
+            ) from None
         if wrong := flaw(plain):
             raise InstrumentError(f"{self.name}: frame {i}: {wrong}")
         return plain
