@@ -92,9 +92,12 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
-    notes += tuple(filter(None, (outcome.warning for outcome in scenes.values())))
     if recorded is not None and (blind := _uncompared(scenes)):
         notes = (*notes, f"compared with limits only, because the baseline has too few values: {', '.join(blind)}")
+    notes += tuple(filter(None, (outcome.warning for outcome in scenes.values())))
+    notes += tuple(
+        f"{name}: nothing is judged, because it has no limits" for name in scenes if not suite.limits_of(name)
+    )
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
