@@ -143,7 +143,8 @@ def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
     assert told.passed
     assert "none is recorded" in told.notes[0]
     assert "limits only" in told.notes[0]
-    free = check(place, small=suite.load(write(tmp_path, limits={})), baseline=None)
+    plain = SUITE["scenes"]["swing"] | {"golden": []}
+    free = check(place, small=suite.load(write(tmp_path, limits={}, scenes={"swing": plain})), baseline=None)
     assert free.notes[-1] == "swing: nothing is judged, because it has no limits"
     tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.001}}))
     assert "outside of ≤ 0.001" in failed(check(place, small=tight, baseline=None))["angle.overall.rmse_deg"]

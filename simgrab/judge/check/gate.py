@@ -96,7 +96,9 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
         notes = (*notes, f"compared with limits only, because the baseline has too few values: {', '.join(blind)}")
     notes += tuple(filter(None, (outcome.warning for outcome in scenes.values())))
     notes += tuple(
-        f"{name}: nothing is judged, because it has no limits" for name in scenes if not suite.limits_of(name)
+        f"{name}: nothing is judged, because it has no limits"
+        for name in scenes
+        if not (suite.limits_of(name) or suite.scenes[name].golden)
     )
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
