@@ -48,7 +48,8 @@ class _KeysPage:
         yield ""
         yield (
             "Keys of a table that comes in kinds depend on its `model`. "
-            "A key that takes a *distribution* is a table with `dist` ([below](#distributions))."
+            "A key that takes a *distribution* is a table with `dist` ([below](#distributions)), or a number, "
+            "which is the same in every frame."
         )
         scenario = self._definitions["Scenario"]
         plain = {k: v for k, v in scenario["properties"].items() if not self._kinds(v) and k != "vary"}

@@ -171,7 +171,9 @@ class Uniform(Distribution, frozen=True, tag="uniform"):
 
 
 class Constant(Distribution, frozen=True, tag="constant"):
-    """Always the same value."""
+    """Always the same value, which may also be given as a number alone, without a table."""
+
+    of_number = "value"
 
     value: Value
 

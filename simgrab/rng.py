@@ -37,5 +37,26 @@ def stream(seed: int, index: int, name: str) -> np.random.Generator:
     """
     if seed < 0 or index < 0:
         raise ValueError(f"seed and index must be 0 or more, got {seed} and {index}")
-    key = int.from_bytes(hashlib.blake2b(f"{seed}/{name}".encode(), digest_size=16).digest(), "little")
-    return np.random.Generator(np.random.Philox(key=key, counter=index << 128))
+    return np.random.Generator(np.random.Philox(key=_key(seed, name, 16), counter=index << 128))
+
+
+def derive(seed: int, name: str) -> int:
+    """Derive the seed of a part, which draws independently of every other part and of what has ``seed`` itself.
+
+    Parameters
+    ----------
+    seed : int
+        Of the whole, 0 or more.
+    name : str
+        The part, e.g. a scene of a suite.
+
+    Returns
+    -------
+    int
+        Below 2⁵³, so that JSON's numbers hold it.
+    """
+    return _key(seed, name, 8) >> 11
+
+
+def _key(seed: int, name: str, size: int) -> int:
+    return int.from_bytes(hashlib.blake2b(f"{seed}/{name}".encode(), digest_size=size).digest(), "little")

@@ -72,6 +72,121 @@ def test_of_a_polygon_the_bounding_box_is_read(tmp_path):
     np.testing.assert_allclose(arrays.box(dataset.rows[0]), BOX)
 
 
+TWO_POINTS = LINE.strip() + " 0.2 0.25 0.3 0.35\n"
+FOUR_POINTS = LINE.strip() + " 0.2 0.25 1 0.3 0.35 2 0.25 0.2 1 0 0 0\n"
+SLANTED = "0 0.25 0.1 0.375 0.3 0.25 0.5 0.125 0.3\n"  # as an oriented box
+ODD = LINE.strip() + " 0.2 0.25 2\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "description"),
+    [
+        (TWO_POINTS, "kpt_shape: [2, 2]"), (FOUR_POINTS, "kpt_shape: [4, 3]"), (FOUR_POINTS, "kpt_shape: [6, 2]"),
+        (ODD, "kpt_shape: [1, 3]"), (LINE, "kpt_shape: [4, 3]"), (LINE, "kpt_shape:"),
+        (SLANTED, ""), (SLANTED, "task: obb"), ("0 0.125 0.1 0.375 0.1 0.375 0.5\n", "task: segment"),
+        (LINE.replace("0 ", "0.0 ", 1), ""), (LINE.replace("0 ", "0.000000e+00\t", 1).replace("\n", " \t\r\n\r\n"), ""),
+        ("\ufeff" + LINE, ""),
+        (LINE, "names: {'0': grab}"), (LINE, "names: {0: grab}"), (LINE, "names: [grab, ship]"),
+    ],
+)  # fmt: skip
+def test_lines_of_the_same_box(tmp_path, line, description):
+    names = "" if "names" in description else "names: [grab]\n"
+    folder = as_yolo(tmp_path, ["a/1.png", "a/2.PNG"], line, f"train: images\n{names}{description}\n")
+    for row in boxed.read(folder, ["grab"]).rows:
+        np.testing.assert_allclose(arrays.box(row), BOX)
+
+
+def test_polygons_are_those_that_cannot_be_key_points(tmp_path):
+    """Lines of several lengths, and lines that do not begin with a box in the image."""
+    several = as_yolo(tmp_path / "several", ["a/1.png", "a/2.png"], "0 0.125 0.1 0.375 0.1 0.375 0.5 0.2 0.5\n")
+    (several / "labels/a/2.txt").write_text("0 0.125 0.1 0.375 0.1 0.375 0.5\n")
+    beyond = as_yolo(tmp_path / "beyond", ["a/1.png"], "0 0.125 0.5 0.375 0.5 0.375 0.1\n")
+    for path in (several, beyond):
+        for row in boxed.read(path).rows:
+            np.testing.assert_allclose(arrays.box(row), BOX)
+
+
+@pytest.mark.parametrize(
+    ("train", "file"),
+    [
+        ("images/", ""), ("./images", ""), ("[images/a]", ""), (r".\images\a", ""), ("list.txt", "images/a/1.png"),
+        ("list.txt", "./images/a/1.png\r\n"), ("list.txt", ".\\images\\a\\1.png\r\n"),
+        ("sets/list.txt", "../images/a/1.png"), ("[list.txt]", "data/images/a/1.png"),
+        ("images\npath: .", ""), ("images\npath: data", ""),
+        ("images\npath: ./data/", ""), ("a\npath: images", ""), ("list.txt\npath: images", "a/1.png"),
+    ],
+)  # fmt: skip
+def test_places_that_a_description_names(tmp_path, monkeypatch, train, file):
+    """Relative to the file that names them, to ``path``, or to the working folder, as trainers have it."""
+    monkeypatch.chdir(tmp_path)
+    folder = as_yolo(tmp_path / "data", ["a/1.png"], description=f"train: {train}\nnames: [grab]\n")
+    (folder / "sets").mkdir()
+    place = folder / train.strip("[]").split("\n")[0]
+    for path in (place, folder / "images" / place.name):
+        if file:
+            path.write_text(file)
+    (row,) = boxed.read(folder).rows
+    np.testing.assert_allclose(arrays.box(row), BOX)
+
+
+def test_files_of_other_programs_are_left_out(tmp_path):
+    """Of macOS, Windows and a Synology NAS, among images and labels, and folders that are named as images."""
+    folder = as_yolo(tmp_path / "yolo", ["a/1.png", "a/2.JPG"])
+    coco = as_coco(tmp_path / "coco", ["a/1.png"])
+    as_coco(tmp_path / "beside", ["a/1.png"])
+    (tmp_path / "beside/annotations/instances_default.json").rename(tmp_path / "beside/labels.json")
+    for place in (folder / "images/a", coco / "annotations", tmp_path / "beside", tmp_path / "beside/annotations"):
+        for name in ("._1.png", ".DS_Store", "Thumbs.db", "desktop.ini", "._instances_default.json", "._x.json"):
+            (place / name).write_bytes(b"\0\5\x16\7")
+        image(place / "@eaDir/1.png/SYNOPHOTO_THUMB_M.png")
+        image(place / ".thumbnails/1.png")
+    assert [row.file for row in boxed.read(folder).rows] == ["images/a/1.png", "images/a/2.JPG"]
+    for path in (coco, tmp_path / "beside"):
+        assert [row.file for row in boxed.read(path).rows] == ["images/a/1.png"]
+
+
+def test_labels_in_upper_case_are_found(tmp_path):
+    folder = as_yolo(tmp_path, ["a/1.png", "a/2.png"])
+    (folder / "labels/a/2.txt").rename(folder / "labels/a/2.TXT")
+    assert all(arrays.box(row) is not None for row in boxed.read(folder).rows)
+
+
+def test_images_of_one_stem_have_one_label_file(tmp_path):
+    rows = boxed.read(as_yolo(tmp_path, ["a/1.png", "a/1.jpg"])).rows
+    assert len(rows) == 2
+    assert all(np.allclose(arrays.box(row), BOX) for row in rows)
+
+
+ONE, SIZE = {"id": 1, "file_name": "a/1.png"}, {"width": WIDTH, "height": HEIGHT}
+LABEL = {"id": 9, "image_id": 1, "category_id": 1, "bbox": [8, 4, 16, 16]}
+CLASS = {"id": 1, "name": "grab"}
+CROWD = {"id": 2, "image_id": 1, "category_id": 1, "bbox": [30, 4, 16, 16], "iscrowd": 1}
+PARTS = {"polygon": [[1, 1, 9, 1, 9, 9]], "coded": {"size": [40, 64], "counts": "X"}, "plain": {"counts": [9, 9]}}
+
+
+def as_instances(folder, *labels, image_fields=ONE | SIZE, classes=(CLASS,)):
+    as_coco(folder, ["a/1.png"])
+    known = {"images": [image_fields], "annotations": labels, "categories": classes}
+    (folder / "annotations" / "instances_default.json").write_text(json.dumps(known))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("labels", "fields"),
+    [
+        ([LABEL], ONE), ([LABEL | {"image_id": "1", "category_id": 1.0}], ONE | SIZE | {"id": 1.0}),
+        ([LABEL | {"image_id": 1.0, "category_id": "1"}], ONE | {"id": "1", "width": 64.0, "height": 40}),
+        ([LABEL | {"image_id": "x7"}], ONE | {"id": "x7"}), ([LABEL], ONE | {"file_name": r".\a\1.png"}),
+        ([LABEL], ONE | {"file_name": r"images\a\1.png"}), ([LABEL], ONE | {"file_name": "images/a/1.png"}),
+        ([LABEL, CROWD], ONE), ([CROWD | {"iscrowd": True}, LABEL | {"iscrowd": False}], ONE), ([LABEL, LABEL], ONE),
+        *(([LABEL | {"segmentation": part}], ONE) for part in PARTS.values()),
+    ],
+)  # fmt: skip
+def test_coco_annotations_of_the_same_box(tmp_path, labels, fields):
+    (row,) = boxed.read(as_instances(tmp_path, *labels, image_fields=fields)).rows
+    np.testing.assert_allclose(arrays.box(row), BOX)
+
+
 def test_simgrabs_own_exports_are_read_as_it_reads_them(split_dataset, tmp_path):
     known = datasets.read(split_dataset)
     for layout, name in (("yolo", "data.yaml"), ("coco", "annotations/instances_train.json")):
@@ -212,9 +327,14 @@ def refused(path, grab_classes=()):
         ("0 0.1 0.1 0.2\n", "expected 'class"), ("0 a 0.1 0.2 0.2", "expected 'class"),
         ("0.5 0.5 0.5 0.2 0.2", "expected 'class"), ("-1 0.5 0.5 0.2 0.2", "expected 'class"),
         ("0 0.1 0.1 0.2 0.1 0.2", "expected 'class"), ("0 0.1 0.1 0.2 0.1 0.2 0.2 0.1", "expected 'class"),
-        ("0 0.1 0.1 nan 0.1 0.2 0.2", "lies outside the image"), ("0 0.1 0.1 0.2 0.1 0.3 0.1", "has no area"),
+        ("0 0.1 0.1 nan 0.1 0.2 0.2", "lies outside the image"), ("0 0.9 0.1 0.9 0.2 0.9 0.3", "has no area"),
         ("0 0.5 0.5 1.2 0.2", "lies outside the image of 64 x 40 px"), ("0 nan 0.5 0.2 0.2", "lies outside the image"),
-        ("0 100 50 20 20", "lies outside the image"), ("0 0.5 0.5 0 0.2", "has no area"),
+        ("0 100 50 20 20", "lies outside the image"),
+        ("0 0.5 0.5 0.2 0.2 0.9", "5 values after the class are one too many: a label has no confidence and no angle"),
+        ("grab 0.5 0.5 0.2 0.2", "'grab' is not a number"), ("0,0.5,0.5,0.2,0.2", "0.5,0.2,0.2' is not a number"),
+        ("0.5 0.5 0.5 0.2 0.2", "a class must be a whole number, got 0.5"), ("nan 0.5 0.5 0.2 0.2", "got nan"),
+        (ODD, "7 values after the class are an odd number; if they are a box and key points, state kpt_shape"),
+        ("0 0.5 0.5 0.001 0.001", "smaller than a pixel"), ("0 0.5 0.5 0 0.2", "has no area"),
         ("0 0.5 0.5 -0.2 0.2", "has no area"), ("3 0.5 0.5 0.2 0.2", "class 3 is not among the 1 names"),
         (LINE + "0 0.5 0.5 0.1 0.1", "2 boxes of the grab in one frame"),
     ],
@@ -223,6 +343,38 @@ def test_labels_that_are_none_are_refused(tmp_path, text, problem):
     answer = refused(as_yolo(tmp_path, ["a/1.png"], text))
     assert problem in answer
     assert str(tmp_path / "labels/a/1.txt") in answer
+
+
+@pytest.mark.parametrize(
+    ("line", "description", "problem"),
+    [
+        (TWO_POINTS, "", "may be a polygon, or a box and key points; write 'task: segment' or 'kpt_shape: [2, 2]'"),
+        (FOUR_POINTS.replace(" 0 0 0", ""), "", "13 values after the class are an odd number"),
+        (FOUR_POINTS.replace("2", "1"), "", "'kpt_shape: [6, 2]' or 'kpt_shape: [4, 3]'"),
+        (TWO_POINTS, "kpt_shape: [4, 3]", "8 values after the class do not fit kpt_shape [4, 3]"),
+        (SLANTED, "kpt_shape: [4, 2]", "8 values after the class do not fit"),
+        *((LINE, f"kpt_shape: {shape}", "kpt_shape must be [number of key points, 2 or 3]")
+          for shape in ("4", "[4]", "[4, 4]", "[0, 2]", "'4, 3'", "[4, 3.0]")),
+    ],
+)  # fmt: skip
+def test_key_points_that_are_not_stated_are_refused(tmp_path, line, description, problem):
+    description = f"train: images\nnames: [grab]\n{description}\n"
+    assert problem in refused(as_yolo(tmp_path, ["a/1.png", "a/2.png"], line, description))
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"labels": [CROWD]}, "image 'a/1.png': the grab has no box but a region marked iscrowd"),
+        ({"labels": [{"id": 1, "image_id": 1, "category_id": 1, "segmentation": []}]}, "missing required field `bbox`"),
+        ({"labels": [LABEL | {"bbox": [0.125, 0.1, 0.25, 0.4]}]}, "smaller than a pixel; is it in px?"),
+        ({"labels": [LABEL], "classes": [CLASS, CLASS | {"name": "ship"}]}, "category 1 is listed twice"),
+        ({"labels": [LABEL | {"image_id": "01"}]}, "an annotation is of image 01, which is not listed"),
+        ({"labels": [LABEL], "image_fields": ONE | {"file_name": r"C:\a\1.png"}}, r"image 'C:\\a\\1.png' is missing"),
+    ],
+)
+def test_coco_annotations_that_are_no_box_are_refused(tmp_path, changes, problem):
+    assert problem in refused(as_instances(tmp_path, *changes.pop("labels"), **changes))
 
 
 def test_what_rounding_leaves_outside_is_clipped(tmp_path):
@@ -286,6 +438,8 @@ def test_coco_files_that_are_none_are_refused(tmp_path, content, problem):
         ("train: {a: b}\nnames: [grab]", "must name folders"),
         ("train: images\nnames: [[a]]", "names must list"),
         ("path: 3\ntrain: images\nnames: [grab]", "path must be text"),
+        ("path: /gone\ntrain: images\nnames: [grab]", "path names '/gone', which is not a folder; leave it out"),
+        ("train: images\nnames: {grab: 0}", "names must list the classes, such as [grab] or {0: grab}"),
         ("train: list.txt\nnames: [grab]", "is not in the dataset"),
     ],
 )

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from simgrab.errors import PictureError
-from simgrab.utilities.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, bits, read
+from simgrab.errors import DatasetError, PictureError
+from simgrab.instrument.detect.pictures import pictures
+from simgrab.instrument.source import open_source
+from simgrab.utilities import photographs
+from simgrab.utilities.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, bits, of, read
 
 KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
 
@@ -212,3 +215,22 @@ def test_any_name_will_do(tmp_path):
     path = tmp_path / os.fsdecode(b"\xff.png")
     path.write_bytes(cv2.imencode(".png", rgb())[1].tobytes())
     np.testing.assert_array_equal(read(path, cv2.IMREAD_COLOR), rgb())
+
+
+def test_a_folder_has_the_same_pictures_for_every_command(tmp_path):
+    """In the order of their numbers, without what macOS, Windows and a Synology NAS put beside them."""
+    names = ["frame2.png", "frame10.PNG", "frame11.png"]
+    for name in names:
+        saved(tmp_path / name, format="PNG")
+    for name in ("._frame2.png", ".DS_Store", ".hidden.png", "Thumbs.db", "desktop.ini", "notes.txt", "clip.mp4"):
+        (tmp_path / name).write_bytes(b"\0\5\x16\7")
+    for folder in ("@eaDir/frame2.png", ".thumbnails", "more", "folder.png"):
+        (tmp_path / folder).mkdir(parents=True)
+        saved(tmp_path / folder / "small.png")
+    files = tuple(tmp_path / name for name in names)
+    assert of(tmp_path) == pictures(tmp_path) == open_source(tmp_path).files == files
+    assert of(tmp_path, below=True) == (*files, *(tmp_path / folder / "small.png" for folder in ("folder.png", "more")))
+    assert {name.split("/")[1] for name in photographs.read(tmp_path, DatasetError).files} == set(names)
+    assert of(tmp_path / ".thumbnails") == (tmp_path / ".thumbnails/small.png",)
+    (tmp_path / "gone.png").symlink_to("nothing")
+    assert of(tmp_path) == (*files, tmp_path / "gone.png")

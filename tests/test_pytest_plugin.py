@@ -122,4 +122,6 @@ def test_the_documented_example_works(tmp_path, cache):
     assert "SMALL" in example
     (tmp_path / "mine.py").write_text(mine)
     status, out = run(tmp_path, f"SMALL = {SMALL}\n{example}", cache)
-    assert status == 0, out
+    assert status == 1, out
+    assert "1 failed, 1 passed" in out  # its constant answer exceeds the limit
+    assert re.search(r"^E? *angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.8", out, re.MULTILINE)

@@ -20,7 +20,7 @@ BAD = {
     "camera.beta_deg": (95.0, "<= 30"),
     "camera.beta_mrad": (5.0, "valid here: .*beta_deg"),
     "camera.offset_y_m": (math.nan, "finite"),
-    "camera.height_px": (1080.5, "int"),
+    "camera.height_px": (1080.5, "a whole number, got 1080.5"),
     "camera.distortion.k1": (-0.99, "not invertible"),
     "swing.alpha.sigma_deg": (-2.0, ">= 0"),
     "swing.alpha.law.dist": ("cauchy", "one of: half-normal"),
@@ -41,7 +41,7 @@ BAD = {
     "image.format": ("gif", "must be one of: jpeg, png; got 'gif'"),
     "seed": (-1, ">= 0"),
     "frames": (0, ">= 1"),
-    "frames.count": (3, "int|object"),
+    "frames.count": (3, "a whole number, got"),
     "name": ("a b", "regex"),
     "grab.paint_rgb": ([1.0, 2.0], "length 3"),
 }

@@ -134,7 +134,7 @@ def test_a_varied_display_without_room_is_refused():
 
 @pytest.mark.parametrize("size", [(0, 0), (640, 0), (-640, 360), (63, 64), (4097, 100)])
 def test_sizes_out_of_range_are_refused(size):
-    with pytest.raises(ScenarioError, match=r"^camera\.(width|height)_px: expected int"):
+    with pytest.raises(ScenarioError, match=r"^camera\.(width|height)_px: must be a whole number"):
         resized(load("quay-day"), *size)
 
 

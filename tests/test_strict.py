@@ -1,14 +1,15 @@
 """A struct made or changed in Python is checked as strictly as one from a file, with the same message."""
 
 import math
-from typing import Annotated, Literal
+import re
+from typing import Annotated, Literal, get_args
 
 import msgspec
 import numpy as np
 import pytest
 
 from simgrab import calibration, layouts, scenes
-from simgrab.distributions import Choice, Normal, Uniform
+from simgrab.distributions import Choice, Constant, Normal, Uniform
 from simgrab.errors import CalibrationError, LayoutError, RunError, ScenarioError, StressError, SuiteError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.estimate.follow import Known
@@ -83,16 +84,17 @@ def test_a_scenario_of_either_door_has_one_digest():
 @pytest.mark.parametrize(
     ("make", "error", "key"),
     [
-        (lambda: Camera(beta_deg=500), ScenarioError, "beta_deg: expected float <= 30"),
-        (lambda: msgspec.structs.replace(scenes.load("quay-day"), frames=-3), ScenarioError, "frames: expected int >="),
-        (lambda: Scenario(frames=True), ScenarioError, "frames: expected int, got bool"),
-        (lambda: Scenario(frames=10**12), ScenarioError, "frames: expected int <="),
-        (lambda: Camera(width_px=10**9), ScenarioError, "width_px: expected int <="),
+        (lambda: Camera(beta_deg=500), ScenarioError, "beta_deg: must be a number <= 30"),
+        (lambda: msgspec.structs.replace(scenes.load("quay-day"), frames=-3), ScenarioError, "frames: must be a whole"),
+        (lambda: Scenario(frames=True), ScenarioError, "frames: must be a whole number, got True"),
+        (lambda: Scenario(frames=10**12), ScenarioError, "frames: must be a whole number <="),
+        (lambda: Camera(width_px=10**9), ScenarioError, "width_px: must be a whole number <="),
         (lambda: Camera(mount=Vibration()), ScenarioError, "mount"),
         (lambda: Image(format="bmp"), ScenarioError, "format: must be one of: jpeg, png"),
         (lambda: Image(shadow_map_px=10**9), ScenarioError, "shadow_map_px: must be one of"),
         (lambda: Light(sun=0.0, sky=0.0), ScenarioError, "must not all be 0"),
-        (lambda: Iid(rope_length_m=7.0), ScenarioError, "rope_length_m"),
+        (lambda: Iid(rope_length_m="7"), ScenarioError, "rope_length_m: must be a number or a table such as { dist = "),
+        (lambda: Iid(rope_length_m=True), ScenarioError, "rope_length_m: must be a number or a table"),
         (lambda: Uniform(2.0, 1.0), ScenarioError, "low must not exceed high"),
         (lambda: Uniform(-1e300, 1e300), ScenarioError, "low"),
         (lambda: Normal(sd=-1.0), ScenarioError, "sd"),
@@ -108,11 +110,11 @@ def test_a_scenario_of_either_door_has_one_digest():
         (lambda: Known("x", 0, 3.0, 0.0, None, ()), CalibrationError, "frames"),
         (lambda: Known("x", 1, 3.0, 0.0, None, ((1.0,), (1.0, 2.0))), CalibrationError, ""),
         (lambda: Rule(raised_at=2.0), RunError, "raised_at"),
-        (lambda: Rule(frames=True), RunError, "frames: expected int, got bool"),
+        (lambda: Rule(frames=True), RunError, "frames: must be a whole number, got True"),
         (lambda: Limit(), SuiteError, "lower, upper or both"),
         (lambda: Suite("mine", {}), SuiteError, "a suite needs scenes"),
         (lambda: Suite("mine", {"a": {"scene": "b"}}, seeds=0), SuiteError, "seeds"),
-        (lambda: Study("mine", "x", (Sweep("beta", (1.0,)),), ("mean-ray",), n=3), StressError, "n: expected int >="),
+        (lambda: Study("mine", "x", (Sweep("beta", (1.0,)),), ("mean-ray",), n=3), StressError, "n: must be a whole"),
         (lambda: Study("mine", "x", (Sweep("beta", tuple(range(1000))),) * 2, ("a",)), StressError, "points"),
         (
             lambda: Study("mine", "x", (Sweep("beta", tuple(range(100))),), ("a",), replications=10**6),
@@ -139,3 +141,40 @@ def test_what_would_take_years_is_refused():
     }
     with pytest.raises(ScenarioError, match="27000 values in total; the limit is"):
         scenes.load("quay-day", {"clip.clip_frames": 2, "vary": laws})
+
+
+def with_one(wrong, table):
+    """Plain data of a table in which one key, of it or of a table in it, is wrong: for each such key."""
+    about = table.__struct_config__
+    tag = {about.tag_field: about.tag} if about.tag_field else {}
+    for field in msgspec.structs.fields(table):
+        yield tag | {field.name: wrong}
+        for part in get_args(field.type) or (field.type,):
+            if isinstance(part, type) and issubclass(part, msgspec.Struct):
+                yield from (tag | {field.name: inner} for inner in with_one(wrong, part))
+
+
+@pytest.mark.parametrize("wrong", [50, 0.5, "x", [1, "x"], True, {"x": 1}], ids=str)
+def test_every_key_says_what_it_wants_in_words_of_a_scene_file(wrong):
+    told = {}
+    for data in with_one(wrong, Scenario):
+        try:
+            convert(data, Scenario)
+        except ScenarioError as problem:
+            told[str(problem)] = problem.problem
+    assert len(told) > 100
+    of_msgspec = re.compile(r"xpected|\b(object|array|str|int|float|null)\b|`|\n")
+    assert not [line for line, problem in told.items() if of_msgspec.search(problem)]
+
+
+def test_a_number_is_a_constant_distribution():
+    for number in (20, 20.0):
+        whole = {"dist": "constant", "value": number}
+        for key in ("rope_length_m", "jaw_deg"):
+            of_number, of_table = ({"swing": {"model": "iid", key: value}} for value in (number, whole))
+            assert convert(of_number, Scenario) == convert(of_table, Scenario)
+        varied, constant = (
+            {"vary": {"camera.roll_deg": value}, "clip": {"clip_frames": 1}} for value in (number, whole)
+        )
+        assert convert(varied, Scenario) == convert(constant, Scenario)
+        assert Iid(rope_length_m=np.float64(number)).rope_length_m == Constant(20.0)

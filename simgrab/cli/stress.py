@@ -84,20 +84,17 @@ def _run(
     chosen: list[Any], out: Path, workers: int, cluster: str | None, resume: bool, as_json: bool, quiet: bool
 ) -> None:
     from simgrab.cli._progress import bar
-    from simgrab.judge.stress.laboratory import REPORT, failures, run
+    from simgrab.judge.stress.laboratory import REPORT, failures, outcome, run
 
     with resumable(out), bar("stress", shown=not (quiet or as_json), unit="replications") as progress:
         findings = run(chosen, out, workers=workers, cluster=cluster, resume=resume, progress=progress)
-    verdicts = [verdict for finding in findings for verdict in finding.verdicts]
     failed = failures(findings)
     if as_json:
-        click.echo(json.dumps([dataclasses.asdict(v) for v in verdicts], ensure_ascii=False))
+        click.echo(json.dumps([dataclasses.asdict(v) for f in findings for v in f.verdicts], ensure_ascii=False))
     else:
         for verdict in failed:
             click.echo(printable(f"{verdict.study}: {verdict.text}: found {verdict.found}"))
-        click.echo(
-            f"{len(verdicts) - len(failed)} of {len(verdicts)} limits are met; report: {printable(out / REPORT)}"
-        )
+        click.echo(f"{outcome(findings)}; report: {printable(out / REPORT)}")
     sys.exit(1 if failed else 0)
 
 

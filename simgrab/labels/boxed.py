@@ -197,6 +197,10 @@ def _row(layout: Layout, image: Image, wanted: set[str], number: int) -> Boxed:
             f"{image.where}: {len(boxes)} boxes of the grab in one frame, of which one alone hangs from the crane; "
             "label others as another class"
         )
+    if not boxes and image.crowds & wanted:
+        raise DatasetError(
+            f"{image.where}: the grab has no box but a region marked iscrowd; if it shows one grab, set iscrowd to 0"
+        )
     edges = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), *boxes, strict=True)) if boxes else {}
     return Boxed(
         frame=number, split=image.split, file=image.file, image_sha256=hashlib.sha256(data).hexdigest(),
@@ -212,6 +216,8 @@ def _inside(box: Array, width: int, height: int, image: Image) -> list[float]:
         raise DatasetError(f"{image.where}: a box ({_numbers(box)}) lies outside the image of {width} x {height} px")
     if not (clipped[2:] > clipped[:2]).all():
         raise DatasetError(f"{image.where}: a box ({_numbers(box)}) has no area")
+    if (clipped[2:] - clipped[:2] < 1).all():
+        raise DatasetError(f"{image.where}: a box ({_numbers(box)}) is smaller than a pixel; is it in px?")
     return [float(edge) for edge in clipped]
 
 

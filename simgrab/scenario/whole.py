@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import tomli_w
 
-from simgrab.distributions import Distribution
+from simgrab.distributions import Constant, Distribution
 from simgrab.errors import LayoutError, ScenarioError
 from simgrab.geometry import Intrinsics
 from simgrab.layouts import Layout
@@ -243,7 +243,19 @@ def schema() -> dict[str, Any]:
 def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
     properties = schema["$defs"]["Scenario"]["properties"]
     properties["base"] = {"type": "string"}
-    return schema
+    return _with_numbers(schema)
+
+
+def _with_numbers(schema: Any) -> Any:
+    """Admit a number wherever a constant distribution may stand."""
+    if isinstance(schema, list):
+        return [_with_numbers(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    result = {key: _with_numbers(part) for key, part in schema.items()}
+    if {"$ref": f"#/$defs/{Constant.__name__}"} in result.get("anyOf", ()):
+        result["anyOf"].append({"type": "number"})
+    return result
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

@@ -49,6 +49,15 @@ def write(path: Path, content: bytes | str) -> None:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
+def is_visible(path: Path, folder: Path) -> bool:
+    """Whether a path below a folder is one that a user put there.
+
+    Hidden files and folders are not, such as macOS's ``._a.jpg`` beside ``a.jpg``, and nor is ``@eaDir``, in which a
+    Synology NAS keeps thumbnails.
+    """
+    return not any(part.startswith(".") or part == "@eaDir" for part in path.relative_to(folder).parts)
+
+
 def sha256(path: Path) -> str:
     """SHA-256 of a file."""
     with path.open("rb") as file:

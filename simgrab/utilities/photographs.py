@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from simgrab.errors import SimgrabError
+from simgrab.utilities import pictures
 from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
 from simgrab.utilities.playback import Playback, aspect_of, squared, stream_of
@@ -45,7 +46,7 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     Parameters
     ----------
     path : str or Path
-        Of a folder, files of other kinds are left out, and so are folders in it.
+        Of a folder, those that `simgrab.utilities.pictures.of` lists.
     refuse : callable
         From a message to the error that is raised: for what cannot be read or decoded, is larger than
         `simgrab.utilities.models.MOST_BYTES` together, or than `MOST_PIXELS` each.
@@ -54,14 +55,13 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     if not is_dir(path, refuse):
         return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
     root, files = path.resolve(), dict[str, bytes]()
-    for file in sorted(path.iterdir()):
-        if _ending(file.name) in PHOTOGRAPHS:
-            if not file.resolve().is_relative_to(root):
-                raise refuse(f"{file.name} is a link to a file outside {path.name}")
-            if len(files) >= MOST_FILES:
-                raise refuse(f"{path.name} has more than {MOST_FILES} photographs")
-            files[f"{path.name}/{file.name}"] = read_bytes(file, refuse, most_bytes=left)
-            left -= len(files[f"{path.name}/{file.name}"])
+    for file in pictures.of(path, [f".{ending}" for ending in PHOTOGRAPHS]):
+        if not file.resolve().is_relative_to(root):
+            raise refuse(f"{file.name} is a link to a file outside {path.name}")
+        if len(files) >= MOST_FILES:
+            raise refuse(f"{path.name} has more than {MOST_FILES} photographs")
+        files[f"{path.name}/{file.name}"] = read_bytes(file, refuse, most_bytes=left)
+        left -= len(files[f"{path.name}/{file.name}"])
     return of_files(path.name, files, refuse)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, PictureError, first_line
 from simgrab.utilities.environment import MOST_PIXELS, MOST_SIDE
+from simgrab.utilities.files import is_visible
 from simgrab.utilities.parse import cannot, read_bytes
 
 MOST_BYTES = 8 * MOST_PIXELS  # four channels of 16 bits, uncompressed
@@ -50,15 +51,33 @@ class _RefusedError(Exception):
     """Says why a file is not given to OpenCV."""
 
 
-def of(folder: Path) -> tuple[Path, ...]:
-    """Picture files of a folder, by the numbers in their names."""
-    return tuple(sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_by_number))
+def of(folder: Path, suffixes: Collection[str] = SUFFIXES, *, below: bool = False) -> tuple[Path, ...]:
+    """Picture files of a folder that `is_visible` admits, by the numbers in their names.
+
+    Parameters
+    ----------
+    folder : Path
+    suffixes : collection of str
+        In lower case, with the dot; those of the files may be in upper case.
+    below : bool
+        Also of the folders in it.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be listed.
+    """
+    found = (
+        path for path in (folder.rglob("*") if below else folder.iterdir())
+        if path.suffix.lower() in suffixes and is_visible(path, folder) and not path.is_dir()
+    )  # fmt: skip
+    return tuple(sorted(found, key=_by_number))
 
 
-def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], str]:
+def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], Path]:
     """Key that sorts frame2 before frame10, and numbers before letters, by the file's name."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
-    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path.name
+    return tuple((False, int(part), "") if part[0] in "0123456789" else (True, 0, part) for part in parts), path
 
 
 def bits(files: Sequence[Path]) -> int | None:

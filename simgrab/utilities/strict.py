@@ -28,6 +28,8 @@ class Checked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     error: ClassVar[type[SimgrabError]] = ScenarioError
     """Raised in one line: the dotted key, what is wrong, and the valid values."""
+    of_number: ClassVar[str] = ""
+    """Field that a number alone gives where the table is wanted; of one kind of table at most."""
 
     def __post_init__(self) -> None:
         """Refuse what does not fit."""
@@ -61,11 +63,11 @@ def convert(data: Any, kind: type[T], error: Callable[..., SimgrabError] = Scena
         if not isinstance(data, Mapping):
             raise ScenarioError("", f"must be a table of keys and values, got {shown(data)}")
         _refuse_misfits(data, kind)
-        return msgspec.convert(data, kind)
+        return msgspec.convert(_written_out(data, kind), kind)
     except ScenarioError as problem:
         key, text = problem.key, problem.problem
     except msgspec.ValidationError as problem:
-        key, text = _read(problem, data)
+        key, text = _read(problem, data, kind)
     raise _refusal(error, key, text, str(file)) from None
 
 
@@ -84,12 +86,12 @@ def _fit(struct: Checked) -> None:
     try:
         _refuse_misfits(plain, type(struct))
         try:
-            fitted = msgspec.convert(plain, _shadow(type(struct)))
+            fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
         except msgspec.ValidationError:  # NumPy's numbers and arrays are as good as Python's
             plain = {name: _without_numpy(value) for name, value in plain.items()}
-            fitted = msgspec.convert(plain, _shadow(type(struct)))
+            fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
     except msgspec.ValidationError as problem:
-        raise _refusal(struct.error, *_read(problem, plain)) from None
+        raise _refusal(struct.error, *_read(problem, plain, type(struct))) from None
     except ScenarioError as problem:
         raise _refusal(struct.error, problem.key, problem.problem) from None
     for name in fields:
@@ -170,9 +172,9 @@ def _refuse_bad_entries(table: Mapping[str, Any], kind: Any, path: str) -> None:
         if structs and isinstance(value, Mapping):
             _refuse_unknown(value, _choose(structs, value, dotted), f"{dotted}.")
         try:
-            msgspec.convert(value, kind)
+            msgspec.convert(_whole(value, kind), kind)
         except msgspec.ValidationError as problem:
-            inner, text = _read(problem, value)
+            inner, text = _read(problem, value, kind)
             raise ScenarioError(f"{dotted}.{inner}" if inner else dotted, text) from None
 
 
@@ -214,8 +216,29 @@ def _refuse_nonfinite(value: Any, path: str) -> None:
         _refuse_nonfinite(inner, f"{path}.{key}" if path else str(key))
 
 
-def _read(problem: msgspec.ValidationError, data: Any) -> tuple[str, str]:
-    """Split msgspec's message into a dotted key and a sentence, with the value that was given."""
+def _written_out(data: Mapping[str, Any], kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """Write out a number where a table is wanted that a number alone gives, such as a constant distribution."""
+    fields = _fields(kind)
+    return {key: _whole(value, fields.get(key)) for key, value in data.items()}
+
+
+def _whole(value: Any, annotation: Any) -> Any:
+    if isinstance(value, Mapping) and get_origin(annotation) is dict:
+        return {key: _whole(inner, get_args(annotation)[1]) for key, inner in value.items()}
+    if isinstance(value, Mapping) and (structs := _structs_of(annotation)):
+        return _written_out(value, _choose(structs, value, ""))
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        for struct in _structs_of(annotation):
+            if field := getattr(struct, "of_number", ""):
+                return {str(struct.__struct_config__.tag_field): struct.__struct_config__.tag, field: value}
+    return value
+
+
+def _read(problem: msgspec.ValidationError, data: Any, kind: Any) -> tuple[str, str]:
+    """Split msgspec's message into a dotted key and a sentence, with the value that was given.
+
+    ``kind`` is what the data were to become.
+    """
     text, at, path = str(problem).rpartition(" - at `$")
     if not at:
         text, path = path, ""
@@ -225,8 +248,40 @@ def _read(problem: msgspec.ValidationError, data: Any) -> tuple[str, str]:
     missing = re.search(r"missing required field `(\w+)`", text)
     if missing:
         return f"{key}.{missing[1]}" if key else missing[1], "missing"
-    given: Any = data
+    given = data
     for step in filter(None, key.split(".")):
+        structs = _structs_of(kind)
+        if len(structs) > 1 and isinstance(given, Mapping):
+            structs = [_choose(structs, given, "")]
+        kind = _fields(structs[0]).get(step) if structs else None
         given = given[int(step)] if isinstance(given, list | tuple) else given.get(step)
-    text = text[0].lower() + text[1:].replace("`", "")
-    return key, text if isinstance(given, Mapping) or "got" in text else f"{text}, got {shown(given)}"
+    structs = _structs_of(kind)
+    return key, f"{in_words(text, _tables(structs))}{'; ' if structs else ', '}got {shown(given)}"
+
+
+_WORDS = {
+    "float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text", "array": "a list",
+    "object": "a table",
+}  # fmt: skip
+
+
+def in_words(text: str, table: str = _WORDS["object"]) -> str:
+    """Say what msgspec's message wants in words of TOML, without what it got; ``table`` is how to call a table."""
+    matched = re.match(r"Expected `([^`]+)`(.*?)(?:, got .*)?$", text, re.DOTALL)
+    if not matched:
+        return text[0].lower() + text[1:].replace("`", "")
+    kinds = [kind for kind in matched[1].split(" | ") if kind != "null"]
+    words = [table if kind == "object" else _WORDS.get(kind, kind) for kind in kinds]
+    return f"must be {' or '.join(words)}{matched[2]}"
+
+
+def _tables(structs: list[type[msgspec.Struct]]) -> str:
+    """Say which tables are valid."""
+    if not structs:
+        return _WORDS["object"]
+    tag_field = structs[0].__struct_config__.tag_field
+    if tag_field is None:
+        return f"a table with keys among: {', '.join(_fields(structs[0]))}"
+    tags = [str(struct.__struct_config__.tag) for struct in structs]
+    number = "a number or " if any(getattr(struct, "of_number", "") for struct in structs) else ""
+    return f'{number}a table such as {{ {tag_field} = "{tags[0]}" }}, with {tag_field} one of: {", ".join(tags)}'

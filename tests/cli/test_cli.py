@@ -81,7 +81,7 @@ def test_the_process_itself_ends_with_status_2():
         [sys.executable, "-m", "simgrab", "render", "--beta", "95"], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert done.stderr == "simgrab: camera.beta_deg: expected float <= 30.0, got 95.0\n"
+    assert done.stderr == "simgrab: camera.beta_deg: must be a number <= 30.0, got 95.0\n"
 
 
 @pytest.mark.parametrize(

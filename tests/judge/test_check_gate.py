@@ -3,6 +3,7 @@
 import functools
 import itertools
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ import simgrab
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
-from simgrab.judge.check import baseline, cache, gate, golden, report, suite
+from simgrab.judge.check import baseline, cache, constant, gate, golden, report, suite
 from simgrab.judge.check.gate import Options
 
 # Limits so wide that only the baseline can tell.
@@ -142,6 +143,9 @@ def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
     assert told.passed
     assert "none is recorded" in told.notes[0]
     assert "limits only" in told.notes[0]
+    plain = SUITE["scenes"]["swing"] | {"golden": []}
+    free = check(place, small=suite.load(write(tmp_path, limits={}, scenes={"swing": plain})), baseline=None)
+    assert free.notes[-1] == "swing: nothing is judged, because it has no limits"
     tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.001}}))
     assert "outside of ≤ 0.001" in failed(check(place, small=tight, baseline=None))["angle.overall.rmse_deg"]
 
@@ -158,7 +162,29 @@ def test_what_the_baseline_has_too_few_values_for_is_told(place, tmp_path):
     assert told.passed
     assert "compared with limits only" in told.notes[0]
     assert "swing angle.overall.rmse_deg" in told.notes[0]
-    assert not check(place, baseline=tmp_path).notes  # the very frames that were recorded
+    same = check(place, baseline=tmp_path)  # the very frames that were recorded
+    assert "compared with limits only" not in " ".join(same.notes)
+
+
+def test_limits_that_a_constant_answer_meets_are_named(place):
+    small = suite.load(place / "small.toml")
+    (note,) = check(place).notes
+    assert re.fullmatch(
+        r"swing: an instrument that always answers [\d.]+° would pass angle.overall.rmse_deg ≤ 20, .*", note
+    )
+    dataset = cache.rendered(small.scenario("swing"), place / "cache")
+    true = np.array([row.alpha_deg for row in dataset.rows])
+
+    def warned(**limits):
+        return constant.warning("swing", dataset, {f"angle.overall.{k}": suite.Limit(**v) for k, v in limits.items()})
+
+    least = true.std()  # of the errors of the best constant answer, which is the mean
+    assert warned(rmse_deg={"upper": 1.01 * least})
+    assert not warned(rmse_deg={"upper": 0.99 * least})
+    assert not warned(rmse_deg={"upper": 1.01 * least}, max_deg={"upper": np.ptp(true) / 2})  # met by another one each
+    assert warned(max_deg={"upper": 1.02 * np.ptp(true) / 2})
+    assert not warned(frames={"lower": 1})
+    assert not warned()
 
 
 def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
@@ -383,7 +409,9 @@ def test_the_command_fails_with_status_1(shell, tmp_path):
         ("pipelines:NoName", "has no name"),
         ("pipelines:nothing", "AttributeError"),
         ("no_import:any", "No module named 'nothing_of_that_name'"),
-        ("no_such_module:any", "No module named 'no_such_module'"),
+        ("no_such_module:any", "No module named 'no_such_module'; searched: "),
+        ("no_such_module.x:any", f"{Path.cwd()}, the packages of {sys.prefix}"),
+        ("simgrab.no_such_module:any", "No module named 'simgrab.no_such_module'; searched: "),
         ("no_such_module:x", "no_such_module:x: cannot be imported"),  # to rich, ":x:" is an emoji
         ("pipelines", "package.module:factory"),
         ("bundled", "weights"),

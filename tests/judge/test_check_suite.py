@@ -25,10 +25,21 @@ def test_a_suite_is_read_and_finds_what_lies_beside_it(name, tmp_path):
     scenes = {"own": {"scene": "own.toml", "changes": {"camera.beta_deg": 7.0}}}
     found = suite.load(put(tmp_path, seed=9, scenes=scenes, changes={"camera.beta_deg": 1.0, "camera.roll_deg": 2.0}))
     scenario = found.scenario("own")
-    assert (scenario.name, scenario.frames, scenario.seed) == ("own", 5, 9)
+    assert (scenario.name, scenario.frames) == ("own", 5)
     assert (scenario.camera.beta_deg, scenario.camera.roll_deg) == (7.0, 2.0)
-    assert found.scenario("own", 11).seed == 11
     assert found.baseline == str(tmp_path / "baselines" / "mine")
+
+
+def test_each_scene_has_draws_of_its_own(tmp_path):
+    calm = GOOD["scenes"]["calm"]
+    scenes = {"calm": calm, "again": calm, "stated": calm | {"seed": 7}, "the same": calm | {"seed": 7}}
+    found = suite.load(put(tmp_path, seed=9, scenes=scenes))
+    seeds = {(name, seed): found.scenario(name, seed).seed for name in scenes for seed in (9, 10)}
+    assert seeds["stated", 9] == seeds["the same", 9] == 7
+    assert len(set(seeds.values())) == 7
+    assert not {9, 10} & set(seeds.values())
+    assert seeds["calm", 9] == found.scenario("calm").seed
+    assert found.scenario("calm", 0) == suite.load(put(tmp_path, seed=0, scenes={"calm": calm})).scenario("calm")
 
 
 def test_limits_of_a_scene_win(tmp_path):
@@ -48,8 +59,8 @@ BAD = {
     "unknown scene": (scene(scene="quay-dya"), "scenes.calm: no scene or file 'quay-dya' (did you mean 'quay-day'?)"),
     "unknown change": (scene(changes={"camera.betta_deg": 1}), "scenes.calm: camera.betta_deg: unknown key"),
     "table as a change": (scene(changes={"camera.mount": {"model": "loose"}}), "scenes.calm: camera.mount.model"),
-    "seed as a change": (scene(changes={"seed": 1}), "scenes.calm.changes.seed: set it at the top of the suite"),
-    "frames as a change": ({"changes": {"frames": 1}}, "frames: set it scenes.calm.frames"),
+    "seed as a change": (scene(changes={"seed": 1}), "set it as scenes.calm.seed or at the top of the suite"),
+    "frames as a change": ({"changes": {"frames": 1}}, "frames: set it as scenes.calm.frames"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
     "unknown key of a limit": (

@@ -260,8 +260,9 @@ def test_each_figure_needs_its_own_field_alone(clean, swinging):
     assert lengths["length"] == whole["reading"]["length"]
     assert lengths["digits_right"]["value"] is None
     assert only("rope_text")["reading"]["digits_right"] == whole["reading"]["digits_right"]
-    tables(only("centre"))
-    tables(only("rope_length_m"))
+    for found in (whole, only("centre"), only("rope_length_m"), only("box")):
+        cells = [cell for table in tables(found)[:2] for row in table.rows if len(row) == 2 for cell in row]
+        assert not [cell for cell in cells if "None" in cell or not any(map(str.isalnum, cell.replace("to", "")))]
 
 
 def test_texts_with_points_are_compared_by_their_digits_and_silence_is_refusal(clean, swinging):

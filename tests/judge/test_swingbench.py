@@ -515,7 +515,7 @@ def test_inputs_that_an_instrument_cannot_use_are_refused_before_the_first_clip(
 def test_a_name_that_is_too_long_is_refused_before_the_first_clip(sensed, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr(entry, "open_source", opened.append)
-    with pytest.raises(BenchError, match="method: expected str of length <= 100"):
+    with pytest.raises(BenchError, match="method: must be a text of length <= 100"):
         entry.run(sensed, tmp_path / "e", Still(), "picture", method="m" * 101)
     assert opened == []
 

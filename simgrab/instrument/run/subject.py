@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import threading
 import traceback
 from collections import deque
@@ -19,6 +18,8 @@ from simgrab.calibration import Calibration
 from simgrab.errors import InstrumentError, RecordError, SimgrabError
 from simgrab.instrument.contract import Frame, Instrument, Measurement, TakesSensors, flaw
 from simgrab.instrument.pipeline import Pipeline, bundled
+from simgrab.utilities import modules
+from simgrab.utilities.strict import in_words
 
 BUNDLED = "bundled"
 PACKAGE = Path(__file__).parents[2]
@@ -43,7 +44,7 @@ def open_instrument(name: str) -> Instrument:
     if name != BUNDLED and not (module and colon and factory):
         raise InstrumentError(f"instrument {name!r}: name {BUNDLED!r}, or a factory as package.module:factory")
     with one_line(f"instrument {name}: cannot be imported"):
-        make = bundled if name == BUNDLED else getattr(importlib.import_module(module), factory)
+        make = bundled if name == BUNDLED else modules.find(module, factory)
     with one_line(f"instrument {name}: cannot be made"):
         made = make()
     return checked(made, name)
@@ -111,8 +112,10 @@ class CheckedInstrument:
         try:
             plain = msgspec.convert({k: _number(v) for k, v in msgspec.structs.asdict(given).items()}, Measurement)
         except msgspec.ValidationError as problem:
-            text, _, key = str(problem).replace("`", "").partition(" - at $.")
-            raise InstrumentError(f"{self.name}: frame {i}: {key or 'measurement'}: {text}") from None
+            text, _, key = str(problem).partition(" - at `$.")
+            raise InstrumentError(
+                f"{self.name}: frame {i}: {key.rstrip('`') or 'measurement'}: {in_words(text)}"
+            ) from None
         if wrong := flaw(plain):
             raise InstrumentError(f"{self.name}: frame {i}: {wrong}")
         return plain

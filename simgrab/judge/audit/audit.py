@@ -24,6 +24,7 @@ from simgrab.labels.truth import SPLITS, Row, Truth
 from simgrab.records import frame_files
 from simgrab.scenario import OneBody, Scenario, Suspension
 from simgrab.utilities import pictures
+from simgrab.utilities.files import is_visible
 from simgrab.utilities.parse import parse_json, read_json
 from simgrab.utilities.strict import convert
 from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
@@ -192,7 +193,7 @@ def _refuse_strangers(found: Findings, data: _Dataset) -> None:
     for folder in ("images", "labels", "ids", "depth"):
         for file in sorted((data.path / folder).rglob("*")):
             stem = str(file.relative_to(data.path / folder).with_suffix(""))
-            if file.is_file():
+            if file.is_file() and is_visible(file, data.path / folder):
                 name = str(file.relative_to(data.path))
                 found.expect(stem in stems or name in known, name, "not part of this dataset")
 

@@ -14,7 +14,7 @@ from simgrab.errors import InstrumentError, SuiteError
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.run.subject import checked, open_instrument
 from simgrab.judge.check import baseline as base
-from simgrab.judge.check import cache, golden
+from simgrab.judge.check import cache, constant, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
@@ -94,6 +94,12 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     if recorded is not None and (blind := _uncompared(scenes)):
         notes = (*notes, f"compared with limits only, because the baseline has too few values: {', '.join(blind)}")
+    notes += tuple(filter(None, (outcome.warning for outcome in scenes.values())))
+    notes += tuple(
+        f"{name}: nothing is judged, because it has no limits"
+        for name in scenes
+        if not (suite.limits_of(name) or suite.scenes[name].golden)
+    )
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
@@ -199,7 +205,8 @@ def _scene(
         for one in looks
     ]
     pictures = {f"{name}-{one.frame:06d}.png": one.difference for one in looks if one.difference is not None}
-    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures)
+    warning = constant.warning(name, dataset, suite.limits_of(name))
+    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, warning)
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: Options) -> Dataset:

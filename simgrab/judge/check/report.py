@@ -35,12 +35,15 @@ class Outcome:
         Until its frames were there, measured and evaluated.
     pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
         Of golden frames that differ, by file name; RGB.
+    warning : str
+        What its limits do not catch.
     """
 
     verdicts: tuple[Verdict, ...]
     metrics: Metrics
     seconds: float
     pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    warning: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class Report:
     general : tuple of Verdict
         Of the suite as a whole.
     notes : tuple of str
-        What there was nothing to compare with, or what was recorded.
+        What there was nothing to compare with, what limits do not catch, or what was recorded.
     scenes : mapping of str to Outcome
     """
 

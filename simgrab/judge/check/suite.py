@@ -12,6 +12,7 @@ import msgspec
 from simgrab import scenes
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.judge.check.metrics import unknown
+from simgrab.rng import derive
 from simgrab.scenario import Scenario
 from simgrab.text import printable
 from simgrab.utilities import resources
@@ -68,6 +69,8 @@ class Scene(Checked, frozen=True):
         A bundled scene, or a scene file beside the suite.
     frames : int or None
         None for as many as the scene has.
+    seed : int or None
+        Under the suite's own seed; None for one that is derived from it and the scene's name.
     changes : dict
         Dotted keys of the scenario, over those of the suite.
     limits : dict of str to Limit
@@ -80,6 +83,7 @@ class Scene(Checked, frozen=True):
 
     scene: str
     frames: Annotated[int, Meta(ge=1, le=10_000_000)] | None = None
+    seed: Seed | None = None
     changes: dict[str, Any] = msgspec.field(default_factory=dict)
     limits: dict[str, Limit] = msgspec.field(default_factory=dict)
     golden: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(max_length=1000)] = ()
@@ -94,7 +98,7 @@ class Suite(Checked, frozen=True):
     instrument : str
         ``bundled``, or a factory as ``package.module:factory``.
     seed : int
-        Of every scene.
+        From which that of each scene is derived, so that no two scenes share their draws.
     seeds : int
         Over how many seeds, from `seed` on, a baseline is recorded.
     baseline : str
@@ -150,9 +154,11 @@ class Suite(Checked, frozen=True):
         changes = self.changes | scene.changes
         for key in OWN_KEYS:
             if key in changes:
-                place = "at the top of the suite" if key == "seed" else f"scenes.{name}.{key}"
-                raise SuiteError(f"scenes.{name}.changes.{key}: set it {place}")
-        changes["seed"] = self.seed if seed is None else seed
+                place = f"scenes.{name}.{key}" + (" or at the top of the suite" if key == "seed" else "")
+                raise SuiteError(f"scenes.{name}.changes.{key}: set it as {place}")
+        seed = self.seed if seed is None else seed
+        own = scene.seed if seed == self.seed else None
+        changes["seed"] = derive(seed, name) if own is None else own
         if scene.frames is not None:
             changes["frames"] = scene.frames
         try:

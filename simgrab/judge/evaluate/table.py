@@ -37,21 +37,22 @@ def _of_detection(f: Mapping[str, Any] | None) -> Table | None:
         return None
     centre = f["centre"]
     low, high = f["recall_interval"] or (None, None)
+    recall = f["recall"]
     rows = (
         ("COCO mAP@50:95", text(f["map50_95"])),
         (
             f"recall of {f['labelled']} frames with a grab",
-            f"{text(f['recall'], 4)} ({text(low, 4)} to {text(high, 4)})",
+            "" if recall is None else f"{text(recall, 4)} ({text(low, 4)} to {text(high, 4)})",
         ),
-        ("most missed in a row", str(f["longest_miss"])),
-        (f"boxes on {f['empty']} frames without one", str(f["false_boxes"])),
+        ("most missed in a row", text(f["longest_miss"], 0)),
+        (f"boxes on {f['empty']} frames without one", text(f["false_boxes"], 0)),
         ("centre error, median (px)", text(centre.get("median_px"), 2)),
         ("centre error, 95 % (px)", text(centre.get("p95_px"), 2)),
-        ("centre bias u, v (px)", f"{text(centre.get('u_mean_px'), 2)}, {text(centre.get('v_mean_px'), 2)}"),
+        ("centre bias u, v (px)", _several(centre.get("u_mean_px"), centre.get("v_mean_px"), digits=2)),
         ("jitter (px)", text(f["jitter_px"], 2)),
         ("coverage of the stated 95 % of the centre", percent(f["coverage"]["centre"])),
     )
-    return Table("Detection", ("", ""), rows)
+    return Table("Detection", ("", ""), _known(rows))
 
 
 def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
@@ -68,9 +69,9 @@ def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
         ("frames refused", share("frames_refused")),
         ("torn displays read as one text", share("torn_right")),
         ("readings that the hoist is too slow to have reached", str(f["jumps"])),
-        ("rope's length, median and 95 % error (m)", f"{text(length['median_m'])}, {text(length['p95_m'])}"),
+        ("rope's length, median and 95 % error (m)", _several(length["median_m"], length["p95_m"])),
     )
-    return Table("Reading", ("", ""), rows, "The display lags behind the rope.")
+    return Table("Reading", ("", ""), _known(rows), "The display lags behind the rope.")
 
 
 def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
@@ -119,6 +120,16 @@ def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
         + ("The tilt was given, or estimated from part of the frames. " if f["tilt"] == "given" else "")
         + f"Largest contribution: {f['limit']}.",
     )  # fmt: skip
+
+
+def _known(rows: tuple[tuple[str, str], ...]) -> tuple[tuple[str, str], ...]:
+    """Leave out rows without a value."""
+    return tuple(row for row in rows if row[1])
+
+
+def _several(*values: Any, digits: int = 3) -> str:
+    """Write numbers in a row; nothing where one is missing."""
+    return "" if None in values else ", ".join(text(value, digits) for value in values)
 
 
 def errors(e: Mapping[str, Any]) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from typing import Any, Protocol, cast, runtime_checkable
 
@@ -15,6 +14,7 @@ from simgrab.geometry import Array
 from simgrab.instrument.estimate import ESTIMATORS, Estimator
 from simgrab.judge.stress.records import Records
 from simgrab.records.estimates import Estimate, Estimates, Intervals
+from simgrab.utilities import modules
 
 
 @runtime_checkable
@@ -53,7 +53,7 @@ def find(name: str) -> Estimating:
             f"estimators: unknown estimator {name!r}; one of: {', '.join(ESTIMATORS)}, or package.module:Class"
         )
     try:
-        kind = getattr(importlib.import_module(module), attribute)
+        kind = modules.find(module, attribute)
         made = kind() if isinstance(kind, type) and hasattr(kind, "estimate") else None  # no function is called
     except (ImportError, AttributeError, TypeError, ValueError) as problem:
         raise StressError(f"estimators: cannot make {name!r}: {problem}") from problem

@@ -187,3 +187,9 @@ def read(path: Path, study: Study) -> Finding:
 def failures(findings: Iterable[Finding]) -> list[Verdict]:
     """Limits that are not met."""
     return [verdict for finding in findings for verdict in finding.verdicts if not verdict.passed]
+
+
+def outcome(findings: Sequence[Finding]) -> str:
+    """Say how many limits are met."""
+    count = sum(len(finding.verdicts) for finding in findings)
+    return f"{count - len(failures(findings))} of {count} limits are met" if count else "no limits were set"

@@ -16,7 +16,9 @@ from simgrab.errors import SimgrabError, StressError
 from simgrab.instrument.estimate import MeanRay
 from simgrab.judge.stress import catalogue, estimators, geometric
 from simgrab.judge.stress.catalogue import STUDIES
+from simgrab.judge.stress.laboratory import outcome
 from simgrab.judge.stress.study import quickened, situation
+from simgrab.judge.stress.summary import Finding, Verdict
 from simgrab.records.estimates import Estimate
 
 GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
@@ -160,6 +162,14 @@ def invoke(*arguments):
     if result.exception and not isinstance(result.exception, SystemExit | SimgrabError):
         raise result.exception
     return result
+
+
+def test_how_many_limits_are_met_is_said_where_some_were_set():
+    def of(*passed):
+        return Finding(None, None, tuple(Verdict("a study", "a limit", "found", one) for one in passed))
+
+    assert outcome([of(True, False), of(), of(True)]) == "2 of 3 limits are met"
+    assert outcome([of(), of()]) == "no limits were set"
 
 
 def test_the_list_names_every_study():

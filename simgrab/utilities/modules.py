@@ -1,0 +1,29 @@
+"""Import what a user names as ``package.module:attribute``."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def find(module: str, attribute: str) -> Any:
+    """Import a module and give an attribute of it.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If there is no such module: says which folders were searched.
+    Exception
+        Whatever importing it raises, and AttributeError.
+    """
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except ModuleNotFoundError as problem:
+        if not f"{module}.".startswith(f"{problem.name}."):  # one that the module imports
+            raise
+        searched = dict.fromkeys(str(Path(folder).absolute()) for folder in sys.path)
+        own = [folder for folder in searched if not folder.startswith((sys.prefix, sys.base_prefix))]
+        where = ", ".join([*own, f"the packages of {sys.prefix}"])
+        raise ModuleNotFoundError(f"{problem}; searched: {where}", name=problem.name) from None
