@@ -156,6 +156,13 @@ def test_rendering_starts_without_what_only_other_scenes_and_commands_need():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_the_list_of_commands_starts_without_what_only_the_commands_need():
+    needless = {"cv2", "mujoco", "rich", "scipy.linalg", "scipy.optimize", "scipy.special", "trimesh", "yaml"}
+    code = "import sys; from simgrab.cli import cli; cli(['-h'], standalone_mode=False); "
+    code += f"assert not {needless} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
 def test_drawing_figures_leaves_the_users_backend_alone():
     code = """
 import io, matplotlib
