@@ -272,10 +272,10 @@ def test_render_prints_a_summary(tmp_path, monkeypatch):
         status, out, _ = run("audit", tmp_path / "out")
         assert status == 3
         assert install_hint() in out
-    (tmp_path / "out" / "data.yaml").write_text("train: elsewhere")
-    status, out, _ = run("audit", tmp_path / "out")
-    assert status == 1
-    assert "data.yaml" in out
+        (tmp_path / "out" / "data.yaml").write_text("train: elsewhere")
+        status, out, _ = run("audit", tmp_path / "out")
+        assert status == 1
+        assert "data.yaml" in out
     status, _, err = run("audit", tmp_path)
     assert status == 2
     assert "no simgrab dataset" in err
