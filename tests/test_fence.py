@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from simgrab.judge.check import cache
+
 PACKAGE = Path(__file__).parents[1] / "simgrab"
 # The ground floor, in order: each of these may import only what stands before it.
 ORDER = (
@@ -143,6 +145,10 @@ def test_a_planted_cycle_is_seen(module, line):
 )
 def test_a_planted_violation_is_seen(room, line):
     assert violations(room, line)
+
+
+def test_the_cache_of_checks_goes_by_no_room_that_the_world_may_not_import():
+    assert set(MAY) - MAY["world"] <= set(cache.ELSEWHERE)
 
 
 def test_import_touches_no_opengl():
