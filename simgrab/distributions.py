@@ -10,7 +10,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from simgrab.geometry import Array
 from simgrab.utilities.strict import Checked
@@ -125,13 +125,14 @@ class Normal(Distribution, frozen=True, tag="normal"):
 
     def _mass(self) -> tuple[float, float]:
         low, high = self.support()
+        ndtr = scipy.special.ndtr
         return float(ndtr((low - self.mean) / self.sd)), float(ndtr((high - self.mean) / self.sd))
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
         if self.sd == 0:
             return np.full(() if size is None else size, self.mean)
         below, above = self._mass()
-        quantile = ndtri(below + (above - below) * rng.random(size))
+        quantile = scipy.special.ndtri(below + (above - below) * rng.random(size))
         return np.clip(self.mean + self.sd * quantile, *self.support())
 
     def rms(self) -> float:  # noqa: D102

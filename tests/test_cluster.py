@@ -1,5 +1,6 @@
 """Clusters: those that are not there, and one on this machine that loses a process, a node and its driver."""
 
+import importlib.util
 import os
 import re
 import socket
@@ -22,7 +23,7 @@ from simgrab.utilities.processes import Pool, RemoteError, tick
 from simgrab.world.output.dataset import render
 from tests.s3_server import folder_contents
 
-pytest.importorskip("ray")
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
 
 
 def free_port():

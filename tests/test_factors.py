@@ -35,6 +35,6 @@ def test_choices_pass_by_their_shares_and_strangers_are_told():
 
 
 def test_the_training_scene_draws_what_it_asks_for():
-    lines = report(scenes.load("training", {"seed": 0, "frames": 1600}))
+    lines = report(scenes.load("training", {"seed": 0, "frames": 800}))
     assert [(line.name, line.warnings) for line in lines if line.warnings] == []
     assert len(lines) > 30

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from simgrab.judge.check import cache
+
 PACKAGE = Path(__file__).parents[1] / "simgrab"
 # The ground floor, in order: each of these may import only what stands before it.
 ORDER = (
@@ -145,6 +147,10 @@ def test_a_planted_violation_is_seen(room, line):
     assert violations(room, line)
 
 
+def test_the_cache_of_checks_goes_by_no_room_that_the_world_may_not_import():
+    assert set(MAY) - MAY["world"] <= set(cache.ELSEWHERE)
+
+
 def test_import_touches_no_opengl():
     code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'torch', 'simgrab.world'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -154,6 +160,13 @@ def test_rendering_starts_without_what_only_other_scenes_and_commands_need():
     needless = {"scipy.signal", "scipy.stats", "matplotlib", "onnxruntime", "simgrab.world.trajectory.clip"}
     code = f"import sys, simgrab.world.output.dataset, simgrab.cli.render; assert not {needless} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_list_of_commands_starts_without_what_only_the_commands_need():
+    needless = {"cv2", "mujoco", "rich", "scipy.linalg", "scipy.optimize", "scipy.special", "trimesh", "yaml"}
+    code = "import sys; from simgrab.cli import cli; cli(['-h'], standalone_mode=False); "
+    code += f"assert not {needless} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
 
 def test_drawing_figures_leaves_the_users_backend_alone():

@@ -120,7 +120,7 @@ def test_items_are_taken_as_workers_are_free():
         assert taken == [0, 1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSEGV, marks=pytest.mark.slow)])
 def test_a_worker_that_dies_once_costs_nothing_but_time(tmp_path, caplog, number):
     ticks = []
     with caplog.at_level(logging.WARNING), Pool(2) as pool:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
-
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from simgrab.training.loop import Report
 
 SPEED_OVER_S = 600.0  # a step may take minutes, and the time left is still shown
@@ -89,6 +88,9 @@ def board(*, shown: bool) -> Iterator[Board]:
 
 
 def _bars(*, shown: bool) -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Dynamic, Scenario
+
+if TYPE_CHECKING:
+    from simgrab.scenario import Scenario
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -60,6 +61,9 @@ def extension_options(function: F) -> F:
 
 def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:
     """Read the scene that the options describe; short options win over ``--set``, and ``--size`` comes last."""
+    from simgrab import scenes
+    from simgrab.scenario import Dynamic
+
     wanted = None if size is None else scenes.parse_size(size)
     changes = scenes.parse_changes(assignments)
     sigma = short.pop("sigma", None)

@@ -6,7 +6,6 @@ import json
 
 import click
 
-from simgrab import scenario, scenes
 from simgrab.cli._scene import load_scene, scene_options
 
 
@@ -17,6 +16,8 @@ def command(ctx: click.Context, as_json: bool) -> None:
     """List the bundled scenes; show one resolved, or the JSON schema of scene files."""
     if ctx.invoked_subcommand:
         return
+    from simgrab import scenes
+
     described = {name: scenes.load(name).description for name in scenes.names()}
     if as_json:
         click.echo(json.dumps(described))
@@ -41,4 +42,6 @@ def show(
 @command.command()
 def schema() -> None:
     """Print the JSON schema of scene files, for editors."""
+    from simgrab import scenario
+
     click.echo(json.dumps(scenario.schema(), indent=2))

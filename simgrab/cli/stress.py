@@ -15,7 +15,6 @@ from simgrab.cli._options import PATH, WORKERS, cluster_option
 from simgrab.cli._resume import resumable
 from simgrab.errors import StressError
 from simgrab.text import printable
-from simgrab.utilities import machine
 from simgrab.utilities.destination import check_folder
 
 
@@ -66,6 +65,8 @@ def command(
     if replay is not None:
         _replay(load(replay[0]), replay[1], at, out, as_json)
     elif everything or study is not None:
+        from simgrab.utilities import machine
+
         chosen = [
             load(name) for name in (catalogue.of(depth or fidelities.GEOMETRIC.name) if everything else [str(study)])
         ]

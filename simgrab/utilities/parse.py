@@ -21,8 +21,6 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-from yaml import YAMLError, safe_load
-
 from simgrab.errors import SimgrabError, first_line, one_line
 
 Refuse = Callable[[str], SimgrabError]
@@ -70,6 +68,8 @@ def read_json(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: i
 
 def read_yaml(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> Any:
     """Read a YAML file; parameters as those of `read_json`. Its lists and mappings may contain themselves."""
+    from yaml import YAMLError, safe_load
+
     text = read_text(path, refuse, kind, most_bytes=most_bytes)
     try:
         return safe_load(text)

@@ -1,8 +1,10 @@
 import errno
 import functools
+import importlib
 import json
 import os
 import platform
+import py_compile
 import resource
 import subprocess
 import sys
@@ -215,6 +217,18 @@ def test_a_fault_of_simgrab_is_not_taken_for_want_of_memory():
         main(lambda **_: (_ for _ in ()).throw(RuntimeError("a fault")))
 
 
+@pytest.mark.parametrize("left", [20, 40])
+def test_a_damaged_compiled_module_is_named(left, tmp_path, monkeypatch, capsys):
+    (tmp_path / f"fine_{left}.py").write_text("import math\n" * 9)
+    compiled = Path(py_compile.compile(str(tmp_path / f"fine_{left}.py")))
+    compiled.write_bytes(compiled.read_bytes()[:left] + bytes(9 if left == 40 else 0))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(lambda **_: importlib.import_module(f"fine_{left}"))
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"simgrab: {compiled} is damaged, a compiled module of Python: delete it\n"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -272,10 +286,10 @@ def test_render_prints_a_summary(tmp_path, monkeypatch):
         status, out, _ = run("audit", tmp_path / "out")
         assert status == 3
         assert install_hint() in out
-    (tmp_path / "out" / "data.yaml").write_text("train: elsewhere")
-    status, out, _ = run("audit", tmp_path / "out")
-    assert status == 1
-    assert "data.yaml" in out
+        (tmp_path / "out" / "data.yaml").write_text("train: elsewhere")
+        status, out, _ = run("audit", tmp_path / "out")
+        assert status == 1
+        assert "data.yaml" in out
     status, _, err = run("audit", tmp_path)
     assert status == 2
     assert "no simgrab dataset" in err

@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from conftest import slow_but
 
 from simgrab import frames as frames_of
 from simgrab import scenes
@@ -72,15 +71,10 @@ def test_a_kind_that_no_detector_was_trained_on_is_found_by_any_grab_alone():
     assert sum(overlaps[ANY_GRAB]) > 1.0 + sum(overlaps[BUNDLED])
 
 
-ALL = (range(4, 12, 2), 2, 1)
-FEW = ((10, 11), 1, 1)
-
-
-@pytest.mark.parametrize(("frames", "shown", "bare"), slow_but([FEW, ALL], FEW))
-def test_the_grab_is_found_where_it_is_and_nowhere_else(frames, shown, bare):
+def test_the_grab_is_found_where_it_is_and_nowhere_else():
     looks, found, empty = detector(), 0, 0
     with FrameGenerator(scenes.load("exam-windy", {"clip.clip_frames": 2, "frames": 12})) as generator:
-        for frame in frames:
+        for frame in (10, 11):
             drawn = generator.frame(frame)
             row, told = drawn.truth, looks(np.ascontiguousarray(drawn.rgb))
             box = labels.box(row)
@@ -92,5 +86,5 @@ def test_the_grab_is_found_where_it_is_and_nowhere_else(frames, shown, bare):
                 assert iou(told.box, box) > 0.85
                 assert np.linalg.norm(told.centre - labels.centre(row)) < 0.08 * (box[2:] - box[:2]).max()
                 found += 1
-    assert found >= shown
-    assert empty >= bare
+    assert found
+    assert empty

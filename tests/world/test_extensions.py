@@ -255,7 +255,8 @@ def test_a_function_of_a_script_has_the_name_by_which_another_script_imports_it(
         "import sys, simgrab\n"
         "def invert(rgb, moment, rng):\n    return 255 - rgb\n"
         "if __name__ == '__main__':\n"
-        "    simgrab.render(simgrab.load('quay-day', {'frames': 1}, size=(160, 90)), 'first', effects=[invert])\n"
+        "    plain = {'frames': 1, 'place': {'model': 'plain'}}\n"
+        "    simgrab.render(simgrab.load('quay-day', plain, size=(160, 90)), 'first', effects=[invert])\n"
     )
     again = "import looks, simgrab; simgrab.render('first/manifest.json', 'again', effects=[looks.invert])"
     for command in (["looks.py"], ["-c", again]):
@@ -266,7 +267,8 @@ def test_a_function_of_a_script_has_the_name_by_which_another_script_imports_it(
 
 def test_generators_left_open_end_silently():
     code = (
-        "import simgrab; scene = simgrab.load('quay-day', {'frames': 2}, size=(160, 90))\n"
+        "import simgrab; plain = {'frames': 2, 'place': {'model': 'plain'}}\n"
+        "scene = simgrab.load('quay-day', plain, size=(160, 90))\n"
         "dataset = simgrab.FrameDataset(scene); dataset[0]; frames = simgrab.frames(scene); next(frames)"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)

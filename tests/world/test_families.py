@@ -38,7 +38,7 @@ EXTREMES: tuple[Grab, ...] = (
 )
 DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(4))
 GRABS = EXTREMES + DRAWN
-RANDOM = tuple(Assembled(shape=i / 18, volume_m3=3 + i, ropes=(1, 2, 4)[i % 3]) for i in range(18))
+RANDOM = tuple(Assembled(shape=i / 9, volume_m3=3 + 2 * i, ropes=(1, 2, 4)[i % 3]) for i in range(9))
 
 
 def of_each(grabs: tuple[Grab, ...]) -> pytest.MarkDecorator:

@@ -11,7 +11,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from conftest import slow_but, small_scene
+from conftest import SMALL, slow_but, small_scene
 
 import simgrab
 from simgrab.errors import ScenarioError
@@ -88,15 +88,14 @@ def test_a_frame_out_of_range_says_how_many_there_are():
 
 def test_iterating_writes_nothing(tmp_path):
     """In a folder and with a home that may not be written to; root may write there, so what lies there counts."""
-    code = "import simgrab; print(sum(f.mask.any() for f in simgrab.frames('quay-day', [0, 1])))"
+    scene = f"simgrab.load('quay-day', {SMALL})"
+    code = f"import simgrab; print(sum(f.mask.any() for f in simgrab.frames({scene}, [0, 1])))"
     folder, home = tmp_path / "here", tmp_path / "home"
     for path in (folder, home):
         path.mkdir(mode=0o500)
     environment = os.environ | {"HOME": str(home), "XDG_CACHE_HOME": str(home / "cache"), "TMPDIR": str(folder)}
     environment |= {"PYTHONPATH": str(Path(simgrab.__file__).parents[1]), "PYTHONDONTWRITEBYTECODE": "1"}
     environment["MESA_SHADER_CACHE_DISABLE"] = "true"  # the driver's own, in the user's cache folder
-    size = "{'camera.width_px': 320, 'camera.height_px': 180, 'image.shadow_map_px': 0, 'image.samples': 0}"
-    code = code.replace("'quay-day', [0, 1]", f"simgrab.load('quay-day', {size}), [0, 1]")
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True)
     assert (done.stdout.strip(), done.returncode) == ("2", 0), done.stderr
     assert [*folder.iterdir(), *home.iterdir()] == []
@@ -133,7 +132,8 @@ if __name__ == "__main__":
     frames = simgrab.FrameDataset(small_scene(frames=4, **PNG), arrays)
     if used == "used":
         frames[0]
-    for batch in data.DataLoader(frames, batch_size=2, num_workers=2, multiprocessing_context=start):
+    workers = 1 if start == "spawn" else 2
+    for batch in data.DataLoader(frames, batch_size=2, num_workers=workers, multiprocessing_context=start):
         for rgb, alpha in zip(batch["rgb"], batch["alpha_deg"], strict=True):
             print(hashlib.sha256(rgb.numpy()).hexdigest(), repr(float(alpha)))
 """

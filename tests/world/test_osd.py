@@ -95,7 +95,7 @@ def test_digits_and_clock_read_back_exactly(name, size):
     cells, high = layout.clock.cells, layout.clock.size_px
     latin, chinese = [c.isascii() and c != " " for c in CLOCK_PATTERN], [not c.isascii() for c in CLOCK_PATTERN]
     clock = Reader((LATIN, cells[0][2] - cells[0][0], high), (CHINESE, high, high))
-    for moment in random_times(200):
+    for moment in random_times(40):
         lengths = tuple(int(n) / 100 for n in rng.integers(0, 10_000, 2))
         text, words = layout.text(*lengths), clock_text(moment, 0.0)
         picture = overlay.blend(next(background), Shown(words, text, text, None))

@@ -256,9 +256,11 @@ def test_a_dataset_keeps_a_copy_and_is_made_again_from_it(files, tmp_path):
     for file in files["obj"].parent.iterdir():
         (tmp_path / "obj" / file.name).write_bytes(file.read_bytes())
     scene.write_text(
-        'base = "quay-day"\nframes = 3\n[grab]\nmodel = "mesh"\nfile = "obj/a.obj"\n[swing]\nclamp = true', "utf-8"
+        'base = "quay-day"\nframes = 3\nplace.model = "plain"\n'
+        '[grab]\nmodel = "mesh"\nfile = "obj/a.obj"\n[swing]\nclamp = true',
+        "utf-8",
     )
-    scenario = scenes.load(scene, size=(640, 360))
+    scenario = scenes.load(scene, size=(320, 180))
     render(scenario, tmp_path / "one", workers=2)
     manifest = json.loads((tmp_path / "one" / "manifest.json").read_text())
     (copy,) = {name.rpartition("/")[0] for name in manifest["files"] if name.startswith("grabs/")}

@@ -145,7 +145,7 @@ def test_exports_and_shards_carry_the_files(rendered, tmp_path):
 @pytest.mark.slow
 def test_bytes_are_the_same_for_any_workers_and_in_shards(rendered, scene, tmp_path):
     simgrab.render(scene, tmp_path / "two", workers=2)
-    simgrab.render(scene, (tmp_path / "shards").as_uri(), workers=2, shard_frames=2)
+    simgrab.render(scene, (tmp_path / "shards").as_uri(), shard_frames=2)
     assert digests(tmp_path / "two") == digests(tmp_path / "shards") == digests(rendered)
 
 

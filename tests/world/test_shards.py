@@ -89,12 +89,6 @@ def test_a_frame_that_is_not_there_is_refused(whole, number):
         data[1:].frame(0)
 
 
-def test_any_number_of_workers_gives_the_same_bytes(scene, whole, tmp_path):
-    out = tmp_path / "two"
-    render(scene, out.as_uri(), shard_frames=4, workers=2)
-    assert folder_contents(out) == folder_contents(whole)
-
-
 def test_an_interrupted_run_goes_on_with_the_same_bytes(scene, whole, tmp_path):
     out = tmp_path / "again"
 
@@ -241,7 +235,7 @@ def test_a_place_outside_of_the_dataset_is_refused():
             msgspec.convert({"shard": shard, "offset": 0, "size": 1, "mask": None}, shards.Place)
 
 
-def test_an_s3_store_gets_the_same_bytes(scene, whole, server):
+def test_an_s3_store_gets_the_same_bytes_from_any_number_of_workers(scene, whole, server):
     assert server.writes
     url = f"s3://{BUCKET}/plain/set"
     render(scene, url, shard_frames=4, workers=2)

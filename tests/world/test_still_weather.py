@@ -18,8 +18,10 @@ from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import GRAB, ROPE
 
 SIZE = (400, 225)
-SCENES = {name: simgrab.load(name, {"frames": 6}, size=SIZE) for name in ("rain", "heavy-snow", "fog", "glare")}
-SCENES["lens"] = simgrab.load("rain", {"frames": 6, "camera.distortion.k1": -0.1}, size=SIZE)
+PLAIN = {"frames": 6, "place": {"model": "plain"}}
+SCENES = {name: simgrab.load(name, PLAIN, size=SIZE) for name in ("rain", "fog", "glare")}
+SCENES["lens"] = simgrab.load("rain", PLAIN | {"camera.distortion.k1": -0.1}, size=SIZE)
+SCENES["heavy-snow"] = simgrab.load("heavy-snow", {"frames": 6}, size=SIZE)  # its own place
 EVERYTHING = {"rain_mm_h": 20.0, "visibility_m": 90.0, "wetness": 0.9, "snow_cover": 0.4}
 
 

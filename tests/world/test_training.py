@@ -66,12 +66,6 @@ def test_frames_of_a_variant_stay_in_one_split():
 
 
 @pytest.mark.slow
-def test_two_workers_give_the_same_bytes(varied, tmp_path):
-    render(scene(), tmp_path / "two", workers=2)
-    assert digest(tmp_path / "two") == digest(varied)
-
-
-@pytest.mark.slow
 def test_resumed_within_a_variant_it_ends_the_same(varied, tmp_path, monkeypatch):
     real, left = Folder.store, [3]
 
@@ -219,14 +213,13 @@ def test_the_training_scene_runs():
     assert len(json.loads(row.varied)) > 20
 
 
-@pytest.mark.parametrize("workers", slow_but([1, 2], 1))
-def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_path, workers):
+def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_path):
     rope = {
         "swing.rope_length_m": {"dist": "one-of", "values": [{"dist": "constant", "value": v} for v in (10.0, 27.0)]}
     }
     scenario = small_scene(frames=6, clip__clip_frames=1, vary=rope)
     with pytest.raises(ScenarioError, match="lowers the grab into the ground or the cargo"):
-        render(scenario, tmp_path / "out", workers=workers)
+        render(scenario, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

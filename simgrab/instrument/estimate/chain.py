@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+import scipy
 
 from simgrab.geometry import Array
 
@@ -59,8 +59,10 @@ class Quadratic:
 
     def minimise(self) -> Minimum:
         """Minimise; raises numpy.linalg.LinAlgError where H is not positive definite."""
-        factor = cholesky_banded(self.band, lower=True, check_finite=False)
-        both = cho_solve_banded((factor, True), np.column_stack([self.border, self.pull_states]), check_finite=False)
+        factor = scipy.linalg.cholesky_banded(self.band, lower=True, check_finite=False)
+        both = scipy.linalg.cho_solve_banded(
+            (factor, True), np.column_stack([self.border, self.pull_states]), check_finite=False
+        )
         gain, free = both[:, :-1], both[:, -1]
         schur = self.corner - self.border.T @ gain
         root = np.linalg.cholesky(schur)

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from simgrab.geometry import Array
 
@@ -77,7 +77,7 @@ def block_covariance(influence: Array, count: Array, block: NDArray[np.int64], b
 
 def student(level: float, degrees: Array | float) -> Array:
     """Two-sided quantile of Student's t distribution."""
-    return np.asarray(special.stdtrit(np.maximum(degrees, 1), 0.5 + level / 2))
+    return np.asarray(scipy.special.stdtrit(np.maximum(degrees, 1), 0.5 + level / 2))
 
 
 def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -> Array:

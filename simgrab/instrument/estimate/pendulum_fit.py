@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
-from scipy.optimize import minimize
 
 from simgrab.geometry import Array
 from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear
@@ -102,7 +101,7 @@ def nodes_of(time: Array, rope: Array, place: Array, seen: NDArray[np.bool_], pr
 def first_path(nodes: Nodes, swing: Array) -> Array:
     """Start from running medians of the swings (k, 2) of the nodes seen, bridged in straight lines: a path (k, 6)."""
     seen = nodes.seen
-    middle = np.stack([median_filter(swing[seen, i], 5, mode="nearest") for i in (0, 1)], axis=-1)
+    middle = np.stack([scipy.ndimage.median_filter(swing[seen, i], 5, mode="nearest") for i in (0, 1)], axis=-1)
     s = np.stack([np.interp(nodes.time, nodes.time[seen], middle[:, i]) for i in (0, 1)], axis=-1)
     p = np.gradient(s, nodes.time, axis=0) * (nodes.rope / nodes.rope.mean())[:, None] ** 2
     return np.concatenate([s, p, np.zeros_like(s)], axis=-1)
@@ -202,7 +201,8 @@ class _Problem:
         start = np.clip(strengths, self.low, self.high)
         simplex = np.vstack([start, start + np.diag(size)])
         options = {"xatol": 0.05, "fatol": 0.01, "initial_simplex": simplex}
-        return np.clip(minimize(minus_log, start, method="Nelder-Mead", options=options).x, self.low, self.high)
+        best = scipy.optimize.minimize(minus_log, start, method="Nelder-Mead", options=options)
+        return np.clip(best.x, self.low, self.high)
 
     def information(self) -> float:
         """Ratio of the pixels' information to that of their weights: (mean ψ′)²/mean ψ², as Huber (1967)."""

@@ -25,7 +25,7 @@ from simgrab.world.output.folder import writing
 
 PACKAGE = Path(__file__).parents[2]
 # Rooms and assets that change no pixel and no label.
-ELSEWHERE = ("pages", "instrument", "judge", "training", "cli")
+ELSEWHERE = ("pages", "instrument", "judge", "training", "browse", "studio", "cli")
 
 Progress = Callable[[int, int], None]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import shutil
@@ -97,19 +98,20 @@ def _run(
     done = total - sum(part.last - part.first for _, _, part in missing)
     if progress:
         progress(done, total)
-    with worker_pool(workers, cluster) as pool:
-        for file, data, count in pool.map(_made, missing, name=_named):
+    with contextlib.ExitStack() as pools:
+        here = pools.enter_context(worker_pool(workers))
+        makers = here if cluster is None else pools.enter_context(worker_pool(workers, cluster))
+        for file, data, count in makers.map(_made, missing, name=_named):
             with writing(folder, StressError):
                 write(file, data)
             done += count
             if progress:
                 progress(done, total)
-    with worker_pool(workers) as pool:
         unfinished = [study for study in studies if (folder / study.name / PARTIAL).exists()]
-        for _ in pool.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
+        for _ in here.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
             pass
         findings = [read(folder / study.name, study) for study in studies]
-        page.write(findings, folder / REPORT, functools.partial(pool.map, name=_figured))
+        page.write(findings, folder / REPORT, functools.partial(here.map, name=_figured))
     return findings
 
 

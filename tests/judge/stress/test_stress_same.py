@@ -2,6 +2,7 @@
 
 import functools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -85,64 +86,70 @@ def test_rows_are_the_same_in_parts_of_any_size_and_in_a_replay(file):
 
 @pytest.mark.slow
 def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
-    log = tmp_path / "log"
-
-    def start(out, *options):
-        with log.open("w") as said:
-            return subprocess.Popen(
-                [sys.executable, "-m", "simgrab", "stress", str(file), "--out", str(out), "--quiet", *options],
-                env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}, stdout=said, stderr=subprocess.STDOUT,
-            )  # fmt: skip
-
-    one, killed = tmp_path / "one", tmp_path / "killed"
-    process = start(one, "--workers", "1")
-    assert process.wait() == 0, log.read_text()
-    process = start(killed, "--workers", "2")
-    total = len(parts(catalogue.load(file)))
+    study, log, killed = catalogue.load(file), tmp_path / "log", tmp_path / "killed"
+    command = [sys.executable, "-m", "simgrab", "stress", str(file), "--out", str(killed), "--quiet", "--workers", "2"]
+    with log.open("w") as said:
+        process = subprocess.Popen(
+            command, env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}, stdout=said, stderr=said
+        )
     while len(list((killed / "small" / PARTIAL).glob("*.parquet"))) < 3:
         assert process.poll() is None, log.read_text()
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    assert len(list((killed / "small" / PARTIAL).glob("*.parquet"))) < total
+    assert len(list((killed / "small" / PARTIAL).glob("*.parquet"))) < len(parts(study))
     assert not (killed / "small" / TRIALS).exists()
-    refused = start(killed)
-    assert refused.wait() == 2
-    assert "--resume" in log.read_text()
-    process = start(killed, "--workers", "2", "--resume")
-    assert process.wait() == 0, log.read_text()
-    expected = (one / "small" / TRIALS).read_bytes()
-    assert (killed / "small" / TRIALS).read_bytes() == expected
-    table = pq.read_table(one / "small" / TRIALS)
-    assert table.num_rows == 6 * 20 * 5
-    assert (one / "small" / "summary.csv").read_bytes() == (killed / "small" / "summary.csv").read_bytes()
+    with pytest.raises(StressError, match="--resume"):
+        laboratory.run([study], killed)
+    laboratory.run([study], killed, workers=2, resume=True)
+    laboratory.run([study], tmp_path / "one")
+    for name in (TRIALS, "summary.csv"):
+        assert (killed / "small" / name).read_bytes() == (tmp_path / "one" / "small" / name).read_bytes()
+    assert pq.read_table(killed / "small" / TRIALS).num_rows == 6 * 20 * 5
 
 
-@pytest.mark.slow
-def test_a_study_killed_while_it_cleaned_up_is_finished(tmp_path):
-    study = small("focal", (0.0,), replications=2, n=20)
-    laboratory.run([study], tmp_path)
-    before = (tmp_path / "focal" / TRIALS).stat().st_mtime_ns
-    report = (tmp_path / laboratory.REPORT).read_bytes()
-    (tmp_path / "focal" / PARTIAL).mkdir()
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished study, its folder, and what a second run into that folder was told meanwhile."""
+    study, folder, refused = small("focal", (0.0,), replications=2, n=20), tmp_path_factory.mktemp("finished"), []
+
+    def second(*_):
+        with pytest.raises(StressError) as problem:
+            laboratory.run([study], folder, resume=True)
+        refused.append(str(problem.value))
+
+    laboratory.run([study], folder, progress=second)
+    return study, folder, refused
+
+
+def test_a_second_run_into_a_folder_is_refused_and_the_first_goes_on(finished):
+    _, folder, refused = finished
+    assert set(refused) == {f"{folder} is being written by another simgrab"}
+    assert (folder / "focal" / TRIALS).exists()
+
+
+def test_a_study_killed_while_it_cleaned_up_is_finished(finished, tmp_path):
+    study, folder, _ = finished
+    out = shutil.copytree(folder, tmp_path / "out")
+    before = (out / "focal" / TRIALS).stat().st_mtime_ns
+    report = (out / laboratory.REPORT).read_bytes()
+    (out / "focal" / PARTIAL).mkdir()
     counted = []
-    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: counted.append(counts))
+    laboratory.run([study], out, resume=True, progress=lambda *counts: counted.append(counts))
     assert counted == [(2, 2)]
-    assert not (tmp_path / "focal" / PARTIAL).exists()
-    assert (tmp_path / "focal" / TRIALS).stat().st_mtime_ns == before
-    assert (tmp_path / laboratory.REPORT).read_bytes() == report
+    assert not (out / "focal" / PARTIAL).exists()
+    assert (out / "focal" / TRIALS).stat().st_mtime_ns == before
+    assert (out / laboratory.REPORT).read_bytes() == report
 
 
-def test_a_folder_of_another_study_is_left_alone(tmp_path):
-    study = small("focal", (0.0,), replications=2, n=20)
-    laboratory.run([study], tmp_path)
-    before = (tmp_path / "focal" / TRIALS).read_bytes()
+def test_a_folder_of_another_study_is_left_alone(finished, tmp_path):
+    study, folder, _ = finished
+    before = (folder / "focal" / TRIALS).read_bytes()
     with pytest.raises(StressError, match="settings differ"):
-        laboratory.run([small("focal", (0.0,), replications=3, n=20)], tmp_path, resume=True)
+        laboratory.run([small("focal", (0.0,), replications=3, n=20)], folder, resume=True)
     with pytest.raises(StressError, match="already"):
-        laboratory.run([study], tmp_path)
-    laboratory.run([study], tmp_path, resume=True)
-    assert (tmp_path / "focal" / TRIALS).read_bytes() == before
+        laboratory.run([study], folder)
+    assert (folder / "focal" / TRIALS).read_bytes() == before
     (tmp_path / "lean-along").mkdir()
     (tmp_path / "lean-along" / "letter.txt").write_text("mine")
     with pytest.raises(StressError, match="something other than"):
@@ -152,17 +159,3 @@ def test_a_folder_of_another_study_is_left_alone(tmp_path):
 def test_more_replications_begin_with_the_fewer():
     few, many = (make(small("noise", (1.0,), n=50, replications=m), Part(0, 0, m)).to_pylist() for m in (3, 9))
     assert [r for r in many if r["trial"] < 3] == few
-
-
-def test_a_second_run_into_a_folder_is_refused_and_the_first_goes_on(tmp_path):
-    study = small("focal", (0.0,), replications=2, n=20)
-    refused = []
-
-    def second(*_):
-        with pytest.raises(StressError) as problem:
-            laboratory.run([study], tmp_path, resume=True)
-        refused.append(str(problem.value))
-
-    laboratory.run([study], tmp_path, progress=second)
-    assert set(refused) == {f"{tmp_path} is being written by another simgrab"}
-    assert (tmp_path / "focal" / TRIALS).exists()

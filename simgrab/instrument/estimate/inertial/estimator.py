@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
@@ -308,7 +308,7 @@ class InertialFusion(Estimator):
         known = np.flatnonzero(data.seen)
         for axis, column in enumerate(swing.T):
             bridged = np.interp(np.arange(k), known, column[known])
-            state[:, SWING.start + axis] = gaussian_filter1d(bridged, SMOOTH_FRAMES)
+            state[:, SWING.start + axis] = scipy.ndimage.gaussian_filter1d(bridged, SMOOTH_FRAMES)
         scale = (data.rope / data.links.length)[:, None] ** 2
         state[:, MOMENTUM] = np.gradient(state[:, SWING], data.time, axis=0) * scale
         strengths = np.log([1e-3, 1.5 / data.focal_px, 3e-3])

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import minimize
 
 from simgrab.geometry import Array
 from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear
@@ -230,7 +229,8 @@ class _Problem:
             for precision, freedom, natural, least in (
                 (fast, 4, NATURAL_FAST, LEAST_FAST), (slow, 2, NATURAL_SLOW**2, LEAST_SLOW**2),
             ):  # fmt: skip
-                force = uniform_filter1d(np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom, across)
+                force = np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom
+                force = scipy.ndimage.uniform_filter1d(force, across)
                 usual = natural if self.weigh == "natural" else max(2 * float(np.median(force)), least)
                 beyond = np.maximum(beyond, force / (BEYOND * usual))
             self.weight = np.minimum(path.weight, beyond**-2.0) if self.weigh == "natural" else beyond**-2.0
@@ -297,7 +297,8 @@ class _Problem:
         size = np.array([3.0, 0.7, 1.5]) if wide else np.array([0.7, 0.15, 0.5])
         start = np.clip(strengths, self._low, self._high)
         options = {"xatol": 0.05, "fatol": 0.01, "initial_simplex": np.vstack([start, start + np.diag(size)])}
-        return np.clip(minimize(minus_log, start, method="Nelder-Mead", options=options).x, self._low, self._high)
+        best = scipy.optimize.minimize(minus_log, start, method="Nelder-Mead", options=options)
+        return np.clip(best.x, self._low, self._high)
 
 
 def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array, priors: Priors) -> Array:

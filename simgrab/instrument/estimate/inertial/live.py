@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from simgrab.calibration import Calibration
 from simgrab.geometry import Array
@@ -203,7 +203,7 @@ class _Filter:
             np.concatenate([attitude, ahead]), np.concatenate([state, moved]), self._parameters, links
         )
         carry = np.block([[by_state[0], by_parameter[0]], [np.zeros((PARAMETERS, STATE)), np.eye(PARAMETERS)]])
-        added = block_diag(self._noise(links, now), np.zeros((PARAMETERS, PARAMETERS)))
+        added = scipy.linalg.block_diag(self._noise(links, now), np.zeros((PARAMETERS, PARAMETERS)))
         self._covariance = carry @ self._covariance @ carry.T + added
         self._attitude, self._state = ahead[0], moved[0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -87,9 +87,16 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     """
     if cargo not in _DUST:
         raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
-    lost, tone, dust = _masks(rng)
+    shift = rng.integers(_SIZE, size=2)
     if not textures.painting():
         return Finish(**{field.name: Material(f"grab_{field.name}") for field in fields(Finish)})
+    return _mixed(paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))
+
+
+@lru_cache(maxsize=4)  # of many worlds, one after the other, the grab looks the same
+def _mixed(paint: Colour, wear: float, residue: float, cargo: str, shift: tuple[int, int]) -> Finish:
+    masks = np.roll(_picture("wear"), shift, axis=(0, 1))
+    lost, tone, dust = masks[..., 0], masks[..., 1], masks[..., 2]
     rust, bright, grease = (_picture(name) for name in ("rust", "worn_steel", "grease"))
     dusty = _Dust(np.array(_DUST[cargo]), residue, dust)
     height = np.linspace(1.0, 0.0, _SIZE)[:, None]  # 1 at the rim, 0 at the lip
@@ -160,12 +167,6 @@ def _plate() -> Picture:
     return np.repeat(image[..., None], 3, axis=2) / 255.0
 
 
-def _masks(rng: np.random.Generator) -> tuple[Picture, Picture, Picture]:
-    shift = rng.integers(_SIZE, size=2)
-    masks = np.roll(_picture("wear"), tuple(shift), axis=(0, 1))
-    return masks[..., 0], masks[..., 1], masks[..., 2]
-
-
 @cache
 def _picture(name: str) -> Picture:
     """Give a bundled texture, in [0, 1]; not to be written to."""
@@ -187,4 +188,5 @@ def _step(value: Picture, edge: Picture | float, width: float, *, below: bool = 
 
 def _material(name: str, picture: Picture, tile_m: float, specular: float) -> Material:
     texture = np.clip(np.rint(picture * 255.0), 0, 255).astype(np.uint8)
+    texture.setflags(write=False)
     return Material(name, texture=texture, tile_m=tile_m, specular=specular, shininess=0.3)
