@@ -129,7 +129,7 @@ def _listed(parts: list[Piece]) -> str:
     """List nodes that a jaw can name: those that show something, and groups of them, such as ``Jaw (Rod, Shell)``."""
     below: dict[str, set[str]] = {}
     for piece in parts:
-        for node in piece.nodes[1:-1]:  # the last is the scene's own
+        for node in piece.nodes[1:]:
             below.setdefault(node, set()).add(piece.nodes[0])
     alone = sorted({piece.nodes[0] for piece in parts} - set(below))
     groups = [f"{node} ({', '.join(sorted(held)[:4])}{', …' if len(held) > 4 else ''})" for node, held in below.items()]
@@ -184,8 +184,8 @@ def _doubts_of_file(keys: Mesh, model: models.Model, reading: Reading) -> list[s
     found = []
     for name in model.missing:
         if name.lower().endswith(".mtl"):
-            found.append(f"The material library {shown(name)} is not in the model's folder: its materials are painted by "
-                         "paint_rgb. Put it beside the model.")  # fmt: skip
+            found.append(f"The material library {shown(name)} is not in the model's folder: its materials are painted "
+                         "by paint_rgb. Put it beside the model.")  # fmt: skip
         else:
             found.append(f"The texture {shown(name)} is not in the model's folder: it is left out. Put it beside the "
                          "model, and name it by its name alone.")  # fmt: skip
@@ -196,8 +196,8 @@ def _doubts_of_file(keys: Mesh, model: models.Model, reading: Reading) -> list[s
         found.append(f"The file says that it is in {unit}, but scale is {keys.scale:g}: check scale ({UNITS[unit]:g}).")
     coarse = max(_step(shape.vertices) for shape in reading.contents.shapes) * keys.scale
     if coarse > _COARSE_M:
-        found.append(f"It lies {np.linalg.norm(reading.origin_m):,.0f} m from the file's origin, where the file's numbers "
-                     f"of 32 bits have steps of {coarse:.2g} m: move it to the origin, and export it again.")  # fmt: skip
+        found.append(f"It lies {np.linalg.norm(reading.origin_m):,.0f} m from the file's origin, where numbers of 32 "
+                     f"bits have steps of {coarse:.2g} m: move it to the origin, and export it again.")  # fmt: skip
     return found + _doubts_of_axis(keys, model, reading)
 
 
@@ -219,13 +219,14 @@ def _doubts_of_axis(keys: Mesh, model: models.Model, reading: Reading) -> list[s
         uneven["y"], uneven["z"] = uneven["z"], uneven["y"]
     usual = usual_up(model)
     other = "z" if usual == "y" else "y"
-    stated = f"along {usual} (the format's usual axis) the steel is uneven by {uneven[usual]:.0%}, along {other} by "              f"{uneven[other]:.0%}"  # fmt: skip
+    stated = f"the steel is uneven by {uneven[usual]:.0%} along {usual}, the format's usual axis, and by "
+    stated += f"{uneven[other]:.0%} along {other}"
     if uneven[usual] < _EVEN and uneven[other] > max(2 * uneven[usual], uneven[usual] + _UNEVEN):
-        return [f'{other} seems to point up: {stated}. A grab is uneven along the vertical: give grab.up="{other}" if the '
-                "pictures show it on its side."]  # fmt: skip
+        return [f"{other} seems to point up: {stated}. A grab is uneven along the vertical. Give grab.up=\"{other}\" "
+                "if the pictures show it on its side."]  # fmt: skip
     if uneven[usual] < max(2 * uneven[other], uneven[other] + _UNEVEN):
-        return [f'Which axis points up is not clear: {stated}. Look at the pictures, and give grab.up="{usual}" or '
-                f'grab.up="{other}".']  # fmt: skip
+        return [f"It is not clear whether {usual} or {other} points up: {stated}. Look at the pictures, and give "
+                f"grab.up=\"{usual}\" or grab.up=\"{other}\"."]  # fmt: skip
     return []
 
 
@@ -239,11 +240,11 @@ def _unevenness(reading: Reading, axis: int) -> float:
     solids = [piece.solid for piece in reading.pieces]
     corners = np.concatenate([solid.triangles[..., axis] for solid in solids])
     areas = np.concatenate([solid.area_faces for solid in solids])
-    share = sum(
+    shares = [
         np.histogram(corners @ place, bins=_SLICES, range=(corners.min(), corners.max()), weights=areas)[0]
         for place in _WITHIN
-    )
-    below = np.concatenate([[0.0], np.cumsum(share / share.sum())])
+    ]
+    below = np.concatenate([[0.0], np.cumsum(np.sum(shares, axis=0))]) / np.sum(shares)
     return float(np.abs(below + below[::-1] - 1.0).max())
 
 

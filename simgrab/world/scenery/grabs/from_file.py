@@ -289,7 +289,8 @@ def _contents(model: Model) -> Contents:
 
 def _placed(shape: Shape, pose: Array, name: str) -> Array:
     """Give the vertices of a shape in the file's frame, metres, z up."""
-    points = np.asarray(shape.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
+    with np.errstate(invalid="ignore", over="ignore"):  # refused below, but where no face uses it
+        points = np.asarray(shape.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
     used = points[np.unique(shape.faces)]
     if not np.isfinite(used).all():
         raise _refuse(f"{name}: {shown(shape.nodes[0])} has coordinates that are not finite numbers")
