@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from simgrab.errors import first_line
 from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
 
@@ -49,7 +50,14 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     if not is_dir(path, refuse):
         return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
     root, files = path.resolve(), dict[str, bytes]()
-    for file in sorted(path.iterdir()):
+    path = path if path.name not in ("", "..") else root
+    if not path.name:
+        raise refuse(f"{path} is the root of a disk; name a folder of photographs")
+    try:
+        listed = sorted(path.iterdir())
+    except OSError as problem:
+        raise refuse(f"{path}: cannot be listed ({first_line(problem)})") from None
+    for file in listed:
         if _ending(file.name) in PHOTOGRAPHS:
             if not file.resolve().is_relative_to(root):
                 raise refuse(f"{file.name} is a link to a file outside {path.name}")

@@ -316,14 +316,14 @@ def test_no_table_opens_a_file_by_itself(tmp_path):
     )
     for text, said in (
         (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ file = "{secret}", sha256 = "" }}]', r"is read by simgrab\.load"),
-        (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ model = "mesh", file = "{secret}" }}]', "outside its folder"),
+        (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ model = "mesh", file = "{secret}" }}]', "outside of"),
         (f'[vary."grab.file"]\ndist = "one-of"\nvalues = ["{secret}"]', "varies with its table"),
         (f'[vary."grab.file+grab.scale"]\ndist = "one-of"\nvalues = [{{ "grab.file" = "{secret}", "grab.scale" = 1 }}]',
          "varies with its table"),
     ):  # fmt: skip
         scene.write_text(head + text, "utf-8")
         with pytest.raises(ScenarioError, match=said):
-            scenes.load(scene)
+            scenes.load(scene, within=tmp_path / "own")
 
 
 def test_equal_files_of_two_names_keep_their_names(files, tmp_path):
