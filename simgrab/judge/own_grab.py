@@ -36,7 +36,7 @@ _ASIDE = 0.05  # share of the width by which the centre of mass may lie beside t
 _HINGE_M = 0.5  # a hinge so far outside of the grab is likely in another unit
 _FAR_M = 0.15  # a rope's end so far from any steel ends in the air
 _COARSE_M = 0.002  # steps of coordinates that show
-_EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 200  # along an axis: may be even, differs from another, and how finely measured
+_EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 50  # along an axis: may be even, differs from another, and how finely measured
 _MOST_LISTED = 20  # groups of nodes, and nodes
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
@@ -230,22 +230,22 @@ def _doubts_of_axis(keys: Mesh, model: models.Model, reading: Reading) -> list[s
     return []
 
 
-_WITHIN = np.array([(i + a, j + a, 4 - i - j - 2 * a) for a, n in ((1 / 3, 4), (2 / 3, 3))
-                    for i in range(n) for j in range(n - i)]) / 4  # fmt: skip
-"""Points evenly within a triangle, by the shares of its corners."""
-
-
 def _unevenness(reading: Reading, axis: int) -> float:
     """Give how far the steel along an axis differs from its mirror image: 0 where it does not, at most 1."""
-    solids = [piece.solid for piece in reading.pieces]
-    corners = np.concatenate([solid.triangles[..., axis] for solid in solids])
-    areas = np.concatenate([solid.area_faces for solid in solids])
-    shares = [
-        np.histogram(corners @ place, bins=_SLICES, range=(corners.min(), corners.max()), weights=areas)[0]
-        for place in _WITHIN
-    ]
-    below = np.concatenate([[0.0], np.cumsum(np.sum(shares, axis=0))]) / np.sum(shares)
+    corners = np.concatenate([piece.solid.triangles[..., axis] for piece in reading.pieces])
+    areas = np.concatenate([piece.solid.area_faces for piece in reading.pieces])
+    span, shares = (corners.min(), corners.max()), np.zeros(_SLICES)
+    for place in _within(int(np.clip(np.sqrt(2e5 / len(corners)), 1, 40))):
+        shares += np.histogram(corners @ place, bins=_SLICES, range=span, weights=areas)[0]
+    below = np.concatenate([[0.0], np.cumsum(shares)]) / max(shares.sum(), 1e-300)
     return float(np.abs(below + below[::-1] - 1.0).max())
+
+
+def _within(n: int) -> Array:
+    """Give the middles of the n² equal triangles that a triangle consists of, as shares of its corners, (n², 3)."""
+    middles = [(i + a, j + a) for a, m in ((1 / 3, n), (2 / 3, n - 1)) for i in range(m) for j in range(m - i)]
+    first, second = np.array(middles).T / n
+    return np.stack([first, second, 1.0 - first - second], axis=1)
 
 
 def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:

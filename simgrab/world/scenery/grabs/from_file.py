@@ -29,6 +29,7 @@ LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
 FARTHEST_M = 1e8
 FAR_M = 100.0  # a model so far from the file's origin is moved to it, so that no digits are lost
 PLATE_M = 0.012  # of steel that is drawn as a surface without thickness
+LEAST_M = 1e-6  # of a body's volume by its area
 _APART_M = 0.02  # of the mean of the rope ends and A, seen from above
 _UP = {  # by the file's axis that points up: rows are our axes, z up, in those of the file
     "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
@@ -338,13 +339,17 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
     order = np.argsort(labels, kind="stable")
     for own_faces in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         one = trimesh.Trimesh(mesh.vertices, mesh.faces[own_faces], process=False)
-        if one.is_watertight and one.is_winding_consistent:
-            if one.volume < 0:
+        corners = np.asarray(one.triangles) - one.triangles[0, 0]
+        volume = float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6
+        # A sheet whose back is a second surface is closed too, and holds nothing.
+        if one.is_watertight and one.is_winding_consistent and abs(volume) > LEAST_M * float(one.area):
+            if volume < 0:
                 outwards[own_faces] = False
                 one.invert()
             solids.append(one)
         else:
             closed = False
+            one.update_faces(one.unique_faces())
             solids.append(_plates(one))
     return trimesh.util.concatenate(solids), closed, outwards
 

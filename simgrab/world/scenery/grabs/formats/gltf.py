@@ -86,10 +86,13 @@ class _Buffers:
         buffer = self._content["buffers"][number]
         uri, first = buffer.get("uri"), view.get("byteOffset", 0)
         if uri is None:
-            compressed = sorted(extensions.COMPRESSED & set(view.get("extensions", {})))
-            if compressed or number or self._model.format != "glb":
-                raise self._refuse(f"needs {compressed[0]}: export it without compression" if compressed else
-                                   f"buffer {number} has no data")  # fmt: skip
+            if number or self._model.format != "glb":
+                compressed = sorted(extensions.COMPRESSED & set(view.get("extensions", {})))
+                raise self._refuse(
+                    f"needs {compressed[0]}: export it without compression"
+                    if compressed
+                    else f"buffer {number} has no data"
+                )
             whole = memoryview(self._model.data)[28 + int.from_bytes(self._model.data[12:16], "little") :]
         else:
             whole = memoryview(self._of_uri(uri) or b"")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from simgrab.utilities.parse import shown
+
 READ = {
     "KHR_texture_transform", "KHR_mesh_quantization", "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp",
     "KHR_node_visibility", "EXT_mesh_gpu_instancing", "MSFT_lod",
@@ -72,6 +74,6 @@ def remarks(used: Iterable[str]) -> tuple[list[str], list[str]]:
         elif name in UNREAD:
             unread.append(f"{name}: {UNREAD[name]}")
         elif name not in READ | COMPRESSED | set(PICTURES):
-            doubts.append(f"It uses the extension {name}, which is unknown here: what it changes is not shown. Export "
-                          "without it.")  # fmt: skip
+            doubts.append(f"It uses the extension {shown(name)}, which is unknown here: what it changes is not shown. "
+                          "Export without it.")  # fmt: skip
     return doubts, unread

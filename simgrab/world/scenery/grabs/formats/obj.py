@@ -251,8 +251,8 @@ def _number(word: str) -> float | None:
 
 
 def _set_colour(look: _Look, words: list[str]) -> None:
-    levels = [min(max(level, 0.0), 1.0) for word in words[:3] if (level := _number(word)) is not None]
-    if len(levels) not in (1, 3):  # one stands for all three
+    levels = [min(max(level, 0.0), 1.0) for word in words if (level := _number(word)) is not None]
+    if len(levels) != len(words) or len(levels) not in (1, 3):  # one stands for all three
         return _doubt(look, f"Kd {shown(' '.join(words))} is not read: give red, green and blue.")
     red, green, blue = (levels * 3)[:3]
     look.surface = replace(look.surface, rgb=(red, green, blue))
