@@ -234,9 +234,9 @@ def _unevenness(reading: Reading, axis: int) -> float:
     """Give how far the steel along an axis differs from its mirror image: 0 where it does not, at most 1."""
     corners = np.concatenate([piece.solid.triangles[..., axis] for piece in reading.pieces])
     areas = np.concatenate([piece.solid.area_faces for piece in reading.pieces])
-    span, shares = (corners.min(), corners.max()), np.zeros(_SLICES)
-    for place in _within(int(np.clip(np.sqrt(2e5 / len(corners)), 1, 40))):
-        shares += np.histogram(corners @ place, bins=_SLICES, range=span, weights=areas)[0]
+    places = corners @ _within(int(np.clip(np.sqrt(2e5 / len(corners)), 1, 40))).T
+    weights = np.broadcast_to(areas[:, None], places.shape)
+    shares, _ = np.histogram(places, bins=_SLICES, range=(corners.min(), corners.max()), weights=weights)
     below = np.concatenate([[0.0], np.cumsum(shares)]) / max(shares.sum(), 1e-300)
     return float(np.abs(below + below[::-1] - 1.0).max())
 

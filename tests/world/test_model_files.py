@@ -1056,3 +1056,25 @@ def test_a_sheet_whose_back_is_a_second_surface_is_a_plate(tmp_path):
     (piece,) = found.reading.pieces
     assert not piece.closed
     assert float(piece.solid.volume) == pytest.approx(2 * 4 * 0.012, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.png", "sub/../../secret.png", "{outer}/secret.png", "link.png", "..\\secret.png"]
+)
+@pytest.mark.parametrize("kind", ["obj", "ply", "glb"])
+def test_a_model_reads_no_file_outside_its_folder(kind, name, tmp_path):
+    """A picture there is left out, and named."""
+    name = name.format(outer=tmp_path)
+    (tmp_path / "secret.png").write_bytes(png())
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "link.png").symlink_to(tmp_path / "secret.png")
+    gltf = Gltf().texture().material(**base_colour())
+    gltf.content["images"] = [{"uri": name}]
+    files = {
+        "obj": lambda: textured(f"map_Kd {name}"), "glb": lambda: {"a.glb": gltf.glb()},
+        "ply": lambda: {"a.ply": ply("ascii", XYZST, INDICES, (SQUARE, PF), comments=f"comment TextureFile {name}\n")},
+    }[kind]()  # fmt: skip
+    found = Found(tmp_path / "own", files)
+    assert set(found.model.files) == set(files)
+    assert not found.textured
+    assert "is not in the model's folder: it is left out" in found.doubts
