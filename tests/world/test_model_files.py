@@ -254,7 +254,7 @@ OBJ = {
     "index before the first": ({"a.obj": VERTICES + "f 1 2 -9\n"}, "a vertex before the first of 8"),
     "index zero": ({"a.obj": VERTICES + "f 0 1 2\n"}, "a face names"),
     "texture index beyond": ({"a.obj": VERTICES + UVS + "f 1/1 2/2 3/4\n"}, "texture coordinate 4 of 3"),
-    "no number": ({"a.obj": "v 0 0 x\n" + FACES}, "not a valid OBJ"),
+    "no number": ({"a.obj": "v 0 0 x\n" + FACES}, "cannot read 'v 0 0 x'"),
     "points alone": ({"a.obj": VERTICES}, "shows no triangles"),
     "a face of two corners": ({"a.obj": VERTICES + "f 1 2\n"}, "shows no triangles"),
 }  # fmt: skip

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from simgrab.errors import SimgrabError, first_line
 from simgrab.geometry import Array
@@ -83,6 +83,8 @@ class Looks:
                     decoded = np.ascontiguousarray(np.asarray(plain.convert("RGB"), np.uint8))
         except SimgrabError:
             raise
+        except UnidentifiedImageError:
+            raise self._refuse(f"a texture cannot be read: it is none of {', '.join(TEXTURES)}") from None
         except Exception as problem:  # Pillow's decoders raise whatever they run into
             raise self._refuse(f"a texture cannot be read ({first_line(problem)})") from None
         return self._textures.setdefault(digest, decoded)

@@ -47,10 +47,15 @@ class _Buffers:
     def __init__(self, model: Model, content: Mapping[str, Any], refuse: Refuse) -> None:
         self._model, self._content, self._refuse = model, content, refuse
 
-    def read(self, index: int, count: int | None = None) -> NDArray[Any]:
-        """Read an accessor, shape (n, width), with integers that stand for fractions as such; refuses another count."""
+    def read(self, index: int, widths: tuple[int, ...], count: int | None = None) -> NDArray[Any]:
+        """Read an accessor, shape (n, width), with integers that stand for fractions as such.
+
+        Refuses one of another width, or of another count.
+        """
         accessor = self._content["accessors"][index]
         kind, width = np.dtype(_COMPONENTS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
+        if width not in widths:
+            raise self._refuse(f"accessor {index} is of type {accessor['type']}, which does not fit its use")
         if count is not None and accessor["count"] != count:
             raise self._refuse(f"accessor {index} has {accessor['count']} values for {count} vertices")
         if "bufferView" in accessor:
@@ -195,12 +200,12 @@ class _Scene:
         compressed = sorted(extensions.COMPRESSED & set(primitive.get("extensions", {})))
         if compressed and not self._buffers.has(at):
             raise self._refuse(f"needs {compressed[0]}: export it without compression")
-        vertices = self._buffers.read(at).astype(float)
+        vertices = self._buffers.read(at, (3,)).astype(float)
         for weight, target in zip(weights, primitive.get("targets", []), strict=False):
             if weight and "POSITION" in target:
-                vertices += weight * self._buffers.read(target["POSITION"], len(vertices))
+                vertices += weight * self._buffers.read(target["POSITION"], (3,), len(vertices))
         if "indices" in primitive:
-            corners = self._buffers.read(primitive["indices"]).ravel().astype(np.int64)
+            corners = self._buffers.read(primitive["indices"], (1,)).ravel().astype(np.int64)
         else:
             corners = np.arange(len(vertices))
         if len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices):
@@ -222,11 +227,11 @@ class _Scene:
         if material is not None and material.surface.texture is not None:
             name = f"TEXCOORD_{material.uv_set}"
             if name in attributes:
-                uv = material.placed(self._buffers.read(attributes[name], count).astype(float))
+                uv = material.placed(self._buffers.read(attributes[name], (2,), count).astype(float))
             else:
                 self._doubts[f"A mesh has no {name}, which its texture needs: export texture coordinates."] = None
         if "COLOR_0" in attributes:
-            levels = self._buffers.read(attributes["COLOR_0"], count)
+            levels = self._buffers.read(attributes["COLOR_0"], (3, 4), count)
             if levels.dtype.kind == "u":
                 levels = levels / float(np.iinfo(levels.dtype).max)
             levels = np.clip(levels, 0.0, 1.0)
@@ -239,7 +244,8 @@ class _Scene:
 
     def _instances(self, node: Mapping[str, Any]) -> list[Array]:
         found = _extension(node, "EXT_mesh_gpu_instancing").get("attributes", {})
-        rows = {name: self._buffers.read(found[name]) for name in ("TRANSLATION", "ROTATION", "SCALE") if name in found}
+        widths = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
+        rows = {name: self._buffers.read(found[name], (width,)) for name, width in widths.items() if name in found}
         count = max(map(len, rows.values()), default=1)
         if count > MOST_NODES:
             raise self._refuse(f"shows {count} instances; the limit is {MOST_NODES}")
@@ -251,13 +257,13 @@ class _Scene:
         """Place vertices by the joints, as they stand in the file's rest pose."""
         joints = np.stack([poses.get(number, np.eye(4)) for number in skin["joints"]])
         if "inverseBindMatrices" in skin:
-            bound = self._buffers.read(skin["inverseBindMatrices"])[: len(joints)].reshape(-1, 4, 4)
+            bound = self._buffers.read(skin["inverseBindMatrices"], (16,))[: len(joints)].reshape(-1, 4, 4)
             joints = joints @ bound.swapaxes(1, 2)
         moved, total = np.zeros_like(vertices), np.zeros((len(vertices), 1))
         attributes, number = primitive["attributes"], 0
         while f"JOINTS_{number}" in attributes:
-            which = self._buffers.read(attributes[f"JOINTS_{number}"], len(vertices)).astype(np.int64)
-            shares = self._buffers.read(attributes[f"WEIGHTS_{number}"], len(vertices)).astype(float)
+            which = self._buffers.read(attributes[f"JOINTS_{number}"], (4,), len(vertices)).astype(np.int64)
+            shares = self._buffers.read(attributes[f"WEIGHTS_{number}"], (4,), len(vertices)).astype(float)
             for column in range(4):
                 pose, share = joints[which[:, column]], shares[:, column, None]
                 moved += share * (np.einsum("nij,nj->ni", pose[:, :3, :3], vertices) + pose[:, :3, 3])

@@ -38,6 +38,49 @@ class _Polygons:
 
 
 @dataclass
+class _Text:
+    """What the lines of a file state, up to one of them."""
+
+    points: list[tuple[float, float, float]] = field(default_factory=list)
+    uvs: list[tuple[float, float]] = field(default_factory=list)
+    colours: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    parts: dict[_Part, _Polygons] = field(default_factory=dict)
+    keywords: set[str] = field(default_factory=set)
+    part: _Part = ("", "", "")
+
+    def add(self, line: str) -> None:
+        """Take the next line."""
+        words = line.split()
+        match words[0]:
+            case "v":
+                if len(words) >= 7:
+                    self.colours[len(self.points)] = tuple(map(float, words[4:7]))
+                self.points.append((float(words[1]), float(words[2]), float(words[3])))
+            case "vt":
+                self.uvs.append((float(words[1]), float(words[2]) if len(words) > 2 else 0.0))
+            case "f" | "fo":
+                self._add_face(words[1:])
+            case "o":
+                self.part = (line[1:].strip(), *self.part[1:])
+            case "g":
+                self.part = (self.part[0], line[1:].strip(), self.part[2])
+            case "usemtl":
+                self.part = (*self.part[:2], line[6:].strip())
+            case keyword:
+                self.keywords.add(keyword)
+
+    def _add_face(self, corners: list[str]) -> None:
+        """Add a face; it counts back from what is stated before it."""
+        polygons = self.parts.setdefault(self.part, _Polygons())
+        for corner in corners:
+            v, _, rest = corner.partition("/")
+            vt = rest.partition("/")[0]
+            polygons.v.append(_absolute(int(v), len(self.points)))
+            polygons.vt.append(_absolute(int(vt), len(self.uvs)) if vt else 0)
+        polygons.sizes.append(len(corners))
+
+
+@dataclass
 class _Look:
     """A material of a library, and what of it is not shown."""
 
@@ -54,34 +97,18 @@ def read(model: Model, refuse: Refuse) -> Contents:
 
     Its nodes are its objects, its groups, and one for each object's and group's part of a material.
     """
-    points: list[tuple[float, ...]] = []
-    uvs: list[tuple[float, float]] = []
-    colours: dict[int, tuple[float, ...]] = {}
-    parts: dict[_Part, _Polygons] = {}
-    keywords: set[str] = set()
-    part: _Part = ("", "", "")
+    text = _Text()
     for line in models.lines(model.data):
-        words = line.split()
-        match words[0]:
-            case "v":
-                if len(words) >= 7:
-                    colours[len(points)] = tuple(map(float, words[4:7]))
-                points.append((float(words[1]), float(words[2]), float(words[3])))
-            case "vt":
-                uvs.append((float(words[1]), float(words[2]) if len(words) > 2 else 0.0))
-            case "f" | "fo":
-                _add_face(parts.setdefault(part, _Polygons()), words[1:], len(points), len(uvs))
-            case "o":
-                part = (line[1:].strip(), *part[1:])
-            case "g":
-                part = (part[0], line[1:].strip(), part[2])
-            case "usemtl":
-                part = (*part[:2], line[6:].strip())
-            case keyword:
-                keywords.add(keyword)
+        try:
+            text.add(line)
+        except (ValueError, IndexError, OverflowError):
+            raise refuse(f"cannot read {shown(line)}") from None
+    points, parts, keywords = text.points, text.parts, text.keywords
     looks, doubts = _libraries(model)
     where = np.array(points, float).reshape(-1, 3)
-    shapes = _shapes(parts, where, np.array(uvs, float).reshape(-1, 2), _levels(colours, len(points)), looks, refuse)
+    shapes = _shapes(
+        parts, where, np.array(text.uvs, float).reshape(-1, 2), _levels(text.colours, len(points)), looks, refuse
+    )
     used = dict.fromkeys(name for *_, name in parts if name)
     unknown = [name for name in used if name not in looks]
     if unknown and not model.missing:
@@ -98,23 +125,13 @@ def read(model: Model, refuse: Refuse) -> Contents:
     doubts += _of_keywords(keywords)
     if b"#MRGB" in model.data:
         doubts.append("It has colours of ZBrush (#MRGB), which are not read: export them as v x y z r g b.")
-    if colours and any(look.surface.texture is not None for look in looks.values()):
+    if text.colours and any(look.surface.texture is not None for look in looks.values()):
         doubts.append("Colours of vertices are left out where there is a texture.")
     unread = sorted(set[str]().union(*(looks[name].unread for name in used if name in looks)))
     if keywords & {"l", "p"}:
         unread.append("lines and points")
     comments = re.findall(rb"(?m)^[ \t]*#([^\r\n]{0,200})", model.data[:20_000])
     return Contents(tuple(shapes), tuple(doubts), tuple(unread), stated_unit(b"\n".join(comments).decode("latin-1")))
-
-
-def _add_face(polygons: _Polygons, corners: list[str], points: int, uvs: int) -> None:
-    """Add a face; what it counts back from is what was there when it was stated."""
-    for corner in corners:
-        v, _, rest = corner.partition("/")
-        vt = rest.partition("/")[0]
-        polygons.v.append(_absolute(int(v), points))
-        polygons.vt.append(_absolute(int(vt), uvs) if vt else 0)
-    polygons.sizes.append(len(corners))
 
 
 def _absolute(index: int, count: int) -> int:

@@ -150,7 +150,10 @@ def _elements(data: bytes, header: list[list[str]], refuse: Refuse) -> dict[str,
                 raise refuse(f"has a property of an unknown type: {shown(' '.join(words))}")
             stated[-1][2].append((words[-1], *(_TYPES[word] for word in words[1:-1] if word != "list")))
     if encoding == "ascii":
-        values = np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ")
+        try:
+            values = np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ")
+        except ValueError:
+            raise refuse("holds what is not a number") from None
         stream, order = _Stream(values.tobytes(), "=f8"), "="
     elif encoding in ("binary_little_endian", "binary_big_endian"):
         stream, order = _Stream(data[start:], ""), "<" if "little" in encoding else ">"
