@@ -267,9 +267,7 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
         found.append(f"{faces:,} triangles take long to draw; {MANY_FACES:,} are plenty at these distances.")
     frames = made.frames(0.0)
     steel = trimesh.util.concatenate([b.steel.copy().apply_transform(frames[b.name]) for b in made.bodies])
-    advice = ("check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
-              if keys.file.lower().endswith((".glb", ".gltf")) or keys.up != "auto"
-              else "give rope_ends_m, or up if the file has y up")  # fmt: skip
+    advice = "check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
     for i, end in enumerate(made.terminations):
         nearest = trimesh.triangles.closest_point(steel.triangles, np.tile(end, (len(steel.faces), 1)))
         distance = float(np.linalg.norm(nearest - end, axis=1).min())

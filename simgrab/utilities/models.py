@@ -235,8 +235,13 @@ def lines(data: bytes) -> Iterator[str]:
 
 def libraries(value: str) -> list[str]:
     """Give the names of files in a line ``mtllib``; they may hold spaces."""
-    plain = value.strip().replace('"', "")
-    return re.findall(r"(?i)\S.*?\.mtl(?=\s|$)", plain) or [plain]
+    words, found = value.replace('"', "").split(), list[str]()
+    start = 0
+    for end, word in enumerate(words, 1):
+        if word.lower().endswith(".mtl") or end == len(words):
+            found.append(" ".join(words[start:end]))
+            start = end
+    return found
 
 
 #: Options of MTL's textures, by the most values that each takes.
@@ -246,9 +251,12 @@ MAP_OPTIONS = {
 }  # fmt: skip
 
 
+_MOST_OPTIONS = 4096  # characters
+
+
 def map_name(value: str) -> tuple[str, dict[str, list[str]]]:
     """Give the file's name, which may hold spaces, and the options of MTL's ``map_Kd``."""
-    options, rest = dict[str, list[str]](), value.strip()
+    options, rest = dict[str, list[str]](), value[:_MOST_OPTIONS].strip()
     while (key := rest.split(maxsplit=1)[0].lower() if rest else "") in MAP_OPTIONS:
         rest, options[key] = rest[len(key) :].lstrip(), []
         while len(options[key]) < MAP_OPTIONS[key]:
@@ -313,7 +321,7 @@ def _check_counts(model: Model, refuse: Refuse) -> None:
                 raise refuse("is truncated, or not an STL file")
         case "obj":
             corners = (len(line.split()) - 1 for line in re.findall(rb"(?m)^[ \t]*fo?[ \t].*$", data))
-            faces = sum(max(count - 2, 1) for count in corners)
+            faces, vertices = sum(max(count - 2, 1) for count in corners), len(re.findall(rb"(?m)^[ \t]*v[ \t]", data))
         case _:
             counts = {words[1]: words[2] for words in header(data) if words[:1] == ["element"] and len(words) == 3}
             faces, vertices = (_count(counts.get(name, "0"), refuse) for name in ("face", "vertex"))

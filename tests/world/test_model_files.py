@@ -878,7 +878,7 @@ GLTF = {
     "without indices": (without_indices, {"volume": 8}),
     "two primitives": (two_primitives, {"nodes": [("Box_0", "Box"), ("Box_1", "Box")]}),
     "instances": (instances, {"size": (5, 2, 2), "volume": 16, "nodes": [("Box_0", "Box"), ("Box_1", "Box")]}),
-    "hidden node": (hidden, {"size": (2, 2, 2), "doubts~": "1 nodes are hidden, or not in the scene.*'Gone'"}),
+    "hidden node": (hidden, {"size": (2, 2, 2), "doubts~": "Hidden, or not in the scene that is shown: 'Gone'"}),
     "levels of detail": (levels, {"nodes": [("Box",)], "doubts": ""}),
     "camera with a child": (camera, {"volume": 8, "nodes": [("Box", "0")], "left_out": "cameras"}),
     "scene that is not shown": (other_scene, {"size": (2, 2, 2), "doubts~": "'Elsewhere'"}),
@@ -900,6 +900,8 @@ GLTF = {
         extended("ACME_shape", needs=True),
         "needs the glTF extension 'ACME_shape'.* export it without",
     ),
+    "used and not listed": (
+        lambda g: g.node.update(extensions={"ACME_shape": {}}), {"doubts~": "uses the extension 'ACME_shape'"}),
     "unknown, used": (extended("ACME_shape"), {"doubts~": "uses the extension 'ACME_shape', which is unknown"}),
     "version 1": (simple(asset={"version": "1.0"}), "is of glTF '1.0'"),
     "index beyond": (mode(4, [0, 1, 8]), "a face names vertex 8 of 8"),

@@ -23,6 +23,8 @@ from simgrab.world.scenery.grabs.formats.gltf_materials import Materials
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MOST_TARGETS, _MOST_JOINTS = 100, 16
+"""Of morph targets that have an effect, and of joints of a vertex."""
 
 
 def read(model: Model, refuse: Refuse) -> Contents:
@@ -46,6 +48,7 @@ class _Buffers:
 
     def __init__(self, model: Model, content: Mapping[str, Any], refuse: Refuse) -> None:
         self._model, self._content, self._refuse = model, content, refuse
+        self._wholes: dict[int, memoryview] = {}
 
     def read(self, index: int, widths: tuple[int, ...], count: int | None = None) -> NDArray[Any]:
         """Read an accessor, shape (n, width), with integers that stand for fractions as such.
@@ -84,32 +87,36 @@ class _Buffers:
             raise self._refuse("an accessor reaches beyond its buffer: it is truncated or damaged")
         return np.ndarray((count, width), kind, data, first, (stride, kind.itemsize)).copy()
 
-    def view(self, index: int) -> bytes:
+    def view(self, index: int) -> memoryview:
         """Give the bytes of a buffer view."""
         view = self._content["bufferViews"][index]
-        number = view["buffer"]
-        buffer = self._content["buffers"][number]
-        uri, first = buffer.get("uri"), view.get("byteOffset", 0)
-        if uri is None:
-            if number or self._model.format != "glb":
-                compressed = sorted(extensions.COMPRESSED & set(view.get("extensions", {})))
-                raise self._refuse(
-                    f"needs {compressed[0]}: export it without compression"
-                    if compressed
-                    else f"buffer {number} has no data"
-                )
-            whole = memoryview(self._model.data)[28 + int.from_bytes(self._model.data[12:16], "little") :]
-        else:
-            whole = memoryview(self._of_uri(uri) or b"")
+        whole, first = self._whole(view["buffer"], view), view.get("byteOffset", 0)
         if not 0 <= first <= len(whole) - view["byteLength"]:
             raise self._refuse("a buffer view reaches beyond its buffer: it is truncated or damaged")
-        return bytes(whole[first : first + view["byteLength"]])
+        return whole[first : first + view["byteLength"]]
+
+    def _whole(self, number: int, view: Mapping[str, Any]) -> memoryview:
+        if number in self._wholes:
+            return self._wholes[number]
+        uri = self._content["buffers"][number].get("uri")
+        if uri is not None:
+            whole = memoryview(self._of_uri(uri) or b"")
+        elif number or self._model.format != "glb":
+            compressed = sorted(extensions.COMPRESSED & set(view.get("extensions", {})))
+            raise self._refuse(
+                f"needs {compressed[0]}: export it without compression"
+                if compressed
+                else f"buffer {number} has no data"
+            )
+        else:
+            whole = memoryview(self._model.data)[28 + int.from_bytes(self._model.data[12:16], "little") :]
+        return self._wholes.setdefault(number, whole)
 
     def picture(self, index: int) -> bytes | None:
         """Give the file of an image; None where it is not there."""
         image = self._content["images"][index]
         if "bufferView" in image:
-            return self.view(image["bufferView"])
+            return bytes(self.view(image["bufferView"]))
         return self._of_uri(image["uri"]) if "uri" in image else None
 
     def _of_uri(self, uri: str) -> bytes | None:
@@ -133,17 +140,23 @@ class _Scene:
         """Give all shapes, and what is not shown."""
         shown_nodes = list(self._walk())
         poses = {number: pose for number, pose, _ in shown_nodes}
-        shapes = [shape for number, pose, above in shown_nodes for shape in self._of_node(number, pose, above, poses)]
+        shapes: list[Shape] = []
+        for number, pose, above in shown_nodes:
+            shapes += self._of_node(number, pose, above, poses)
+            if len(shapes) > 2 * MOST_NODES:
+                raise self._refuse(f"shows more than {2 * MOST_NODES} primitives: join some")
         hidden = [number for number, node in enumerate(self._nodes) if "mesh" in node and number not in poses]
         levels = {one for node in self._nodes for one in _extension(node, "MSFT_lod").get("ids", [])}
         hidden = [number for number in hidden if number not in levels]
         if hidden:
             some = ", ".join(shown(self._names[number]) for number in hidden[:6])
-            self._doubts[f"{len(hidden)} nodes are hidden, or not in the scene that is shown: {some}."] = None
+            more = f" and {len(hidden) - 6} more" if len(hidden) > 6 else ""
+            self._doubts[f"Hidden, or not in the scene that is shown: {some}{more}. Export them in that scene if they "
+                         "are of the grab."] = None  # fmt: skip
         for key in ("animations", "cameras"):
             if self._content.get(key):
                 self._unread[key] = None
-        doubts, unread = extensions.remarks(self._content.get("extensionsUsed", []))
+        doubts, unread = extensions.remarks(extensions.used(self._content))
         return Contents(tuple(shapes), (*doubts, *self._doubts, *self._materials.doubts),
                         tuple(dict.fromkeys([*unread, *self._unread, *self._materials.unread])))  # fmt: skip
 
@@ -201,8 +214,11 @@ class _Scene:
         if compressed and not self._buffers.has(at):
             raise self._refuse(f"needs {compressed[0]}: export it without compression")
         vertices = self._buffers.read(at, (3,)).astype(float)
-        for weight, target in zip(weights, primitive.get("targets", []), strict=False):
-            if weight and "POSITION" in target:
+        targets = [(w, target) for w, target in zip(weights, primitive.get("targets", []), strict=False) if w]
+        if len(targets) > _MOST_TARGETS:
+            raise self._refuse(f"has {len(targets)} morph targets at once; the limit is {_MOST_TARGETS}")
+        for weight, target in targets:
+            if "POSITION" in target:
                 vertices += weight * self._buffers.read(target["POSITION"], (3,), len(vertices))
         if "indices" in primitive:
             corners = self._buffers.read(primitive["indices"], (1,)).ravel().astype(np.int64)
@@ -261,7 +277,7 @@ class _Scene:
             joints = joints @ bound.swapaxes(1, 2)
         moved, total = np.zeros_like(vertices), np.zeros((len(vertices), 1))
         attributes, number = primitive["attributes"], 0
-        while f"JOINTS_{number}" in attributes:
+        while f"JOINTS_{number}" in attributes and number < _MOST_JOINTS // 4:
             which = self._buffers.read(attributes[f"JOINTS_{number}"], (4,), len(vertices)).astype(np.int64)
             shares = self._buffers.read(attributes[f"WEIGHTS_{number}"], (4,), len(vertices)).astype(float)
             for column in range(4):

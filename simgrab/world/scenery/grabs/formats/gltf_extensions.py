@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from simgrab.utilities.parse import shown
 
@@ -65,10 +66,26 @@ def required(needed: object) -> list[str]:
     return [name for name in names if name not in READ and name not in UNREAD and not name.startswith(looks)]
 
 
-def remarks(used: Iterable[str]) -> tuple[list[str], list[str]]:
+def used(content: Mapping[str, Any]) -> list[str]:
+    """Give all extensions that a file uses, whether it lists them or not."""
+    stated = content.get("extensionsUsed", [])
+    names = dict.fromkeys(map(str, stated if isinstance(stated, list) else [stated]))
+    waiting: list[Any] = [content]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            found = value.get("extensions")
+            names |= dict.fromkeys(found if isinstance(found, dict) else ())
+            waiting += [inner for key, inner in value.items() if key != "extras"]
+        elif isinstance(value, list):
+            waiting += value
+    return list(names)
+
+
+def remarks(names: Iterable[str]) -> tuple[list[str], list[str]]:
     """Give doubts, and what is left out, for the extensions that a file uses."""
     doubts, unread = [], []
-    for name in dict.fromkeys(map(str, used)):
+    for name in names:
         if name in DOUBTS:
             doubts.append(f"It uses {name}: {DOUBTS[name]}.")
         elif name in UNREAD:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab.geometry import Array
 from simgrab.utilities import models
-from simgrab.utilities.models import Model
+from simgrab.utilities.models import MOST_FACES, Model
 from simgrab.utilities.parse import Refuse, shown
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import triangles
@@ -42,6 +42,8 @@ def read(model: Model, refuse: Refuse) -> Contents:
     named = [name for name in _INDICES if name in lists] or lists[:1]
     indices, sizes = face[named[0]] if named else (np.empty(0, int), np.empty(0, int))
     strips = next((elements["tristrips"][name] for name in _INDICES if name in elements.get("tristrips", {})), None)
+    if strips is not None and len(strips[0]) > 2 * MOST_FACES:
+        raise refuse(f"has more than {MOST_FACES} triangles: simplify it")
     if strips is not None:
         indices, sizes = _with_strips(indices.astype(np.int64), sizes, strips[0].astype(np.int64))
     indices = indices.astype(np.int64)

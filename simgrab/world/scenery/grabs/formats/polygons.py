@@ -6,6 +6,7 @@ import mapbox_earcut
 import numpy as np
 
 from simgrab.geometry import Array
+from simgrab.utilities.models import MOST_FACES
 from simgrab.world.scenery.grabs.formats.contents import Faces
 
 MOST_CORNERS = 5_000
@@ -32,8 +33,10 @@ def triangles(points: Array, sizes: Faces) -> tuple[Faces, Faces]:
     Raises
     ------
     ValueError
-        If a polygon has more than `MOST_CORNERS` corners.
+        If a polygon has more than `MOST_CORNERS` corners, or all would be more than `MOST_FACES` triangles.
     """
+    if np.maximum(sizes - 2, 0).sum() > MOST_FACES:
+        raise ValueError(f"has more than {MOST_FACES} triangles: simplify it")
     if sizes.max(initial=0) > MOST_CORNERS:
         raise ValueError(f"a face has {sizes.max()} corners; the limit is {MOST_CORNERS}")
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
