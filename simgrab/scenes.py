@@ -35,6 +35,7 @@ def load(
     changes: Mapping[str, Any] | None = None,
     *,
     size: tuple[int, int] | None = None,
+    within: Path | None = None,
 ) -> Scenario:
     """Read a scenario and apply changes to it.
 
@@ -48,6 +49,9 @@ def load(
     size : tuple of 2 ints, optional
         Width and height of the images, px, which then show the same view; see `resized`. The keys ``camera.width_px``
         and ``camera.height_px`` crop instead, because the focal length in pixels stays.
+    within : Path, optional
+        Folder that the models, photographs and fonts which a scene file names must lie in, for a file that is not
+        trusted. By default they may lie anywhere. ``changes`` may name any.
 
     Returns
     -------
@@ -73,7 +77,7 @@ def load(
     for key in sorted(varied & set(changes or ())):
         raise ScenarioError(key, "is set and varies in the same call; leave out one of the two")
     change = _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse))
-    scenario = convert(vary.laid_over(_read(scene), change, changes or ()), Scenario)
+    scenario = convert(vary.laid_over(_read(scene, within), change, changes or ()), Scenario)
     vary.check(scenario)
     return scenario if size is None else resized(scenario, *size)
 
@@ -108,14 +112,14 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
-def _read(scene: str | Path) -> dict[str, Any]:
+def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
     """Plain data of a whole scene: laid over its base where it names one, and over the defaults."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix == ".json":
         return merged(_defaults(), _manifest_scenario(path))
 
     def beside(table: Mapping[str, Any], refuse: Refuse) -> Model:
-        return _kind(table).read(models.inside(path.parent, table["file"], refuse), refuse)
+        return _kind(table).read(_named(path, table, refuse, within), refuse)
 
     data = _with_models(read_toml(path, _REFUSE), beside)
     base = data.pop("base", None)
@@ -128,6 +132,19 @@ def _read(scene: str | Path) -> dict[str, Any]:
 
 def _defaults() -> dict[str, Any]:
     return dict(msgspec.to_builtins(Scenario()))
+
+
+def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path | None) -> Path:
+    """Find the file that a table of a scene file names: from the scene's folder, or absolute."""
+    file = scene.parent / str(table["file"])
+    if within is not None:
+        try:
+            leaves = not file.resolve().is_relative_to(within.resolve())
+        except (OSError, ValueError, RuntimeError):  # a NUL byte, a loop of links
+            leaves = True
+        if leaves:
+            raise refuse(f"names {shown(table['file'])}, which is outside of {within}")
+    return file
 
 
 def _manifest_scenario(path: Path) -> dict[str, Any]:
@@ -229,8 +246,8 @@ def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse],
     return scenario
 
 
-def model_files(scene: str | Path) -> dict[tuple[str, str], Path]:
-    """Find where the models lie that a scene names, by SHA-256 and file name.
+def model_files(scene: str | Path, within: Path | None = None) -> dict[tuple[str, str], Path]:
+    """Find where the models lie that a scene names, by SHA-256 and file name; parameters as those of `load`.
 
     Raises
     ------
@@ -241,10 +258,10 @@ def model_files(scene: str | Path) -> dict[tuple[str, str], Path]:
     found: dict[tuple[str, str], Path] = {}
 
     def noted(table: Mapping[str, Any], refuse: Refuse) -> Model:
-        name = str(table["file"])
         if path.suffix == ".json":
-            name = f"{copied(str(table.get('sha256')))}/{name}"
-        file = models.inside(path.parent, name, refuse)
+            file = models.inside(path.parent, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
+        else:
+            file = _named(path, table, refuse, within)
         model: Model = _kind(table).read(file, refuse)
         found[model.sha256, model.name] = file
         return model

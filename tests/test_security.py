@@ -1,6 +1,7 @@
 """What SECURITY.md claims of the code as a whole; claims of one room are tested in that room."""
 
 import ast
+import json
 import re
 from pathlib import Path
 
@@ -100,7 +101,7 @@ def texts(node, path=""):
     return ({path} if free else set()).union(*(texts(value, f"{path}.{key}") for key, value in node.items()))
 
 
-def test_a_scene_names_no_file_but_a_grab_a_photograph_or_a_font_in_its_folder(tmp_path):
+def test_a_scene_names_no_file_but_a_grab_a_photograph_or_a_font(tmp_path):
     places = {path.removeprefix(".$defs.") for path in texts(scenario.schema())}
     assert places == {
         "Display.properties.layout.anyOf",  # bundled, tested below
@@ -120,21 +121,62 @@ def test_a_scene_names_no_file_but_a_grab_a_photograph_or_a_font_in_its_folder(t
         (tmp_path / "other.toml").write_text(line, encoding="utf-8")
         with pytest.raises(ScenarioError, match=r"base: .*no bundled scene"):
             scenes.load(tmp_path / "other.toml")
-    (tmp_path / "inner").mkdir()
-    for file in ("a.stl", "inner/a.stl"):
-        trimesh.creation.box((2, 2, 2)).export(tmp_path / file)
-    (tmp_path / "inner" / "link.stl").symlink_to(tmp_path / "a.stl")
-    other = tmp_path / "inner" / "other.toml"
-    for file in ("../a.stl", str(tmp_path / "a.stl"), "link.stl", "../inner/../a.stl"):
-        other.write_text(f'[grab]\nmodel = "mesh"\nfile = "{file}"', encoding="utf-8")
-        with pytest.raises(ScenarioError, match=r"grab\.file: .*outside its folder"):
-            scenes.load(other)
-    other.write_text('[grab]\nmodel = "mesh"\nfile = "a.stl"', encoding="utf-8")
-    assert scenes.load(other).grab.file == "a.stl"
     layout = ASSETS / "osd" / "two-by-four.toml"
     for name in (layout, "../osd/two-by-four"):
         with pytest.raises(ScenarioError, match="layout must be one of"):
             scenes.load("calm-day", {"display.layout": str(name)})
+
+
+ELSEWHERE = ("../a.stl", "{outer}/a.stl", "link.stl", "../inner/../a.stl")
+
+
+@pytest.fixture
+def scene_of(tmp_path):
+    """Writes a scene file in an inner folder that names a model; there is one outside, and links to it."""
+    (tmp_path / "inner").mkdir()
+    for file in ("a.stl", "inner/a.stl"):
+        trimesh.creation.box((2, 2, 2)).export(tmp_path / file)
+    (tmp_path / "inner" / "link.stl").symlink_to(tmp_path / "a.stl")
+
+    def written(file):
+        scene = tmp_path / "inner" / "scene.toml"
+        scene.write_text(f'[grab]\nmodel = "mesh"\nfile = "{file}"', encoding="utf-8")
+        return scene
+
+    return written
+
+
+@pytest.mark.parametrize("file", ELSEWHERE)
+def test_a_file_that_a_scene_names_may_lie_anywhere(scene_of, tmp_path, file):
+    scenario = scenes.load(scene_of(file.format(outer=tmp_path)))
+    assert scenario.grab.file == file.rpartition("/")[2]
+    assert str(tmp_path) not in str(scenario.to_dict())
+
+
+@pytest.mark.parametrize("file", [*ELSEWHERE, "b\\u0000.stl"])
+def test_a_folder_that_files_may_not_leave(scene_of, tmp_path, file):
+    scene = scene_of(file.format(outer=tmp_path))
+    with pytest.raises(ScenarioError, match=r"grab\.file: .*outside of .*inner"):
+        scenes.load(scene, within=tmp_path / "inner")
+    assert scenes.load(scene_of("a.stl"), within=tmp_path / "inner").grab.file == "a.stl"
+
+
+@pytest.mark.parametrize(
+    "file", ["b\\u0000.stl", "", "..", "/", ".", "none.stl", "../../../../none.stl", "/etc/passwd"]
+)
+def test_a_path_to_nothing_of_use_is_refused_in_one_line(scene_of, file):
+    with pytest.raises(ScenarioError, match=r"grab\.file|file") as refused:
+        scenes.load(scene_of(file))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("file", ["../../a.stl", "{outer}/a.stl", "../a.stl"])
+def test_a_manifest_names_no_file_outside_its_dataset(scene_of, tmp_path, file):
+    data = scenes.load(scene_of("a.stl")).to_dict()
+    data["grab"]["file"] = file.format(outer=tmp_path)
+    (tmp_path / "inner" / "manifest.json").write_text(json.dumps({"scenario": data}), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"grab\.file: .*(outside its folder|No such file)"):
+        scenes.load(tmp_path / "inner" / "manifest.json")
 
 
 def test_every_test_that_is_named_exists():

@@ -25,7 +25,7 @@ from simgrab.utilities.parse import shown
 from simgrab.utilities.pictures import encode
 from simgrab.world import gl
 from simgrab.world.scenery.grabs.design import Design
-from simgrab.world.scenery.grabs.from_file import PLATE_M, Piece, design, pieces, usual_up
+from simgrab.world.scenery.grabs.from_file import PLATE_M, UNITS, Piece, Reading, design, read, usual_up
 from simgrab.world.scenery.model import GRAB, ROPE, build
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
@@ -35,6 +35,8 @@ MANY_FACES = 150_000
 _ASIDE = 0.05  # share of the width by which the centre of mass may lie beside the ropes' axis
 _HINGE_M = 0.5  # a hinge so far outside of the grab is likely in another unit
 _FAR_M = 0.15  # a rope's end so far from any steel ends in the air
+_COARSE_M = 0.002  # steps of coordinates that show
+_EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 50  # along an axis: may be even, differs from another, and how finely measured
 _MOST_LISTED = 20  # groups of nodes, and nodes
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
@@ -107,10 +109,10 @@ def check(scene: Scenario) -> Understood:
     keys = scene.grab
     assert isinstance(keys, Mesh)
     model = models.recall(keys.sha256, keys.file, functools.partial(ScenarioError, "grab.file"))
-    found = pieces(keys, model)
-    made = design(keys, found)
-    missing = [f"The texture {shown(name)} is not there." for name in model.missing]
-    return Understood(_facts(keys, model, found, made), missing + _doubts(keys, found, made), turntable(scene))
+    reading = read(keys, model)
+    made = design(keys, reading)
+    doubts = _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
+    return Understood(_facts(keys, model, reading, made), doubts, turntable(scene))
 
 
 def _extent(design: Design) -> tuple[Array, Array]:
@@ -127,7 +129,7 @@ def _listed(parts: list[Piece]) -> str:
     """List nodes that a jaw can name: those that show something, and groups of them, such as ``Jaw (Rod, Shell)``."""
     below: dict[str, set[str]] = {}
     for piece in parts:
-        for node in piece.nodes[1:-1]:  # the last is the scene's own
+        for node in piece.nodes[1:]:
             below.setdefault(node, set()).add(piece.nodes[0])
     alone = sorted({piece.nodes[0] for piece in parts} - set(below))
     groups = [f"{node} ({', '.join(sorted(held)[:4])}{', …' if len(held) > 4 else ''})" for node, held in below.items()]
@@ -136,10 +138,12 @@ def _listed(parts: list[Piece]) -> str:
     return ", ".join(sorted(groups)[:_MOST_LISTED] + alone[:_MOST_LISTED] + more)
 
 
-def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) -> list[tuple[str, str]]:
+def _facts(keys: Mesh, model: models.Model, reading: Reading, made: Design) -> list[tuple[str, str]]:
+    parts = reading.pieces
     low, high = _extent(made)
     width, length, height = high - low
-    centre = np.concatenate([piece.vertices for piece in parts]).min(axis=0) - low  # A, from the file's origin
+    # A, from the file's origin
+    centre = np.concatenate([piece.vertices for piece in parts]).min(axis=0) - low + reading.origin_m
     mass = made.mass_of(0.0, 0.0)
     up = f"{usual_up(model)} (the format's usual one)" if keys.up == "auto" else keys.up
     others = sorted(set(model.files) - {model.name})
@@ -157,6 +161,7 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
         ("nodes", _listed(parts)),
         ("materials", f"{len(materials)}, of which {textured} with a texture"
                       + ("; paint_rgb, wear and residue apply" if painted else "")),
+        ("left out", "; ".join(reading.contents.unread) or "nothing"),
         ("centre A", f"({_metres(centre)}) m from the file's origin, z up"
                      + (" (at half the height on the ropes' axis)" if keys.centre_m is None else "")),
         ("ropes", f"{keys.ropes}, ending at "
@@ -172,6 +177,75 @@ def _facts(keys: Mesh, model: models.Model, parts: list[Piece], made: Design) ->
         ("wind", f"Cd·A = {made.cd_a_m2:.1f} m²" + ("" if keys.drag_area_m2 is not None else " (from the outline)")),
     ]  # fmt: skip
     return facts
+
+
+def _doubts_of_file(keys: Mesh, model: models.Model, reading: Reading) -> list[str]:
+    """Say what of a file is not there, is not read, or is likely meant otherwise."""
+    found = []
+    for name in model.missing:
+        if name.lower().endswith(".mtl"):
+            found.append(f"The material library {shown(name)} is not in the model's folder: its materials are painted "
+                         "by paint_rgb. Put it beside the model.")  # fmt: skip
+        else:
+            found.append(f"The texture {shown(name)} is not in the model's folder: it is left out. Put it beside the "
+                         "model, and name it by its name alone.")  # fmt: skip
+    if keys.finish == "file":
+        found += reading.contents.doubts
+    unit = reading.contents.unit
+    if unit and not np.isclose(keys.scale, UNITS[unit]):
+        found.append(f"The file says that it is in {unit}, but scale is {keys.scale:g}: check scale ({UNITS[unit]:g}).")
+    coarse = max(_step(shape.vertices) for shape in reading.contents.shapes) * keys.scale
+    if coarse > _COARSE_M:
+        found.append(f"It lies {np.linalg.norm(reading.origin_m):,.0f} m from the file's origin, where numbers of 32 "
+                     f"bits have steps of {coarse:.2g} m: move it to the origin, and export it again.")  # fmt: skip
+    return found + _doubts_of_axis(keys, model, reading)
+
+
+def _step(vertices: Array) -> float:
+    """Give the distance of neighbouring numbers of 32 bits at the farthest coordinate; 0 where others are used."""
+    single = np.asarray(vertices, np.float32)
+    return float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
+
+
+def _doubts_of_axis(keys: Mesh, model: models.Model, reading: Reading) -> list[str]:
+    """Compare the axes that may point up, where no key says which does.
+
+    A grab is alike to both sides, but not above and below: the axis along which the steel lies least evenly points up.
+    """
+    if keys.up != "auto":
+        return []
+    uneven = {name: _unevenness(reading, axis) for axis, name in enumerate("xyz")}
+    if model.format in ("glb", "gltf"):  # our axes of a file with y up: (x, -z, y)
+        uneven["y"], uneven["z"] = uneven["z"], uneven["y"]
+    usual = usual_up(model)
+    other = "z" if usual == "y" else "y"
+    stated = f"the steel is uneven by {uneven[usual]:.0%} along {usual}, the format's usual axis, and by "
+    stated += f"{uneven[other]:.0%} along {other}"
+    if uneven[usual] < _EVEN and uneven[other] > max(2 * uneven[usual], uneven[usual] + _UNEVEN):
+        return [f"{other} seems to point up: {stated}. A grab is uneven along the vertical. Give grab.up=\"{other}\" "
+                "if the pictures show it on its side."]  # fmt: skip
+    if uneven[usual] < max(2 * uneven[other], uneven[other] + _UNEVEN):
+        return [f"It is not clear whether {usual} or {other} points up: {stated}. Look at the pictures, and give "
+                f"grab.up=\"{usual}\" or grab.up=\"{other}\"."]  # fmt: skip
+    return []
+
+
+def _unevenness(reading: Reading, axis: int) -> float:
+    """Give how far the steel along an axis differs from its mirror image: 0 where it does not, at most 1."""
+    corners = np.concatenate([piece.solid.triangles[..., axis] for piece in reading.pieces])
+    areas = np.concatenate([piece.solid.area_faces for piece in reading.pieces])
+    places = corners @ _within(int(np.clip(np.sqrt(2e5 / len(corners)), 1, 40))).T
+    weights = np.broadcast_to(areas[:, None], places.shape)
+    shares, _ = np.histogram(places, bins=_SLICES, range=(corners.min(), corners.max()), weights=weights)
+    below = np.concatenate([[0.0], np.cumsum(shares)]) / max(shares.sum(), 1e-300)
+    return float(np.abs(below + below[::-1] - 1.0).max())
+
+
+def _within(n: int) -> Array:
+    """Give the middles of the n² equal triangles that a triangle consists of, as shares of its corners, (n², 3)."""
+    middles = [(i + a, j + a) for a, m in ((1 / 3, n), (2 / 3, n - 1)) for i in range(m) for j in range(m - i)]
+    first, second = np.array(middles).T / n
+    return np.stack([first, second, 1.0 - first - second], axis=1)
 
 
 def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
@@ -193,9 +267,7 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
         found.append(f"{faces:,} triangles take long to draw; {MANY_FACES:,} are plenty at these distances.")
     frames = made.frames(0.0)
     steel = trimesh.util.concatenate([b.steel.copy().apply_transform(frames[b.name]) for b in made.bodies])
-    advice = ("check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
-              if keys.file.lower().endswith((".glb", ".gltf")) or keys.up != "auto"
-              else "give rope_ends_m, or up if the file has y up")  # fmt: skip
+    advice = "check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
     for i, end in enumerate(made.terminations):
         nearest = trimesh.triangles.closest_point(steel.triangles, np.tile(end, (len(steel.faces), 1)))
         distance = float(np.linalg.norm(nearest - end, axis=1).min())

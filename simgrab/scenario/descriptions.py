@@ -301,7 +301,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "volume_m3": "Scales the size; it is not what the grab holds.",
     },
     "Mesh": _LOOKS | _ROPES | {
-        "file": "GLB, glTF, OBJ, PLY or STL file, in the folder of the scene file or below.",
+        "file": "GLB, glTF, OBJ, PLY or STL file; its path is absolute or from the scene file's folder.",
         "sha256": "Digest of the file; filled in when the file is read.",
         "scale": "Metres per unit of the file.",
         "up": "Axis of the file that points up; auto is y in glTF and GLB, z in others.",
@@ -338,7 +338,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "depth_m": "Depth of the hold.",
     },
     "Photo": {
-        "file": "Photograph, video, or folder of photographs, in the folder of the scene's file or below.",
+        "file": "Photograph, video, or folder of photographs; its path is absolute or from the scene file's folder.",
         "sha256": "SHA-256 of the content; it is filled in when the scene is read.",
     },
     "Water": {
@@ -434,7 +434,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
     "BundledFont": _INK,
     "FontFile": _INK
     | {
-        "file": "TTF or OTF file, in the folder of the scene file or below.",
+        "file": "TTF or OTF file; its path is absolute or from the scene file's folder.",
         "sha256": "SHA-256 of the file; filled in when it is read.",
     },
     "GeneratedFont": {

@@ -34,7 +34,7 @@ class BundledFont(Tagged, frozen=True, tag="bundled"):
 class FontFile(Tagged, frozen=True, kw_only=True, tag="file"):
     """A user's own font: TTF or OTF, with all ten digits and the full stop.
 
-    The file lies in the folder of the scene's own file or below.
+    A scene file names it by its path, absolute or from the scene file's folder.
     """
 
     file: Annotated[str, Meta(min_length=1, max_length=4096)]
@@ -56,7 +56,7 @@ class FontFile(Tagged, frozen=True, kw_only=True, tag="file"):
     def check(self) -> None:
         """Refuse a file that was not read: a scene of a stranger becomes such a table too."""
         if not self.sha256 or Path(self.file).name != self.file:
-            raise ScenarioError("file", "a font is read by simgrab.load, from a scene's own folder, or by FontFile.of")
+            raise ScenarioError("file", "a font is read by simgrab.load, from a scene file, or by FontFile.of")
 
 
 class GeneratedFont(Tagged, frozen=True, tag="generated"):

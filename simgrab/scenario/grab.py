@@ -131,9 +131,10 @@ class Jaw(Strict, frozen=True):
 class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
     """A user's own grab, closed and empty, from a file: GLB, glTF, OBJ, PLY or STL.
 
-    The file lies in the folder of the scene's own file or below. ``scale`` gives metres a unit, ``up`` the file's axis
-    that points up (``"auto"``: y in glTF, z in others), ``yaw_deg`` a turn about it. All points are then in metres, z
-    up, from the file's origin. ``centre_m`` is the grab's centre A: by default on the ropes' axis at half the height.
+    A scene file names it by its path, absolute or from the scene file's folder. ``scale`` gives metres a unit, ``up``
+    the file's axis that points up (``"auto"``: y in glTF, z in others), ``yaw_deg`` a turn about it. All points are
+    then in metres, z up, from the file's origin. ``centre_m`` is the grab's centre A: by default on the ropes' axis at
+    half the height.
     ``rope_ends_m`` are where the ropes end, by default at the top of the middle. ``mass_kg`` and ``drag_area_m2`` (drag
     coefficient times area) are estimated from the shape unless given. With ``finish = "paint"``, or where the file has
     no colours, the grab is painted as others are. Jaws open together, each in proportion; they need a file with named
@@ -170,7 +171,7 @@ class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
         """Refuse what does not fit together."""
         # A scene of a stranger becomes such a table too: no file is opened here.
         if not self.sha256 or Path(self.file).name != self.file:
-            raise ScenarioError("file", "a model is read by simgrab.load, from a scene's own folder, or by Mesh.of")
+            raise ScenarioError("file", "a model is read by simgrab.load, from a scene file, or by Mesh.of")
         if self.rope_ends_m and len(self.rope_ends_m) != self.ropes:
             raise ScenarioError("rope_ends_m", f"{len(self.rope_ends_m)} points for {self.ropes} ropes")
         if sum(map(len, (self.lips_m, *(jaw.lips_m for jaw in self.jaws)))) > 4:

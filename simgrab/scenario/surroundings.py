@@ -62,10 +62,11 @@ class Water(Tagged, frozen=True, tag="water"):
 class Photo(Tagged, frozen=True, kw_only=True, tag="photo"):
     """What the camera sees below the jib, from a photograph, a folder of photographs, or a video.
 
-    The file or folder lies in the folder of the scene's own file or below. A photograph fills the picture as it is: it
-    is scaled and cut to the picture's size, and not warped. It hides ground as level as ``plain``, on which the grab
-    casts its shadow. The scene's light falls on grab, ropes and jib head alone. Of a folder, each independent frame, or
-    each clip, shows a random photograph. A video begins with each clip, goes on frame by frame, and repeats.
+    A scene file names the file or folder by its path, absolute or from the scene file's folder. A photograph fills
+    the picture as it is: it is scaled and cut to the picture's size, and not warped. It hides ground as level as
+    ``plain``, on which the grab casts its shadow. The scene's light falls on grab, ropes and jib head alone. Of a
+    folder, each independent frame, or each clip, shows a random photograph. A video begins with each clip, goes on
+    frame by frame, and repeats.
     """
 
     file: Annotated[str, Meta(min_length=1, max_length=4096)]
@@ -86,7 +87,7 @@ class Photo(Tagged, frozen=True, kw_only=True, tag="photo"):
     def check(self) -> None:
         """Refuse a file that was not read: a scene of a stranger becomes such a table too."""
         if not self.sha256 or Path(self.file).name != self.file:
-            raise ScenarioError("file", "it is read by simgrab.load, from a scene's own folder, or by Photo.of")
+            raise ScenarioError("file", "it is read by simgrab.load, from a scene file, or by Photo.of")
 
 
 Place = Quay | Hold | Water | Plain | RandomPlace | Photo

@@ -2,12 +2,14 @@
 
 A page is not trusted. The scene that it sends is plain data. It may name models of grabs that the scenes opened here
 named themselves, and files in the folder of the scene given at the start or below it. It opens and saves scene files
-in the folder that the command was started in, or below it, and nothing else.
+in the folder that the command was started in, or below it, and nothing else; those that it opens name files there too.
+The scene given at the start is the user's word, and may name any file.
 """
 
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -56,10 +58,10 @@ class Documents:
         self.folder = None if bundled else path.parent.absolute()
         """Of the scene file given at the start; None where that is bundled."""
 
-    def _read(self, scene: str | Path) -> Scenario:
-        scenario = scenes.load(scene)
+    def _read(self, scene: str | Path, within: Path | None = None) -> Scenario:
+        scenario = scenes.load(scene, within=within)
         if scenario.models:
-            self._models |= scenes.model_files(scene)
+            self._models |= scenes.model_files(scene, within)
         return scenario
 
     def names(self) -> list[str]:
@@ -87,7 +89,7 @@ class Documents:
         """
         if name == self.origin or name in scenes.names():
             return self._read(name)
-        return self._read(self._below(name))
+        return self._read(self._below(name), within=self.root)
 
     def parse(self, data: Any) -> Scenario:
         """Build the scenario that a page describes.
@@ -125,7 +127,7 @@ class Documents:
         Raises
         ------
         ScenarioError
-            If a model that it names lies outside that folder.
+            If a file that it names is not known here.
         """
         written = _without_defaults(scenario.to_dict(), Scenario().to_dict())
         if scenario.models:
@@ -133,7 +135,7 @@ class Documents:
         return tomli_w.dumps(written)
 
     def _placed(self, value: Any, folder: Path) -> Any:
-        """Name models by their paths below a folder."""
+        """Name models by their paths from a folder."""
         if isinstance(value, list):
             return [self._placed(inner, folder) for inner in value]
         if not isinstance(value, dict):
@@ -141,10 +143,10 @@ class Documents:
         placed = {key: self._placed(inner, folder) for key, inner in value.items()}
         file = self._models.get((str(value.get("sha256")), str(value.get("file"))))
         if file is not None:
-            file = file.resolve()
-            if not file.is_relative_to(folder):
-                raise ScenarioError("grab.file", f"{file.name} lies in {file.parent}: save the scene there or above")
-            placed["file"] = file.relative_to(folder).as_posix()
+            try:
+                placed["file"] = Path(os.path.relpath(file.parent.resolve() / file.name, folder)).as_posix()
+            except ValueError:  # on another drive of Windows
+                placed["file"] = str(file.resolve())
         return placed
 
     def save(self, scenario: Scenario, name: str, *, replace: bool = False) -> Path:

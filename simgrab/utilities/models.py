@@ -1,15 +1,17 @@
 """Files of 3-D models: the bytes of one and of all that it refers to, read before anything parses them.
 
 A model may name other files: buffers and textures of glTF, material libraries of OBJ and their textures. They are read
-from the model's own folder and from nowhere else, and the parser is given these bytes and no others.
+from the model's own folder and from nowhere else, and the parser is given these bytes and no others. A picture or a
+material library that is not there is left out, and `Model.missing` names it.
 A scenario names a model by its file's name and the SHA-256 of its content; the bytes are kept here, in the process.
 """
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
+import os
+import posixpath
 import re
 import struct
 from collections.abc import Iterator, Mapping
@@ -34,30 +36,19 @@ MOST_LINES = 4_000_000
 MOST_NODES, MOST_LEVELS, MOST_MATERIALS = 2_000, 64, 100
 """Of a glTF file."""
 
-_COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
-_OF_LOOKS = ("KHR_materials_", "KHR_lights_", "KHR_xmp")
-
 
 class Files(dict[str, bytes]):
-    """Files by their names, found by the spellings in which models refer to them."""
+    """Files by their paths, with slashes, relative to the model's folder."""
 
-    def __missing__(self, key: str) -> bytes:
-        found = next((name for name in _spellings(key) if name in self), None)
-        if found is None:
-            raise KeyError(key)
-        return self[found]
-
-    def get(self, key: str, default: Any = None) -> Any:  # noqa: D102
-        try:
-            return self[key]
-        except KeyError:
-            return default
+    def named(self, name: str, of: str) -> bytes | None:
+        """Give the file that another one, ``of``, refers to by a name; None where it is not there."""
+        return next((self[place] for place in _places(name, of) if place in self), None)
 
 
-def _spellings(name: str) -> list[str]:
-    """Names that may be meant: with escapes undone, slashes instead of backslashes, and without options before."""
-    plain = [name, unquote(name), name.replace("\\", "/"), *name.split()[-1:]]
-    return [str(PurePosixPath(one)) for one in plain]
+def _places(name: str, of: str) -> list[str]:
+    """Give the paths that a name in a file may mean: in that file's folder, and in the model's."""
+    plain = name.replace("\\", "/")
+    return list(dict.fromkeys(posixpath.normpath(posixpath.join(*above)) for above in ((of, "..", plain), (plain,))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +62,7 @@ class Model:
     files : Files
         The model's own and those that it refers to, each by its path relative to the model's folder.
     missing : tuple of str
-        Textures that it refers to and that are not there.
+        Pictures and material libraries that it refers to and that are not in its folder.
     """
 
     name: str
@@ -138,27 +129,33 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     """
     path = Path(path)
     _check_name(path.name, refuse)
-    files, missing, waiting = (
-        Files({path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)}),
-        list[str](),
-        [path.name],
-    )
+    files = Files({path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)})
+    missing, waiting = list[str](), [path.name]
     while waiting:
         name = waiting.pop(0)
         about = _about(name, refuse)
-        for found in _references(name, files[name], about):
-            target = inside(path.parent, found, about)
+        for kind, found in _references(name, files[name], about):
+            target = _target(path.parent, kind, _places(found, name), about)
+            if target is None:
+                missing.append(found)
+                continue
             key = target.relative_to(path.parent).as_posix()
             if key in files:
                 continue
             if len(files) >= MOST_FILES:
                 raise refuse(f"{path.name}: refers to more than {MOST_FILES - 1} other files")
-            if name.lower().endswith(".mtl") and not target.exists():
-                missing.append(found)
-                continue
             files[key] = read_bytes(target, about, most_bytes=MOST_BYTES - sum(map(len, files.values())))
             waiting.append(key)
-    return of_files(path.name, files, refuse, tuple(missing))
+    return of_files(path.name, files, refuse, tuple(dict.fromkeys(missing)))
+
+
+def _target(folder: Path, kind: str, places: list[str], refuse: Refuse) -> Path | None:
+    """Find what a file refers to, within the model's folder; None for a picture or library that is not there."""
+    if kind == "picture":  # often named by its path on another machine
+        places = [place for place in places if not _leaves(folder, place)]
+    targets = [inside(folder, place, refuse) for place in places]
+    there = next((target for target in targets if os.path.isfile(target)), None)  # noqa: PTH113 Path's raises
+    return targets[-1] if there is None and kind == "buffer" else there  # and what is not there is refused
 
 
 def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tuple[str, ...] = ()) -> Model:
@@ -185,43 +182,99 @@ def _about(name: str, refuse: Refuse) -> Refuse:
 
 def inside(folder: Path, found: str, refuse: Refuse) -> Path:
     """Resolve the name of a file that may not leave a folder, by links neither."""
-    name = PurePosixPath(found.replace("\\", "/"))
-    target = folder / name
-    try:
-        leaves = name.is_absolute() or ".." in name.parts or not target.resolve().is_relative_to(folder.resolve())
-    except (OSError, ValueError, RuntimeError):  # a NUL byte, a loop of links
-        leaves = True
-    if leaves or re.match(r"[a-zA-Z]:", found):
+    if _leaves(folder, found):
         raise refuse(f"refers to {shown(found)}, which is outside its folder")
-    return target
+    return folder / PurePosixPath(found.replace("\\", "/"))
 
 
-def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[str]:
-    """Name what a file refers to."""
+def _leaves(folder: Path, found: str) -> bool:
+    name = PurePosixPath(found.replace("\\", "/"))
+    try:
+        leaves = name.is_absolute() or ".." in name.parts
+        return bool(
+            leaves or re.match("[a-zA-Z]:", found) or not (folder / name).resolve().is_relative_to(folder.resolve())
+        )
+    except (OSError, ValueError, RuntimeError):  # a NUL byte, a loop of links
+        return True
+
+
+def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, str]]:
+    """Give what a file refers to: a buffer, a picture or a library, and its name."""
     kind = name.rpartition(".")[2].lower()
     if kind in ("glb", "gltf"):
         content = gltf(kind, data, refuse)
-        for table in ("buffers", "images"):
-            for entry in _tables(content, table, refuse):
+        for table, what in (("buffers", "buffer"), ("images", "picture")):
+            for entry in tables(content, table, refuse):
                 uri = entry.get("uri")
                 if isinstance(uri, str) and not uri.startswith("data:"):
-                    if re.match(r"[a-zA-Z][a-zA-Z0-9+.-]*:", uri):
+                    if what == "buffer" and re.match(r"[a-zA-Z][a-zA-Z0-9+.-]*:", uri):
                         raise refuse(f"refers to {shown(uri)}, which is not a file of its folder")
-                    yield unquote(uri)
+                    yield what, unquote(uri)
     elif kind in ("obj", "mtl"):
-        if data.count(b"\n") > MOST_LINES:
+        if max(data.count(b"\n"), data.count(b"\r")) > MOST_LINES:
             raise refuse(f"has more than {MOST_LINES} lines")
-        key = rb"(?m)^[ \t]*mtllib[ \t]+(.+)$" if kind == "obj" else rb"(?mi)^[ \t]*map_Kd[ \t]+(.+)$"
-        for match in re.finditer(key, data):
-            text = match[1].decode("utf-8", errors="replace").strip()
-            yield text.split()[-1] if text.startswith("-") else text  # options come before the name
+        for line in lines(data) if b"mtllib" in data or kind == "mtl" else ():
+            key, _, value = line.replace("\t", " ").partition(" ")
+            if kind == "obj" and key == "mtllib":
+                yield from (("library", library) for library in libraries(value))
+            elif kind == "mtl" and key.lower() == "map_kd" and (picture := map_name(value)[0]):
+                yield "picture", picture
     elif kind == "ply":
-        for words in _header(data):
-            if len(words) == 3 and words[:2] == ["comment", "TextureFile"]:
-                yield words[2]
+        yield from (("picture", texture) for texture in textures(data))
 
 
-def _header(data: bytes) -> list[list[str]]:
+def lines(data: bytes) -> Iterator[str]:
+    """Give the lines of an OBJ or MTL file that hold something, each without its margins, those that go on joined."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    text = re.sub(r"\\[ \t]*\r?\n", " ", text)
+    return (line for line in map(str.strip, re.split(r"[\r\n]+", text)) if line and line[0] != "#")
+
+
+def libraries(value: str) -> list[str]:
+    """Give the names of files in a line ``mtllib``; they may hold spaces."""
+    words, found = value.replace('"', "").split(), list[str]()
+    start = 0
+    for end, word in enumerate(words, 1):
+        if word.lower().endswith(".mtl") or end == len(words):
+            found.append(" ".join(words[start:end]))
+            start = end
+    return found
+
+
+#: Options of MTL's textures, by the most values that each takes.
+MAP_OPTIONS = {
+    "-blendu": 1, "-blendv": 1, "-cc": 1, "-clamp": 1, "-texres": 1, "-bm": 1, "-boost": 1, "-imfchan": 1, "-type": 1,
+    "-mm": 2, "-o": 3, "-s": 3, "-t": 3,
+}  # fmt: skip
+
+
+_MOST_OPTIONS = 4096  # characters
+
+
+def map_name(value: str) -> tuple[str, dict[str, list[str]]]:
+    """Give the file's name, which may hold spaces, and the options of MTL's ``map_Kd``."""
+    options, rest = dict[str, list[str]](), value[:_MOST_OPTIONS].strip()
+    while (key := rest.split(maxsplit=1)[0].lower() if rest else "") in MAP_OPTIONS:
+        rest, options[key] = rest[len(key) :].lstrip(), []
+        while len(options[key]) < MAP_OPTIONS[key]:
+            word, _, after = rest.partition(" ")
+            if options[key] and not re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", word.lower()):
+                break  # -o, -s and -t take one to three numbers
+            rest = after.lstrip()
+            options[key].append(word)
+    return rest.strip('"'), options
+
+
+def textures(data: bytes) -> list[str]:
+    """Give the pictures that a PLY file's header names."""
+    found = (re.match(r"(?i)comment\s+texturefile\s+(.*\S)", " ".join(words)) for words in header(data))
+    return [match[1] for match in found if match]
+
+
+def header(data: bytes) -> list[list[str]]:
     """Words of the lines of a PLY file's header."""
     head = data[:100_000].partition(b"end_header")[0]
     return [line.split() for line in head.decode("utf-8", errors="replace").splitlines()]
@@ -244,48 +297,15 @@ def gltf(kind: str, data: bytes, refuse: Refuse) -> dict[str, Any]:
         raise refuse("its glTF is not valid JSON") from None
     if not isinstance(content, dict):
         raise refuse("its glTF is not a JSON object")
-    needed = content.get("extensionsRequired", [])
-    for extension in needed if isinstance(needed, list) else [needed]:
-        if extension in _COMPRESSED:
-            raise refuse(f"needs {extension}: export it without compression")
-        if not str(extension).startswith(_OF_LOOKS):
-            raise refuse(f"needs the glTF extension {shown(extension)}, which is not supported")
     return content
 
 
-def _tables(content: Mapping[str, Any], name: str, refuse: Refuse) -> list[dict[str, Any]]:
+def tables(content: Mapping[str, Any], name: str, refuse: Refuse) -> list[dict[str, Any]]:
+    """Give a list of JSON objects of a glTF file."""
     entries = content.get(name, [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise refuse(f"its {name} are not a list of JSON objects")
     return entries
-
-
-def pictures(model: Model, refuse: Refuse) -> Iterator[bytes]:
-    """Give all textures of a model, as they lie in its files."""
-    about = _about(model.name, refuse)
-    if model.format not in ("glb", "gltf"):
-        yield from (data for name, data in model.files.items() if name != model.name and not name.endswith(".mtl"))
-        return
-    content = gltf(model.format, model.data, about)
-    views, buffers = _tables(content, "bufferViews", about), _tables(content, "buffers", about)
-    for entry in _tables(content, "images", about):
-        try:
-            uri = entry.get("uri")
-            if uri is not None:
-                yield _uri(model, uri)
-            else:
-                view = views[entry["bufferView"]]
-                named = buffers[view["buffer"]].get("uri")
-                start = 28 + int.from_bytes(model.data[12:16], "little")  # of a GLB's second chunk
-                whole = model.data[start:] if named is None else _uri(model, named)
-                first = view.get("byteOffset", 0)
-                yield whole[first : first + view["byteLength"]]
-        except (LookupError, TypeError, ValueError, AttributeError):
-            raise about("a texture lies nowhere in its buffers") from None
-
-
-def _uri(model: Model, uri: str) -> bytes:
-    return base64.b64decode(uri.partition(",")[2]) if uri.startswith("data:") else model.files[uri]
 
 
 def _check_counts(model: Model, refuse: Refuse) -> None:
@@ -300,10 +320,10 @@ def _check_counts(model: Model, refuse: Refuse) -> None:
             if not binary and not faces:
                 raise refuse("is truncated, or not an STL file")
         case "obj":
-            corners = [line.count(b" ") for line in re.findall(rb"(?m)^f[ \t].*$", data)]
-            faces = sum(max(count - 2, 1) for count in corners)
+            corners = (len(line.split()) - 1 for line in re.findall(rb"(?m)^[ \t]*fo?[ \t].*$", data))
+            faces, vertices = sum(max(count - 2, 1) for count in corners), len(re.findall(rb"(?m)^[ \t]*v[ \t]", data))
         case _:
-            counts = {words[1]: words[2] for words in _header(data) if words[:1] == ["element"] and len(words) == 3}
+            counts = {words[1]: words[2] for words in header(data) if words[:1] == ["element"] and len(words) == 3}
             faces, vertices = (_count(counts.get(name, "0"), refuse) for name in ("face", "vertex"))
     if faces > MOST_FACES:
         raise refuse(f"has {faces} triangles or more; the limit is {MOST_FACES}: simplify it")
@@ -314,14 +334,14 @@ def _check_counts(model: Model, refuse: Refuse) -> None:
 def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:
     """Count triangles and vertices of a glTF file, as often as its nodes show them."""
     for name, most in (("nodes", MOST_NODES), ("materials", MOST_MATERIALS)):
-        if len(_tables(content, name, refuse)) > most:
+        if len(tables(content, name, refuse)) > most:
             raise refuse(f"has {len(content[name])} {name}; the limit is {most}")
-    nodes = _tables(content, "nodes", refuse)
+    nodes = tables(content, "nodes", refuse)
     _check_levels(nodes, refuse)
-    counts = [_count(entry.get("count", 0), refuse) for entry in _tables(content, "accessors", refuse)]
+    counts = [_count(entry.get("count", 0), refuse) for entry in tables(content, "accessors", refuse)]
     largest = [0, 0]
     try:
-        sizes = [_size(mesh.get("primitives", []), counts) for mesh in _tables(content, "meshes", refuse)]
+        sizes = [_size(mesh.get("primitives", []), counts) for mesh in tables(content, "meshes", refuse)]
         shown_by = [sizes[node["mesh"]] for node in nodes if "mesh" in node]
     except (LookupError, TypeError, AttributeError):
         raise refuse("its meshes name accessors that are not there") from None
@@ -336,7 +356,8 @@ def _size(primitives: list[dict[str, Any]], counts: list[int]) -> tuple[int, int
     corners = [
         counts[one["indices"]] if "indices" in one else own for one, own in zip(primitives, vertices, strict=True)
     ]
-    return sum(corners) // 3, sum(vertices)
+    strips = [one.get("mode") in (5, 6) for one in primitives]  # a triangle for each corner
+    return sum(n if strip else n // 3 for n, strip in zip(corners, strips, strict=True)), sum(vertices)
 
 
 def _check_levels(nodes: list[dict[str, Any]], refuse: Refuse) -> None:

@@ -20,7 +20,7 @@ from av.video.stream import VideoStream
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from simgrab.errors import SimgrabError
+from simgrab.errors import SimgrabError, first_line
 from simgrab.utilities import pictures
 from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
@@ -55,7 +55,14 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     if not is_dir(path, refuse):
         return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
     root, files = path.resolve(), dict[str, bytes]()
-    for file in pictures.of(path, [f".{ending}" for ending in PHOTOGRAPHS]):
+    path = path if path.name not in ("", "..") else root
+    if not path.name:
+        raise refuse(f"{path} is the root of a disk; name a folder of photographs")
+    try:
+        listed = pictures.of(path, [f".{ending}" for ending in PHOTOGRAPHS])
+    except OSError as problem:
+        raise refuse(f"{path}: cannot be listed ({first_line(problem)})") from None
+    for file in listed:
         if not file.resolve().is_relative_to(root):
             raise refuse(f"{file.name} is a link to a file outside {path.name}")
         if len(files) >= MOST_FILES:

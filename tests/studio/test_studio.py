@@ -290,12 +290,27 @@ def test_a_model_below_the_folder_is_read_and_saved_by_its_path(documents, folde
     assert scenes.load(documents.save(scenario, "own.toml", replace=True)) == scenario
     assert 'file = "parts/box.stl"' in (folder / "own.toml").read_text()
     (folder / "elsewhere").mkdir(exist_ok=True)
-    with pytest.raises(ScenarioError, match="lies in"):
-        documents.save(scenario, "elsewhere/own.toml")
+    assert scenes.load(documents.save(scenario, "elsewhere/own.toml", replace=True)) == scenario
+    assert 'file = "../parts/box.stl"' in (folder / "elsewhere" / "own.toml").read_text()
+    assert documents.open("elsewhere/own.toml") == scenario
     started = studio.open(folder / "own.toml", folder)
     assert started.parse(started.start.to_dict()) == started.start
     with pytest.raises(ScenarioError, match="of your own"):
         studio.open("quay-day", folder).parse(scene)
+
+
+def test_a_page_opens_no_scene_that_names_a_file_elsewhere(address, folder):
+    scene = folder / "stranger.toml"
+    for file in ("../outside.stl", "parts/link.stl", "/etc/passwd"):
+        scene.write_text(SMALL + f'\n[grab]\nmodel = "mesh"\nfile = "{file}"\n', "utf-8")
+        found = ask(address, "/api/open?scene=stranger.toml")
+        assert found.status == 422
+        assert "outside of" in found.json["error"]
+    scene.write_text(SMALL + '\n[grab]\nmodel = "mesh"\nfile = "../outside.stl"\n', "utf-8")
+    started = studio.open(scene, folder)  # which the user names
+    scene.unlink()
+    assert started.start.grab.file == "outside.stl"
+    assert 'file = "../outside.stl"' in started.toml(started.start)
 
 
 @pytest.mark.parametrize("name", ["quay-day", "qingdao-twin", "hold-coal", "training"])

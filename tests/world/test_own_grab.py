@@ -318,14 +318,14 @@ def test_no_table_opens_a_file_by_itself(tmp_path):
     )
     for text, said in (
         (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ file = "{secret}", sha256 = "" }}]', r"is read by simgrab\.load"),
-        (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ model = "mesh", file = "{secret}" }}]', "outside its folder"),
+        (f'[vary.grab]\ndist = "one-of"\nvalues = [{{ model = "mesh", file = "{secret}" }}]', "outside of"),
         (f'[vary."grab.file"]\ndist = "one-of"\nvalues = ["{secret}"]', "varies with its table"),
         (f'[vary."grab.file+grab.scale"]\ndist = "one-of"\nvalues = [{{ "grab.file" = "{secret}", "grab.scale" = 1 }}]',
          "varies with its table"),
     ):  # fmt: skip
         scene.write_text(head + text, "utf-8")
         with pytest.raises(ScenarioError, match=said):
-            scenes.load(scene)
+            scenes.load(scene, within=tmp_path / "own")
 
 
 def test_equal_files_of_two_names_keep_their_names(files, tmp_path):
@@ -439,11 +439,11 @@ HOSTILE = {
                     b"element face 3\nproperty list uchar int vertex_indices\nend_header\n",
                     "states 10000000000 vertices"),
     "words.ply": (b"ply\nformat ascii 1.0\nelement vertex many\nend_header\n", "number of elements"),
-    "truncated.ply": (tongs().to_mesh().export(file_type="ply")[:700], "not a valid PLY|no triangles"),
+    "truncated.ply": (tongs().to_mesh().export(file_type="ply")[:700], "truncated"),
     "many.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 3_000_000, "3000000 triangles"),
     "lines.obj": (b"ab\n" * 5_000_000, "lines"),
     "large.obj": (bytes(70_000_000), "64"),
-    "index.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 900\n", "not a valid OBJ|no triangles"),
+    "index.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 900\n", "names vertex 900 of 3"),
     "outside.obj": (b"mtllib ../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
     "absolute.obj": (b"mtllib /etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
     "web.gltf": (json.dumps(tetra() | {"buffers": [{"byteLength": 36, "uri": "https://example.org/a.bin"}]}).encode(),
@@ -456,7 +456,7 @@ HOSTILE = {
     "climb.obj": (b"mtllib ../../up/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
     "draco.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_draco_mesh_compression"]}).encode(),
                    "without compression"),
-    "other.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_texture_transform"]}).encode(), "not supported"),
+    "other.gltf": (json.dumps(tetra() | {"extensionsRequired": ["KHR_other"]}).encode(), "'KHR_other', which is not"),
     "counted.gltf": (json.dumps(tetra(count=10**12)).encode(), "triangles or more"),
     "minus.gltf": (json.dumps(tetra(count=-3)).encode(), "number of elements"),
     "loop.glb": (glb(tetra(bufferView=0) | {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]},

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
 import itertools
-import logging
 import math
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import trimesh
+from msgspec.structs import replace
 from numpy.typing import NDArray
-from PIL import Image
-from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from simgrab.errors import ScenarioError, SimgrabError, first_line
 from simgrab.geometry import Array, rotation_z
@@ -25,19 +19,17 @@ from simgrab.scenario.grab import Mesh
 from simgrab.utilities import models
 from simgrab.utilities.models import MOST_FACES, Model
 from simgrab.utilities.parse import shown
-from simgrab.utilities.srgb import encoded
-from simgrab.world.scenery.grabs import kit
+from simgrab.world.scenery.grabs import formats, kit
 from simgrab.world.scenery.grabs.design import Body, Design
-from simgrab.world.scenery.meshes.paint import BARE
-from simgrab.world.scenery.meshes.part import Material, Part, Texture
+from simgrab.world.scenery.grabs.formats.contents import Contents, Shape
+from simgrab.world.scenery.grabs.looks import Looks
+from simgrab.world.scenery.meshes.part import Part
 
 LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
-FARTHEST_M = 1e6
-TEXTURES = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
-MOST_TEXTURE_PX = 4096
-MOST_PIXELS = 4 * MOST_TEXTURE_PX**2  # of all textures
+FARTHEST_M = 1e8
+FAR_M = 100.0  # a model so far from the file's origin is moved to it, so that no digits are lost
 PLATE_M = 0.012  # of steel that is drawn as a surface without thickness
-MOST_COLOURS = 24  # of faces; more are brought together
+LEAST_M = 1e-6  # of a body's volume by its area
 _APART_M = 0.02  # of the mean of the rope ends and A, seen from above
 _UP = {  # by the file's axis that points up: rows are our axes, z up, in those of the file
     "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
@@ -75,6 +67,25 @@ class Piece:
         return np.concatenate([np.asarray(part.mesh.vertices) for part in self.parts])
 
 
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a model's file shows, as the keys turn and scale it.
+
+    Attributes
+    ----------
+    pieces : list of Piece
+        Relative to ``origin_m``.
+    origin_m : ndarray, shape (3,)
+        From the file's origin, metres, z up: zero but for a model that lies far from it.
+    contents : Contents
+        As the file has them.
+    """
+
+    pieces: list[Piece]
+    origin_m: Array
+    contents: Contents
+
+
 def from_file(keys: Mesh) -> Design:
     """Return the design of a user's own grab.
 
@@ -83,15 +94,17 @@ def from_file(keys: Mesh) -> Design:
     ScenarioError
         If the file is none, cannot be a grab, or lacks a node.
     """
-    return design(keys, pieces(keys, models.recall(keys.sha256, keys.file, _refuse)))
+    return design(keys, read(keys, models.recall(keys.sha256, keys.file, _refuse)))
 
 
-def design(keys: Mesh, found: list[Piece]) -> Design:
-    """Make a design of the pieces of a model."""
+def design(keys: Mesh, reading: Reading) -> Design:
+    """Make a design of what a model's file shows."""
+    found, origin = reading.pieces, reading.origin_m
     points = np.concatenate([piece.vertices for piece in found])
     low, high = points.min(axis=0), points.max(axis=0)
     _check_size(high - low, keys.scale)
-    _check_points(keys, low, high)
+    _check_points(keys, low + origin, high + origin)
+    keys = _from(keys, origin)
     ends = _rope_ends(keys, low, high)
     centre = np.array([*ends[:, :2].mean(axis=0), (low[2] + high[2]) / 2]) if keys.centre_m is None else keys.centre_m
     apart = float(np.linalg.norm(ends[:, :2].mean(axis=0) - np.asarray(centre)[:2]))
@@ -102,8 +115,8 @@ def design(keys: Mesh, found: list[Piece]) -> Design:
         )  # fmt: skip
     if ends[:, 2].min() <= np.asarray(centre)[2]:
         raise ScenarioError(
-            "grab.rope_ends_m", f"must lie above the grab's centre, whose z is {np.asarray(centre)[2]:.3f} m; points "
-            "are in metres from the file's origin, z up",
+            "grab.rope_ends_m", f"must lie above the grab's centre, whose z is {np.asarray(centre)[2] + origin[2]:.3f} "
+            "m; points are in metres from the file's origin, z up",
         )  # fmt: skip
     bodies = _bodies(keys, found, np.asarray(centre))
     most = max((abs(math.radians(jaw.open_deg)) for jaw in keys.jaws), default=0.0)
@@ -115,6 +128,20 @@ def design(keys: Mesh, found: list[Piece]) -> Design:
     lips = {"head": np.array(keys.lips_m) - centre} if keys.lips_m else {}
     lips |= {f"jaw_{i}": np.array(jaw.lips_m) - jaw.hinge_m for i, jaw in enumerate(keys.jaws) if jaw.lips_m}
     return Design(bodies, positions, most, ends - centre, lips=lips, drag_area_m2=keys.drag_area_m2)
+
+
+def _from(keys: Mesh, origin: Array) -> Mesh:
+    """State the points of keys from another origin."""
+
+    def moved(*points: tuple[float, float, float]) -> tuple[tuple[float, float, float], ...]:
+        return tuple(_point(np.array(point) - origin) for point in points)
+
+    if not origin.any():
+        return keys
+    jaws = [replace(jaw, hinge_m=moved(jaw.hinge_m)[0], lips_m=moved(*jaw.lips_m)) for jaw in keys.jaws]
+    centre = None if keys.centre_m is None else moved(keys.centre_m)[0]
+    return replace(keys, rope_ends_m=moved(*keys.rope_ends_m), lips_m=moved(*keys.lips_m), centre_m=centre,
+                   jaws=tuple(jaws))  # fmt: skip
 
 
 def _refuse(problem: str) -> SimgrabError:
@@ -214,39 +241,33 @@ def _shifted(solid: trimesh.Trimesh, origin: Array) -> trimesh.Trimesh:
     return solid.copy().apply_translation(-origin)
 
 
-def pieces(keys: Mesh, model: Model) -> list[Piece]:
-    """Read a model's geometries.
+def read(keys: Mesh, model: Model) -> Reading:
+    """Read a model as keys turn and scale it.
 
     Raises
     ------
     ScenarioError
         If it cannot be read, or holds what no grab can be of.
     """
-    pixels = 0
-    for picture in models.pictures(model, _refuse):
-        pixels += _pixels(picture, model.name)
-        if pixels > MOST_PIXELS:
-            raise _refuse(f"{model.name}: its textures have more than {MOST_PIXELS} pixels together")
-    scene = _parsed(model, {"split_objects": True} if model.format == "obj" else {})
+    contents = _contents(model)
     turn = np.eye(4)
     up = usual_up(model) if keys.up == "auto" else keys.up
     turn[:3, :3] = keys.scale * rotation_z(math.radians(keys.yaw_deg)) @ np.array(_UP[up], float)
-    shown_by = [(node, *scene.graph.get(node)) for node in sorted(scene.graph.nodes_geometry)]
-    total = sum(len(getattr(scene.geometry[name], "faces", ())) for _, _, name in shown_by)
+    total = sum(len(shape.faces) for shape in contents.shapes)
     if total > MOST_FACES:
         raise _refuse(f"{model.name}: has {total} triangles; the limit is {MOST_FACES}: simplify it")
-    looks = _Looks(keys)
-    found = []
-    for node, matrix, name in shown_by:
-        mesh = scene.geometry[name]
-        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-            continue  # points and lines
-        piece = _piece(mesh, turn @ matrix, _above(scene, node), looks, f"{model.name}: {shown(name)}")
-        if piece:
-            found.append(piece)
+    placed = [(shape, _placed(shape, turn @ shape.pose, model.name)) for shape in contents.shapes if len(shape.faces)]
+    if not placed:
+        raise _refuse(f"{model.name}: shows no triangles")
+    middle = np.concatenate([np.stack([points.min(axis=0), points.max(axis=0)]) for _, points in placed])
+    origin = np.rint((middle.min(axis=0) + middle.max(axis=0)) / 2)
+    if np.abs(origin).max() < FAR_M:
+        origin = np.zeros(3)
+    looks = Looks(lambda problem: _refuse(f"{model.name}: {problem}"), painted=keys.finish == "paint")
+    found = [piece for shape, points in placed if (piece := _piece(shape, points - origin, looks))]
     if not found:
         raise _refuse(f"{model.name}: shows no triangles")
-    return found
+    return Reading(found, origin, contents)
 
 
 def usual_up(model: Model) -> str:
@@ -254,74 +275,58 @@ def usual_up(model: Model) -> str:
     return "y" if model.format in ("glb", "gltf") else "z"
 
 
-def _parsed(model: Model, options: dict[str, Any]) -> trimesh.Scene:
-    others = models.Files({name: data for name, data in model.files.items() if name != model.name})
+def _contents(model: Model) -> Contents:
     try:
-        with _quiet():
-            return trimesh.load_scene(
-                io.BytesIO(model.data), file_type=model.format, resolver=others, process=False, **options
-            )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # NumPy's, of what is refused later
+            return formats.read(model, lambda problem: _refuse(f"{model.name}: {problem}"))
+    except SimgrabError:
+        raise
     except MemoryError:
         raise _refuse(f"{model.name}: takes more memory than there is") from None
-    except Exception as problem:  # whatever trimesh and what it uses run into
+    except Exception as problem:  # a file may have any value in any place
         raise _refuse(f"{model.name}: is not a valid {model.format.upper()} file ({first_line(problem)})") from None
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep trimesh from logging what is raised as well, and NumPy from warning of what is refused later."""
-    log = logging.getLogger("trimesh")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        log.setLevel(level)
+def _placed(shape: Shape, pose: Array, name: str) -> Array:
+    """Give the vertices of a shape in the file's frame, metres, z up."""
+    with np.errstate(invalid="ignore", over="ignore"):  # refused below, but where no face uses it
+        points = np.asarray(shape.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
+    used = points[np.unique(shape.faces)]
+    if not np.isfinite(used).all():
+        raise _refuse(f"{name}: {shown(shape.nodes[0])} has coordinates that are not finite numbers")
+    if np.abs(used).max() > FARTHEST_M:
+        raise _refuse(f"{name}: {shown(shape.nodes[0])} reaches {np.abs(used).max():.3g} m from the file's origin: "
+                      "check scale, or move the model to its origin")  # fmt: skip
+    return points
 
 
-def _above(scene: trimesh.Scene, node: str) -> tuple[str, ...]:
-    parents, names = scene.graph.transforms.parents, [node]
-    while names[-1] in parents and len(names) <= models.MOST_LEVELS + 2:
-        names.append(parents[names[-1]])
-    return tuple(map(str, names))
-
-
-def _piece(mesh: trimesh.Trimesh, pose: Array, nodes: tuple[str, ...], looks: _Looks, what: str) -> Piece | None:
-    if not np.isfinite(mesh.vertices).all() or not np.isfinite(pose).all():
-        raise _refuse(f"{what} has coordinates that are not finite numbers")
-    shape = mesh.copy(include_visual=False)
-    shape.apply_transform(pose)
-    if np.abs(shape.vertices).max() > FARTHEST_M:
-        raise _refuse(f"{what} reaches {np.abs(shape.vertices).max():.3g} m from the origin: check scale")
-    kept = np.asarray(shape.area_faces) > 1e-12
+def _piece(shape: Shape, vertices: Array, looks: Looks) -> Piece | None:
+    steel = trimesh.Trimesh(vertices, shape.faces, process=False)
+    kept = np.asarray(steel.area_faces) > 1e-12
     if not kept.any():
         return None
-    merged = trimesh.Trimesh(shape.vertices, np.asarray(shape.faces)[kept], process=False)
+    merged = trimesh.Trimesh(vertices, shape.faces[kept], process=False)
     merged.merge_vertices(merge_tex=True, merge_norm=True)
     solid, closed, outwards = _solid(merged)
     parts = []
-    turned = np.asarray(shape.faces).copy()
+    turned = shape.faces.copy()
     turned[np.flatnonzero(kept)[~outwards]] = turned[np.flatnonzero(kept)[~outwards], ::-1]
-    for number, (faces, material, uv) in enumerate(looks.of(mesh)):
+    for number, (faces, material, uv) in enumerate(looks.of(shape)):
         chosen = kept & faces
         if not chosen.any():
             continue
         own_faces = turned[chosen]
         used, inverse = np.unique(own_faces, return_inverse=True)
-        vertices, triangles = np.asarray(shape.vertices)[used], inverse.reshape(-1, 3)
+        own, triangles = vertices[used], inverse.reshape(-1, 3)
         own_uv = None if uv is None else uv[used]
         if not closed:  # drawn from either side
-            triangles = np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
-            vertices = np.concatenate([vertices, vertices])
+            triangles = np.concatenate([triangles, triangles[:, ::-1] + len(own)])
+            own = np.concatenate([own, own])
             own_uv = None if own_uv is None else np.concatenate([own_uv, own_uv])
-        parts.append(
-            Part(f"{nodes[0]}/{number}", trimesh.Trimesh(vertices, triangles, process=False), material, own_uv)
-        )
-    if not parts:
-        return None
-    return Piece(tuple(parts), nodes, closed, float(merged.area), solid)
+        mesh = trimesh.Trimesh(own, triangles, process=False)
+        parts.append(Part(f"{shape.nodes[0]}/{number}", mesh, material, own_uv))
+    return Piece(tuple(parts), shape.nodes, closed, float(merged.area), solid)
 
 
 def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.bool_]]:
@@ -334,13 +339,17 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
     order = np.argsort(labels, kind="stable")
     for own_faces in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         one = trimesh.Trimesh(mesh.vertices, mesh.faces[own_faces], process=False)
-        if one.is_watertight and one.is_winding_consistent:
-            if one.volume < 0:
+        corners = np.asarray(one.triangles) - one.triangles[0, 0]
+        volume = float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6
+        # A sheet whose back is a second surface is closed too, and holds nothing.
+        if one.is_watertight and one.is_winding_consistent and abs(volume) > LEAST_M * float(one.area):
+            if volume < 0:
                 outwards[own_faces] = False
                 one.invert()
             solids.append(one)
         else:
             closed = False
+            one.update_faces(one.unique_faces())
             solids.append(_plates(one))
     return trimesh.util.concatenate(solids), closed, outwards
 
@@ -352,99 +361,3 @@ def _plates(sheet: trimesh.Trimesh) -> trimesh.Trimesh:
     prism = np.array([(0, 1, 2), (5, 4, 3), (0, 3, 4), (0, 4, 1), (1, 4, 5), (1, 5, 2), (2, 5, 3), (2, 3, 0)])
     faces = (prism[None] + 6 * np.arange(len(corners))[:, None, None]).reshape(-1, 3)
     return trimesh.Trimesh(vertices, faces, process=False)
-
-
-_Look = tuple[NDArray[np.bool_], Material, Array | None]
-
-
-class _Looks:
-    """Materials of a model's meshes; each is made once."""
-
-    def __init__(self, keys: Mesh) -> None:
-        self._painted = keys.finish == "paint"
-        self._made: dict[object, Material] = {}
-        self._textures: dict[bytes, Texture] = {}
-
-    def of(self, mesh: trimesh.Trimesh) -> Iterator[_Look]:
-        """Give which faces have which material, and texture coordinates of the vertices."""
-        every = np.ones(len(mesh.faces), bool)
-        visual = mesh.visual
-        if self._painted or not visual.defined:
-            yield every, BARE.body, None
-        elif visual.kind == "texture":
-            uv = None if visual.uv is None else np.asarray(visual.uv, float)
-            if uv is not None and (uv.shape != (len(mesh.vertices), 2) or not np.isfinite(uv).all()):
-                uv = None
-            yield every, self._material(visual.material, textured=uv is not None), uv
-        else:
-            yield from self._coloured(np.asarray(visual.face_colors)[:, :3])
-
-    def _coloured(self, colours: Array) -> Iterator[_Look]:
-        unique, index = np.unique(colours, axis=0, return_inverse=True)
-        if len(unique) > MOST_COLOURS:
-            fewer = Image.fromarray(colours.astype(np.uint8)[None]).quantize(MOST_COLOURS, dither=Image.Dither.NONE)
-            unique, index = np.unique(np.asarray(fewer.convert("RGB"))[0], axis=0, return_inverse=True)
-        for i, colour in enumerate(unique):
-            key = tuple(float(c) / 255 for c in colour)
-            yield index.ravel() == i, self._named(key, key, None, 0.2, 0.2), None
-
-    def _material(self, material: Any, *, textured: bool) -> Material:
-        specular, shininess, picture, colour = 0.2, 0.2, None, (1.0, 1.0, 1.0)
-        if isinstance(material, PBRMaterial):
-            picture = material.baseColorTexture
-            # glTF's factors are linear, its textures are not.
-            colour = _point(encoded(np.array(_colour(material.baseColorFactor))))
-            metal = 1.0 if material.metallicFactor is None else float(material.metallicFactor)
-            rough = 1.0 if material.roughnessFactor is None else float(material.roughnessFactor)
-            specular, shininess = 0.1 + 0.3 * min(max(metal, 0.0), 1.0), 1.0 - min(max(rough, 0.05), 1.0)
-        elif isinstance(material, SimpleMaterial):
-            picture = material.image
-            colour = (1.0, 1.0, 1.0) if picture is not None else _colour(material.diffuse)
-        shown = picture if textured else None
-        key = (id(material), shown is None)
-        if key not in self._made:
-            texture = None if shown is None else self._texture(shown)
-            self._made[key] = self._named(key, colour, texture, specular, shininess)
-        return self._made[key]
-
-    def _texture(self, picture: Image.Image) -> Texture:
-        texture = _texture(picture)  # materials that share a picture get one of their own each
-        return self._textures.setdefault(hashlib.blake2b(texture.data).digest(), texture)
-
-    def _named(
-        self, key: object, rgb: tuple[float, ...], texture: Texture | None, specular: float, shininess: float
-    ) -> Material:
-        if key not in self._made:
-            name = f"own_{len(self._made)}"
-            self._made[key] = Material(name, (*rgb, 1.0), texture, specular=specular, shininess=shininess)  # type: ignore[arg-type]
-        return self._made[key]
-
-
-def _colour(value: Any) -> tuple[float, float, float]:
-    """Red, green and blue in [0, 1] of a colour in bytes or shares; white where there is none."""
-    with suppress(TypeError, ValueError):
-        rgb = np.asarray(value, float).ravel()[:3]
-        if rgb.shape == (3,) and np.isfinite(rgb).all():
-            share = rgb / 255.0 if np.asarray(value).dtype.kind in "ui" or rgb.max() > 1.0 else rgb
-            return tuple(float(c) for c in np.clip(share, 0.0, 1.0))  # type: ignore[return-value]
-    return 1.0, 1.0, 1.0
-
-
-def _pixels(data: bytes, name: str) -> int:
-    """Read a picture's size from its header; refuses one that is too large before it is decoded."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of bombs
-            size = Image.open(io.BytesIO(data), formats=TEXTURES).size
-    except Exception as problem:  # Pillow's decoders raise whatever they run into
-        raise _refuse(f"{name}: a texture cannot be read ({first_line(problem)})") from None
-    if max(size) > MOST_TEXTURE_PX:
-        raise _refuse(f"{name}: a texture of {size[0]} × {size[1]} px; at most {MOST_TEXTURE_PX} px a side")
-    return size[0] * size[1]
-
-
-def _texture(picture: Image.Image) -> Texture:
-    try:
-        return np.ascontiguousarray(np.asarray(picture.convert("RGB"), np.uint8))
-    except Exception as problem:  # Pillow's decoders raise whatever they run into
-        raise _refuse(f"a texture cannot be read ({first_line(problem)})") from None

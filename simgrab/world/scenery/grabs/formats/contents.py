@@ -1,0 +1,102 @@
+"""What a model's file shows, whatever its format."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.geometry import Array
+
+Faces = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A material.
+
+    Attributes
+    ----------
+    rgb : tuple of 3 floats
+        Display values (sRGB) in [0, 1], multiplied with the texture.
+    texture : bytes or None
+        A picture's file.
+    specular, shininess : float
+        As `Material` has them.
+    """
+
+    rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    texture: bytes | None = field(default=None, repr=False)
+    specular: float = 0.2
+    shininess: float = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Triangles of one material, where one node shows them.
+
+    Attributes
+    ----------
+    nodes : tuple of str
+        Names of the node and of all above it.
+    vertices : ndarray, shape (n, 3)
+        In the file's unit and axes, before ``pose``.
+    faces : ndarray, shape (m, 3)
+    surface : Surface or None
+        None where the file has no colour for it.
+    uv : ndarray, shape (n, 2), or None
+        Texture coordinates; v = 1 is the top of the picture.
+    colours : ndarray, shape (m, 3), or None
+        Display values (sRGB) of the faces, in [0, 1], instead of the surface's ``rgb``.
+    pose : ndarray, shape (4, 4)
+        From the node's frame to the file's.
+    """
+
+    nodes: tuple[str, ...]
+    vertices: Array
+    faces: Faces
+    surface: Surface | None = None
+    uv: Array | None = None
+    colours: Array | None = None
+    pose: Array = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """All that a file shows, and what of it is not shown.
+
+    Attributes
+    ----------
+    shapes : tuple of Shape
+    doubts : tuple of str
+        What is not shown as the file means it, each with its cure; sentences.
+    unread : tuple of str
+        What is left out and changes nothing that is seen.
+    unit : str
+        That the file states in words; empty where it states none.
+    """
+
+    shapes: tuple[Shape, ...]
+    doubts: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
+    unit: str = ""
+
+
+_UNITS = {
+    "millimetres": ("mm", "millimeter", "millimetre"), "centimetres": ("cm", "centimeter", "centimetre"),
+    "inches": ("in", "inch", "inche"), "feet": ("ft", "foot", "feet"), "metres": ("m", "meter", "metre"),
+}  # fmt: skip
+
+
+def stated_unit(comments: str) -> str:
+    """Find the unit that a file's comments state, such as ``# File units = millimeters``."""
+    match = re.search(r"(?i)\bunits?\b ?(?:[=:]|is\b|are\b)? ?['\"]?([a-z]+)", " ".join(comments.split()))
+    word = match[1].lower() if match else ""
+    return next((unit for unit, names in _UNITS.items() if word in names or word.removesuffix("s") in names), "")
+
+
+def mean_of_corners(colours: Array, faces: Faces) -> Array:
+    """Give each face the mean of its vertices' colours."""
+    return np.asarray(colours[faces].mean(axis=1))

@@ -1,0 +1,305 @@
+"""Wavefront OBJ with its material libraries."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from simgrab.geometry import Array
+from simgrab.utilities import models
+from simgrab.utilities.models import MOST_NODES, Model
+from simgrab.utilities.parse import Refuse, shown
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
+from simgrab.world.scenery.grabs.formats.polygons import triangles
+
+_FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
+              "end", "con", "bzp", "bsp", "cdc", "cdp", "res", "stech", "ctech"}  # fmt: skip
+_OTHER_FILES = {"call", "csh", "maplib", "usemap", "shadow_obj", "trace_obj"}
+_SAID_NOTHING_OF = {"s", "mg", "vn", "lod", "bevel", "c_interp", "d_interp", "mtllib"}
+_PLAIN_MAPS = {"map_ka", "map_ks", "map_ns", "map_bump", "bump", "disp", "decal", "refl", "norm", "map_pr", "map_pm",
+               "map_ps", "map_ke", "map_aat"}  # fmt: skip
+_BOUNDLESS = 2**40  # a missing index of a texture coordinate, where none can be
+
+_Part = tuple[str, str, str]
+"""Names of object, group and material; empty where there is none."""
+
+
+@dataclass
+class _Polygons:
+    """Faces of one part: indices of positions and of texture coordinates, from 1, and how many each face has."""
+
+    v: list[int] = field(default_factory=list)
+    vt: list[int] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+
+
+@dataclass
+class _Text:
+    """What the lines of a file state, up to one of them."""
+
+    points: list[tuple[float, float, float]] = field(default_factory=list)
+    uvs: list[tuple[float, float]] = field(default_factory=list)
+    colours: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    parts: dict[_Part, _Polygons] = field(default_factory=dict)
+    keywords: set[str] = field(default_factory=set)
+    part: _Part = ("", "", "")
+
+    def add(self, line: str) -> None:
+        """Take the next line."""
+        words = line.split()
+        match words[0]:
+            case "v":
+                if len(words) >= 7:
+                    self.colours[len(self.points)] = tuple(map(float, words[4:7]))
+                self.points.append((float(words[1]), float(words[2]), float(words[3])))
+            case "vt":
+                self.uvs.append((float(words[1]), float(words[2]) if len(words) > 2 else 0.0))
+            case "f" | "fo":
+                self._add_face(words[1:])
+            case "o":
+                self.part = (line[1:].strip(), *self.part[1:])
+            case "g":
+                self.part = (self.part[0], line[1:].strip(), self.part[2])
+            case "usemtl":
+                self.part = (*self.part[:2], line[6:].strip())
+            case keyword:
+                self.keywords.add(keyword)
+
+    def _add_face(self, corners: list[str]) -> None:
+        """Add a face; it counts back from what is stated before it."""
+        polygons = self.parts.setdefault(self.part, _Polygons())
+        for corner in corners:
+            v, _, rest = corner.partition("/")
+            vt = rest.partition("/")[0]
+            polygons.v.append(_absolute(int(v), len(self.points)))
+            polygons.vt.append(_absolute(int(vt), len(self.uvs)) if vt else 0)
+        polygons.sizes.append(len(corners))
+
+
+@dataclass
+class _Look:
+    """A material of a library, and what of it is not shown."""
+
+    surface: Surface = field(default_factory=Surface)
+    offset: tuple[float, float] = (0.0, 0.0)
+    scale: tuple[float, float] = (1.0, 1.0)
+    opaque: bool = True
+    doubts: list[str] = field(default_factory=list)
+    unread: set[str] = field(default_factory=set)
+
+
+def read(model: Model, refuse: Refuse) -> Contents:
+    """Read an OBJ file.
+
+    Its nodes are its objects, its groups, and one for each object's and group's part of a material.
+    """
+    text = _Text()
+    for line in models.lines(model.data):
+        try:
+            text.add(line)
+        except (ValueError, IndexError, OverflowError):
+            raise refuse(f"cannot read {shown(line)}") from None
+    points, parts, keywords = text.points, text.parts, text.keywords
+    looks, doubts = _libraries(model)
+    where = np.array(points, float).reshape(-1, 3)
+    shapes = _shapes(
+        parts, where, np.array(text.uvs, float).reshape(-1, 2), _levels(text.colours, len(points)), looks, refuse
+    )
+    used = dict.fromkeys(name for *_, name in parts if name)
+    unknown = [name for name in used if name not in looks]
+    if unknown and not model.missing:
+        doubts.append(f"No material library has {_some(unknown)}: its faces are painted by paint_rgb. Name the library "
+                      "by mtllib.")  # fmt: skip
+    doubts += [
+        f"Material {shown(name)}: faces without texture coordinates (vt) show Kd in place of its texture."
+        for name in used
+        if name in looks and looks[name].surface.texture is not None
+        and any(not all(part.vt) for (*_, own), part in parts.items() if own == name)
+    ]  # fmt: skip
+    for name in used:
+        doubts += [f"Material {shown(name)}: {doubt}" for doubt in looks.get(name, _Look()).doubts]
+    doubts += _of_keywords(keywords)
+    if b"#MRGB" in model.data:
+        doubts.append("It has colours of ZBrush (#MRGB), which are not read: export them as v x y z r g b.")
+    if text.colours and any(look.surface.texture is not None for look in looks.values()):
+        doubts.append("Colours of vertices are left out where there is a texture.")
+    unread = sorted(set[str]().union(*(looks[name].unread for name in used if name in looks)))
+    if keywords & {"l", "p"}:
+        unread.append("lines and points")
+    comments = re.findall(rb"(?m)^[ \t]*#([^\r\n]{0,200})", model.data[:20_000])
+    return Contents(tuple(shapes), tuple(doubts), tuple(unread), stated_unit(b"\n".join(comments).decode("latin-1")))
+
+
+def _absolute(index: int, count: int) -> int:
+    if index >= 0:
+        return index or _BOUNDLESS
+    return count + 1 + index if count + 1 + index > 0 else -_BOUNDLESS
+
+
+def _shapes(
+    parts: dict[_Part, _Polygons], points: Array, uvs: Array, colours: Array | None, looks: dict[str, _Look],
+    refuse: Refuse,
+) -> list[Shape]:  # fmt: skip
+    if len(parts) > MOST_NODES:
+        raise refuse(f"has {len(parts)} groups and materials; the limit is {MOST_NODES}: join some")
+    shapes = []
+    for (owner, group, material), polygons in parts.items():
+        v, vt = np.array(polygons.v, np.int64) - 1, np.array(polygons.vt, np.int64) - 1
+        _check(v, 0, len(points), "vertex", refuse)
+        _check(vt, -1, len(uvs), "texture coordinate", refuse)
+        corners, _ = triangles(points[v], np.array(polygons.sizes, np.int64))
+        if not len(corners):
+            continue
+        look = looks.get(material)
+        surface, uv = None if look is None else look.surface, None
+        if look is not None and look.surface.texture is not None and (vt >= 0).any():
+            pairs, inverse = np.unique(np.stack([v, vt], axis=1)[corners.ravel()], axis=0, return_inverse=True)
+            used, faces = pairs[:, 0], inverse.reshape(-1, 3)
+            uv = np.where(pairs[:, 1:] >= 0, uvs[pairs[:, 1]], 0.0) * look.scale + look.offset
+        else:
+            if surface is not None:
+                surface = replace(surface, texture=None)
+            used, inverse = np.unique(v[corners.ravel()], return_inverse=True)
+            faces = inverse.reshape(-1, 3)
+        own = None
+        if colours is not None and uv is None:
+            own = mean_of_corners(colours[used], faces) * ((1.0, 1.0, 1.0) if surface is None else surface.rgb)
+        name = "_".join(part for part in (owner, group, material) if part) or "geometry"
+        nodes = tuple(dict.fromkeys(node for node in (name, group, owner) if node))
+        shapes.append(Shape(nodes, points[used], faces, surface, uv, own))
+    return shapes
+
+
+def _check(indices: Faces, least: int, count: int, what: str, refuse: Refuse) -> None:
+    wrong = indices[(indices < least) | (indices >= count)]
+    if len(wrong):
+        number = f"{what} {wrong[0] + 1}" if abs(wrong[0]) < _BOUNDLESS - 1 else f"a {what} before the first"
+        raise refuse(f"a face names {number} of {count}")
+
+
+def _levels(colours: dict[int, tuple[float, ...]], count: int) -> Array | None:
+    """Give the colours of vertices, in [0, 1]; white where only others have one."""
+    if not colours:
+        return None
+    levels = np.ones((count, 3))
+    levels[list(colours)] = list(colours.values())
+    return np.clip(levels / (255.0 if levels.max() > 1.0 else 1.0), 0.0, 1.0)
+
+
+def _of_keywords(keywords: set[str]) -> list[str]:
+    doubts = []
+    if surfaces := keywords & _FREE_FORM:
+        doubts.append(f"It has free-form curves or surfaces ({_some(sorted(surfaces))}), which are not shown: export "
+                      "them as triangles.")  # fmt: skip
+    if others := keywords & _OTHER_FILES:
+        doubts.append(f"It refers to other files by {_some(sorted(others))}, which are not read: export one file.")
+    known = _FREE_FORM | _OTHER_FILES | _SAID_NOTHING_OF | {"l", "p"}
+    if unknown := sorted(keywords - known):
+        doubts.append(f"It has lines that are not of the format: {_some(unknown)}. They are not read.")
+    return doubts
+
+
+def _some(names: Iterable[str]) -> str:
+    listed = [shown(name) for name in names]
+    return ", ".join(listed[:6]) + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
+
+
+# Material libraries.
+
+
+def _libraries(model: Model) -> tuple[dict[str, _Look], list[str]]:
+    """Read the materials of all libraries that the file names."""
+    looks: dict[str, _Look] = {}
+    doubts = []
+    if b"mtllib" in model.data:
+        for line in models.lines(model.data):
+            for name in models.libraries(line[6:]) if re.match(r"mtllib\s", line) else ():
+                data = model.files.named(name, model.name)
+                if data is not None:
+                    found = _library(model, name, data)
+                    looks = found | looks
+                    doubts += [] if found else [f"The material library {shown(name)} has no material (newmtl)."]
+    return looks, doubts
+
+
+def _library(model: Model, file: str, data: bytes) -> dict[str, _Look]:
+    looks: dict[str, _Look] = {}
+    look = _Look()
+    for line in models.lines(data):
+        words = line.split()
+        key, value = words[0].lower(), line[len(words[0]) :].strip()
+        if key == "newmtl":
+            look = looks[value] = _Look()
+        elif key in ("map_kd", "map_d") and not value:
+            continue
+        elif key == "kd":
+            _set_colour(look, words[1:])
+        elif key == "map_kd":
+            _set_texture(look, model, file, value)
+        elif key in ("d", "tr"):
+            amount = _number(words[-1])
+            if amount is not None and (amount < 1.0 if key == "d" else amount > 0.0):
+                _doubt(look, f"{words[0]} {amount:g} makes it transparent; it is shown opaque.")
+        elif key == "map_d":
+            _doubt(look, "map_d makes it partly transparent; it is shown opaque.")
+        elif key == "ke" and any(_number(word) for word in words[1:]):
+            _doubt(look, "it emits light (Ke), which is not shown: give its colour as Kd.")
+        elif key in _PLAIN_MAPS or key == "map_ke":
+            look.unread.add(words[0])
+    for one in looks.values():
+        _darken(one)
+    return looks
+
+
+def _doubt(look: _Look, doubt: str) -> None:
+    if doubt not in look.doubts:
+        look.doubts.append(doubt)
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def _set_colour(look: _Look, words: list[str]) -> None:
+    levels = [min(max(level, 0.0), 1.0) for word in words if (level := _number(word)) is not None]
+    if len(levels) != len(words) or len(levels) not in (1, 3):  # one stands for all three
+        return _doubt(look, f"Kd {shown(' '.join(words))} is not read: give red, green and blue.")
+    red, green, blue = (levels * 3)[:3]
+    look.surface = replace(look.surface, rgb=(red, green, blue))
+    return None
+
+
+def _set_texture(look: _Look, model: Model, file: str, value: str) -> None:
+    name, options = models.map_name(value)
+    picture = model.files.named(name, file.replace("\\", "/"))
+    look.surface = replace(look.surface, texture=picture)
+    scale, offset = (
+        [(_number(word) if _number(word) is not None else plain) for word in (*options.get(key, []), *[str(plain)] * 2)]
+        for key, plain in (("-s", 1.0), ("-o", 0.0))
+    )
+    look.scale, look.offset = _pair(scale), _pair(offset)
+    ignored = sorted(set(options) & {"-clamp", "-mm", "-t", "-cc", "-imfchan", "-texres"})
+    if ignored:
+        _doubt(look, f"options {', '.join(ignored)} of map_Kd are not read: put them into the picture.")
+
+
+def _pair(values: list[Any]) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _darken(look: _Look) -> None:
+    """Multiply Kd with a texture, as the format says, but for the black that exporters write beside one."""
+    if look.surface.texture is None:
+        return
+    if max(look.surface.rgb) == 0.0:
+        look.surface = replace(look.surface, rgb=(1.0, 1.0, 1.0))
+    elif min(look.surface.rgb) < 0.5:
+        kd = " ".join(f"{level:.3g}" for level in look.surface.rgb)
+        _doubt(look, f"its texture is darkened by Kd {kd}, as the format says: set Kd 1 1 1 if it is too dark.")
