@@ -99,8 +99,11 @@ def _run(
     if progress:
         progress(done, total)
     with contextlib.ExitStack() as pools:
-        here = pools.enter_context(worker_pool(workers))
-        makers = here if cluster is None else pools.enter_context(worker_pool(workers, cluster))
+        here = makers = worker_pool(workers)
+        pools.enter_context(here)
+        if cluster is not None:
+            makers = worker_pool(workers, cluster)
+            pools.enter_context(makers)
         for file, data, count in makers.map(_made, missing, name=_named):
             with writing(folder, StressError):
                 write(file, data)
