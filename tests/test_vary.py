@@ -269,7 +269,7 @@ def test_contradictions_are_refused(state):
         state("quay-day", {"clip.clip_frames": 2, "vary": factors})
 
 
-@pytest.mark.parametrize("value", [3, [3], "x", {"camera.beta_deg": 3}])
+@pytest.mark.parametrize("value", [3, [3], "x", {"camera.beta_deg": "x"}])
 def test_what_is_no_factor_is_refused(value, state):
     with pytest.raises(ScenarioError, match="vary"):
         state("training", {"vary": value})

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from simgrab.errors import SimgrabError, first_line
-from simgrab.utilities import pictures
 from simgrab.utilities.models import MOST_BYTES, Files, Model, remember
 from simgrab.utilities.parse import Refuse, is_dir, read_bytes
 from simgrab.utilities.playback import Playback, aspect_of, squared, stream_of
@@ -58,6 +57,8 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     path = path if path.name not in ("", "..") else root
     if not path.name:
         raise refuse(f"{path} is the root of a disk; name a folder of photographs")
+    from simgrab.utilities import pictures  # which needs OpenCV
+
     try:
         listed = pictures.of(path, [f".{ending}" for ending in PHOTOGRAPHS])
     except OSError as problem:
