@@ -11,12 +11,13 @@ import os
 
 VECTOR_WIDTH = "LP_NATIVE_VECTOR_WIDTH"
 
-# Of Mesa, by its library, and of NVIDIA's driver.
+# Of Mesa and PyOpenGL, and of NVIDIA's driver.
 _IGNORED = frozenset((
     "DRAW_USE_LLVM", "GALLIUM_DDEBUG", "GALLIUM_DUMP_VS", "GALLIUM_NOOP", "GALLIUM_NOSSE", "GALLIUM_OVERRIDE_CPU_CAPS",
     "GALLIUM_TESTS", "GALLIVM_PERF", "LP_NO_RAST", "LP_PERF", "MESA_EXTENSION_MAX_YEAR", "MESA_EXTENSION_OVERRIDE",
     "MESA_GL_VERSION_OVERRIDE", "MESA_MVP_DP4", "MESA_NO_ERROR", "MESA_SHADER_READ_PATH", "force_gl_renderer",
     "mesa_extension_override", "mesa_no_error",
+    "PYOPENGL_CONTEXT_CHECKING", "PYOPENGL_ERROR_CHECKING", "PYOPENGL_ERROR_ON_COPY",
     "__GL_ALLOW_FXAA_USAGE", "__GL_FSAA_MODE", "__GL_LOG_MAX_ANISO", "__GL_SHARPEN_ENABLE",
 ))  # fmt: skip
 _VECTOR_WIDTHS = ("", "128", "256")  # bits; llvmpipe crashes with others

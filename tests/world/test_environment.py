@@ -128,12 +128,22 @@ def test_triton_finds_its_own_llvm_when_it_is_imported_after_mesa(monkeypatch, t
 
 # Forks itself for every environment, before OpenGL is loaded, and renders a small frame there.
 RENDER = """
-import hashlib, json, logging, os, sys
-os.environ["MUJOCO_GL"] = "disabled"
-import cv2, mujoco, scipy.optimize, scipy.spatial, trimesh, shapely, simgrab
-del os.environ["MUJOCO_GL"]
-for name in ("PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID", "LP_NATIVE_VECTOR_WIDTH"):
+import ctypes, hashlib, json, logging, os, sys
+for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID"):
     os.environ.pop(name, None)
+import cv2, scipy.spatial, simgrab
+load = ctypes.CDLL
+
+def absent(name, *rest):
+    if str(name).startswith(("libEGL", "libGL", "libOpenGL", "libOSMesa")):
+        raise OSError(name)
+    return load(name, *rest)
+
+ctypes.CDLL = absent
+from simgrab.world import gl
+from simgrab.world.frames import FrameGenerator
+ctypes.CDLL = load
+del os.environ["MUJOCO_GL"]
 
 def render():
     said = []
@@ -141,7 +151,7 @@ def render():
     handler.emit = lambda record: said.append(record.getMessage())
     logging.getLogger("simgrab").addHandler(handler)
     try:
-        from simgrab.world.frames import FrameGenerator
+        gl.choose()
         with FrameGenerator(simgrab.load("quay-day", json.loads(sys.argv[1]))) as generator:
             frame = generator.frame(0, full=True)
             drawn = frame.rgb.tobytes() + frame.ids.tobytes() + frame.depth.tobytes()
@@ -188,7 +198,8 @@ MANY = [
     ({"CUDA_VISIBLE_DEVICES": "", "DISPLAY": ":9", "WAYLAND_DISPLAY": "none", "XDG_SESSION_TYPE": "wayland"}, SAME),
     ({"EGL_PLATFORM": "x11", "DRI_PRIME": "1", "LP_NUM_THREADS": "many", "LIBGL_ALWAYS_SOFTWARE": "1"}, SAME),
     ({"MESA_DEBUG": "silent", "MESA_GLSL_VERSION_OVERRIDE": "330", "MESA_GLSL": "nopt", "ST_DEBUG": ""}, SAME),
-    ({"PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_USE_ACCELERATE": "0", "PYOPENGL_CONTEXT_CHECKING": "1"}, SAME),
+    ({"PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_ERROR_ON_COPY": "1", "PYOPENGL_CONTEXT_CHECKING": "1"}, IGNORED),
+    ({"PYOPENGL_USE_ACCELERATE": "0", "PYOPENGL_STORE_POINTERS": "0", "PYOPENGL_ARRAY_SIZE_CHECKING": "0"}, SAME),
 ]  # fmt: skip
 
 
@@ -210,11 +221,12 @@ def test_no_variable_changes_a_picture_unsaid(cases):
 
 @pytest.mark.skipif(not gl._loads("libOSMesa.so.8"), reason="OSMesa is not installed")
 def test_osmesa_renders_what_egl_renders_and_a_renderer_left_open_ends_quietly():
-    code = RENDER.partition("def render")[0] + (
+    code = (
+        "import hashlib, json, os, simgrab, sys\n"
+        "os.environ['MUJOCO_GL'] = sys.argv[2]\n"
         "generator = simgrab.frames(simgrab.load('quay-day', json.loads(sys.argv[1])))\n"
         "print(hashlib.sha256(next(generator).rgb.tobytes()).hexdigest(), os.environ['MUJOCO_GL'])"
     )
-    code = code.replace('del os.environ["MUJOCO_GL"]', 'os.environ["MUJOCO_GL"] = sys.argv[2]')
     done = [
         subprocess.run([sys.executable, "-c", code, json.dumps(SIZE), name], capture_output=True, text=True, check=True)
         for name in gl.BACKENDS
