@@ -235,7 +235,7 @@ def lines(data: bytes) -> Iterator[str]:
 
 def libraries(value: str) -> list[str]:
     """Give the names of files in a line ``mtllib``; they may hold spaces."""
-    words, found = value.replace('"', "").split(), list[str]()
+    words, found = value[:_MOST_OPTIONS].replace('"', "").split(), list[str]()
     start = 0
     for end, word in enumerate(words, 1):
         if word.lower().endswith(".mtl") or end == len(words):

@@ -256,6 +256,10 @@ OBJ = {
     "texture index beyond": ({"a.obj": VERTICES + UVS + "f 1/1 2/2 3/4\n"}, "texture coordinate 4 of 3"),
     "no number": ({"a.obj": "v 0 0 x\n" + FACES}, "cannot read 'v 0 0 x'"),
     "points alone": ({"a.obj": VERTICES}, "shows no triangles"),
+    "too many corners": ({"a.obj": VERTICES + "f" + " 1" * 5001}, "5001 corners; the limit is 5000: split it"),
+    "too many triangles": (
+        {"a.obj": VERTICES + "f" + " 1 \\\n" * 4000 + ("\nf" + " 1 \\\n" * 4000) * 125}, "503748 triangles; the limit is",
+    ),
     "a face of two corners": ({"a.obj": VERTICES + "f 1 2\n"}, "shows no triangles"),
 }  # fmt: skip
 

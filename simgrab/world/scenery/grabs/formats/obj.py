@@ -14,7 +14,7 @@ from simgrab.utilities import models
 from simgrab.utilities.models import MOST_NODES, Model
 from simgrab.utilities.parse import Refuse, shown
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
-from simgrab.world.scenery.grabs.formats.polygons import triangles
+from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
               "end", "con", "bzp", "bsp", "cdc", "cdp", "res", "stech", "ctech"}  # fmt: skip
@@ -146,6 +146,7 @@ def _shapes(
 ) -> list[Shape]:  # fmt: skip
     if len(parts) > MOST_NODES:
         raise refuse(f"has {len(parts)} groups and materials; the limit is {MOST_NODES}: join some")
+    check(np.array([size for polygons in parts.values() for size in polygons.sizes], np.int64), refuse)
     shapes = []
     for (owner, group, material), polygons in parts.items():
         v, vt = np.array(polygons.v, np.int64) - 1, np.array(polygons.vt, np.int64) - 1

@@ -13,7 +13,7 @@ from simgrab.utilities import models
 from simgrab.utilities.models import MOST_FACES, Model
 from simgrab.utilities.parse import Refuse, shown
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
-from simgrab.world.scenery.grabs.formats.polygons import triangles
+from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -46,6 +46,7 @@ def read(model: Model, refuse: Refuse) -> Contents:
         raise refuse(f"has more than {MOST_FACES} triangles: simplify it")
     if strips is not None:
         indices, sizes = _with_strips(indices.astype(np.int64), sizes, strips[0].astype(np.int64))
+    check(sizes, refuse)
     indices = indices.astype(np.int64)
     if len(indices) and not 0 <= indices.min() <= indices.max() < len(vertices):
         raise refuse(f"a face names vertex {indices[(indices < 0) | (indices >= len(vertices))][0]} of {len(vertices)}")

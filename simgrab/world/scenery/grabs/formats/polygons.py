@@ -7,10 +7,20 @@ import numpy as np
 
 from simgrab.geometry import Array
 from simgrab.utilities.models import MOST_FACES
+from simgrab.utilities.parse import Refuse
 from simgrab.world.scenery.grabs.formats.contents import Faces
 
 MOST_CORNERS = 5_000
 """Of one polygon."""
+
+
+def check(sizes: Faces, refuse: Refuse) -> None:
+    """Refuse polygons of more than `MOST_CORNERS` corners, and more triangles than `MOST_FACES`."""
+    if sizes.max(initial=0) > MOST_CORNERS:
+        raise refuse(f"a face has {sizes.max()} corners; the limit is {MOST_CORNERS}: split it")
+    total = int(np.maximum(sizes - 2, 0).sum())
+    if total > MOST_FACES:
+        raise refuse(f"has {total} triangles; the limit is {MOST_FACES}: simplify it")
 
 
 def triangles(points: Array, sizes: Faces) -> tuple[Faces, Faces]:
@@ -29,16 +39,7 @@ def triangles(points: Array, sizes: Faces) -> tuple[Faces, Faces]:
         Rows of ``points``, polygon by polygon.
     polygons : ndarray of int, shape (m,)
         Which polygon each triangle is of.
-
-    Raises
-    ------
-    ValueError
-        If a polygon has more than `MOST_CORNERS` corners, or all would be more than `MOST_FACES` triangles.
     """
-    if np.maximum(sizes - 2, 0).sum() > MOST_FACES:
-        raise ValueError(f"has more than {MOST_FACES} triangles: simplify it")
-    if sizes.max(initial=0) > MOST_CORNERS:
-        raise ValueError(f"a face has {sizes.max()} corners; the limit is {MOST_CORNERS}")
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     corners, owners = [], []
     for size in np.unique(sizes[sizes >= 3]):
