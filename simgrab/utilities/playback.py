@@ -31,6 +31,7 @@ _BESIDE = (
 )  # fmt: skip
 _HDR = {16: "PQ", 18: "HLG"}  # by FFmpeg's AVColorTransferCharacteristic
 _TO_SRGB = "out_transfer=iec61966-2-1:out_primaries=bt709:out_range=full"
+_WITHIN_FIELD = "mode=frame:rslope=1:redge=0:interp=2p"  # no other moment comes in; twice as fast as by default
 _UPRIGHT = (False, False, False)
 _TURNS = {
     (False, True, True): "turned by 180°",
@@ -79,7 +80,7 @@ class Playback:
     def plain(self, frame: VideoFrame) -> VideoFrame:
         """Give the same picture as of one moment, the first field's, and in standard dynamic range."""
         if frame.interlaced_frame:
-            graph = _graph(frame, "estdif", "mode=frame")  # interpolates within the field: no other moment comes in
+            graph = _graph(frame, "estdif", _WITHIN_FIELD)
             graph.push(frame)
             graph.push(None)
             frame = graph.vpull()
