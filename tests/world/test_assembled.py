@@ -185,7 +185,7 @@ def test_assembled_grabs_stand_on_a_random_place() -> None:
 
 
 def test_the_scene_draws_another_grab_for_each_frame_and_labels_it() -> None:
-    scene = scenes.load("training-shapes", {"frames": 4, "seed": 1}, size=(320, 180))
+    scene = scenes.load("training-shapes", {"frames": 4, "seed": 1}, size=(480, 270))
     grabs = [one.scenario.grab for one, _ in variants(scene)]
     assert len(set(grabs)) == 4
     shown = []

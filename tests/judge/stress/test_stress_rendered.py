@@ -110,7 +110,7 @@ def test_physics_brings_times_and_a_camera_that_moves():
 
 @pytest.mark.slow
 def test_workers_and_an_interruption_change_nothing(tmp_path):
-    study = catalogue.read(SNOW | {"n": 4, "replications": 3, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
+    study = catalogue.read(SNOW | {"replications": 3, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
     folder, told = tmp_path / "pictures", []
     (folder / PARTIAL).mkdir(parents=True)
     identity = {"simgrab": __version__, "digest": study.digest, "made_with": RENDERED.made_with()}
