@@ -12,7 +12,6 @@ import struct
 from fractions import Fraction
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from av.filter import Graph
 from av.stream import Disposition
@@ -96,6 +95,8 @@ class Playback:
         """Make a frame's pixels square and turn it: any array of shape (height, width) or (height, width, 3)."""
         size = squared(frame.width, frame.height, self.aspect)
         if size != (frame.width, frame.height):
+            import cv2  # by this alone, and scenes, which may name videos, are read without it
+
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
         swapped, columns, rows = turn = self._turn(frame)
         if turn == _UPRIGHT:
