@@ -22,6 +22,11 @@ from simgrab.utilities.parse import read_json
 
 LICENCE = "Apache-2.0"
 PACKAGES = ("torch", "onnx", "onnxruntime", "numpy", "opencv-python-headless")
+# Environment variables by which torch and its libraries add up in another order, or with other precision.
+CHANGING = (
+    "ATEN_CPU_CAPABILITY", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "MKL_CBWR", "ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA",
+    "NVIDIA_TF32_OVERRIDE", "TORCH_ALLOW_TF32_CUBLAS_OVERRIDE", "CUBLAS_WORKSPACE_CONFIG",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -133,8 +138,10 @@ def versions() -> dict[str, str]:
 
 
 def machine(device: str = "cpu") -> dict[str, Any]:
-    """Say what machine this is, and which GPU a device of torch names."""
+    """Say what machine this is, which GPU a device of torch names, and which variables change sums of torch's."""
     found = {"system": platform.platform(terse=True), "processor": platform.machine(), "cores": os.cpu_count() or 1}
+    if changing := {name: os.environ[name] for name in CHANGING if name in os.environ}:
+        found["environment"] = changing
     if device.startswith("cuda"):
         import torch
 

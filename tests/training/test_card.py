@@ -5,6 +5,7 @@ import pytest
 
 from simgrab.instrument.detect.bundled import WEIGHTS
 from simgrab.labels.datasets import Data
+from simgrab.training import card as cards
 from simgrab.training.card import Card, markdown
 
 
@@ -34,3 +35,11 @@ def test_a_card_says_what_it_is_of(tmp_path):
 @pytest.mark.parametrize("card", sorted(WEIGHTS.rglob("*.json")), ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_the_bundled_cards_are_both_of_one_training(card):
     assert card.with_suffix(".md").read_text(encoding="utf-8") == markdown(json.loads(card.read_text(encoding="utf-8")))
+
+
+def test_the_machine_names_variables_by_which_torch_computes_otherwise(monkeypatch):
+    for name in cards.CHANGING:
+        monkeypatch.delenv(name, raising=False)
+    assert "environment" not in cards.machine()
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    assert cards.machine()["environment"] == {"OMP_NUM_THREADS": "1"}

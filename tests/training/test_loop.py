@@ -288,6 +288,7 @@ import mujoco, torch
 from simgrab.world import gl
 with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
     gl.fingerprint()
+assert "libtriton" not in open("/proc/self/maps").read()
 torch.optim.SGD([torch.zeros(1, requires_grad=True)], 0.1)
 """
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

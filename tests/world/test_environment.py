@@ -7,6 +7,7 @@ import sys
 import types
 
 import pytest
+from conftest import SMALL
 
 from simgrab.utilities import environment
 from simgrab.world import gl, gl_variables, llvm
@@ -173,16 +174,17 @@ for variables in json.loads(sys.argv[2]):
         print(answer.read() or "null", flush=True)
     os.waitpid(child, 0)
 """
-SIZE = {"camera.width_px": 240, "camera.height_px": 136, "camera.focal": {"model": "pixels", "focal_length_px": 205.6},
-        "image.samples": 4, "image.shadow_map_px": 1024, "display.layout": "none", "frames": 2}  # fmt: skip
+SIZE = SMALL | {"camera.width_px": 240, "camera.height_px": 136, "frames": 2} | {
+    "camera.focal": {"model": "pixels", "focal_length_px": 205.6}
+}  # fmt: skip
 REFUSED, IGNORED, SAME = "refused", "ignored", "same"
 FEW = [
-    ({"MUJOCO_EGL_DEVICE_ID": "3"}, REFUSED),
     ({"MUJOCO_EGL_DEVICE_ID": "first"}, REFUSED),
-    ({"LP_PERF": "no_mipmap"}, IGNORED),
-    ({"MUJOCO_GL": "glx", "PYOPENGL_PLATFORM": "glx"}, IGNORED),
+    ({"LP_NO_RAST": "1", "MUJOCO_GL": "glx", "PYOPENGL_PLATFORM": "glx"}, IGNORED),
 ]
 MANY = [
+    ({"MUJOCO_EGL_DEVICE_ID": "3"}, REFUSED),
+    ({"LP_PERF": "no_mipmap,no_depth"}, IGNORED),
     ({"MUJOCO_EGL_DEVICE_ID": "-1"}, REFUSED),
     ({"GALLIUM_DRIVER": "none"}, REFUSED),
     ({"LIBGL_DRIVERS_PATH": "/none"}, REFUSED),
