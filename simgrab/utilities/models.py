@@ -324,11 +324,12 @@ def _check_counts(model: Model, refuse: Refuse) -> None:
             faces, vertices = sum(max(count - 2, 1) for count in corners), len(re.findall(rb"(?m)^[ \t]*v[ \t]", data))
         case _:
             counts = {words[1]: words[2] for words in header(data) if words[:1] == ["element"] and len(words) == 3}
-            faces, vertices = (_count(counts.get(name, "0"), refuse) for name in ("face", "vertex"))
+            faces = _count(counts.get("face", "0"), refuse)
+            vertices = max((_count(count, refuse) for count in counts.values()), default=0)
     if faces > MOST_FACES:
         raise refuse(f"has {faces} triangles or more; the limit is {MOST_FACES}: simplify it")
     if vertices > 3 * MOST_FACES:
-        raise refuse(f"states {vertices} vertices; the limit is {3 * MOST_FACES}: simplify it")
+        raise refuse(f"states {vertices} vertices or other elements; the limit is {3 * MOST_FACES}: simplify it")
 
 
 def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:

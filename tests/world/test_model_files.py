@@ -258,7 +258,7 @@ OBJ = {
     "points alone": ({"a.obj": VERTICES}, "shows no triangles"),
     "too many corners": ({"a.obj": VERTICES + "f" + " 1" * 5001}, "5001 corners; the limit is 5000: split it"),
     "too many triangles": (
-        {"a.obj": VERTICES + "f" + " 1 \\\n" * 4000 + ("\nf" + " 1 \\\n" * 4000) * 125}, "503748 triangles; the limit is",
+        {"a.obj": VERTICES + ("\nf" + " 1 \\\n" * 4000) * 126}, "503748 triangles; the limit is",
     ),
     "a face of two corners": ({"a.obj": VERTICES + "f 1 2\n"}, "shows no triangles"),
 }  # fmt: skip
