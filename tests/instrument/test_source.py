@@ -173,7 +173,11 @@ def test_frames_without_time_stamps_have_the_rate_that_is_given_stated_or_assume
     (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
     assert times_of(open_source(raw)) == pytest.approx(even(20, 25))
     assert times_of(open_source(raw, rate_hz=12)) == pytest.approx(even(20, 12))
-    for path in (tmp_path / "a.mjpeg", absurd):
+    pictures = b"".join(b"FRAME\n" + bytes([i] * 64 * 36) for i in range(6))
+    (tmp_path / "a.y4m").write_bytes(b"YUV4MPEG2 W64 H36 Cmono\n" + pictures)
+    (tmp_path / "b.y4m").write_bytes(b"YUV4MPEG2 W64 H36 F12:1 Cmono\n" + pictures)
+    assert times_of(open_source(tmp_path / "b.y4m")) == pytest.approx(even(6, 12))
+    for path in (tmp_path / "a.mjpeg", tmp_path / "a.y4m", absurd):
         assumed, given = (list(open_source(path, rate_hz=rate)) for rate in (None, 12))
         assert times_of(assumed) == pytest.approx(even(6))
         assert times_of(given) == pytest.approx(even(6, 12))
@@ -305,7 +309,7 @@ def test_time_stamps_beyond_what_doubles_resolve_count_as_missing(tmp_path, stam
 
 def test_times_increase_however_short_a_step_is():
     container = SimpleNamespace(format=SimpleNamespace(name="mov", flags=0))
-    clock = _Clock(SimpleNamespace(average_rate=10**9, guessed_rate=None, container=container))
+    clock = _Clock(SimpleNamespace(average_rate=10**9, guessed_rate=None, container=container), timed=True)
     times = [clock.next(stamp) for stamp in (1e12, None, 1e12, 1e13, float("nan"))]
     assert all(later > earlier for earlier, later in pairwise(times))
 
