@@ -82,7 +82,7 @@ class Video:
         with self._file() as file:
             self._extent = containers.extent(file)
         with self.opened() as stream, self._file() as file:
-            self.count, self.timed = _count(stream), _timed(stream)
+            self.count, self.timed = _count(stream), _timed(stream) and not containers.lacks_rate(file)
             if containers.crops(file, stream.codec_context.width, stream.codec_context.height):
                 raise SourceError(f"{self.name}: its container crops the pictures; crop the coded ones instead")
 
@@ -95,7 +95,7 @@ class Video:
             If the file is gone, breaks off before its first picture, or its pictures are turned by less than a quarter.
         """
         with self.opened() as stream:
-            yield from _with_gaps(self._decoded(stream, _Clock(stream, self._rate_hz)))
+            yield from _with_gaps(self._decoded(stream, _Clock(stream, self.timed, self._rate_hz)))
 
     def from_time(self, time_s: float) -> Generator[Frame, None, None]:
         """Decode from a key frame at or before a time, or from the beginning where the file cannot be searched.
@@ -107,7 +107,7 @@ class Video:
         """
         for back_s in _BACK_S:
             with self.opened() as stream:
-                clock = _Clock(stream, self._rate_hz)
+                clock = _Clock(stream, self.timed, self._rate_hz)
                 searched = clock.searchable and back_s < math.inf
                 if searched:
                     clock.origin = self._origin
@@ -146,7 +146,7 @@ class Video:
     def _origin(self) -> float:
         """Time stamp that counts as 0, s: the first frame's."""
         with self.opened() as stream:
-            clock = _Clock(stream)
+            clock = _Clock(stream, self.timed)
             return next((clock.origin for _ in self._decoded(stream, clock) if clock.origin is not None), 0.0)
 
     def _decoded(self, stream: VideoStream, clock: _Clock) -> Iterator[Frame]:
@@ -227,7 +227,7 @@ class Stream:
             raise SourceError(f"{self.name}: a stream can be read once")
         with container:
             stream = _stream(container)
-            yield from _with_gaps(_decoded(stream, _Clock(stream, self._rate_hz), self.name, whole=True))
+            yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name, whole=True))
 
 
 def _open(source: str | _First, name: str, rules: dict[str, str]) -> InputContainer:
@@ -346,8 +346,8 @@ class _Clock:
         Whether frames have the same times wherever decoding begins.
     """
 
-    def __init__(self, stream: VideoStream, rate_hz: float | None = None) -> None:
-        self._timed = _timed(stream)
+    def __init__(self, stream: VideoStream, timed: bool, rate_hz: float | None = None) -> None:
+        self._timed = timed
         self._numbered = stream.container.format.name == "avi"  # whose frames have numbers, in the order of decoding
         self.searchable = self._timed and not (self._numbered and stream.codec_context.has_b_frames)
         if self._timed:

@@ -66,6 +66,12 @@ def extent(file: BinaryIO) -> Extent:
     return Extent(size, True)
 
 
+def lacks_rate(file: BinaryIO) -> bool:
+    """Whether a file is of raw pictures (YUV4MPEG2) and does not state their rate, for which FFmpeg makes up 25."""
+    line = _at(file, 0, 256).partition(b"\n")[0]
+    return line.startswith(b"YUV4MPEG2 ") and re.search(rb" F0*[1-9]", line) is None
+
+
 def crops(file: BinaryIO, width: int, height: int) -> bool:
     """Whether a Matroska or MP4 states that its pictures are to be cropped, which FFmpeg's decoders do not.
 

@@ -30,7 +30,6 @@ _BESIDE = (
 )  # fmt: skip
 _HDR = {16: "PQ", 18: "HLG"}  # by FFmpeg's AVColorTransferCharacteristic
 _TO_SRGB = "out_transfer=iec61966-2-1:out_primaries=bt709:out_range=full"
-_WITHIN_FIELD = "mode=frame:rslope=1:redge=0:interp=2p"  # no other moment comes in; twice as fast as by default
 _UPRIGHT = (False, False, False)
 _TURNS = {
     (False, True, True): "turned by 180°",
@@ -70,26 +69,39 @@ class Playback:
         self._refuse = refuse
         self._beside = sum(not other.disposition & _BESIDE for other in stream.container.streams.video) - 1
         self._index = stream.index
-        self._range: tuple[object, Graph] | None = None
+        self._graphs = dict[tuple[str, ...], tuple[object, Graph]]()
 
     def picture(self, frame: VideoFrame) -> NDArray[np.uint8]:
         """Show a frame: RGB, shape (height, width, 3)."""
         return self.placed(np.asarray(self.plain(frame).to_ndarray(format="rgb24"), np.uint8), frame)
 
     def plain(self, frame: VideoFrame) -> VideoFrame:
-        """Give the same picture as of one moment, the first field's, and in standard dynamic range."""
+        """Give the same picture as of one moment, and in standard dynamic range.
+
+        Of an interlaced frame what moves is as in the first field, interpolated, and what stands still is of both: a
+        display keeps its resolution. What moves is told from the frame that was given before.
+        """
         if frame.interlaced_frame:
-            graph = _graph(frame, "estdif", _WITHIN_FIELD)
-            graph.push(frame)
-            graph.push(None)
-            frame = graph.vpull()
+            frame = self._filtered(frame, 2, "bwdif", "mode=send_frame")
         if frame.color_trc in _HDR:
-            key = frame.width, frame.height, frame.format.name, frame.color_trc
-            if self._range is None or self._range[0] != key:
-                self._range = key, _graph(frame, "scale", _TO_SRGB, "format", "pix_fmts=rgb24")
-            self._range[1].push(frame)
-            frame = self._range[1].vpull()
+            frame = self._filtered(frame, 1, "scale", _TO_SRGB, "format", "pix_fmts=rgb24")
         return frame
+
+    def _filtered(self, frame: VideoFrame, times: int, *chain: str) -> VideoFrame:
+        """Filter a frame; a filter that waits for the next one is given this one twice."""
+        kind = frame.width, frame.height, frame.format.name, frame.colorspace, frame.color_range, frame.color_trc
+        known = self._graphs.get(chain)
+        if known is None or known[0] != kind:
+            known = self._graphs[chain] = kind, _graph(frame, *chain)
+        for _ in range(times):
+            known[1].push(frame)
+        found = None
+        while True:
+            try:
+                found = known[1].vpull()
+            except (BlockingIOError, EOFError):
+                assert found is not None
+                return found
 
     def placed(self, picture: NDArray[T], frame: VideoFrame) -> NDArray[T]:
         """Make a frame's pixels square and turn it: any array of shape (height, width) or (height, width, 3)."""
@@ -110,7 +122,7 @@ class Playback:
         if self._beside:
             notes.append(f"of {self._beside + 1} video streams FFmpeg's #{self._index} is read")
         if frame.interlaced_frame:
-            notes.append("of interlaced pictures the first field is read")
+            notes.append("of interlaced pictures the first field is read where they move")
         if frame.color_trc in _HDR:
             notes.append(f"HDR ({_HDR[frame.color_trc]}) is brought to standard range")
         if (size := squared(*coded, self.aspect)) != coded:
