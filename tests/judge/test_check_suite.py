@@ -2,11 +2,13 @@
 
 import re
 
+import numpy as np
 import pytest
 import tomli_w
 
 from simgrab.errors import SuiteError
 from simgrab.judge.check import suite
+from simgrab.world.trajectory import iid
 
 GOOD = {"name": "mine", "scenes": {"calm": {"scene": "quay-day", "frames": 4}}}
 
@@ -108,6 +110,16 @@ def test_bundled_suites_can_be(name):
     assert found.instrument == "bundled"
     assert found.description
     assert all(found.limits_of(scene) for scene in found.scenes)
+
+
+@pytest.mark.parametrize("name", ["smoke", "weather"])
+def test_a_constant_answer_fails_each_scene_of_a_bundled_suite(name):
+    """The best one answers the mean, and its error is the standard deviation."""
+    found = suite.load(name)
+    for one in found.scenes:
+        scenario = found.scenario(one)
+        alpha = [iid.draw(scenario, frame).grab.alpha for frame in range(scenario.frames)]
+        assert not found.limits_of(one)["angle.overall.rmse_deg"].holds(np.rad2deg(np.std(alpha)))
 
 
 def test_there_are_the_suites_that_the_readme_names():
