@@ -54,6 +54,7 @@ def test_weights_for_any_grab_were_made_of_random_shapes_and_of_no_exam(name):
     assert ("training-shapes", 49) not in seeds[0]
 
 
+@pytest.mark.slow
 def test_a_kind_that_no_detector_was_trained_on_is_found_by_any_grab_alone():
     """Scissors grabs with unseen paint, cargo and places, at half the size."""
     scene = scenes.load(

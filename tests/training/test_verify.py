@@ -130,6 +130,7 @@ def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
     assert set(card["metrics"]) >= {"alone", "recall", "false_boxes"}
 
 
+@pytest.mark.slow
 def test_it_is_trained_again_to_the_same_file(four, dataset, tmp_path):
     done = CliRunner().invoke(cli, [
         "train", "verify", str(dataset), "--out", str(tmp_path / "out"), "--epochs", "1", "--no-half", "--threads", "1",

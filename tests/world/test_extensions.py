@@ -250,6 +250,7 @@ def test_an_exposure_lags_along_a_trajectory_with_time():
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_function_of_a_script_has_the_name_by_which_another_script_imports_it(tmp_path):
     (tmp_path / "looks.py").write_text(
         "import sys, simgrab\n"
