@@ -44,6 +44,7 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
         out = out or Path("runs") / scenario.name
+    from simgrab.judge.own_grab import doubts_of_axis
     from simgrab.pages.terminal import stdout, table
     from simgrab.world.extensions import Extensions, Recipe
     from simgrab.world.output.dataset import render
@@ -55,6 +56,8 @@ def command(
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)
     recipe, how = Recipe(scenario, given), ""
+    for doubt in doubts_of_axis(scenario.grab):
+        click.echo(printable(f"grab.file: {doubt}"), err=True)
     if cluster is not None and workers is not None:
         raise click.UsageError("--cluster works in place of --workers: give one of them")
     if cluster is not None:

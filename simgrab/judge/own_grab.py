@@ -18,7 +18,7 @@ from simgrab import scenes
 from simgrab.errors import ScenarioError
 from simgrab.geometry import Array
 from simgrab.pages import html
-from simgrab.scenario import Mesh, Scenario
+from simgrab.scenario import Grab, Mesh, Scenario
 from simgrab.utilities import models
 from simgrab.utilities.files import write
 from simgrab.utilities.parse import shown
@@ -113,6 +113,20 @@ def check(scene: Scenario) -> Understood:
     made = design(keys, reading)
     doubts = _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
     return Understood(_facts(keys, model, reading, made), doubts, turntable(scene))
+
+
+def doubts_of_axis(grab: Grab) -> list[str]:
+    """Say where another axis than the format's usual one seems to point up; nothing of grabs that are no files.
+
+    Parameters
+    ----------
+    grab : Grab
+        Read by `simgrab.load`.
+    """
+    if not isinstance(grab, Mesh) or grab.up != "auto":
+        return []
+    model = models.recall(grab.sha256, grab.file, functools.partial(ScenarioError, "grab.file"))
+    return _doubts_of_axis(grab, model, read(grab, model))
 
 
 def _extent(design: Design) -> tuple[Array, Array]:

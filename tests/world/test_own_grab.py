@@ -572,3 +572,13 @@ def test_the_check_doubts_what_lies_on_its_side_or_is_too_small(tmp_path):
     small = own_grab.check(own_grab.scene_of(tmp_path / "b.stl", {"grab.scale": 0.3}))
     assert any("hang askew" in doubt for doubt in small.doubts)
     assert any("check scale" in doubt for doubt in small.doubts)
+
+
+def test_render_says_which_axis_seems_to_point_up(tmp_path):
+    body = trimesh.util.concatenate([trimesh.creation.box((2.4, 2.0, 0.6)), trimesh.creation.box((0.5, 0.5, 1.6))])
+    body.vertices[8:, 2] += 1.1
+    body.export(tmp_path / "a.glb")
+    command = ["render", "--frames=1", "--size=160x90", "--set=place.model=plain", f"--out={tmp_path / 'out'}"]
+    done = CliRunner().invoke(cli, [*command, "--set", f"grab={{model='mesh', file='{tmp_path / 'a.glb'}'}}"])
+    assert done.exit_code == 0, done.output
+    assert "grab.file: z seems to point up" in done.stderr
