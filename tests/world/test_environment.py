@@ -226,6 +226,7 @@ def test_osmesa_renders_what_egl_renders_and_a_renderer_left_open_ends_quietly()
     code = (
         "import hashlib, json, os, simgrab, sys\n"
         "os.environ['MUJOCO_GL'] = sys.argv[2]\n"
+        "os.environ['PYOPENGL_PLATFORM'] = ''\n"
         "generator = simgrab.frames(simgrab.load('quay-day', json.loads(sys.argv[1])))\n"
         "print(hashlib.sha256(next(generator).rgb.tobytes()).hexdigest(), os.environ['MUJOCO_GL'])"
     )
