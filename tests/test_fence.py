@@ -156,6 +156,16 @@ def test_import_touches_no_opengl():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_mujoco_is_imported_after_its_opengl_is_chosen():
+    """`simgrab.world` chooses it; elsewhere nothing may import MuJoCo when a module is imported."""
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] != "world":
+            outside = [
+                node for node in ast.parse(path.read_text(encoding="utf-8")).body if "mujoco" in ast.unparse(node)
+            ]
+            assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in outside), path
+
+
 def test_rendering_starts_without_what_only_other_scenes_and_commands_need():
     needless = {"scipy.signal", "scipy.stats", "matplotlib", "onnxruntime", "simgrab.world.trajectory.clip"}
     code = f"import sys, simgrab.world.output.dataset, simgrab.cli.render; assert not {needless} & set(sys.modules)"

@@ -6,9 +6,9 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
-import mujoco
 import numpy as np
 import trimesh
 from msgspec.structs import replace
@@ -29,6 +29,9 @@ from simgrab.world.scenery.grabs.from_file import PLATE_M, UNITS, Piece, Reading
 from simgrab.world.scenery.model import GRAB, ROPE, build
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
+
+if TYPE_CHECKING:
+    import mujoco
 
 USUAL_SIDES_M, USUAL_KG = (1.2, 7.0), (500.0, 40_000.0)
 MANY_FACES = 150_000
@@ -329,6 +332,8 @@ def _jaw_doubts(keys: Mesh, made: Design) -> list[str]:
 
 def turntable(scene: Scenario) -> NDArray[np.uint8]:
     """Render a scene's grab from its sides, above and below, and open; RGB, shape (H, W, 3)."""
+    import mujoco  # after `simgrab.world`, which chooses the OpenGL that it loads
+
     bare = scenes.load("quay-day", {"place": {"model": "plain"}, "image.shadow_map_px": 0, "seed": scene.seed})
     staged = replace(bare, grab=scene.grab, jib=scene.jib)
     plan = draw_up(staged)
@@ -362,6 +367,8 @@ def _drawn(
     model: mujoco.MjModel, data: mujoco.MjData, camera: mujoco.MjvCamera, option: mujoco.MjvOption,
     context: mujoco.MjrContext,
 ) -> NDArray[np.uint8]:  # fmt: skip
+    import mujoco
+
     scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
     mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
     view = mujoco.MjrRect(0, 0, _TILE, _TILE)
