@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import json
 import shutil
@@ -98,9 +97,9 @@ def _run(
     done = total - sum(part.last - part.first for _, _, part in missing)
     if progress:
         progress(done, total)
-    with contextlib.ExitStack() as pools:
-        here = pools.enter_context(worker_pool(workers))
-        makers = here if cluster is None else pools.enter_context(worker_pool(workers, cluster))
+    here = worker_pool(workers)
+    makers = here if cluster is None else worker_pool(workers, cluster)
+    with here, makers:
         for file, data, count in makers.map(_made, missing, name=_named):
             with writing(folder, StressError):
                 write(file, data)
