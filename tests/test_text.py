@@ -8,7 +8,6 @@ import io
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -199,8 +198,9 @@ def test_reports_for_servers_hold_any_name(name):
 def test_a_study_shows_its_words_as_text(tmp_path, monkeypatch):
     monkeypatch.setattr(stress_page, "svg", lambda *_: "<svg></svg>")  # whose drawing takes long
     # Nor are processes what is tested.
-    here = SimpleNamespace(map=lambda work, items, name: map(work, items))  # noqa: ARG005
-    monkeypatch.setattr(laboratory, "worker_pool", lambda *_: contextlib.nullcontext(here))
+    here = contextlib.nullcontext()
+    here.map = lambda work, items, name: map(work, items)  # noqa: ARG005
+    monkeypatch.setattr(laboratory, "worker_pool", lambda *_: here)
 
     def page(words):
         study = catalogue.read({
