@@ -13,8 +13,12 @@ from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_opti
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
+from simgrab.scenario import Iid
 from simgrab.text import printable
 from simgrab.utilities.stores import is_url
+
+MANY_CLAMPED = 0.25
+"""Share of frames from which on clamping changes a distribution visibly."""
 
 
 @click.command(name="render")
@@ -68,6 +72,12 @@ def command(
         how = f"worker processes: {workers} (limited by {limit})"
     else:
         how = f"worker processes: {workers}"
+    if video is not None and isinstance(scenario.swing, Iid) and given.trajectory is None:
+        click.echo(
+            f'{scenario.name} draws each frame on its own (swing.model = "iid"): in a video, rope and grab jump from '
+            "frame to frame, and camera.mount has no effect; work-cycles and free-swing move",
+            err=True,
+        )
     functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]
@@ -83,6 +93,13 @@ def command(
             assert video is not None
             summary = render_video(
                 scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, **functions
+            )
+    for key, count in (summary.clamped or {}).items():
+        if count > MANY_CLAMPED * summary.frames:
+            click.echo(
+                f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
+                "the ends of what is possible: state a range that fits, or change the place or the grab",
+                err=True,
             )
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))

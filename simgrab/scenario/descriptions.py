@@ -395,7 +395,7 @@ DESCRIPTIONS: dict[str, dict[str, str]] = {
         "dust_radius_m": "Standard deviation of the fresh cloud.",
         "drift_thickness": "Mean optical thickness, from above, of dust driven over the ground.",
         "wetness": "0 is dry; 0.5 wets every pore; up to 1 puddles spread.",
-        "snow_cover": "Share of the level ground under snow.",
+        "snow_cover": "Share of level surfaces under snow, the grab's too.",
         "lens_drops": "Number of water drops on the cover glass.",
         "lens_drop_mm": "Median size of these drops.",
         "lens_dirt": "Share of the glass under dirt.",

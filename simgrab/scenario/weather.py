@@ -29,7 +29,7 @@ class Weather(Strict, frozen=True):
     wetness : float
         0 is dry; 0.5 wets every pore; up to 1 puddles spread.
     snow_cover : float
-        Share of the level ground under snow.
+        Share of level surfaces under snow, the grab's too.
     lens_drops : int
         Water drops on the cover glass, of ``lens_drop_mm`` in the median.
     lens_dirt, lens_snow : float

@@ -431,3 +431,13 @@ def test_the_documented_command_prints_a_completion_script(shell, registers):
 
 def test_completion_offers_commands():
     assert complete("bash_complete", COMP_WORDS="simgrab re", COMP_CWORD="1") == ["plain,render"]
+
+
+def test_render_says_what_a_user_may_not_expect(tmp_path):
+    small = ["--frames=4", "--size=160x90", "--set=place.model=plain", "--set=image.samples=0"]
+    ropes = ["--set", "swing.rope_length_m={dist='uniform', low=29, high=40}", "--set", "swing.clamp=['rope_length_m']"]
+    video = ["--video", str(tmp_path / "a.mkv")]
+    status, _, err = run("render", *small, *ropes, *video)
+    assert status == 0
+    assert "swing.rope_length_m: 4 of 4 draws were impossible and were clamped" in err
+    assert 'draws each frame on its own (swing.model = "iid")' in err

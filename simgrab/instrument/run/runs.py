@@ -110,7 +110,11 @@ class Run:
         what = "no picture could be read" if set(counts) <= {"lost"} else "no frame gave an angle"
         estimate = self.about.get("estimate") or {}
         if estimate.get("status") == "refused" and any(m.centre for m in self.measurements):
-            why = f"{estimate['estimator']} refused: {estimate['reason']}"
+            usual = Counter(m.reason for m in self.measurements if m.reason).most_common(1)
+            why = "; ".join(
+                [f"{estimate['estimator']} refused: {estimate['reason']}"]
+                + [f"{count} frames: {reason}" for reason, count in usual]
+            )
         else:
             why = f"the first: {next((m.reason for m in self.measurements if m.reason), 'no frames')}"
         return printable(f"{self.source}: {what} ({listed}; {why})")

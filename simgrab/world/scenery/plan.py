@@ -129,8 +129,8 @@ class Plan:
             raise ScenarioError(
                 "swing.work" if jib else "swing.rope_length_m",
                 f"frame {moment.frame}: a rope of {rope:.2f} m lowers the grab into the ground or the cargo; "
-                f"at most {rope - CLEARANCE_M + gap:.2f} m there; hang it higher (jib.head_height_m), over a deeper "
-                f"place (such as a hold){shorten}",
+                f"at most {rope - CLEARANCE_M + gap:.2f} m there; raise jib.head_height_m (up to 35), lower what is "
+                f"below (place.fill of a hold, place.pile_height_m of a quay){shorten}",
             )
 
 
