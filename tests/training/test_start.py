@@ -120,6 +120,7 @@ def test_nets_are_copied_where_they_are_not_trained(dataset, tmp_path, learning)
         train([dataset], tmp_path / "other", tiny, learning=learning)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
 def test_a_detector_learns_a_users_own_grab(tmp_path):
     """The command, with as few frames and epochs as it takes."""
