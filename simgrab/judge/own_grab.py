@@ -174,7 +174,8 @@ def _facts(keys: Mesh, model: models.Model, reading: Reading, made: Design) -> l
         ("scale, up", f"{keys.scale:g} m a unit; {up} points up; turned by {keys.yaw_deg:g}°"),
         ("size", f"{width:.2f} m across the jaws × {length:.2f} m along them × {height:.2f} m high"),
         ("triangles", f"{sum(len(one.mesh.faces) for piece in parts for one in piece.parts):,}"),
-        ("pieces", f"{len(parts)}, of which {closed} are closed; the others are drawn from both sides"),
+        ("pieces", f"{len(parts)}, all closed" if closed == len(parts) else
+                   f"{len(parts)}, of which {closed} are closed; the others are drawn from both sides"),
         ("nodes", _listed(parts)),
         ("materials", f"{len(materials)}, of which {textured} with a texture"
                       + ("; paint_rgb, wear and residue apply" if painted else "")),
