@@ -63,7 +63,7 @@ class Source:
 CROWDED: dict[str, Any] = {
     "swing.absent": 0.9,
     "clip.clip_frames": 4,
-    "vary": {"clutter.other_grabs": {"values": [1, 2, 3, 4], "weights": [1, 2, 2, 3]}},
+    "vary": {"clutter.other_grabs": {"dist": "one-of", "values": [1, 2, 3, 4], "weights": [1, 2, 2, 3]}},
 }
 ROOMY = {
     "place": (
@@ -80,7 +80,7 @@ DETECTOR = (
     *(Source(f"shapes-{seed}", "training-shapes", {}, 500, 120, seed, size=HALF) for seed in range(SHAPE_SETS)),
 )
 # What find has not learned, and so what it takes for the grab in them, teaches settle what none is.
-ANY_KIND = {"values": [["four-rope", "clamshell", "orange-peel", "assembled"]], "weights": [1]}
+ANY_KIND = {"dist": "one-of", "values": [["four-rope", "clamshell", "orange-peel", "assembled"]], "weights": [1]}
 HARD = (
     Source("hard", "training", CROWDED | {"clip.clip_frames": 2}, 240, 240, 3, ROOMY),
     Source("hard-shapes", "training-shapes", CROWDED | {"clip.clip_frames": 1}, 420, 120, 21, size=HALF),

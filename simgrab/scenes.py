@@ -18,7 +18,7 @@ from simgrab.scenario import resized as resized
 from simgrab.scenario.factor import JOINT
 from simgrab.utilities import fonts, models, photographs, resources
 from simgrab.utilities.models import Model, copied
-from simgrab.utilities.parse import MOST_LEVELS, Refuse, parse_value, read_json, read_toml, shown
+from simgrab.utilities.parse import MOST_LEVELS, Refuse, find_misfit, parse_value, read_json, read_toml, shown
 from simgrab.utilities.resources import SCENES
 from simgrab.utilities.strict import convert
 
@@ -72,6 +72,8 @@ def load(
     change: dict[str, Any] = {}
     for key, value in (changes or {}).items():
         change = merged(change, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
+    if misfit := find_misfit(change):
+        raise ScenarioError(*misfit)
     factors = change.get("vary")
     varied = {part for name in factors for part in name.split(JOINT)} if isinstance(factors, Mapping) else set()
     for key in sorted(varied & set(changes or ())):

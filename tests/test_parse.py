@@ -230,7 +230,7 @@ def test_numbers_that_are_none_are_refused_by_key(kind, value, tmp_path):
         ("seed=-1", "seed"),
         ("description=\udcff", "UTF-8"),
         ("frames=0", "frames"),
-        ("frames=true", "int"),
+        ("frames=true", "whole number"),
         ("camera.beta_deg=nan", "finite"),
         ("name=", "key=value"),
         ("description=\udcff", "description: must be UTF-8 text"),

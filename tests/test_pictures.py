@@ -139,6 +139,8 @@ def test_bits_that_a_file_states_are_believed_where_its_values_fit(tmp_path):
     assert bits([stating(tmp_path / "b.png", dark << 8, 12)]) == 16  # scaled, as PNG asks for
     Image.fromarray(dark[..., 0]).save(tmp_path / "c.tif", tiffinfo={281: 4095})
     assert bits([tmp_path / "c.tif"]) == 12
+    for absurd in (0, 4, 32, 200):
+        assert bits([stating(tmp_path / "e.png", dark, absurd)]) == 8
     assert bits([saved(tmp_path / "d.png")]) is None
     assert bits([]) is None
 

@@ -60,7 +60,7 @@ def command(
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)
     recipe, how = Recipe(scenario, given), ""
-    for doubt in doubts_of_axis(scenario.grab):
+    for doubt in () if quiet else doubts_of_axis(scenario.grab):
         click.echo(printable(f"grab.file: {doubt}"), err=True)
     if cluster is not None and workers is not None:
         raise click.UsageError("--cluster works in place of --workers: give one of them")
@@ -72,7 +72,7 @@ def command(
         how = f"worker processes: {workers} (limited by {limit})"
     else:
         how = f"worker processes: {workers}"
-    if video is not None and isinstance(scenario.swing, Iid) and given.trajectory is None:
+    if video is not None and isinstance(scenario.swing, Iid) and given.trajectory is None and not quiet:
         click.echo(
             f'{scenario.name} draws each frame on its own (swing.model = "iid"): in a video, rope and grab jump from '
             "frame to frame, and camera.mount has no effect; work-cycles and free-swing move",
@@ -95,7 +95,7 @@ def command(
                 scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, **functions
             )
     for key, count in (summary.clamped or {}).items():
-        if count > MANY_CLAMPED * summary.frames:
+        if count > MANY_CLAMPED * summary.frames and not quiet:
             click.echo(
                 f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
                 "the ends of what is possible: state a range that fits, or change the place or the grab",

@@ -119,6 +119,8 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if not stat.S_ISREG(mode):
         raise SourceError(f"{path}: it is {kind_of(mode)}, not a file or folder")
     if path.suffix.lower() in pictures.SUFFIXES:
+        if rate_hz is not None:
+            raise SourceError(f"{path}: {_RATE_IS_OF}; this is one picture")
         return Files(printable(path), (path,), (0.0,), path.parent, bits=pictures.bits((path,)))
     return _untimed(Video(path, rate_hz), rate_hz)
 

@@ -217,7 +217,8 @@ def _inside(box: Array, width: int, height: int, image: Image) -> list[float]:
     if not (clipped[2:] > clipped[:2]).all():
         raise DatasetError(f"{image.where}: a box ({_numbers(box)}) has no area")
     if (clipped[2:] - clipped[:2] < 1).all():
-        raise DatasetError(f"{image.where}: a box ({_numbers(box)}) is smaller than a pixel; is it in px?")
+        unit = "" if image.shares else "; is it in px?"
+        raise DatasetError(f"{image.where}: a box ({_numbers(box)}) is smaller than a pixel{unit}")
     return [float(edge) for edge in clipped]
 
 

@@ -181,12 +181,17 @@ def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any], tables: Iterabl
     if not isinstance(factors, Mapping) or not isinstance(own, Mapping):
         return data
     stated = dict(_leaves({key: value for key, value in layer.items() if key != "vary"}))
+    parts = [part for name in factors for part in name.split(JOINT)]
+    for key in (key for key, value in stated.items() if isinstance(value, Mapping)):
+        if below := next((part for part in parts if f"{part}.".startswith(f"{key}.")), None):
+            raise ScenarioError(key, f"an empty table states nothing, and {below} varies; leave it out, or fill it")
     kinds = {key.rpartition(".")[0] for key in stated if key.endswith((".model", ".dist"))}
     fixed = {*stated, *kinds, *tables, *(part for name in own for part in name.split(JOINT))}
     left: dict[str, Any] = {}
     for name, factor in factors.items():
         parts = name.split(JOINT)
-        kept = [part for part in parts if not _is_fixed(part, fixed, stated) and _fits(part, fixed, data, own)]
+        free = [part for part in parts if part not in fixed and not any(part.startswith(f"{key}.") for key in stated)]
+        kept = [part for part in free if _fits(part, fixed, data, own)]
         if kept:
             left[JOINT.join(kept)] = factor if kept == parts else _only(kept, factor)
     for name, factor in left.items():
@@ -200,18 +205,11 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
         if isinstance(value, Mapping) and value:
             yield from _leaves(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key}", value
-
-
-def _is_fixed(part: str, fixed: Collection[str], stated: Mapping[str, Any]) -> bool:
-    for key in stated:
-        if stated[key] == {} and f"{part}.".startswith(f"{key}."):
-            raise ScenarioError(key, f"an empty table states nothing, and {part} varies; leave it out, or fill it")
-    return part in fixed or any(part.startswith(f"{key}.") for key in stated)
+            yield f"{prefix}{key}", _without_numpy(value)
 
 
 def _fits(part: str, fixed: Collection[str], data: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
-    """Whether a part of the base's factors belongs to any kind that a table above it now is or may be drawn as."""
+    """Whether a part of the base's factors belongs to any kind that a table above it, now fixed, is or is drawn as."""
     above = [table for table in fixed if part.startswith(f"{table}.")]
     if not above or not of_another_kind(data, Scenario, part):
         return True
@@ -274,7 +272,11 @@ def _toml(value: Any) -> str:
 def _at(data: Any, key: str) -> Any:
     for step in key.split("."):
         data = data.get(step) if isinstance(data, Mapping) else None
-    return data
+    return _without_numpy(data)
+
+
+def _without_numpy(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _by_key(name: str, value: Any) -> dict[str, Any]:

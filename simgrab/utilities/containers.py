@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -23,11 +24,12 @@ _MP4 = {b"ftyp", b"styp", b"moov", b"moof", b"mdat", b"free", b"skip", b"wide", 
 _MOST_BOXES = 500_000  # that are examined: a day of a fragment for each of four frames
 _MOST_INDEX = 2**20  # bytes; 65,535 references, the most, take 786 kB
 _UNSTATED = 0xFFFFFFFF  # length of an AVI list whose recorder did not come back to write it
-_EBML, _SEGMENT, _CLUSTER = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67", b"\x1f\x43\xb6\x75"
-_TRACKS = b"\x16\x54\xae\x6b"
-_PIXEL_CROP = re.compile(rb"\x54[\xaa\xbb\xcc\xdd](?:\x81.|\x82..|\x84....)", re.DOTALL)  # PixelCropBottom and so on
+_EBML, _SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
+_CROPS = (  # from the segment by tracks, an entry and its video to PixelCropBottom, Top, Left and Right
+    {_SEGMENT}, {b"\x16\x54\xae\x6b"}, {b"\xae"}, {b"\xe0"}, {b"\x54\xaa", b"\x54\xbb", b"\x54\xcc", b"\x54\xdd"},
+)  # fmt: skip
 _CLEAN_APERTURE = re.compile(rb"\0\0\0\x28clap(.{32})", re.DOTALL)  # ISO/IEC 14496-12, 12.1.4
-_MOST_HEAD, _MOST_TAIL = 2**24, 2**16  # bytes of a container's description that are searched
+_MOST_HEAD = 2**24  # bytes of an MP4's description that are searched
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,7 @@ def crops(file: BinaryIO, width: int, height: int) -> bool:
     """
     start = _at(file, 0, 12)
     if start[:4] == _EBML:
-        size = file.seek(0, os.SEEK_END)
-        # Editors move the tracks to the end.
-        parts = _at(file, 0, _MOST_HEAD).partition(_CLUSTER)[0], _at(file, max(size - _MOST_TAIL, 0), _MOST_TAIL)
-        return any(any(found[3:]) for part in parts for found in _PIXEL_CROP.findall(part.partition(_TRACKS)[2]))
+        return _states(file, 0, file.seek(0, os.SEEK_END), _CROPS)
     if start[4:8] not in _MP4:
         return False
     at, size = 0, file.seek(0, os.SEEK_END)
@@ -147,23 +146,37 @@ def _indexed(box: bytes) -> int:
 
 def _matroska(file: BinaryIO, size: int) -> Extent:
     """Compare the segment's length with the file's; one that was streamed states none."""
-    start, length = _element(file, 0)
-    segment = start + (length or 0)
-    if _at(file, segment, 4) != _SEGMENT:
-        return Extent(size, True)
-    start, length = _element(file, segment)
-    return Extent(size, length is None or start + length <= size)
+    for identity, start, length in _elements(file, 0, size):
+        if identity == _SEGMENT:
+            return Extent(size, length is None or start + length <= size)
+    return Extent(size, True)
 
 
-def _element(file: BinaryIO, at: int) -> tuple[int, int | None]:
-    """Offset of the content of an element with four bytes of identity, and its length where that is stated."""
-    data = _at(file, at + 4, 8)
-    width = 9 - data[0].bit_length() if data else 9
-    if width > len(data):
-        return at, None
-    ones = (1 << 7 * width) - 1
-    value = int.from_bytes(data[:width], "big") & ones
-    return at + 4 + width, None if value == ones else value
+def _elements(file: BinaryIO, at: int, end: int) -> Iterator[tuple[bytes, int, int | None]]:
+    """Give the elements of a Matroska from an offset on: identity, offset of the content, and length where stated."""
+    for _ in range(_MOST_BOXES):
+        head = _at(file, at, 12)
+        wide = 9 - head[0].bit_length() if at < end and head else 9
+        width = 9 - head[wide].bit_length() if wide < len(head) else 9
+        if wide > 4 or wide + width > len(head):
+            return
+        ones = (1 << 7 * width) - 1
+        length = int.from_bytes(head[wide : wide + width], "big") & ones
+        start = at + wide + width
+        yield head[:wide], start, None if length == ones else length
+        if length == ones:
+            return
+        at = start + length
+
+
+def _states(file: BinaryIO, at: int, end: int, path: Sequence[Collection[bytes]]) -> bool:
+    """Whether a Matroska holds a number other than 0 along a path of identities."""
+    for identity, start, length in _elements(file, at, end):
+        if identity in path[0]:
+            stop = end if length is None else min(start + length, end)
+            if _states(file, start, stop, path[1:]) if path[1:] else any(_at(file, start, min(stop - start, 8))):
+                return True
+    return False
 
 
 def _avi(file: BinaryIO, size: int) -> Extent:

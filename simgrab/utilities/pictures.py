@@ -104,7 +104,8 @@ def bits(files: Sequence[Path]) -> int | None:
                 stated = max(stated, _stated(data))
         except PictureError:  # which is reported when its turn comes
             continue
-    return None if greatest < 0 else next((n for n in ((stated,) if stated else _BITS) if greatest < 1 << n), 16)
+    known = (stated,) if 8 <= stated <= 16 else _BITS
+    return None if greatest < 0 else next((n for n in known if greatest < 1 << n), 16)
 
 
 def scaled(bits: int | None) -> str:
@@ -296,7 +297,7 @@ def _tiff(data: bytes) -> Size:
     for offsets, lengths in _TIFF_DATA:
         for start, length in zip(found.get(offsets, ()), found.get(lengths, ()), strict=False):
             _within(data, start + length)
-    if following and not _tiff_tags(data, following)[0].get(_TIFF_KIND, (0,))[0] & _TIFF_BESIDE:
+    if following and not (_tiff_tags(data, following)[0].get(_TIFF_KIND) or (0,))[0] & _TIFF_BESIDE:
         raise _RefusedError("it has several pages")
     if max(found.get(_TIFF_BITS) or (1,)) > 16 or not _TIFF_UNSIGNED.issuperset(found.get(_TIFF_FORMAT, ())):
         raise _RefusedError("its values are not whole numbers of at most 16 bits")

@@ -143,6 +143,13 @@ def _words_of(annotation: Any) -> tuple[tuple[Any, ...], bool]:
     return (), False
 
 
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    """Return the values of all Literals in an annotation."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    return tuple(value for inner in get_args(annotation) for value in _choices(inner))
+
+
 def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: str) -> None:
     fields = _fields(kind)
     tag_field = kind.__struct_config__.tag_field
@@ -248,14 +255,19 @@ def _read(problem: msgspec.ValidationError, data: Any, kind: Any) -> tuple[str, 
     missing = re.search(r"missing required field `(\w+)`", text)
     if missing:
         return f"{key}.{missing[1]}" if key else missing[1], "missing"
-    given = data
+    given, choices = data, tuple[Any, ...]()
     for step in filter(None, key.split(".")):
         structs = _structs_of(kind)
         if len(structs) > 1 and isinstance(given, Mapping):
             structs = [_choose(structs, given, "")]
         kind = _fields(structs[0]).get(step) if structs else None
+        choices = choices if kind is None else _choices(kind)  # an entry of a list has those of the list
         given = given[int(step)] if isinstance(given, list | tuple) else given.get(step)
     structs = _structs_of(kind)
+    if choices:
+        listed = ", ".join(map(repr, choices))
+        wanted = "must be" if text.startswith("Invalid enum value") else f"{in_words(text)} of"
+        return key, f"{wanted} {'one of ' if wanted == 'must be' else ''}{listed}; got {shown(given)}"
     return key, f"{in_words(text, _tables(structs))}{'; ' if structs else ', '}got {shown(given)}"
 
 

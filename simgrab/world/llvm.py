@@ -17,12 +17,14 @@ from types import ModuleType
 class _Finder(importlib.abc.MetaPathFinder):
     """Loads triton's library when triton is about to be imported, as torch's optimisers do."""
 
+    _asked = False
+
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None  # noqa: ARG002
     ) -> ModuleSpec | None:  # fmt: skip
-        if fullname != "triton":
+        if fullname != "triton" or self._asked:
             return None
-        sys.meta_path.remove(self)
+        self._asked = True  # in a list that is gone through just now, from which it cannot be taken out
         spec = importlib.util.find_spec(fullname)
         for folder in (spec and spec.submodule_search_locations) or ():
             for library in Path(folder).glob("_C/libtriton*.so"):

@@ -175,6 +175,7 @@ def test_what_cannot_be_printed_is_one_line_and_status_2(tmp_path, stderr):
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 
     kept = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    kept["PYTHONDONTWRITEBYTECODE"] = "1"  # Python would cut off what it compiles, and leave it for all others
     with (tmp_path / "schema.json").open("w") as out, Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "simgrab", "scenes", "schema"], stdout=out, text=True, check=False, env=kept,

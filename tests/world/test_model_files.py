@@ -249,6 +249,7 @@ OBJ = {
         {"a.obj": "# File units = millimeters\n" + VERTICES + FACES},
         {"doubts~": r"in millimetres, but .*\(0.001\)"},
     ),
+    "unit in words": ({"a.obj": "# All units are in millimetres\n" + VERTICES + FACES}, {"doubts~": "in millimetres"}),
     "unit that is used": ({"a.obj": "# units: m\n" + VERTICES + FACES}, {"doubts": ""}),
     "index beyond": ({"a.obj": VERTICES + "f 1 2 9\n"}, "a face names vertex 9 of 8"),
     "index before the first": ({"a.obj": VERTICES + "f 1 2 -9\n"}, "a vertex before the first of 8"),

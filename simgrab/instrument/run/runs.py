@@ -111,10 +111,8 @@ class Run:
         estimate = self.about.get("estimate") or {}
         if estimate.get("status") == "refused" and any(m.centre for m in self.measurements):
             usual = Counter(m.reason for m in self.measurements if m.reason).most_common(1)
-            why = "; ".join(
-                [f"{estimate['estimator']} refused: {estimate['reason']}"]
-                + [f"{count} frames: {reason}" for reason, count in usual]
-            )
+            why = f"{estimate['estimator']} refused: {estimate['reason']}"
+            why += "".join(f"; {n} frames: {reason}" for reason, n in usual if estimate["reason"] not in reason)
         else:
             why = f"the first: {next((m.reason for m in self.measurements if m.reason), 'no frames')}"
         return printable(f"{self.source}: {what} ({listed}; {why})")

@@ -275,7 +275,8 @@ def finish(
     """
     digests = {shards.table(one.number): one.labels_sha256 for one in done} | written
     about = {"frames": frames, "splits": [one.tally.splits for one in done]}
-    core |= functools.reduce(Tally.__add__, (one.tally for one in done)).stated(scenario)
+    if "selection" not in core:  # of which a manifest counts nothing
+        core = core | functools.reduce(Tally.__add__, (one.tally for one in done)).stated(scenario)
     known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
     dataset = ShardedDataset(store, known, tuple(sum(one.tally.splits) for one in done))
     tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]

@@ -92,7 +92,9 @@ _UNITS = {
 
 def stated_unit(comments: str) -> str:
     """Find the unit that a file's comments state, such as ``# File units = millimeters``."""
-    match = re.search(r"(?i)\bunits?\b ?(?:[=:]|is\b|are\b)? ?['\"]?([a-z]+)", " ".join(comments.split()))
+    match = re.search(
+        r"(?i)\bunits?\b ?(?:[=:]|(?:is |are )?in (?=[a-z])|is\b|are\b)? ?['\"]?([a-z]+)", " ".join(comments.split())
+    )
     word = match[1].lower() if match else ""
     return next((unit for unit, names in _UNITS.items() if word in names or word.removesuffix("s") in names), "")
 
