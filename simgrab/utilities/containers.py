@@ -155,8 +155,8 @@ def _matroska(file: BinaryIO, size: int) -> Extent:
 def _elements(file: BinaryIO, at: int, end: int) -> Iterator[tuple[bytes, int, int | None]]:
     """Give the elements of a Matroska from an offset on: identity, offset of the content, and length where stated."""
     for _ in range(_MOST_BOXES):
-        head = _at(file, at, 12)
-        wide = 9 - head[0].bit_length() if at < end and head else 9
+        head = _at(file, at, 12) if at < end else b""
+        wide = 9 - head[0].bit_length() if head else 9
         width = 9 - head[wide].bit_length() if wide < len(head) else 9
         if wide > 4 or wide + width > len(head):
             return
@@ -174,7 +174,11 @@ def _states(file: BinaryIO, at: int, end: int, path: Sequence[Collection[bytes]]
     for identity, start, length in _elements(file, at, end):
         if identity in path[0]:
             stop = end if length is None else min(start + length, end)
-            if _states(file, start, stop, path[1:]) if path[1:] else any(_at(file, start, min(stop - start, 8))):
+            if (
+                _states(file, start, stop, path[1:])
+                if path[1:]
+                else any(_at(file, start, max(min(stop - start, 8), 0)))
+            ):
                 return True
     return False
 
