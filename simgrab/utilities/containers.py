@@ -174,11 +174,11 @@ def _states(file: BinaryIO, at: int, end: int, path: Sequence[Collection[bytes]]
     for identity, start, length in _elements(file, at, end):
         if identity in path[0]:
             stop = end if length is None else min(start + length, end)
-            if (
-                _states(file, start, stop, path[1:])
-                if path[1:]
-                else any(_at(file, start, max(min(stop - start, 8), 0)))
-            ):
+            if path[1:]:
+                found = _states(file, start, stop, path[1:])
+            else:
+                found = start < stop and any(_at(file, start, min(stop - start, 8)))
+            if found:
                 return True
     return False
 
