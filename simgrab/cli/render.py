@@ -13,7 +13,6 @@ from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_opti
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
-from simgrab.scenario import Iid
 from simgrab.text import printable
 from simgrab.utilities.stores import is_url
 
@@ -50,6 +49,7 @@ def command(
         out = out or Path("runs") / scenario.name
     from simgrab.judge.own_grab import doubts_of_axis
     from simgrab.pages.terminal import stdout, table
+    from simgrab.scenario import Iid
     from simgrab.world.extensions import Extensions, Recipe
     from simgrab.world.output.dataset import render
     from simgrab.world.output.pool import automatic
