@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from simgrab.cli import main as run
 from simgrab.instrument.detect.patches import Picture
-from simgrab.rng import stream
-from simgrab.utilities import pictures
-from simgrab.utilities.files import drafted_folder
+from simgrab.io import pictures
+from simgrab.io.files import drafted_folder
+from simgrab.model.rng import stream
 
 CROPS, SIZE, QUALITY = 20, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
 COLLAGES = 900

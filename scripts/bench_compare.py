@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from scripts.bench_results import Quantity, Results, ResultsError
-from simgrab.rng import stream
+from simgrab.model.rng import stream
 
 RESAMPLES = 2000
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from scripts.bench_measure import in_turns, milliseconds
 from scripts.bench_results import Quantity
-from simgrab import layouts, scenes
 from simgrab.instrument.detect import detector
 from simgrab.instrument.read import Reader
+from simgrab.model import layouts, scenes
 from simgrab.world.frames import frames
 
 PICTURES, ROUNDS = 12, 20

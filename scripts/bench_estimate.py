@@ -11,7 +11,7 @@ import numpy as np
 from scripts.bench_measure import milliseconds, single
 from scripts.bench_results import Quantity
 from simgrab.instrument.estimate import ESTIMATORS, Estimator
-from simgrab.judge.paper.law import camera, draw
+from simgrab.lab.paper.law import camera, draw
 
 FRAMES = 3699  # the paper's video
 

@@ -14,7 +14,7 @@ import psutil
 
 from scripts.bench_results import Quantity, Results
 from simgrab.judge import doctor
-from simgrab.utilities import machine
+from simgrab.runtime import machine
 
 ROOT = Path(__file__).parents[1]
 FURTHER_PACKAGES = ("onnxruntime", "av")  # whose speed is measured, beside those that `simgrab doctor` lists

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from scripts.bench_measure import resident_mb, single
 from scripts.bench_results import Quantity
-from simgrab import scenes
+from simgrab.model import scenes
 from simgrab.world.trajectory.clip import ClipMotion
 
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from scripts.bench_measure import in_turns, milliseconds, peak_mb, ratios, resident_mb, single
 from scripts.bench_results import Quantity
-from simgrab import scenes
-from simgrab.scenario import Scenario
+from simgrab.dataset import stored
+from simgrab.dataset.folder import Folder
+from simgrab.dataset.manifest import identity
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import stored
-from simgrab.world.output.folder import Folder
-from simgrab.world.output.manifest import identity
 from simgrab.world.scenery.model import HIDDEN
 
 FINISHED, BARE = "simgrab: finished labelled frame", "mujoco.Renderer: rgb and segmentation"

@@ -18,8 +18,8 @@ from scripts.bench_measure import in_turns, milliseconds, ratios
 from scripts.bench_render import BARE, FINISHED, SCENE, WARM_UP, Bare, Finished, textured
 from scripts.bench_results import Quantity
 from scripts.bench_scene import ExportedScene
-from simgrab import scenes
 from simgrab.errors import RendererError
+from simgrab.model import scenes
 from simgrab.world.camera.lens import Lens, Window
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import HIDDEN

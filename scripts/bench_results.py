@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 
 from simgrab.errors import SimgrabError
-from simgrab.utilities import files
-from simgrab.utilities.parse import read_json
-from simgrab.utilities.strict import convert
+from simgrab.io import files
+from simgrab.io.parse import read_json
+from simgrab.io.strict import convert
 
 
 class ResultsError(SimgrabError):

@@ -10,11 +10,11 @@ import numpy as np
 
 from scripts.bench_measure import milliseconds, peak_mb, resident_mb, single
 from scripts.bench_results import Quantity
-from simgrab import calibration as camera_file
-from simgrab.calibration import Calibration
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.source import camera_beside, fitting, open_source
+from simgrab.model import calibration as camera_file
+from simgrab.model.calibration import Calibration
 
 SETTLED = 2000  # frames after which memory is compared
 

@@ -9,14 +9,14 @@ import msgspec
 
 from scripts.bench_measure import milliseconds, single
 from scripts.bench_results import Quantity
-from simgrab import scenes
-from simgrab.labels.shards import table as shard_labels
-from simgrab.scenario import Scenario
-from simgrab.utilities.stores import Store
+from simgrab.dataset import shards, stored, tables
+from simgrab.dataset.shard_reader import table as shard_labels
+from simgrab.dataset.shards import Packed
+from simgrab.dataset.stores import Store
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import shards, stored, tables
-from simgrab.world.output.shards import Packed
 
 
 def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Quantity]:

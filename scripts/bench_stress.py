@@ -12,9 +12,9 @@ import msgspec
 
 from scripts.bench_measure import peak_mb, single
 from scripts.bench_results import Quantity
-from simgrab.judge.stress import catalogue
-from simgrab.judge.stress.laboratory import run
-from simgrab.judge.stress.study import Study, Sweep
+from simgrab.lab.stress import catalogue
+from simgrab.lab.stress.laboratory import run
+from simgrab.lab.stress.study import Study, Sweep
 
 FRAMES, REPLICATIONS = 3699, 1000
 MEMORYLESS = ("paper-iteration", "mean-ray", "geometric-median", "rope-aware", "zero-tilt")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from scripts.bench_measure import milliseconds
 from scripts.bench_results import Quantity
-from simgrab import scenes
+from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 
 WARM_UP = 2

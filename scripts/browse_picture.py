@@ -12,7 +12,7 @@ import click
 
 import simgrab
 from scripts.chromium import page
-from simgrab.browse import browse
+from simgrab.pages.browse import browse
 
 PICTURE = Path(__file__).parents[1] / "docs" / "browsing.jpg"
 SIZE = (1280, 800)

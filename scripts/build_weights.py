@@ -25,16 +25,17 @@ import click
 import msgspec
 
 from scripts.background_photographs import SCENE, prepare, prepare_collages
-from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.cli._progress import board, drawing
+from simgrab.cli._progress import drawing
+from simgrab.dataset import datasets
+from simgrab.dataset.render import render
 from simgrab.instrument.detect import ANY_GRAB, WEIGHTS
-from simgrab.labels import datasets
-from simgrab.scenario import Scenario
-from simgrab.scenario.factor import OneOf
+from simgrab.io.files import drafted, drafted_folder
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.factor import OneOf
 from simgrab.training import need_torch
-from simgrab.utilities.files import drafted, drafted_folder
-from simgrab.world.output.dataset import render
+from simgrab.training.cli._board import board
 
 ROOT = Path(__file__).parents[1]
 BACKGROUNDS, COLLAGES = "backgrounds", "collages"  # folders of photographs, and the scene that shows them

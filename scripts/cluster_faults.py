@@ -22,8 +22,8 @@ from typing import Any
 
 import psutil
 
-from simgrab.utilities.cluster import ClusterPool
-from simgrab.utilities.files import sha256
+from simgrab.io.files import sha256
+from simgrab.runtime.cluster import ClusterPool
 
 SCENE = ("quay-day", "--size", "480x270", "--set", "image.samples=0")
 NODES = 3

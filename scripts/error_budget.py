@@ -20,17 +20,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from simgrab import calibration, scenes
-from simgrab.calibration import Calibration
 from simgrab.cli._progress import bar
+from simgrab.dataset.render import render
 from simgrab.instrument.pipeline import assemble
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.table import text
-from simgrab.rng import stream
-from simgrab.scenario import Grab
-from simgrab.world.output.dataset import render
+from simgrab.model import calibration, scenes
+from simgrab.model.calibration import Calibration
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Grab
 
 OFFSET_SD_M = 0.05
 FIXED = {"camera.mount": {"model": "fixed"}, "display.layout": "two-by-four"}

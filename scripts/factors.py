@@ -17,12 +17,12 @@ import click
 import numpy as np
 from scipy import stats
 
-from simgrab import scenes
-from simgrab.distributions import Choice, Constant, Distribution
 from simgrab.errors import DatasetError
-from simgrab.geometry import Array
-from simgrab.scenario import Factor, Iid, OneOf, Scenario, Variant, variants
-from simgrab.utilities import parquet
+from simgrab.io import parquet
+from simgrab.model import scenes
+from simgrab.model.distributions import Choice, Constant, Distribution
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Factor, Iid, OneOf, Scenario, Variant, variants
 from simgrab.world.trajectory import iid as swing
 from simgrab.world.trajectory.moment import Moment
 

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgrab
+from simgrab.dataset import preview
+from simgrab.dataset.tables import calibration_of
 from simgrab.instrument.contract import Frame as Picture
 from simgrab.instrument.pipeline import bundled
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.run.video import annotate
-from simgrab.labels.truth import Row
-from simgrab.scenario import Scenario
-from simgrab.world.output import preview
-from simgrab.world.output.tables import calibration_of
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import Row
 
 SCENE, SIZE, WIDTH = "alarm-cycles", (960, 540), 640
 START, LABELLED, WEATHERED, MEASURED, END = 800, 845, 900, 972, 1070

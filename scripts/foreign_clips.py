@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from scripts.foreign import clip_scores
 from scripts.foreign.clips import CLIPS, DEFAULT, REPLACEABLE, Filmer, Setting, blender
-from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.errors import RendererError
-from simgrab.utilities.files import write
+from simgrab.io.files import write
+from simgrab.model import scenes
 
 
 def _replaced(_context: click.Context, _parameter: click.Parameter, value: str) -> tuple[str, ...]:

@@ -34,12 +34,12 @@ from scripts.foreign import scoring, tables
 from scripts.foreign.making import Blender, Maker
 from scripts.foreign.scoring import Observation
 from scripts.foreign.worlds import CONDITIONS, SEEDS, World, with_mujoco
-from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.errors import RendererError, ScenarioError
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.read import Reader
-from simgrab.utilities.files import write
+from simgrab.io.files import write
+from simgrab.model import scenes
 
 DETECTORS = ("bundled", "any-grab")
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgrab
-from simgrab import scenes
 from simgrab.cli import main as run
-from simgrab.labels import arrays as labels
-from simgrab.scenario import Scenario
-from simgrab.scenario.grab import Grab
-from simgrab.scenario.surroundings import Kind
+from simgrab.model import label_arrays as labels
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.grab import Grab
+from simgrab.model.scenario.surroundings import Kind
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.drawn import any_of
 

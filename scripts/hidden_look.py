@@ -23,21 +23,20 @@ import numpy as np
 import simgrab
 from scripts.foreign.camera import film
 from scripts.foreign.scoring import Sample, compare
-from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.cli._progress import bar
+from simgrab.dataset import datasets, preview
+from simgrab.dataset.datasets import Dataset
+from simgrab.dataset.render import render
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.detect.patches import Picture
+from simgrab.io import pictures
+from simgrab.io.files import drafted, write
 from simgrab.judge.evaluate import detection
 from simgrab.judge.evaluate.detection import Case
-from simgrab.labels import datasets
-from simgrab.labels.datasets import Dataset
-from simgrab.records.observations import Detection
-from simgrab.rng import stream
-from simgrab.utilities import pictures
-from simgrab.utilities.files import drafted, write
-from simgrab.world.output import preview
-from simgrab.world.output.dataset import render
+from simgrab.model import scenes
+from simgrab.model.records.observations import Detection
+from simgrab.model.rng import stream
 
 SIZE, SECONDS, RATE_HZ, QUALITY = (960, 540), 6, 25.0, 0.6
 YARD: dict[str, Any] = {"frames": round(SECONDS * RATE_HZ), "clip.frame_rate_hz": RATE_HZ}

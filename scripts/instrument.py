@@ -23,8 +23,8 @@ from simgrab.instrument.estimate import ESTIMATORS, RopeAware
 from simgrab.instrument.pipeline import INTERVALS, Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate import swings
-from simgrab.records.observations import Detection
-from simgrab.rng import stream
+from simgrab.model.records.observations import Detection
+from simgrab.model.rng import stream
 
 # The records are those of the tests, at full length.
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))

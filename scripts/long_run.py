@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from simgrab import scenes
-from simgrab.scenario import Scenario
+from simgrab.dataset import stored
+from simgrab.dataset.render import render
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
 from simgrab.world.camera.renderer import Renderer
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import stored
-from simgrab.world.output.dataset import render
 
 TENTHS = 10
 WARM_WORLDS = 10

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 import simgrab
 from scripts import grab_sheets
-from simgrab.utilities.pictures import encode, read
-from simgrab.world.output.preview import captioned
+from simgrab.dataset.preview import captioned
+from simgrab.io.pictures import encode, read
 
 DOCS = Path(__file__).parents[1] / "docs"
 SHOWN = {"quay-day": 6, "quay-truck": 3, "hold-coal": 5, "hold-grain": 2, "water-side": 4, "paper-ideal": 1}

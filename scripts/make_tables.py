@@ -7,9 +7,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from simgrab import scenes
-from simgrab.judge.stress.axes import AXES
-from simgrab.labels.truth import columns
+from simgrab.lab.stress.axes import AXES
+from simgrab.model import scenes
+from simgrab.model.truth import columns
 
 DOCS = Path(__file__).parents[1] / "docs"
 

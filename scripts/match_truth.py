@@ -28,18 +28,18 @@ import simgrab
 from scripts.foreign.camera import before_coding
 from scripts.foreign.clips import BY_BLENDER, blender, traced
 from scripts.foreign.worlds import levelled
-from simgrab import scenes
+from simgrab.dataset.video.coder import Coder
 from simgrab.errors import ScenarioError
-from simgrab.instrument.match import Appearance, Footage, Quantity
-from simgrab.instrument.match.footage import BT709
-from simgrab.instrument.match.sharpness import noise_gain, sharpness
+from simgrab.io import pictures
+from simgrab.io.files import drafted, write
 from simgrab.judge.evaluate.intervals import clopper_pearson
-from simgrab.layouts import Layout
-from simgrab.rng import stream
-from simgrab.scenario import FixedExposure, Scenario
-from simgrab.utilities import pictures
-from simgrab.utilities.files import drafted, write
-from simgrab.world.output.video.coder import Coder
+from simgrab.match.footage import Appearance, Footage, Quantity
+from simgrab.match.footage.footage import BT709
+from simgrab.match.footage.sharpness import noise_gain, sharpness
+from simgrab.model import scenes
+from simgrab.model.layouts import Layout
+from simgrab.model.rng import stream
+from simgrab.model.scenario import FixedExposure, Scenario
 
 SIZES = ((640, 360), (960, 540))
 SECONDS, FOREIGN_SECONDS = 5.0, 3.0
@@ -166,7 +166,7 @@ def main() -> None:
 @click.option("--samples", default=4, show_default=True, help="Of the path tracer, a pixel; it denoises.")
 def render(folder: Path, count: int, first: int, python: str | None, samples: int) -> None:
     """Render videos into FOLDER."""
-    from simgrab.world.output.video.render import render_video
+    from simgrab.dataset.video.render import render_video
 
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(first, first + count):
@@ -230,7 +230,7 @@ def clean_step(frames: int) -> int:
 def score(folder: Path, first: int, count: int) -> None:
     """Match the videos of FOLDER that were made, and compare with their scenes."""
     from simgrab.instrument.detect import detector
-    from simgrab.instrument.match import measure, read
+    from simgrab.match.footage import measure, read
 
     find, kept = detector(), folder / "score.jsonl"
     done = [json.loads(line) for line in kept.read_text("utf-8").splitlines()] if kept.exists() else []

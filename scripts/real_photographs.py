@@ -26,10 +26,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
 from simgrab.instrument.detect import BUNDLED, Bundled, detector
 from simgrab.judge.evaluate.intervals import clopper_pearson
-from simgrab.rng import stream
+from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
+from simgrab.model.rng import stream
 
 Picture = NDArray[np.uint8]
 

@@ -28,25 +28,25 @@ import click
 import numpy as np
 
 import simgrab
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array, rotation_y
+from simgrab.dataset import sensors as sensor_files
+from simgrab.dataset.tables import calibration_of, into
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import detector
 from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.rivals.balls import tysse
-from simgrab.instrument.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
-from simgrab.instrument.rivals.contract import Sensors, Series
-from simgrab.instrument.rivals.inertial import INERTIAL
-from simgrab.instrument.rivals.lidar import Scans, lidar
-from simgrab.instrument.rivals.marks import Fiducial, Layer, Layered, circles, level_layers, target
-from simgrab.instrument.rivals.ropes import okubanjo
-from simgrab.instrument.rivals.side import View, read_view
-from simgrab.instrument.rivals.tracking import Place, template
-from simgrab.scenario import Scenario
+from simgrab.lab.rivals.balls import tysse
+from simgrab.lab.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
+from simgrab.lab.rivals.contract import Sensors, Series
+from simgrab.lab.rivals.inertial import INERTIAL
+from simgrab.lab.rivals.lidar import Scans, lidar
+from simgrab.lab.rivals.marks import Fiducial, Layer, Layered, circles, level_layers, target
+from simgrab.lab.rivals.ropes import okubanjo
+from simgrab.lab.rivals.side import View, read_view
+from simgrab.lab.rivals.tracking import Place, template
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array, rotation_y
+from simgrab.model.scenario import Scenario
 from simgrab.world.extensions import Recipe
-from simgrab.world.output import sensors as sensor_files
-from simgrab.world.output.tables import calibration_of, into
 from simgrab.world.sensors.record import Recording
 
 RATE_HZ = 9.0

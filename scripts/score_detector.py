@@ -19,17 +19,17 @@ from rich.table import Table
 
 from simgrab.cli import main as run
 from simgrab.cli._progress import bar
+from simgrab.dataset import boxed, datasets
 from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.detect import pictures as detections
 from simgrab.instrument.run.runs import write
 from simgrab.judge.evaluate import boxed as boxed_scores
 from simgrab.judge.evaluate import detection
-from simgrab.labels import boxed, datasets
-from simgrab.labels.truth import Boxed
-from simgrab.pages.terminal import cell
-from simgrab.records import frame_files
-from simgrab.records.observations import Detection
+from simgrab.model.records import frame_files
+from simgrab.model.records.observations import Detection
+from simgrab.model.truth import Boxed
+from simgrab.reports.terminal import cell
 
 _WIDTH = 196  # columns of text
 

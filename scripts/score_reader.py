@@ -21,14 +21,14 @@ import click
 import msgspec
 import numpy as np
 
-from simgrab import layouts, scenes
 from simgrab.cli import main as run
 from simgrab.instrument.read import BUNDLED, Reader
 from simgrab.instrument.run.runs import write
 from simgrab.judge.evaluate import reading, reading_trial
 from simgrab.judge.evaluate.reading import Read
-from simgrab.layouts import Layout
-from simgrab.scenario import FontFile, Iid
+from simgrab.model import layouts, scenes
+from simgrab.model.layouts import Layout
+from simgrab.model.scenario import FontFile, Iid
 from simgrab.world.camera.faces import face
 
 BACKDROPS = 8  # pictures of each scene

@@ -17,10 +17,10 @@ from itertools import combinations
 
 import click
 
-from simgrab import scenes
 from simgrab.cli import main as run
 from simgrab.judge.audit.second_renderer import RENDERERS
 from simgrab.judge.audit.silhouettes import NONE, Difference, grab_shapes, samples_a_pixel, silhouette
+from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 
 MUJOCO = "MuJoCo"

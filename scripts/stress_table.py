@@ -10,8 +10,8 @@ from pathlib import Path
 
 import click
 
-from simgrab.judge.stress import catalogue, laboratory
-from simgrab.judge.stress.page import axes, cell
+from simgrab.lab.stress import catalogue, laboratory
+from simgrab.lab.stress.page import axes, cell
 
 
 @click.command()

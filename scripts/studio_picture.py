@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 
 from scripts.chromium import page
-from simgrab import scenes
-from simgrab.studio import studio
+from simgrab.model import scenes
+from simgrab.pages.studio import studio
 
 PICTURE = Path(__file__).parents[1] / "docs" / "studio.jpg"
 SIZE = (1280, 1010)

@@ -15,26 +15,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from simgrab._version import __version__
-from simgrab.utilities import environment
+from simgrab.runtime import environment
 
 environment.take_out_numbers()  # must come before OpenCV is imported anywhere below
 
 if TYPE_CHECKING:
-    from simgrab import calibration as calibration
-    from simgrab import layouts as layouts
-    from simgrab import scenes as scenes
+    from simgrab.dataset.render import render as render
+    from simgrab.dataset.shard_reader import open as open
+    from simgrab.dataset.video.render import render_video as render_video
     from simgrab.instrument.detect.pictures import detect as detect
     from simgrab.instrument.estimate.measure import estimate as estimate
     from simgrab.instrument.run.run import run as run
     from simgrab.judge.audit.audit import audit as audit
     from simgrab.judge.check.gate import check as check
     from simgrab.judge.evaluate.evaluation import evaluate as evaluate
-    from simgrab.labels.shards import open as open
-    from simgrab.scenes import load as load
+    from simgrab.model import calibration as calibration
+    from simgrab.model import layouts as layouts
+    from simgrab.model import scenes as scenes
+    from simgrab.model.scenes import load as load
     from simgrab.world.frames import FrameDataset as FrameDataset
     from simgrab.world.frames import frames as frames
-    from simgrab.world.output.dataset import render as render
-    from simgrab.world.output.video.render import render_video as render_video
     from simgrab.world.sensors.record import sensors as sensors
     from simgrab.world.trajectory.moment import GrabState as GrabState
     from simgrab.world.trajectory.moment import JibState as JibState
@@ -43,17 +43,17 @@ if TYPE_CHECKING:
 
 # Imported when first asked for: `import simgrab` alone touches neither MuJoCo nor OpenGL.
 _HOME = {
-    "load": "simgrab.scenes",
+    "load": "simgrab.model.scenes",
     "frames": "simgrab.world.frames",
     "FrameDataset": "simgrab.world.frames",
     "GrabState": "simgrab.world.trajectory.moment",
     "JibState": "simgrab.world.trajectory.moment",
     "Moment": "simgrab.world.trajectory.moment",
     "Tilt": "simgrab.world.trajectory.moment",
-    "render": "simgrab.world.output.dataset",
-    "render_video": "simgrab.world.output.video.render",
+    "render": "simgrab.dataset.render",
+    "render_video": "simgrab.dataset.video.render",
     "sensors": "simgrab.world.sensors.record",
-    "open": "simgrab.labels.shards",
+    "open": "simgrab.dataset.shard_reader",
     "audit": "simgrab.judge.audit.audit",
     "check": "simgrab.judge.check.gate",
     "run": "simgrab.instrument.run.run",
@@ -67,7 +67,7 @@ __all__ = ["__version__", *_HOME, *_MODULES]
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return importlib.import_module(f"simgrab.{name}")
+        return importlib.import_module(f"simgrab.model.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'simgrab' has no attribute {name!r}")
     module, _, attribute = _HOME[name].partition(":")

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from simgrab.calibration import Calibration
+    from simgrab.dataset.datasets import Dataset
     from simgrab.instrument.contract import Frame, Instrument
     from simgrab.judge.check.suite import Limit
-    from simgrab.labels.datasets import Dataset
-    from simgrab.labels.truth import Row
+    from simgrab.model.calibration import Calibration
+    from simgrab.model.truth import Row
 
 MARKER = "simgrab_limit"
 
@@ -49,7 +49,7 @@ class Record:
     @property
     def calibration(self) -> Calibration:
         """What an instrument may know of the camera: never its tilt."""
-        from simgrab import calibration
+        from simgrab.model import calibration
 
         return calibration.load(self.dataset.path / "camera.toml")
 
@@ -99,8 +99,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 @pytest.fixture(scope="session")
 def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
     """Frames and truth of a scene, rendered once and kept between runs: ``simgrab_record("calm-day", frames=20)``."""
-    from simgrab import scenes
     from simgrab.judge.check import cache
+    from simgrab.model import scenes
 
     where = pytestconfig.getoption("--simgrab-cache")
 

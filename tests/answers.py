@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from simgrab.dataset import datasets
 from simgrab.errors import DatasetError
-from simgrab.labels import arrays as labels
-from simgrab.labels import datasets
-from simgrab.records.observations import Detection, Reading
+from simgrab.model import label_arrays as labels
+from simgrab.model.records.observations import Detection, Reading
 
 
 def digest(picture):

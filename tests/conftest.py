@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from simgrab import scenes
+from simgrab.model import scenes
 
 # Started in the background or by nohup, tests inherit signals that are ignored, and so would the commands they start.
 with contextlib.suppress(ValueError):  # not in the main thread
@@ -95,7 +95,7 @@ def crooked_scene():
 @pytest.fixture(scope="session")
 def dataset(scene, tmp_path_factory):
     """A finished small dataset; copy it before changing it."""
-    from simgrab.world.output.dataset import render
+    from simgrab.dataset.render import render
 
     path = tmp_path_factory.mktemp("data") / "small"
     render(scene, path)
@@ -104,7 +104,7 @@ def dataset(scene, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def crooked_dataset(crooked_scene, tmp_path_factory):
-    from simgrab.world.output.dataset import render
+    from simgrab.dataset.render import render
 
     path = tmp_path_factory.mktemp("data") / "crooked"
     render(crooked_scene, path)
@@ -114,7 +114,7 @@ def crooked_dataset(crooked_scene, tmp_path_factory):
 @pytest.fixture(scope="session")
 def split_dataset(tmp_path_factory):
     """Frames in every split, of which some show little or nothing of the grab."""
-    from simgrab.world.output.dataset import render
+    from simgrab.dataset.render import render
 
     path = tmp_path_factory.mktemp("data") / "split"
     law = {"dist": "choice", "values": [0.0, 1.0]}

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from simgrab.labels import arrays as labels
-from simgrab.records.observations import Detection
+from simgrab.model import label_arrays as labels
+from simgrab.model.records.observations import Detection
 
 
 @dataclasses.dataclass

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from simgrab import scenes
-from simgrab.calibration import Calibration
-from simgrab.geometry import to_camera
+from simgrab.dataset.tables import calibration_of
 from simgrab.instrument.observation import Observation
-from simgrab.world.output.tables import calibration_of
+from simgrab.model import scenes
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import to_camera
 from simgrab.world.trajectory.trajectory import Trajectory
 
 

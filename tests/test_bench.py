@@ -17,8 +17,8 @@ from scripts.bench_measure import in_turns, milliseconds, ratios, single
 from scripts.bench_renderers import RenderProcess, exported
 from scripts.bench_results import Quantity, Results
 from scripts.bench_scene import ExportedScene
-from simgrab import scenes
 from simgrab.errors import RendererError
+from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import GRAB
 

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from simgrab.dataset import boxed, datasets
+from simgrab.dataset.export import export
 from simgrab.errors import DatasetError
-from simgrab.labels import arrays, boxed, datasets
-from simgrab.world.output.export import export
+from simgrab.model import label_arrays as arrays
 
 WIDTH, HEIGHT = 64, 40
 BOX = (8.0, 4.0, 24.0, 20.0)

@@ -13,14 +13,11 @@ import msgspec
 import pytest
 
 import simgrab
+from simgrab.dataset.render import render
 from simgrab.errors import ClusterError, DatasetError, WorkerError
-from simgrab.judge.stress import catalogue
-from simgrab.judge.stress.study import quickened
-from simgrab.judge.stress.work import made, parts, worker_pool
-from simgrab.utilities import cluster, versions
-from simgrab.utilities.cluster import ClusterPool, open_pool
-from simgrab.utilities.processes import Pool, RemoteError, tick
-from simgrab.world.output.dataset import render
+from simgrab.runtime import cluster, versions
+from simgrab.runtime.cluster import ClusterPool, open_pool
+from simgrab.runtime.processes import Pool, RemoteError, tick
 from tests.s3_server import folder_contents
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
@@ -97,10 +94,14 @@ def renders(folder, there, **where):
     """Render and study the same wherever it is done."""
     scene = simgrab.load("quay-day", {"frames": 4, "image.samples": 0}, size=(480, 270))
     render(scene, (folder / f"{there}-shards").as_uri(), shard_frames=2, **where)
-    study = msgspec.structs.replace(quickened(catalogue.load(catalogue.names()[0])), replications=2)
-    with worker_pool(1, **where) as pool:
-        tables = sorted(pool.map(partial(made, study), parts(study)))
-    (folder / f"{there}-stress").write_bytes(b"".join(tables))
+    if importlib.util.find_spec("simgrab.lab"):
+        from simgrab.lab.stress import catalogue, work
+        from simgrab.lab.stress.study import quickened
+
+        study = msgspec.structs.replace(quickened(catalogue.load(catalogue.names()[0])), replications=2)
+        with work.worker_pool(1, **where) as pool:
+            tables = sorted(pool.map(partial(work.made, study), work.parts(study)))
+        (folder / f"{there}-stress").write_bytes(b"".join(tables))
 
 
 def checks(address, folder):

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from conftest import slow_but
 
+from simgrab.dataset.video.coder import Coder
 from simgrab.errors import SourceError
 from simgrab.instrument.video import Video
-from simgrab.scenario import Camera, Clip
-from simgrab.utilities import containers
-from simgrab.utilities.containers import Extent, extent
-from simgrab.world.output.video.coder import Coder
+from simgrab.io import containers
+from simgrab.io.containers import Extent, extent
+from simgrab.model.scenario import Camera, Clip
 
 sys.path.insert(0, str(Path(__file__).parent))
 from films import film

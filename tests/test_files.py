@@ -8,11 +8,11 @@ from contextlib import suppress
 
 import pytest
 
-from simgrab.utilities.files import discard, drafted, drafted_folder, locked, remove_left
+from simgrab.io.files import discard, drafted, drafted_folder, locked, remove_left
 
 CUT_OFF = """
 import os, pathlib, sys
-from simgrab.utilities.files import {kind}
+from simgrab.io.files import {kind}
 with {kind}(pathlib.Path(sys.argv[1])) as draft:
     {write}
     os._exit(9)
@@ -85,7 +85,7 @@ def test_a_folder_is_gone_at_once(tmp_path):
     (path / "b").mkdir(parents=True)
     discard(path)
     assert names(tmp_path) == []
-    code = "import os, pathlib, shutil, sys\nfrom simgrab.utilities import files\n"
+    code = "import os, pathlib, shutil, sys\nfrom simgrab.io import files\n"
     code += "shutil.rmtree = lambda *_, **__: os._exit(9)\n"
     (path / "b").mkdir(parents=True)
     subprocess.run([sys.executable, "-c", f"{code}files.discard(pathlib.Path(sys.argv[1]))", str(path)], check=False)

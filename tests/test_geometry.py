@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from simgrab import geometry as g
-from simgrab.calibration import Calibration
+from simgrab.model import geometry as g
+from simgrab.model.calibration import Calibration
 
 angle = st.floats(-np.pi, np.pi)
 small = st.floats(0.0, np.radians(30))

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from simgrab import calibration, layouts, scenes
-from simgrab.calibration import Calibration
 from simgrab.errors import CalibrationError, LayoutError, ScenarioError
-from simgrab.layouts import CLOCK_PATTERN, Layout
-from simgrab.scenario import Scenario
-from simgrab.utilities.strict import convert
+from simgrab.io.strict import convert
+from simgrab.model import calibration, layouts, scenes
+from simgrab.model.calibration import Calibration
+from simgrab.model.layouts import CLOCK_PATTERN, Layout
+from simgrab.model.scenario import Scenario
 
 NAMES = ("four-point-four", "two-by-four")
 BASE = msgspec.to_builtins(layouts.load("two-by-four"))

@@ -9,7 +9,7 @@ from pycocotools import mask as coco_mask
 
 import simgrab
 from simgrab.errors import DatasetError
-from simgrab.labels import masks
+from simgrab.model import masks
 
 
 def written(mask):

@@ -10,12 +10,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgrab.errors import RecordError
-from simgrab.utilities import parquet
+from simgrab.io import parquet
 
 COUNT = """
 import pathlib, sys
 import pyarrow as pa
-from simgrab.utilities import parquet
+from simgrab.io import parquet
 from simgrab.errors import RunError
 
 threads = lambda: {path.name for path in pathlib.Path("/proc/self/task").iterdir()}
@@ -84,7 +84,7 @@ LIMITED = """
 import resource, sys
 from pathlib import Path
 import pyarrow as pa
-from simgrab.utilities import parquet
+from simgrab.io import parquet
 from simgrab.errors import RecordError
 
 parquet.read_table(Path(sys.argv[1]) / "sound", RecordError)
@@ -173,7 +173,7 @@ def test_a_changed_byte_is_read_or_refused(tmp_path):
 
 CHANGE = """
 import pathlib, sys
-from simgrab.utilities import parquet
+from simgrab.io import parquet
 from simgrab.errors import RecordError
 
 path = pathlib.Path(sys.argv[1])

@@ -1,6 +1,7 @@
 """Whatever a user's text file holds, and whatever lies in its place, one line with the file and the reason answers."""
 
 import codecs
+import importlib.util
 import json
 import os
 from pathlib import Path
@@ -8,14 +9,13 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from simgrab import calibration, layouts, scenes
+from simgrab.dataset.tables import calibration_of
 from simgrab.errors import ScenarioError, SimgrabError
 from simgrab.instrument.estimate import follow
 from simgrab.instrument.estimate.tables import MOST_HEADER_BYTES, read_record
+from simgrab.io import parse
 from simgrab.judge.check import baseline, golden, suite
-from simgrab.judge.stress import catalogue
-from simgrab.utilities import parse
-from simgrab.world.output.tables import calibration_of
+from simgrab.model import calibration, layouts, scenes
 
 CAMERA = calibration_of(scenes.load("quay-day"))
 TILT = follow.Known("mean-ray", 9, 3.0, 0.0, None, ((1e-6, 0.0), (0.0, 1e-6)))
@@ -32,13 +32,16 @@ FILES = {
     "camera": ("camera.toml", calibration.load, CAMERA.to_toml()),
     "layout": ("layout.toml", layouts.read, (layouts.FOLDER / "two-by-four.toml").read_text()),
     "suite": ("suite.toml", suite.load, tomli_w.dumps(SUITE)),
-    "study": ("study.toml", catalogue.load, tomli_w.dumps(STUDY)),
     "tilt": ("tilt.toml", follow.load, TILT.to_toml()),
     "baseline": (baseline.FILE, lambda path: baseline.load(path.parent), json.dumps(BASELINE)),
     "golden": (golden.FILE, lambda path: golden.load(path.parent), "{}"),
     "table": ("pixels.csv", lambda path: read_record(path, CAMERA), "u_px,v_px\n900,500\n910,510\n"),
     "parquet": ("pixels.parquet", lambda path: read_record(path, CAMERA), None),
 }
+if importlib.util.find_spec("simgrab.lab"):
+    from simgrab.lab.stress import catalogue
+
+    FILES["study"] = ("study.toml", catalogue.load, tomli_w.dumps(STUDY))
 DEEP, DIGITS, LARGE = "[" * 100_000, "1" * 6000, "0x" + "f" * 6000
 
 

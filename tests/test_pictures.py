@@ -13,8 +13,8 @@ from PIL import Image
 from simgrab.errors import DatasetError, PictureError
 from simgrab.instrument.detect.pictures import pictures
 from simgrab.instrument.source import open_source
-from simgrab.utilities import photographs
-from simgrab.utilities.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, bits, of, read
+from simgrab.io import photographs
+from simgrab.io.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, bits, of, read
 
 KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
 
@@ -177,7 +177,7 @@ def test_a_picture_that_is_too_large_is_refused_by_its_header(tmp_path, size):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kinds_header_tells_its_size(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr("simgrab.utilities.pictures.MOST_SIDE", 40)
+    monkeypatch.setattr("simgrab.io.pictures.MOST_SIDE", 40)
     assert "48 x 36 px" in refused(tmp_path / "a", cv2.imencode(kind, rgb())[1].tobytes())
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from simgrab.errors import DatasetError, WorkerError
-from simgrab.utilities.processes import ATTEMPTS, PLACE, Pool, tick
+from simgrab.runtime.processes import ATTEMPTS, PLACE, Pool, tick
 
 ready = None
 

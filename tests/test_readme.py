@@ -15,18 +15,18 @@ from click.testing import CliRunner
 import simgrab
 from scripts import make_reference
 from scripts.make_tables import DOCS, TABLES, filled
-from simgrab import calibration
-from simgrab.calibration import Calibration
 from simgrab.cli import cli
+from simgrab.dataset.sensors import yaml
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Frame, Measurement, TakesSensors
 from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP
 from simgrab.instrument.pipeline import Pipeline
+from simgrab.io.strict import convert
 from simgrab.judge.check.suite import Suite
-from simgrab.scenario import IMU_CLASSES, Imu, ImuNoise, Scenario, merged
-from simgrab.scenes import load
-from simgrab.utilities.strict import convert
-from simgrab.world.output.sensors import yaml
+from simgrab.model import calibration
+from simgrab.model.calibration import Calibration
+from simgrab.model.scenario import IMU_CLASSES, Imu, ImuNoise, Scenario, merged
+from simgrab.model.scenes import load
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]

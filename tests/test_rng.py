@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simgrab.rng import derive, stream
+from simgrab.model.rng import derive, stream
 
 
 def test_streams_are_repeatable_and_apart():

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import simgrab
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Scenario, merged, schema
-from simgrab.scenario.descriptions import DESCRIPTIONS
-from simgrab.utilities.resources import SCENES
-from simgrab.utilities.strict import convert
+from simgrab.io.resources import SCENES
+from simgrab.io.strict import convert
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario, merged, schema
+from simgrab.model.scenario.descriptions import DESCRIPTIONS
 
 BAD = {
     "camera.betta_deg": (1.0, "did you mean 'beta_deg'"),

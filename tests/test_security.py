@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from simgrab import scenario, scenes
 from simgrab.errors import ScenarioError
-from simgrab.utilities.resources import ASSETS, SCENES
+from simgrab.io.resources import ASSETS, SCENES
+from simgrab.model import scenario, scenes
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "simgrab"

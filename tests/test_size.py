@@ -6,10 +6,10 @@ import pyarrow.parquet as pq
 import pytest
 from conftest import CROOKED, SMALL, small_scene
 
-from simgrab.distributions import Uniform
 from simgrab.errors import ScenarioError
-from simgrab.scenario import variant
-from simgrab.scenes import load, resized
+from simgrab.model.distributions import Uniform
+from simgrab.model.scenario import variant
+from simgrab.model.scenes import load, resized
 
 FOCALS = {
     "pixels": {"model": "pixels", "focal_length_px": 1500.0},
@@ -139,7 +139,7 @@ def test_sizes_out_of_range_are_refused(size):
 
 
 def test_labels_of_a_smaller_picture_are_the_same_but_for_scale(dataset, tmp_path):
-    from simgrab.world.output.dataset import render
+    from simgrab.dataset.render import render
 
     render(resized(small_scene(), 240, 135), tmp_path / "half")
     rows, halves = (pq.read_table(p / "labels.parquet").to_pylist() for p in (dataset, tmp_path / "half"))

@@ -8,15 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from simgrab import calibration, layouts, scenes
-from simgrab.distributions import Choice, Constant, Normal, Uniform
-from simgrab.errors import CalibrationError, LayoutError, RunError, ScenarioError, StressError, SuiteError
+from simgrab.errors import CalibrationError, LayoutError, RunError, ScenarioError, SuiteError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.estimate.follow import Known
+from simgrab.io.strict import Checked, convert
 from simgrab.judge.check.suite import Limit, Suite
-from simgrab.judge.stress.study import Study, Sweep
-from simgrab.scenario import Camera, Iid, Image, Light, OneOf, Scenario, Vibration
-from simgrab.utilities.strict import Checked, convert
+from simgrab.model import calibration, layouts, scenes
+from simgrab.model.distributions import Choice, Constant, Normal, Uniform
+from simgrab.model.scenario import Camera, Iid, Image, Light, OneOf, Scenario, Vibration
 
 CAMERA = calibration.Calibration(640, 480, 500.0, 320.0, 240.0)
 LAYOUT = layouts.load("two-by-four")
@@ -114,13 +113,6 @@ def test_a_scenario_of_either_door_has_one_digest():
         (lambda: Limit(), SuiteError, "lower, upper or both"),
         (lambda: Suite("mine", {}), SuiteError, "a suite needs scenes"),
         (lambda: Suite("mine", {"a": {"scene": "b"}}, seeds=0), SuiteError, "seeds"),
-        (lambda: Study("mine", "x", (Sweep("beta", (1.0,)),), ("mean-ray",), n=3), StressError, "n: must be a whole"),
-        (lambda: Study("mine", "x", (Sweep("beta", tuple(range(1000))),) * 2, ("a",)), StressError, "points"),
-        (
-            lambda: Study("mine", "x", (Sweep("beta", tuple(range(100))),), ("a",), replications=10**6),
-            StressError,
-            "replications",
-        ),
     ],
 )
 def test_impossible_structs_are_refused_in_one_line(make, error, key):

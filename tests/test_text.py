@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simgrab import cli, text
-from simgrab.calibration import Calibration
+from simgrab.dataset.datasets import Data
 from simgrab.errors import MOST_CHARACTERS, SimgrabError
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.detect import pictures as detections
@@ -27,13 +27,10 @@ from simgrab.instrument.run import runs
 from simgrab.instrument.run.run import measure
 from simgrab.judge.check.report import Report, as_junit
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.judge.stress import catalogue, laboratory
-from simgrab.judge.stress import page as stress_page
-from simgrab.labels.datasets import Data
-from simgrab.pages import html as pages
-from simgrab.pages import terminal
-from simgrab.records.observations import Detection
-from simgrab.training.card import Card, markdown
+from simgrab.model.calibration import Calibration
+from simgrab.model.records.observations import Detection
+from simgrab.reports import html as pages
+from simgrab.reports import terminal
 
 CAMERA = Calibration(64, 36, 60.0, 32.0, 18.0)
 HOSTILE = {
@@ -164,6 +161,8 @@ def test_paths_in_output_are_text(name, tmp_path, monkeypatch):
 
 @every
 def test_cards_show_names_as_text(name):
+    card_of_nets = pytest.importorskip("simgrab.training.card")
+    Card, markdown = card_of_nets.Card, card_of_nets.markdown
     card = Card(
         name="find", task="Finds.", data=(Data(name, "d1", "d2", 0, 800),), examples=640, recipe={}, epochs=3,
         seconds=90.0, metrics={"recall": 0.9, "by_weather": {name: {name: 1.0}}},
@@ -196,6 +195,10 @@ def test_reports_for_servers_hold_any_name(name):
 
 
 def test_a_study_shows_its_words_as_text(tmp_path, monkeypatch):
+    pytest.importorskip("simgrab.lab")
+    from simgrab.lab.stress import catalogue, laboratory
+    from simgrab.lab.stress import page as stress_page
+
     monkeypatch.setattr(stress_page, "svg", lambda *_: "<svg></svg>")  # whose drawing takes long
     # Nor are processes what is tested.
     here = contextlib.nullcontext()

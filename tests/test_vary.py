@@ -9,12 +9,12 @@ import pytest
 import tomli_w
 from scipy import stats
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Hold, Plain, Scenario, merged, variant, variants, vary
-from simgrab.scenario.vary import laid_over, nested
-from simgrab.utilities.strict import _structs_of as structs_of
-from simgrab.utilities.strict import convert
+from simgrab.io.strict import _structs_of as structs_of
+from simgrab.io.strict import convert
+from simgrab.model import scenes
+from simgrab.model.scenario import Hold, Plain, Scenario, merged, variant, variants, vary
+from simgrab.model.scenario.vary import laid_over, nested
 
 UNIFORM = {"dist": "uniform", "low": 1.0, "high": 5.0}
 PLACES = {
@@ -343,7 +343,7 @@ def test_what_does_not_vary_is_not_checked_again():
 
 
 def test_weights_are_summed_once(monkeypatch):
-    from simgrab.scenario import factor
+    from simgrab.model.scenario import factor
 
     sums = []
     monkeypatch.setattr(factor, "sum", lambda values: sums.append(1) or sum(values), raising=False)

@@ -18,10 +18,10 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from simgrab.layouts import Layout
-from simgrab.scenario import FixedExposure, Scenario
-from simgrab.utilities.pictures import encode
-from simgrab.utilities.srgb import encoded
+from simgrab.io.pictures import encode
+from simgrab.model.layouts import Layout
+from simgrab.model.scenario import FixedExposure, Scenario
+from simgrab.model.srgb import encoded
 from simgrab.world.camera import lamps
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import recompress

@@ -20,7 +20,7 @@ from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate import truths
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.labels import arrays as labels
+from simgrab.model import label_arrays as labels
 
 BY = {MUJOCO: "MuJoCo", FOREIGN: "Blender"}
 GREEN, RED, WHITE = (60, 220, 60), (60, 60, 255), (255, 255, 255)

@@ -24,17 +24,17 @@ from scripts.bench_scene import ExportedScene
 from scripts.foreign.camera import VIDEO_CODERS, Light, before_coding, film
 from scripts.foreign.making import BELOW_GRAB_M, surface_photographs
 from scripts.foreign.worlds import CLIP_SEEDS, CONDITIONS, DEFAULT_FAMILY, at_time, foreign_grab, levelled, sky_of
-from simgrab import scenes
-from simgrab.rng import stream
-from simgrab.scenario import AutoExposure, Cycles, Dynamic, FixedMount, Scenario, Wind
-from simgrab.utilities import pictures
-from simgrab.utilities.files import drafted, write
+from simgrab.dataset.video.coder import Coder
+from simgrab.dataset.video.render import render_video
+from simgrab.io import pictures
+from simgrab.io.files import drafted, write
+from simgrab.model import scenes
+from simgrab.model.rng import stream
+from simgrab.model.scenario import AutoExposure, Cycles, Dynamic, FixedMount, Scenario, Wind
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.lens import Lens
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output.video.coder import Coder
-from simgrab.world.output.video.render import render_video
 
 MUJOCO, FOREIGN = "mujoco", "foreign"
 #: What may be replaced: all that the exam's condition "all" does. The grab alone stays simgrab's own by default.

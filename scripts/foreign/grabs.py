@@ -15,8 +15,8 @@ from trimesh import Trimesh
 from trimesh.creation import box, cylinder, extrude_polygon, icosphere
 from trimesh.visual.material import PBRMaterial
 
-from simgrab.geometry import Array
-from simgrab.scenario.grab import Jaw
+from simgrab.model.geometry import Array
+from simgrab.model.scenario.grab import Jaw
 
 Point = Sequence[float]
 Paints = dict[str, PBRMaterial]

@@ -24,14 +24,14 @@ from skimage import data as samples_of_skimage
 from scripts.bench_renderers import exported, source_window
 from scripts.foreign.camera import photographed
 from scripts.foreign.worlds import CONDITIONS, Condition, Replacement, World, beside, sky_of
+from simgrab.dataset import stored
+from simgrab.dataset.stored import Record
 from simgrab.errors import RendererError
-from simgrab.rng import stream
-from simgrab.utilities.files import write
+from simgrab.io.files import write
+from simgrab.model.rng import stream
 from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.camera.renderer import LENS_SAMPLES
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import stored
-from simgrab.world.output.stored import Record
 from simgrab.world.scenery.model import GRAB, NOTHING
 
 ROOT = Path(__file__).parents[2]

@@ -14,16 +14,16 @@ import numpy as np
 
 from scripts.foreign.making import Agreement, picture
 from scripts.foreign.worlds import CONDITIONS, DEFAULT_FAMILY, World, beside, with_mujoco
+from simgrab.dataset.stored import Record
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
+from simgrab.io import pictures
 from simgrab.judge.evaluate import detection, reading
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
-from simgrab.labels import arrays as labels
-from simgrab.rng import stream
-from simgrab.scenario import Labels
-from simgrab.utilities import pictures
-from simgrab.world.output.stored import Record
+from simgrab.model import label_arrays as labels
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Labels
 
 LEVEL = (0.025, 0.975)
 TILE_PX = (480, 270)

@@ -10,9 +10,9 @@ from msgspec import structs
 from numpy.random import Generator
 
 from scripts.foreign import grabs
-from simgrab import scenes
-from simgrab.rng import stream
-from simgrab.scenario import Clutter, Hold, Iid, Light, Mesh, Plain, Scenario
+from simgrab.model import scenes
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Clutter, Hold, Iid, Light, Mesh, Plain, Scenario
 from simgrab.world.extensions import Recipe
 
 #: Base scene of each family of grabs. The default grab is in every second world.

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from simgrab import calibration, scenes
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import camera_beside, fitting, open_source
+from simgrab.model import calibration, scenes
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 
 DATASET, VIDEO, RUN, RUN_OF_VIDEO, TILT, RECORD = (
     "dataset",
@@ -57,8 +57,8 @@ class _Steady:
 
 def make(folder: Path) -> Path:
     """Render a small dataset and a video into a new folder, and measure them; returns the folder."""
-    from simgrab.world.output.dataset import render
-    from simgrab.world.output.video.render import render_video
+    from simgrab.dataset.render import render
+    from simgrab.dataset.video.render import render_video
 
     render(scenes.load("quay-day", _SMALL | {"frames": FRAMES}), folder / DATASET)
     render_video(scenes.load("free-swing", _SMALL | {"frames": FILMED}), folder / VIDEO)

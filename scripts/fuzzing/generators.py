@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 from scripts.fuzzing import bytewise, corpus, documents, media, nets, tables
 from scripts.fuzzing.case import Case, Files
-from simgrab import layouts, scenes
+from simgrab.io.resources import SCENES
 from simgrab.judge.check import suite
-from simgrab.judge.stress import catalogue
-from simgrab.utilities.resources import SCENES
+from simgrab.lab.stress import catalogue
+from simgrab.model import layouts, scenes
 
 # Names that a user's files may have; without suffix.
 NAMES = (

@@ -13,8 +13,7 @@ import msgspec
 import numpy as np
 
 from scripts.fuzzing import corpus
-from simgrab import calibration, layouts, scenes
-from simgrab.calibration import Calibration
+from simgrab.dataset import datasets
 from simgrab.instrument.detect import detector
 from simgrab.instrument.detect import pictures as detections
 from simgrab.instrument.estimate import ESTIMATORS, follow
@@ -22,18 +21,19 @@ from simgrab.instrument.estimate import measure as judge
 from simgrab.instrument.estimate.table import show
 from simgrab.instrument.run import runs
 from simgrab.instrument.source import Source, fitting, open_source
+from simgrab.io.strict import convert
 from simgrab.judge.check import baseline, suite
 from simgrab.judge.evaluate import truths
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.table import tables
-from simgrab.judge.stress import catalogue, fidelities
-from simgrab.judge.stress.study import quickened
-from simgrab.labels import datasets
-from simgrab.records import frame_files
-from simgrab.records.observations import Detection
-from simgrab.scenario import Dynamic, Scenario, variant
-from simgrab.scenario.surroundings import Clutter, Plain
-from simgrab.utilities.strict import convert
+from simgrab.lab.stress import catalogue, fidelities
+from simgrab.lab.stress.study import quickened
+from simgrab.model import calibration, layouts, scenes
+from simgrab.model.calibration import Calibration
+from simgrab.model.records import frame_files
+from simgrab.model.records.observations import Detection
+from simgrab.model.scenario import Dynamic, Scenario, variant
+from simgrab.model.scenario.surroundings import Clutter, Plain
 from simgrab.world.projection import project
 from simgrab.world.scenery.plan import Plan, draw_up
 from simgrab.world.trajectory.trajectory import Trajectory

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any
 
 from simgrab.errors import SimgrabError
-from simgrab.utilities.processes import die_with_parent
+from simgrab.runtime.processes import die_with_parent
 
 ACCEPTED, REFUSED, TRACEBACK, MESSAGE, SIGNAL, LIMIT = "accepted", "refused", "traceback", "message", "signal", "limit"
 FAILED = (TRACEBACK, MESSAGE, SIGNAL, LIMIT)

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from simgrab.dataset.stores import is_url
 from simgrab.errors import DatasetError, RunError, SimgrabError
-from simgrab.utilities.destination import check_file, check_folder, check_new_folder
-from simgrab.utilities.stores import is_url
+from simgrab.io.destination import check_file, check_folder, check_new_folder
 
 
 class _Place(click.Path):

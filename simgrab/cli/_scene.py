@@ -10,7 +10,7 @@ import click
 from simgrab.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from simgrab.scenario import Scenario
+    from simgrab.model.scenario import Scenario
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,8 +61,8 @@ def extension_options(function: F) -> F:
 
 def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:
     """Read the scene that the options describe; short options win over ``--set``, and ``--size`` comes last."""
-    from simgrab import scenes
-    from simgrab.scenario import Dynamic
+    from simgrab.model import scenes
+    from simgrab.model.scenario import Dynamic
 
     wanted = None if size is None else scenes.parse_size(size)
     changes = scenes.parse_changes(assignments)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-from simgrab.utilities.processes import STOPS
+from simgrab.runtime.processes import STOPS
 
 TOGETHER_S = 1.0  # within which signals are one: `timeout` sends its own twice, and a terminal to a whole group
 

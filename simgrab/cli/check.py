@@ -34,11 +34,11 @@ def command(
     """
     from simgrab.cli._progress import steps
     from simgrab.errors import SuiteError
+    from simgrab.io.destination import check_folder
     from simgrab.judge.check import gate, report
     from simgrab.judge.check import suite as suites
     from simgrab.judge.check.cache import default
     from simgrab.judge.check.table import show
-    from simgrab.utilities.destination import check_folder
 
     if seeds is not None and not update:
         raise click.UsageError("--seeds needs --update-baseline")

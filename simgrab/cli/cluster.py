@@ -19,8 +19,8 @@ def command() -> None:
 @click.option("--local", "nodes", type=click.IntRange(1, 64), required=True, help="Nodes to start on this machine.")
 def up(nodes: int) -> None:
     """Start a cluster of LOCAL nodes that share this machine's cores; Ctrl-C ends it."""
-    from simgrab.utilities import machine
-    from simgrab.utilities.cluster import local_cluster
+    from simgrab.runtime import machine
+    from simgrab.runtime.cluster import local_cluster
 
     cores = max(1, machine.cores() // nodes)
     with local_cluster(nodes, cores) as address:

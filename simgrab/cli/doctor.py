@@ -17,7 +17,7 @@ def command(as_json: bool) -> None:
     Exit status: 0 if it can, 1 if not.
     """
     from simgrab.judge.doctor import examine
-    from simgrab.utilities.versions import PACKAGES
+    from simgrab.runtime.versions import PACKAGES
 
     found = examine()
     if as_json:

@@ -25,7 +25,7 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     from simgrab.judge.evaluate import truths
     from simgrab.judge.evaluate.evaluation import evaluate
     from simgrab.judge.evaluate.table import tables
-    from simgrab.pages.terminal import cell, stdout, table
+    from simgrab.reports.terminal import cell, stdout, table
 
     measured = runs.load(run)
     known = truths.of(measured, dataset)

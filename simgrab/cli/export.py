@@ -27,7 +27,7 @@ def command(dataset: str, layout: str, out: Path | str, shard_frames: int | None
     yolo: images, text labels, data.yaml. coco: images and JSON. voc: Pascal VOC's XML. webdataset: tar archives.
     hf: Parquet for Hugging Face datasets. simgrab: the folder that `simgrab render` writes.
     """
-    from simgrab.world.output.export import export
+    from simgrab.dataset.export import export
 
     with bar("exporting", shown=not quiet) as progress:
         export(dataset, out, format=layout, shard_frames=shard_frames, progress=progress)

@@ -30,9 +30,9 @@ def check(file: Path, out: Path | None, assignments: tuple[str, ...]) -> None:
     FILE is a model, or a scene file whose [grab] is of the model "mesh". Exit status: 0 also with doubts, 2 where FILE
     cannot be a grab.
     """
-    from simgrab import scenes
     from simgrab.judge import own_grab
-    from simgrab.pages.terminal import cell, stdout, table
+    from simgrab.model import scenes
+    from simgrab.reports.terminal import cell, stdout, table
 
     scene = own_grab.scene_of(file, scenes.parse_changes(assignments))
     found = own_grab.check(scene)
@@ -61,9 +61,9 @@ def convert(file: Path, out: Path | None, tolerance_mm: float) -> None:
     Needs `pip install 'simgrab[step]'`.
     """
     from simgrab.errors import ScenarioError
+    from simgrab.io import files, step
+    from simgrab.io.destination import check_new_folder, writing
     from simgrab.text import printable
-    from simgrab.utilities import files, step
-    from simgrab.utilities.destination import check_new_folder, writing
 
     def refuse(problem: str) -> ScenarioError:
         return ScenarioError("file", problem)

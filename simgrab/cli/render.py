@@ -13,8 +13,8 @@ from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_opti
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
+from simgrab.dataset.stores import is_url
 from simgrab.text import printable
-from simgrab.utilities.stores import is_url
 
 MANY_CLAMPED = 0.25
 """Share of frames from which on clamping changes a distribution visibly."""
@@ -47,15 +47,15 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
     if video is None:
         out = out or Path("runs") / scenario.name
+    from simgrab.dataset.pool import automatic
+    from simgrab.dataset.render import render
+    from simgrab.dataset.shards import frames_of
+    from simgrab.dataset.summary import Summary
+    from simgrab.dataset.video.render import VideoSummary, render_video
     from simgrab.judge.own_grab import doubts_of_axis
-    from simgrab.pages.terminal import stdout, table
-    from simgrab.scenario import Iid
+    from simgrab.model.scenario import Iid
+    from simgrab.reports.terminal import stdout, table
     from simgrab.world.extensions import Extensions, Recipe
-    from simgrab.world.output.dataset import render
-    from simgrab.world.output.pool import automatic
-    from simgrab.world.output.shards import frames_of
-    from simgrab.world.output.summary import Summary
-    from simgrab.world.output.video.render import VideoSummary, render_video
 
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)

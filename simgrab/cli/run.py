@@ -11,8 +11,8 @@ import click
 from simgrab.cli._options import NEW_FOLDER, PATH
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.io.parse import shown
 from simgrab.text import printable
-from simgrab.utilities.parse import shown
 
 MOST_RATE_HZ = 1000.0
 LONGEST_S = 86_400.0
@@ -89,7 +89,7 @@ def command(
     from simgrab.instrument.run.subject import BUNDLED, open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
     from simgrab.instrument.source import camera_beside
-    from simgrab.pages.terminal import cell, stdout, table
+    from simgrab.reports.terminal import cell, stdout, table
 
     chosen: Instrument
     if instrument is not None:

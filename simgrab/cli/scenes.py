@@ -16,7 +16,7 @@ def command(ctx: click.Context, as_json: bool) -> None:
     """List the bundled scenes; show one resolved, or the JSON schema of scene files."""
     if ctx.invoked_subcommand:
         return
-    from simgrab import scenes
+    from simgrab.model import scenes
 
     described = {name: scenes.load(name).description for name in scenes.names()}
     if as_json:
@@ -42,6 +42,6 @@ def show(
 @command.command()
 def schema() -> None:
     """Print the JSON schema of scene files, for editors."""
-    from simgrab import scenario
+    from simgrab.model import scenario
 
     click.echo(json.dumps(scenario.schema(), indent=2))

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import special
 
 from simgrab.errors import RunError
-from simgrab.geometry import Array
 from simgrab.instrument.contract import Measurement
-from simgrab.utilities.strict import Checked
+from simgrab.io.strict import Checked
+from simgrab.model.geometry import Array
 
 Meta = msgspec.Meta
 

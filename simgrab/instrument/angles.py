@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
-from simgrab.records.estimates import Estimate
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate
 
 
 @dataclass(frozen=True)

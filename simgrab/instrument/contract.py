@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
+from simgrab.model.calibration import Calibration
 
 Picture = NDArray[np.uint8]
 Status = Literal["ok", "lost", "missed", "unread", "refused"]
@@ -74,8 +74,8 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
         What was read on the display, four digits, a blank and four digits, with ``?`` for one that was refused; a point
         may stand in a number.
     rope_status : str
-        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.records.observations.Reading`; empty where nothing was
-        to be read.
+        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.model.records.observations.Reading`; empty where nothing
+        was to be read.
     rope_length_m : float or None
         |OA| that α was computed with.
     """

@@ -29,7 +29,7 @@ import onnxruntime
 from simgrab.errors import DetectorError, SimgrabError, first_line, one_line
 from simgrab.instrument import onnx_parts
 from simgrab.instrument.deadline import within
-from simgrab.utilities.parse import read_bytes
+from simgrab.io.parse import read_bytes
 
 THREADS = 2
 KEY = "simgrab"  # of the metadata in our own files

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator
 import msgspec
 import numpy as np
 
-from simgrab.calibration import Calibration
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
-from simgrab.records.observations import Detection, Reading
+from simgrab.model.calibration import Calibration
+from simgrab.model.records.observations import Detection, Reading
 
 
 class Observation(msgspec.Struct, frozen=True, gc=False):
@@ -31,7 +31,7 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
         As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector predicts no other.
     rope_text : str or None
     rope_status, rope_reason : str
-        As in `simgrab.records.observations.Reading`; empty where no display was to be read.
+        As in `simgrab.model.records.observations.Reading`; empty where no display was to be read.
     hoist_m : float or None
         Hoist rope on the display.
     """

@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from simgrab.calibration import Calibration
 from simgrab.errors import RunError
 from simgrab.instrument import angles
 from simgrab.instrument.angles import Seen
@@ -26,7 +25,8 @@ from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
-from simgrab.records.estimates import Estimate
+from simgrab.model.calibration import Calibration
+from simgrab.model.records.estimates import Estimate
 
 T = TypeVar("T")
 

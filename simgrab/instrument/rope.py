@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.read import Hoist, consistent
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from simgrab.calibration import Calibration
 from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.video import UNTIMED_HZ, Stream, Video
-from simgrab.records import frame_files
+from simgrab.io import pictures
+from simgrab.io.parse import kind_of
+from simgrab.model.calibration import Calibration
+from simgrab.model.records import frame_files
 from simgrab.text import encodable, printable
-from simgrab.utilities import pictures
-from simgrab.utilities.parse import kind_of
 
 _RATE_IS_OF = "--rate applies to image folders and to videos without time stamps"
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
@@ -54,7 +54,7 @@ class Files:
     labels_sha256 : str
         Of a dataset, by which it is known again; empty for a folder of pictures.
     bits : int or None
-        Of 16-bit pictures, as `simgrab.utilities.pictures.bits` finds them.
+        Of 16-bit pictures, as `simgrab.io.pictures.bits` finds them.
     """
 
     name: str

@@ -27,11 +27,11 @@ from av.video.stream import VideoStream
 from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate.frames import LATEST_S
+from simgrab.io import containers
+from simgrab.io.pictures import too_large
+from simgrab.io.playback import Playback, aspect_of, squared, stream_of
+from simgrab.runtime.environment import MOST_PIXELS
 from simgrab.text import printable
-from simgrab.utilities import containers
-from simgrab.utilities.environment import MOST_PIXELS
-from simgrab.utilities.pictures import too_large
-from simgrab.utilities.playback import Playback, aspect_of, squared, stream_of
 
 PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
@@ -87,7 +87,7 @@ class Video:
                 raise SourceError(f"{self.name}: its container crops the pictures; crop the coded ones instead")
 
     def __iter__(self) -> Iterator[Frame]:
-        """Decode from the beginning, as `simgrab.utilities.playback` shows frames. Time counts from the first.
+        """Decode from the beginning, as `simgrab.io.playback` shows frames. Time counts from the first.
 
         Raises
         ------

@@ -20,7 +20,7 @@ import scipy.linalg  # loads its OpenBLAS
 from simgrab._version import __version__
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer import open_second_renderer
-from simgrab.utilities.versions import PACKAGES
+from simgrab.runtime.versions import PACKAGES
 from simgrab.world import gl
 
 

@@ -14,15 +14,15 @@ import trimesh
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.pages import html
-from simgrab.scenario import Grab, Mesh, Scenario
-from simgrab.utilities import models
-from simgrab.utilities.files import write
-from simgrab.utilities.parse import shown
-from simgrab.utilities.pictures import encode
+from simgrab.io import models
+from simgrab.io.files import write
+from simgrab.io.parse import shown
+from simgrab.io.pictures import encode
+from simgrab.model import scenes
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Grab, Mesh, Scenario
+from simgrab.reports import html
 from simgrab.world import gl
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.from_file import PLATE_M, UNITS, Piece, Reading, design, read, usual_up

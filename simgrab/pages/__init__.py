@@ -1,1 +1,1 @@
-"""Tables, figures and HTML pages: templates shared by every report."""
+"""The pages of `simgrab browse` and `simgrab studio`, and the server that both use."""

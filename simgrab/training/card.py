@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from simgrab._version import __version__
+from simgrab.dataset.datasets import Data
 from simgrab.errors import TrainingError
-from simgrab.labels.datasets import Data
+from simgrab.io.parse import read_json
 from simgrab.text import markdown as markdown_text
 from simgrab.text import printable
 from simgrab.training.folder import write
-from simgrab.utilities.parse import read_json
 
 LICENCE = "Apache-2.0"
 PACKAGES = ("torch", "onnx", "onnxruntime", "numpy", "opencv-python-headless")

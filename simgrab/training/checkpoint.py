@@ -13,8 +13,8 @@ from typing import Any
 import torch
 
 from simgrab.errors import TrainingError, one_line
+from simgrab.io.parse import shown
 from simgrab.training.folder import write
-from simgrab.utilities.parse import shown
 
 
 def save(path: Path, state: dict[str, Any]) -> None:

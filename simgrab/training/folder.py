@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from simgrab.errors import TrainingError
-from simgrab.utilities import files
-from simgrab.utilities.destination import LOCK, check_folder, locked_folder, writing
+from simgrab.io import files
+from simgrab.io.destination import LOCK, check_folder, locked_folder, writing
 
 TRACES = ("checkpoint.pt", "*/checkpoint.pt")
 CURVE = ("*/*/checkpoint.pt", "learning-curve.json")  # of a learning curve

@@ -1,7 +1,8 @@
 """The training loop: seeded, averaged, validated, and resumed as if it had never stopped.
 
 Nothing is drawn from a running generator: the order of an epoch and the augmentation of a batch have streams of their
-own (`simgrab.rng`), and the learning rate is a function of the step. A checkpoint therefore needs no generator's state.
+own (`simgrab.model.rng`), and the learning rate is a function of the step. A checkpoint therefore needs no generator's
+state.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from simgrab._version import __version__
 from simgrab.errors import TrainingError
-from simgrab.rng import stream
+from simgrab.model.rng import stream
 from simgrab.training import checkpoint
 from simgrab.training.copies import Batch, Copies
 from simgrab.training.device import named, out_of_memory, to_device

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from simgrab.errors import TrainingError
-from simgrab.utilities.parse import shown
+from simgrab.io.parse import shown
 
 # Adam's decay is part of the gradient, AdamW's is not; SGD has Nesterov's momentum.
 OPTIMISERS = ("adamw", "adam", "sgd")

@@ -13,11 +13,11 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import scenes
 from simgrab.errors import ExtensionError, ScenarioError, SimgrabError, first_line
-from simgrab.rng import stream
-from simgrab.scenario import Scenario, Variant, variant
-from simgrab.utilities.processes import pickled
+from simgrab.model import scenes
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Scenario, Variant, variant
+from simgrab.runtime.processes import pickled
 from simgrab.world.trajectory.checked import checked
 from simgrab.world.trajectory.moment import Moment
 
@@ -88,7 +88,7 @@ class Extensions:
         return {"functions": functions, "note": NOTE} if functions else None
 
     def variant(self, scenario: Scenario, frame: int) -> Variant:
-        """Variant that a frame is of; see `simgrab.scenario.variant`.
+        """Variant that a frame is of; see `simgrab.model.scenario.variant`.
 
         Raises
         ------

@@ -13,9 +13,9 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.labels.arrays import Labelled
-from simgrab.labels.truth import Truth
-from simgrab.scenario import Scenario
+from simgrab.model.label_arrays import Labelled
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import Truth
 from simgrab.world.camera.renderer import View
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.label import label

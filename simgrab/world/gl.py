@@ -17,8 +17,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from simgrab.errors import RendererError
-from simgrab.utilities import environment
-from simgrab.utilities.processes import PLACE
+from simgrab.runtime import environment
+from simgrab.runtime.processes import PLACE
 from simgrab.world import gl_variables, llvm
 
 if TYPE_CHECKING:

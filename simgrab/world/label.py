@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import geometry
-from simgrab.geometry import Array
-from simgrab.labels.truth import KEYPOINT_NAMES, Truth
-from simgrab.scenario import Scenario, Variant
+from simgrab.model import geometry
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Scenario, Variant
+from simgrab.model.truth import KEYPOINT_NAMES, Truth
 from simgrab.world.camera.buffers import Buffers, Visibility
 from simgrab.world.camera.weather import hidden_fraction
 from simgrab.world.projection import Projection

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simgrab import geometry
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.labels.truth import KEYPOINT_NAMES
-from simgrab.scenario import Scenario
+from simgrab.model import geometry
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import KEYPOINT_NAMES
 from simgrab.world.camera import shutter
 from simgrab.world.camera.lens import Window
 from simgrab.world.scenery.grabs.design import Design
@@ -40,7 +40,7 @@ class Projection:
     oriented_box : ndarray, shape (4, 2), or None
         Corners of the smallest rotated rectangle around the whole silhouette, px; None as the amodal box is.
     keypoints_camera : ndarray, shape (10, 3)
-        In the order of `simgrab.labels.truth.KEYPOINT_NAMES`, camera frame, m.
+        In the order of `simgrab.model.truth.KEYPOINT_NAMES`, camera frame, m.
     """
 
     nominal: Moment

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from simgrab.scenario import Variant
+from simgrab.model.scenario import Variant
 from simgrab.world.camera.buffers import NONE_VISIBLE, Buffers, observe
 from simgrab.world.camera.optics import Exposure
 from simgrab.world.camera.pipeline import Camera, Developed, exposed_rgb

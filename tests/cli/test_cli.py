@@ -21,12 +21,13 @@ from click.testing import CliRunner
 from conftest import SMALL, as_options
 from seconds import SECOND_RENDERERS
 
-from simgrab import __version__, scenes
+from simgrab import __version__
 from simgrab.cli import cli, main
 from simgrab.errors import SimgrabError, WorkerError
 from simgrab.judge import doctor
 from simgrab.judge.audit.second_renderer import choice, install_hint
-from simgrab.utilities.versions import PACKAGES
+from simgrab.model import scenes
+from simgrab.runtime.versions import PACKAGES
 from simgrab.world.gl import Fingerprint
 
 
@@ -161,7 +162,7 @@ def test_what_can_be_taken_up_again_says_how(stop, line, monkeypatch, capsys):
     def render(*_, **__):
         raise stop
 
-    monkeypatch.setattr("simgrab.world.output.dataset.render", render)
+    monkeypatch.setattr("simgrab.dataset.render.render", render)
     monkeypatch.setattr(sys, "argv", ["simgrab", "render", "--frames", "1", "--out", "out"])
     with pytest.raises(SystemExit):
         main()

@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from simgrab.calibration import Calibration
 from simgrab.cli.estimate import command
 from simgrab.errors import SimgrabError
-from simgrab.geometry import camera_rotation, grab_centre, to_camera
 from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import camera_rotation, grab_centre, to_camera
 
 CAMERA = Calibration(width_px=1920, height_px=1080, focal_length_px=1644.82, cx_px=960.0, cy_px=540.0, k1=-0.1)
 

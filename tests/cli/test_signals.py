@@ -13,7 +13,7 @@ WAITS = """
 import pathlib, sys, time
 import click
 from simgrab.cli import main
-from simgrab.utilities.files import drafted
+from simgrab.io.files import drafted
 
 @click.command()
 @click.argument("path", type=click.Path(path_type=pathlib.Path))

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pendulum_simulator as pendulum
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import camera_rotation, grab_centre, to_camera
 from simgrab.instrument.estimate import (
     ESTIMATORS,
     Estimator,
@@ -19,8 +17,10 @@ from simgrab.instrument.estimate import (
     PendulumSmoother,
     RopeAware,
 )
-from simgrab.records.estimates import Estimates, Intervals
-from simgrab.rng import stream
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import camera_rotation, grab_centre, to_camera
+from simgrab.model.records.estimates import Estimates, Intervals
+from simgrab.model.rng import stream
 
 H = 1644.82
 AZIMUTH = 0.7

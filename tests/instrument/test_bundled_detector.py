@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from simgrab import frames as frames_of
-from simgrab import scenes
 from simgrab.instrument.detect import ANY_GRAB, BUNDLED, detector
 from simgrab.instrument.detect.boxes import iou
-from simgrab.labels import arrays as labels
-from simgrab.utilities.resources import ASSETS
+from simgrab.io.resources import ASSETS
+from simgrab.model import label_arrays as labels
+from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 
 WEIGHTS = ASSETS / "weights"

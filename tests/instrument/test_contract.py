@@ -13,8 +13,8 @@ import pytest
 import studies
 
 from simgrab.errors import RecordError
-from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.model.geometry import camera_rotation
 
 CAMERA = studies.camera()
 NAMES = list(ESTIMATORS)

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgrab.geometry import eq2_cos_alpha
 from simgrab.instrument.estimate import GrabWidth
+from simgrab.model.geometry import eq2_cos_alpha
 
 
 def test_it_is_right_for_a_camera_that_hangs_straight():

@@ -11,10 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 import simgrab
-from simgrab import scenes
 from simgrab.cli.estimate import command
+from simgrab.dataset.sensors import STAMP, yaml
 from simgrab.errors import RecordError, RunError
-from simgrab.geometry import camera_rotation, rotation_z, to_camera
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate import InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial import live, model
@@ -23,7 +22,8 @@ from simgrab.instrument.estimate.inertial.preintegration import preintegrate, ro
 from simgrab.instrument.estimate.inertial.readings import ImuReadings, read_imu
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run.run import run
-from simgrab.world.output.sensors import STAMP, yaml
+from simgrab.model import scenes
+from simgrab.model.geometry import camera_rotation, rotation_z, to_camera
 from simgrab.world.trajectory.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

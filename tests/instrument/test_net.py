@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from nets import CELLS, constant_yolo, hand_made, rows
 
-from simgrab import layouts
 from simgrab.errors import DetectorError, ReaderError
 from simgrab.instrument import net as nets
 from simgrab.instrument import onnx_parts
@@ -18,6 +17,7 @@ from simgrab.instrument.deadline import within
 from simgrab.instrument.detect import Yolo, detector
 from simgrab.instrument.read import BUNDLED, Reader
 from simgrab.instrument.read.reader import METADATA, reading
+from simgrab.model import layouts
 
 onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402

@@ -3,11 +3,11 @@ import pendulum_simulator as simulator
 import pytest
 import studies
 
-from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.chain import linear, state_covariances
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
 from simgrab.instrument.estimate.pendulum_fit import Priors, nodes_of
+from simgrab.model.geometry import camera_rotation
 
 TILTED = camera_rotation(np.deg2rad(5.0), 0.7, 0.0)
 

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from simgrab.calibration import Calibration
 from simgrab.errors import CalibrationError, RecordError, RunError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument.contract import Frame
@@ -18,7 +17,8 @@ from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, rope
-from simgrab.records.observations import Detection, Reading
+from simgrab.model.calibration import Calibration
+from simgrab.model.records.observations import Detection, Reading
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simgrab import layouts, scenes
+from simgrab.dataset.tables import calibration_of
 from simgrab.errors import LayoutError, ReaderError
 from simgrab.instrument.read import BUNDLED, Hoist, Reader, checked, consistent
 from simgrab.instrument.read.crops import crops
 from simgrab.instrument.read.reader import METADATA, reading
+from simgrab.io.resources import ASSETS
 from simgrab.judge.evaluate import reading_trial
-from simgrab.utilities.resources import ASSETS
+from simgrab.model import layouts, scenes
 from simgrab.world.camera.overlay import Overlay
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output.tables import calibration_of
 from simgrab.world.trajectory.display import Shown
 
 CLOCK = "2022年01月26日 星期三 14:05:37"

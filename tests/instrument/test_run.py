@@ -14,8 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from simgrab import calibration as camera_file
-from simgrab.calibration import Calibration
 from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
@@ -29,8 +27,10 @@ from simgrab.instrument.run.run import Options, measure, run
 from simgrab.instrument.run.table import beside_paper, held
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import open_source
-from simgrab.labels.truth import Row
-from simgrab.layouts import load as layout
+from simgrab.model import calibration as camera_file
+from simgrab.model.calibration import Calibration
+from simgrab.model.layouts import load as layout
+from simgrab.model.truth import Row
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging
@@ -46,7 +46,7 @@ def clip(tmp_path_factory):
     """A video of five seconds with its truth table: a fixed camera, the display, two frames lost."""
     from conftest import small_scene
 
-    from simgrab.world.output.video.render import render_video
+    from simgrab.dataset.video.render import render_video
 
     path = tmp_path_factory.mktemp("clip") / "swing.mp4"
     scene = small_scene(
@@ -144,7 +144,7 @@ def test_a_live_run_writes_the_same_files(clip, tmp_path):
 
 
 def nothing(_picture):
-    from simgrab.records.observations import Detection
+    from simgrab.model.records.observations import Detection
 
     return Detection("none", "nothing found", 0.0)
 
@@ -220,7 +220,7 @@ def test_a_run_that_measured_nothing_has_failed_and_says_why(tmp_path, live):
 
 def test_a_run_with_too_few_frames_says_so():
     def middle(_picture):
-        from simgrab.records.observations import Detection
+        from simgrab.model.records.observations import Detection
 
         return Detection("found", "", 0.9, np.array([20.0, 10.0, 40.0, 30.0]), np.array([30.0, 20.0]))
 

@@ -5,11 +5,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from simgrab.calibration import Calibration
 from simgrab.errors import RunError
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.run import measure
+from simgrab.model.calibration import Calibration
 
 CAMERA = Calibration(64, 48, 60.0, 32.0, 24.0)
 

@@ -19,13 +19,13 @@ import pytest
 from av.filter import Graph
 from av.stream import Disposition
 
-from simgrab.calibration import Calibration
+from simgrab.dataset import datasets
 from simgrab.errors import SourceError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source
 from simgrab.instrument.video import Video, _Clock
-from simgrab.labels import datasets
+from simgrab.model.calibration import Calibration
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import SIZE, film, picture
@@ -519,7 +519,7 @@ def test_a_video_whose_pictures_are_or_become_too_large(tmp_path, monkeypatch):
     (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
     frames = list(open_source(tmp_path / "a.mjpeg"))
     assert [i for i, frame in enumerate(frames) if frame.picture is None] == [4]
-    monkeypatch.setattr("simgrab.utilities.pictures.MOST_PIXELS", 1000)
+    monkeypatch.setattr("simgrab.io.pictures.MOST_PIXELS", 1000)
     with pytest.raises(SourceError, match=r"b\.mp4: it has 64 x 36 px; the limit is"):
         open_source(film(tmp_path / "b.mp4", even(3)))
 

@@ -13,17 +13,17 @@ from conftest import slow_but, small_scene
 from seconds import SECOND_RENDERERS
 
 import simgrab
-from simgrab import geometry
+from simgrab.dataset import manifest
+from simgrab.dataset.export import export
+from simgrab.dataset.render import render
 from simgrab.errors import DatasetError
 from simgrab.judge.audit import identities
 from simgrab.judge.audit.audit import audit
 from simgrab.judge.audit.proof import Proof
 from simgrab.judge.audit.second_renderer import choice, install_hint
-from simgrab.labels.truth import columns
+from simgrab.model import geometry
+from simgrab.model.truth import columns
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import manifest
-from simgrab.world.output.dataset import render
-from simgrab.world.output.export import export
 
 
 @pytest.fixture
@@ -242,7 +242,7 @@ def planted(monkeypatch, tmp_path, target, fault, **changes):
 
 def test_a_wrong_sign_of_gamma_is_caught(monkeypatch, tmp_path):
     right = geometry.grab_centre
-    failed = planted(monkeypatch, tmp_path, "simgrab.geometry.grab_centre", lambda a, phi, r: right(a, -phi, r))
+    failed = planted(monkeypatch, tmp_path, "simgrab.model.geometry.grab_centre", lambda a, phi, r: right(a, -phi, r))
     assert "poses agree with angles, rope length and offset" in failed
 
 
@@ -250,7 +250,7 @@ def test_a_wrong_sign_of_gamma_is_caught(monkeypatch, tmp_path):
 def test_a_swapped_tilt_axis_is_caught(monkeypatch, tmp_path):
     right = geometry.camera_rotation
     failed = planted(
-        monkeypatch, tmp_path, "simgrab.geometry.camera_rotation",
+        monkeypatch, tmp_path, "simgrab.model.geometry.camera_rotation",
         lambda beta, azimuth, roll: right(beta, np.pi / 2 - np.asarray(azimuth), roll),
     )  # fmt: skip
     assert {"eqs (1) and (2) of the paper hold", "poses agree with angles, rope length and offset"} <= set(failed)
@@ -260,7 +260,7 @@ def test_a_swapped_tilt_axis_is_caught(monkeypatch, tmp_path):
 def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
     right = geometry.Intrinsics._to_pixels
     failed = planted(
-        monkeypatch, tmp_path, "simgrab.geometry.Intrinsics._to_pixels", lambda self, xy: right(self, xy) + 0.5
+        monkeypatch, tmp_path, "simgrab.model.geometry.Intrinsics._to_pixels", lambda self, xy: right(self, xy) + 0.5
     )
     assert "the grab centre lies where an independent projection puts it" in failed
     assert "a second renderer renders the same silhouette" in failed
@@ -286,7 +286,7 @@ def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
 def test_identities_refuse_small_errors(dataset):
     import msgspec
 
-    from simgrab.labels.truth import Row
+    from simgrab.model.truth import Row
 
     rows = [msgspec.convert(r, Row) for r in pq.read_table(dataset / "labels.parquet").to_pylist()]
     assert identities.paper_identities(rows).status == "passed"
@@ -306,8 +306,8 @@ def test_poses_follow_the_suspension(dataset):
     """Rows whose heads lean by 0.2 of their ropes pass as such, fail as others, and pass where the head is free."""
     import msgspec
 
-    from simgrab.labels.truth import Row
-    from simgrab.scenario import DoublePendulum, FourRopes, OneBody
+    from simgrab.model.scenario import DoublePendulum, FourRopes, OneBody
+    from simgrab.model.truth import Row
     from simgrab.world.trajectory.hanging import hung
     from simgrab.world.trajectory.moment import GrabState
 

@@ -8,8 +8,8 @@ import pytest
 from simgrab.judge.evaluate import boxed
 from simgrab.judge.evaluate.detection import average_precision
 from simgrab.judge.evaluate.intervals import clopper_pearson
-from simgrab.labels.truth import Boxed
-from simgrab.records.observations import Detection
+from simgrab.model.records.observations import Detection
+from simgrab.model.truth import Boxed
 
 EDGES = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
 BOX = np.array([10.0, 20.0, 70.0, 60.0])

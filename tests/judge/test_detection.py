@@ -8,14 +8,14 @@ import pytest
 from click.testing import CliRunner
 
 from simgrab.cli import cli
+from simgrab.dataset import datasets
 from simgrab.errors import DatasetError, DetectorError
 from simgrab.instrument.detect import pictures as detections
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate import detection
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
-from simgrab.labels import arrays as labels
-from simgrab.labels import datasets
-from simgrab.records.observations import Detection
+from simgrab.model import label_arrays as labels
+from simgrab.model.records.observations import Detection
 
 NONE = Detection("none", "nothing found", 0.1)
 

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from simgrab.cli import cli
+from simgrab.dataset import datasets
 from simgrab.errors import DatasetError, RunError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
@@ -26,7 +27,6 @@ from simgrab.judge.evaluate.budget import CHAIN
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.page import page
 from simgrab.judge.evaluate.table import tables
-from simgrab.labels import datasets
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import needs_chromium, shown
@@ -40,7 +40,7 @@ SIZE = {"camera__width_px": 640, "camera__height_px": 360,
 @pytest.fixture(scope="module")
 def swinging(tmp_path_factory):
     """A dataset and a video of the same twelve seconds: working cycles, a fixed camera, the display."""
-    from simgrab.world.output.dataset import render
+    from simgrab.dataset.render import render
 
     folder = tmp_path_factory.mktemp("swinging")
     scene = small_scene(
@@ -318,7 +318,7 @@ def test_a_tilt_that_was_given_is_given_to_the_chain_too(clean, swinging):
 
 
 def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory):
-    from simgrab.world.output.dataset import render
+    from simgrab.dataset.render import render
 
     data = tmp_path_factory.mktemp("iid") / "data"
     render(small_scene(frames=12, display__layout="two-by-four", **SIZE), data)

@@ -15,8 +15,8 @@ from scripts.foreign.clips import CLIPS, DEFAULT, REPLACEABLE, Filmer, Setting
 from scripts.foreign.worlds import CLIP_SEEDS, CONDITIONS, SEEDS
 from simgrab.errors import RendererError
 from simgrab.instrument.source import open_source
-from simgrab.scenario import Dynamic, Mesh, Plain
-from simgrab.utilities import parquet
+from simgrab.io import parquet
+from simgrab.model.scenario import Dynamic, Mesh, Plain
 from simgrab.world.camera.optics import to_linear
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import PLACE

@@ -9,12 +9,12 @@ from scripts import foreign_exam
 from scripts.foreign import camera, grabs, making, scoring, surfaces, tables
 from scripts.foreign.making import Agreement, Maker, picture, stored_mask
 from scripts.foreign.worlds import BOTH, CONDITIONS, OWN, SEEDS, TIMES, World, beside
-from simgrab import scenes
 from simgrab.errors import RendererError
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
-from simgrab.records.observations import Detection, Reading
-from simgrab.scenario import Mesh, Plain
+from simgrab.model import scenes
+from simgrab.model.records.observations import Detection, Reading
+from simgrab.model.scenario import Mesh, Plain
 from simgrab.world.camera.optics import to_linear
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.grabs.from_file import from_file

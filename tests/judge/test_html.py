@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from simgrab.pages.html import svg
+from simgrab.reports.html import svg
 
 
 def figure():

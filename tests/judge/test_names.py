@@ -12,9 +12,9 @@ import pytest
 from click.testing import CliRunner
 from conftest import SMALL, as_options, slow_but
 
-from simgrab.calibration import Calibration
 from simgrab.cli import cli
 from simgrab.instrument.run import runs
+from simgrab.model.calibration import Calibration
 
 NAME = os.fsdecode(b"w\xff")
 SMALLER = SMALL | {"frames": 2, "camera.width_px": 320, "camera.height_px": 180}
@@ -83,6 +83,11 @@ def test_messages_name_any_path_on_any_terminal(tmp_path, env):
     assert status == 2
     shown = (r"w\xff/ü.mp4", r"w\xff/\xfc.mp4")
     assert errors in ([f"simgrab: {tmp_path}/{name}: there is no such file or folder"] for name in shown)
-    status, said, errors = simgrab("stress", **env)  # a list with letters beyond ASCII
+
+
+@pytest.mark.parametrize("env", [ASCII, *slow_but([{"PYTHONIOENCODING": "ascii"}])])
+def test_lists_with_letters_beyond_ascii_are_printed_on_any_terminal(env):
+    pytest.importorskip("simgrab.lab")
+    status, said, errors = simgrab("stress", **env)
     assert (status, errors) == (0, [])
     assert b"gamma-towards" in said

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simgrab import layouts, scenes
+from simgrab.dataset.render import render
 from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
+from simgrab.io.pictures import encode
 from simgrab.judge.evaluate import reading, reading_trial
 from simgrab.judge.evaluate.reading import Read, Share
-from simgrab.records.observations import Reading
-from simgrab.utilities.pictures import encode
+from simgrab.model import layouts, scenes
+from simgrab.model.records.observations import Reading
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.output.dataset import render
 
 READABLE = {
     "camera.width_px": 640,

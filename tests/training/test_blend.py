@@ -9,11 +9,11 @@ pytest.importorskip("torch")
 onnx = pytest.importorskip("onnx")
 from onnx import numpy_helper  # noqa: E402
 
+from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
 from simgrab.instrument.detect.bundled import PASSES, WEIGHTS  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
 from simgrab.training.detector import evaluate  # noqa: E402
 from simgrab.training.detector.blend import between, blend  # noqa: E402
 from simgrab.training.detector.train import NETS  # noqa: E402

@@ -3,8 +3,8 @@ import json
 
 import pytest
 
+from simgrab.dataset.datasets import Data
 from simgrab.instrument.detect.bundled import WEIGHTS
-from simgrab.labels.datasets import Data
 from simgrab.training import card as cards
 from simgrab.training.card import Card, markdown
 

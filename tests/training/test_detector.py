@@ -13,10 +13,10 @@ pytest.importorskip("onnx")
 
 from scripts import build_weights, score_detector  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
+from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Frames, Result, fit, train  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402

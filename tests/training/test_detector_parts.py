@@ -12,13 +12,13 @@ pytest.importorskip("onnx")
 
 from scipy.special import logit  # noqa: E402
 
+from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect.bundled import Settings, lean  # noqa: E402
 from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
-from simgrab.labels import arrays as labels  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
-from simgrab.records.observations import Detection  # noqa: E402
-from simgrab.rng import stream  # noqa: E402
+from simgrab.model import label_arrays as labels  # noqa: E402
+from simgrab.model.records.observations import Detection  # noqa: E402
+from simgrab.model.rng import stream  # noqa: E402
 from simgrab.training.detector import cache, evaluate, find, nets, refine, settings, settle  # noqa: E402
 from simgrab.training.detector.augment import Dirt, Turn, _hues  # noqa: E402
 

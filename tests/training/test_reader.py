@@ -11,18 +11,18 @@ pytest.importorskip("onnx")
 
 from click.testing import CliRunner  # noqa: E402
 
-from simgrab import layouts, scenes  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
+from simgrab.dataset import datasets  # noqa: E402
+from simgrab.dataset.render import render  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.read import Reader  # noqa: E402
 from simgrab.instrument.read.crops import around, crops, cut  # noqa: E402
 from simgrab.instrument.read.reader import NO_DIGIT  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
-from simgrab.labels.truth import Row  # noqa: E402
+from simgrab.model import layouts, scenes  # noqa: E402
+from simgrab.model.truth import Row  # noqa: E402
 from simgrab.training.reader import augment, cells, task  # noqa: E402
 from simgrab.training.reader.lenet import LeNet5  # noqa: E402
 from simgrab.training.reader.train import RECIPE, train_reader  # noqa: E402
-from simgrab.world.output.dataset import render  # noqa: E402
 
 FAST = dataclasses.replace(RECIPE, epochs=2, batch=32, warm_up=0.3)
 

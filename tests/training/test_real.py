@@ -18,14 +18,14 @@ pytest.importorskip("onnx")
 
 from scripts import score_detector  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
+from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import located  # noqa: E402
 from simgrab.instrument.detect.patches import Level  # noqa: E402
 from simgrab.judge.evaluate.boxed import score  # noqa: E402
-from simgrab.labels import arrays as labels  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
-from simgrab.records.observations import Detection  # noqa: E402
-from simgrab.rng import stream  # noqa: E402
+from simgrab.model import label_arrays as labels  # noqa: E402
+from simgrab.model.records.observations import Detection  # noqa: E402
+from simgrab.model.rng import stream  # noqa: E402
 from simgrab.training.detector import curve, nets, real, refine, settings, settle  # noqa: E402
 from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
 

@@ -16,12 +16,12 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
 from simgrab.cli import cli  # noqa: E402
+from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import WEIGHTS, Bundled  # noqa: E402
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
-from simgrab.scenario import Mesh, variants  # noqa: E402
+from simgrab.model.scenario import Mesh, variants  # noqa: E402
 from simgrab.training.detector import evaluate, settings  # noqa: E402
 from simgrab.training.detector.nets import Find, Refine  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402

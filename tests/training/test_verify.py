@@ -14,13 +14,13 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
 from simgrab.cli import cli  # noqa: E402
+from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DetectorError, TrainingError  # noqa: E402
-from simgrab.geometry import to_camera  # noqa: E402
 from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
 from simgrab.instrument.detect.boxes import iou  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
-from simgrab.labels import arrays as labels  # noqa: E402
-from simgrab.labels import datasets  # noqa: E402
+from simgrab.model import label_arrays as labels  # noqa: E402
+from simgrab.model.geometry import to_camera  # noqa: E402
 from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
 from simgrab.training.detector.augment import Turn  # noqa: E402
 from simgrab.training.detector.nets import Refine, Verify  # noqa: E402

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from simgrab import frames, scenes
+from simgrab import frames
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Assembled, Clutter, RandomPlace
-from simgrab.scenario.grab import Grab
-from simgrab.scenario.vary import variants
+from simgrab.model import scenes
+from simgrab.model.scenario import Assembled, Clutter, RandomPlace
+from simgrab.model.scenario.grab import Grab
+from simgrab.model.scenario.vary import variants
 from simgrab.world.scenery import places, textures
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.assembled import assembled

@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.scenario import Camera, Clip
-from simgrab.world.output.video.coder import Coder
+from simgrab.dataset.video.coder import Coder
+from simgrab.model.scenario import Camera, Clip
 
 
 def code(path, pictures, **clip):

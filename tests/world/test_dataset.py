@@ -15,14 +15,14 @@ import pytest
 from click.testing import CliRunner
 from conftest import SMALL, as_options, slow_but, small_scene
 
-from simgrab import scenes
 from simgrab.cli import cli
+from simgrab.dataset.folder import Folder, differences
+from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.judge.audit.audit import audit
-from simgrab.labels.truth import columns
+from simgrab.model import scenes
+from simgrab.model.truth import columns
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.dataset import render
-from simgrab.world.output.folder import Folder, differences
 
 
 def digest(path: Path) -> dict[str, str]:
@@ -154,7 +154,7 @@ def test_workers_die_with_the_process_that_feeds_them(tmp_path):
 
 def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     folder = Folder(tmp_path / "half")
-    from simgrab.world.output.manifest import identity
+    from simgrab.dataset.manifest import identity
 
     folder.open(identity(Recipe(scene)), resume=False)
     before = digest(folder.path)
@@ -248,7 +248,7 @@ def test_a_full_disk_is_told_and_survived(dataset, scene, tmp_path, monkeypatch)
 
 
 def test_two_writers_do_not_share_a_folder(scene, tmp_path):
-    from simgrab.world.output.manifest import identity
+    from simgrab.dataset.manifest import identity
 
     folder = Folder(tmp_path / "shared")
     folder.open(identity(Recipe(scene)), resume=False)

@@ -12,10 +12,10 @@ from fontTools.subset import Subsetter
 from fontTools.ttLib import TTFont
 
 import simgrab
-from simgrab import layouts, scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import BundledFont, Font, FontFile, GeneratedFont, Ink, Scenario, variants
-from simgrab.utilities import fonts
+from simgrab.io import fonts
+from simgrab.model import layouts, scenes
+from simgrab.model.scenario import BundledFont, Font, FontFile, GeneratedFont, Ink, Scenario, variants
 from simgrab.world.camera import faces
 from simgrab.world.camera.overlay import Overlay
 from simgrab.world.trajectory.display import Shown

@@ -10,7 +10,7 @@ import types
 import pytest
 from conftest import SMALL
 
-from simgrab.utilities import environment
+from simgrab.runtime import environment
 from simgrab.world import gl, gl_variables, llvm
 
 LIBRARIES = {"libOpenGL.so.0", "libOSMesa.so.8"}

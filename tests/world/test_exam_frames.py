@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from conftest import slow_but
 
-from simgrab import scenes
+from simgrab.dataset import stored
+from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import stored
 
 SMALL = {
     "camera.width_px": 480,

@@ -15,9 +15,9 @@ from pycocotools.coco import COCO
 
 import simgrab
 from simgrab.cli import export as command
+from simgrab.dataset.export import FORMATS, HF_SPLITS, export
 from simgrab.errors import DatasetError
-from simgrab.labels.truth import Row
-from simgrab.world.output.export import FORMATS, HF_SPLITS, export
+from simgrab.model.truth import Row
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ import pytest
 from conftest import by_yolo, small_scene
 from pycocotools.coco import COCO
 
-from simgrab.labels.truth import KEYPOINT_NAMES, SPLITS
-from simgrab.world.output.dataset import render
-from simgrab.world.output.tables import yolo_yaml
+from simgrab.dataset.render import render
+from simgrab.dataset.tables import yolo_yaml
+from simgrab.model.truth import KEYPOINT_NAMES, SPLITS
 
 
 def boxes(path):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Clutter, Scenario
-from simgrab.scenario.grab import Assembled, Clamshell, Grab, OrangePeel, Scissors
+from simgrab.model import scenes
+from simgrab.model.scenario import Clutter, Scenario
+from simgrab.model.scenario.grab import Assembled, Clamshell, Grab, OrangePeel, Scissors
 from simgrab.world.scenery.clearance import winding
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design

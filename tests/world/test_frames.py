@@ -14,9 +14,9 @@ import pytest
 from conftest import SMALL, slow_but, small_scene
 
 import simgrab
+from simgrab.dataset.stored import DEPTH_MM
 from simgrab.errors import ScenarioError
-from simgrab.labels.truth import Truth
-from simgrab.world.output.stored import DEPTH_MM
+from simgrab.model.truth import Truth
 
 PNG = {"image__format": "png", "image__ids": True, "image__depth": True}
 MOVING = {

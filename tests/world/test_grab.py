@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from conftest import slow_but
 
-from simgrab import scenes
-from simgrab.scenario import Cargo
+from simgrab.dataset.pool import vet
+from simgrab.model import scenes
+from simgrab.model.scenario import Cargo
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.pool import vet
 from simgrab.world.scenery import model, plan
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS
 from simgrab.world.scenery.grabs.four_rope import four_rope, linkage

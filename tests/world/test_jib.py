@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Jib
+from simgrab.model.scenario import Jib
 from simgrab.world.scenery.clearance import check_camera
 from simgrab.world.scenery.meshes.jib import CLEAR_Z, SHEAVE_Z, jib_parts
 from simgrab.world.scenery.meshes.part import Part

@@ -3,8 +3,8 @@ import pytest
 from conftest import small_scene
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import camera_rotation
-from simgrab.scenario import Light
+from simgrab.model.geometry import camera_rotation
+from simgrab.model.scenario import Light
 from simgrab.world.camera.lamps import REFERENCE_M, illumination
 
 NIGHT = Light(sun=0.0, sky=0.02, floodlights=0.5)

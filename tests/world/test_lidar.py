@@ -7,12 +7,12 @@ import trimesh
 import yaml
 
 import simgrab
-from simgrab import geometry
+from simgrab.dataset import sensors as files
 from simgrab.errors import ScenarioError
-from simgrab.rng import stream
-from simgrab.scenario import Lidar, Weather, variant
+from simgrab.model import geometry
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Lidar, Weather, variant
 from simgrab.world.extensions import Recipe
-from simgrab.world.output import sensors as files
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.model import NOTHING
 from simgrab.world.sensors.lidar import LidarDevice, extinction

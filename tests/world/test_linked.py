@@ -10,10 +10,10 @@ from conftest import small_scene
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
-from simgrab import geometry
 from simgrab.errors import ScenarioError
-from simgrab.geometry import STANDARD_GRAVITY
-from simgrab.scenario import DoublePendulum, FourRopes, Jib, OneBody, Scenario, Start
+from simgrab.model import geometry
+from simgrab.model.geometry import STANDARD_GRAVITY
+from simgrab.model.scenario import DoublePendulum, FourRopes, Jib, OneBody, Scenario, Start
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.clip import _begin

@@ -6,7 +6,7 @@ import pytest
 from conftest import small_scene
 
 import simgrab
-from simgrab.scenario import AprilTag, Balls, Circles, Markers, Scenario, Target
+from simgrab.model.scenario import AprilTag, Balls, Circles, Markers, Scenario, Target
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.markers import mark_points, marked, plate_picture
 

@@ -15,9 +15,9 @@ import trimesh
 from PIL import Image
 
 from simgrab.errors import ScenarioError
+from simgrab.io import models
 from simgrab.judge import own_grab
-from simgrab.scenario import Mesh
-from simgrab.utilities import models
+from simgrab.model.scenario import Mesh
 from simgrab.world.scenery.grabs.formats.polygons import triangles
 from simgrab.world.scenery.grabs.from_file import design, read
 

@@ -11,9 +11,9 @@ from scipy import signal, stats
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simgrab import scenes
-from simgrab.geometry import swing_of
-from simgrab.scenario import Jib
+from simgrab.model import scenes
+from simgrab.model.geometry import swing_of
+from simgrab.model.scenario import Jib
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.clip import ClipMotion, _begin

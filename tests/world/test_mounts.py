@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
-from simgrab import geometry
+from simgrab.model import geometry
 from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.moment import STANDARD_GRAVITY, Tilt
 from simgrab.world.trajectory.mount import Mount

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Distortion, Intrinsics
-from simgrab.rng import stream
-from simgrab.scenario import AutoExposure, FixedExposure, Optics, Sensor, Sharpening
+from simgrab.model import scenes
+from simgrab.model.geometry import Distortion, Intrinsics
+from simgrab.model.rng import stream
+from simgrab.model.scenario import AutoExposure, FixedExposure, Optics, Sensor, Sharpening
 from simgrab.world.camera.optics import Exposure, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.optics.exposure import HYSTERESIS_DB
 from simgrab.world.camera.optics.focus import defocus

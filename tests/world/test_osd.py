@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFont
 
-from simgrab import layouts, scenes
-from simgrab.layouts import CLOCK_PATTERN
-from simgrab.scenario import Display
-from simgrab.utilities.resources import ASSETS
+from simgrab.dataset.tables import calibration_of
+from simgrab.io.resources import ASSETS
+from simgrab.model import layouts, scenes
+from simgrab.model.layouts import CLOCK_PATTERN
+from simgrab.model.scenario import Display
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.output.tables import calibration_of
 from simgrab.world.trajectory.clock import clock_text
 from simgrab.world.trajectory.display import Shown, shown
 

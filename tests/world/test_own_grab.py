@@ -19,15 +19,15 @@ from PIL import Image
 from trimesh.transformations import translation_matrix
 
 import simgrab
-from simgrab import scenes
 from simgrab.cli import cli
+from simgrab.dataset.export import export
+from simgrab.dataset.render import render
 from simgrab.errors import ScenarioError
+from simgrab.io import models
 from simgrab.judge import own_grab
 from simgrab.judge.audit.audit import audit
-from simgrab.scenario import Jaw, Mesh
-from simgrab.utilities import models
-from simgrab.world.output.dataset import render
-from simgrab.world.output.export import export
+from simgrab.model import scenes
+from simgrab.model.scenario import Jaw, Mesh
 from simgrab.world.scenery.grabs import design_of
 
 YELLOW = (230, 180, 20, 255)

@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 import simgrab
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Scenario
-from simgrab.utilities.photographs import Sequence, read
+from simgrab.io.photographs import Sequence, read
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario
 from simgrab.world.scenery.model import PLACE
 
 SIZE = (320, 180)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from conftest import SMALL, slow_but, small_scene
 
-from simgrab import scenes
+from simgrab.dataset import stored
+from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import stored
 
 SMALL_CAMERA = SMALL | {"display.layout": "none", "frames": 8}
 del SMALL_CAMERA["place"]  # the presets' own

@@ -8,9 +8,9 @@ import trimesh
 from conftest import slow_but
 from numpy.typing import NDArray
 
-from simgrab import scenes
-from simgrab.rng import stream
-from simgrab.scenario import Hold, Plain, Quay, Water
+from simgrab.model import scenes
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Hold, Plain, Quay, Water
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.clearance import HeightMap

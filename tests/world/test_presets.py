@@ -9,9 +9,9 @@ import pytest
 from conftest import SMALL
 from test_dataset import digest, simgrab
 
-from simgrab import scenes
-from simgrab.scenario import Scenario, variants
-from simgrab.world.output.dataset import render
+from simgrab.dataset.render import render
+from simgrab.model import scenes
+from simgrab.model.scenario import Scenario, variants
 
 PRESETS = ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare")
 KEY = "light+optics+shutter+swing+weather"  # what they differ in

@@ -1,4 +1,4 @@
-"""The renderer draws in exactly the pixel geometry of `simgrab.geometry`."""
+"""The renderer draws in exactly the pixel geometry of `simgrab.model.geometry`."""
 
 import os
 import types
@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from conftest import small_scene
 
-from simgrab import geometry
-from simgrab.scenario import Jib
+from simgrab.model import geometry
+from simgrab.model.scenario import Jib
 from simgrab.world import gl
 from simgrab.world.camera.buffers import observe
 from simgrab.world.camera.renderer import Renderer

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.scenario import Jib
+from simgrab.model.scenario import Jib
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.meshes.ropes import ROPE_CLASSES_M, Ropes, rope_part
 

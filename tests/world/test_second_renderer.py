@@ -14,10 +14,10 @@ from conftest import slow_but
 from seconds import SECOND_RENDERERS, needs_embree
 
 from scripts.second_renderers import Comparison, compare
-from simgrab import rng
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer import choice, install_hint, open_second_renderer
-from simgrab.utilities.processes import PLACE
+from simgrab.model import rng
+from simgrab.runtime.processes import PLACE
 from simgrab.world import gl
 from simgrab.world.frames import FrameGenerator
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import simgrab
-from simgrab import scenes
 from simgrab.errors import ScenarioError
-from simgrab.scenario import IMU_CLASSES, variant
+from simgrab.model import scenes
+from simgrab.model.scenario import IMU_CLASSES, variant
 from simgrab.world.sensors.errors import Clock, Triad, streams
 
 near = functools.partial(np.testing.assert_allclose, rtol=0)

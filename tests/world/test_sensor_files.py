@@ -11,11 +11,11 @@ import pytest
 from conftest import small_scene
 
 import simgrab
+from simgrab.dataset import sensors
+from simgrab.dataset.export import export
 from simgrab.errors import DatasetError
 from simgrab.judge.audit.audit import _manifest_proof, _read
-from simgrab.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, SlewEncoder
-from simgrab.world.output import sensors
-from simgrab.world.output.export import export
+from simgrab.model.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, SlewEncoder
 
 yaml = pytest.importorskip("yaml")
 

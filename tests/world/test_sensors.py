@@ -9,9 +9,9 @@ import pytest
 from scipy import signal
 
 import simgrab
-from simgrab import geometry, scenes
-from simgrab.geometry import STANDARD_GRAVITY
-from simgrab.scenario import Scenario
+from simgrab.model import geometry, scenes
+from simgrab.model.geometry import STANDARD_GRAVITY
+from simgrab.model.scenario import Scenario
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors.motion import motions
 from simgrab.world.sensors.mounts import ROPE_M, body_from_sensor, kinematics

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import simgrab
+from simgrab.dataset import shard_reader as shards
+from simgrab.dataset import stores
+from simgrab.dataset.export import export
+from simgrab.dataset.render import render
+from simgrab.dataset.shards import Shards, frames_of
 from simgrab.errors import DatasetError, ScenarioError
-from simgrab.labels import shards
-from simgrab.utilities import stores
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.dataset import render
-from simgrab.world.output.export import export
-from simgrab.world.output.shards import Shards, frames_of
 from tests.conftest import SMALL
 from tests.s3_server import BUCKET, contents, folder_contents, s3
 

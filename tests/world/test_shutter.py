@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import to_camera
+from simgrab.model.geometry import to_camera
 from simgrab.world.camera.optics.light import to_linear
 from simgrab.world.camera.shutter import MOST_INSTANTS, instants, row_time, row_weights
 from simgrab.world.frames import FrameGenerator

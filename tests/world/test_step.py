@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from simgrab.cli import cli
 from simgrab.errors import ScenarioError
-from simgrab.scenario import Mesh
-from simgrab.utilities import step
+from simgrab.io import step
+from simgrab.model.scenario import Mesh
 
 pytest.importorskip("cascadio")
 

@@ -9,8 +9,8 @@ from conftest import slow_but
 from test_weather import render_pass
 
 import simgrab
-from simgrab.geometry import Intrinsics
-from simgrab.scenario import Weather
+from simgrab.model.geometry import Intrinsics
+from simgrab.model.scenario import Weather
 from simgrab.world import gl
 from simgrab.world.camera import changes
 from simgrab.world.camera.weather import Still, apply

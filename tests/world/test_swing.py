@@ -3,10 +3,10 @@ import pytest
 from conftest import small_scene
 from scipy import stats
 
+from simgrab.dataset.stored import split
 from simgrab.errors import ScenarioError
-from simgrab.rng import stream
+from simgrab.model.rng import stream
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.stored import split
 from simgrab.world.trajectory.iid import CLOSED, draw
 
 

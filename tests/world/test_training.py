@@ -9,18 +9,18 @@ import pytest
 from conftest import slow_but, small_scene
 from test_dataset import digest
 
-from simgrab import scenes
+from simgrab.dataset import pool, stored
+from simgrab.dataset.folder import Folder
+from simgrab.dataset.render import render
 from simgrab.errors import ScenarioError
 from simgrab.judge.audit.audit import audit
-from simgrab.labels.truth import columns
-from simgrab.rng import stream
-from simgrab.scenario import variant
+from simgrab.model import scenes
+from simgrab.model.rng import stream
+from simgrab.model.scenario import variant
+from simgrab.model.truth import columns
 from simgrab.world.camera.renderer import NOTHING
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output import pool, stored
-from simgrab.world.output.dataset import render
-from simgrab.world.output.folder import Folder
 from simgrab.world.scenery.clearance import HeightMap
 from simgrab.world.scenery.model import GRAB, PLACE, ROPE
 from simgrab.world.scenery.parked import parked_grabs

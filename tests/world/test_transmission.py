@@ -2,8 +2,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from simgrab.scenario import Clip, Scenario
-from simgrab.world.output.video.transmission import slots
+from simgrab.dataset.video.transmission import slots
+from simgrab.model.scenario import Clip, Scenario
 
 
 def plan(**clip):

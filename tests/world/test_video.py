@@ -21,17 +21,17 @@ from click.testing import CliRunner
 from conftest import SMALL, as_options, small_scene
 
 import simgrab
-from simgrab import scenes
 from simgrab.cli import cli
+from simgrab.dataset.render import render
+from simgrab.dataset.video.encode import Shot, encode_clip
+from simgrab.dataset.video.files import VideoFiles
+from simgrab.dataset.video.render import render_video
 from simgrab.errors import DatasetError, ScenarioError
-from simgrab.labels.truth import Truth
-from simgrab.scenario import Camera, Scenario
+from simgrab.model import scenes
+from simgrab.model.scenario import Camera, Scenario
+from simgrab.model.truth import Truth
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.output.dataset import render
-from simgrab.world.output.video.encode import Shot, encode_clip
-from simgrab.world.output.video.files import VideoFiles
-from simgrab.world.output.video.render import render_video
 
 ROUGH = {
     "frames": 24,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from simgrab import geometry
-from simgrab.geometry import Distortion, Intrinsics
-from simgrab.rng import stream
-from simgrab.scenario import Weather
+from simgrab.model import geometry
+from simgrab.model.geometry import Distortion, Intrinsics
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Weather
 from simgrab.world.camera.weather import (
     Lamp,
     Puff,

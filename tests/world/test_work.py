@@ -9,10 +9,10 @@ from conftest import slow_but, small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgrab import scenes
+from simgrab.dataset.pool import vetted
 from simgrab.errors import ScenarioError
+from simgrab.model import scenes
 from simgrab.world.extensions import Recipe
-from simgrab.world.output.pool import vetted
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.trajectory.axis import Axis, Move
 from simgrab.world.trajectory.clip import ClipMotion

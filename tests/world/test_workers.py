@@ -10,9 +10,9 @@ from conftest import as_options, small_scene
 
 import simgrab
 from simgrab.cli import cli
-from simgrab.utilities import machine
+from simgrab.dataset import pool
+from simgrab.runtime import machine
 from simgrab.world.extensions import Extensions, Recipe
-from simgrab.world.output import pool
 
 TRAINING = simgrab.load("training")
 

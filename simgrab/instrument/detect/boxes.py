@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 
 def iou(a: ArrayLike, b: ArrayLike) -> Array:

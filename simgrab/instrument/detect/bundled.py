@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from simgrab.errors import DetectorError, one_line
-from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.boxes import about
 from simgrab.instrument.detect.flips import FLIPS, averaged, flipped
@@ -42,9 +41,10 @@ from simgrab.instrument.detect.patches import (
     whole,
 )  # fmt: skip
 from simgrab.instrument.net import Net, open_net
-from simgrab.records.observations import Detection
-from simgrab.utilities.resources import ASSETS
-from simgrab.utilities.strict import Checked, convert
+from simgrab.io.resources import ASSETS
+from simgrab.io.strict import Checked, convert
+from simgrab.model.geometry import Array
+from simgrab.model.records.observations import Detection
 
 WEIGHTS = ASSETS / "weights"
 BUNDLED, ANY_GRAB = "bundled", "any-grab"

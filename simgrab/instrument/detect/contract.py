@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import DetectorError
-from simgrab.records.observations import Detection
+from simgrab.model.records.observations import Detection
 
 
 class Detector(Protocol):

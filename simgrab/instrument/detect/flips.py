@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.patches import Picture
+from simgrab.model.geometry import Array
 
 #: Left to right, and upside down: a crop is seen in the first of these ways, as many as the settings say.
 FLIPS = ((False, False), (True, False), (False, True), (True, True))

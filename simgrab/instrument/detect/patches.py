@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import about
+from simgrab.model.geometry import Array
 
 Picture = NDArray[np.uint8]
 

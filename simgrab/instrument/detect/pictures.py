@@ -17,15 +17,15 @@ from simgrab.errors import DatasetError, DetectorError
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
-from simgrab.records import frame_files
-from simgrab.records.observations import Detection
+from simgrab.io import parquet
+from simgrab.io.destination import check_file, writing
+from simgrab.io.files import drafted
+from simgrab.io.pictures import SUFFIXES, bits, scaled
+from simgrab.io.pictures import of as files_of
+from simgrab.io.pictures import read as read_picture
+from simgrab.model.records import frame_files
+from simgrab.model.records.observations import Detection
 from simgrab.text import cell, encodable
-from simgrab.utilities import parquet
-from simgrab.utilities.destination import check_file, writing
-from simgrab.utilities.files import drafted
-from simgrab.utilities.pictures import SUFFIXES, bits, scaled
-from simgrab.utilities.pictures import of as files_of
-from simgrab.utilities.pictures import read as read_picture
 
 Progress = Callable[[int, int], None]
 TABLES = (".parquet", ".csv")

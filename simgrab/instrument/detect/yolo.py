@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import DetectorError, one_line
-from simgrab.geometry import Array
 from simgrab.instrument.detect import contract
 from simgrab.instrument.detect.patches import Picture, cut, whole
 from simgrab.instrument.net import Net, open_net
-from simgrab.records.observations import Detection
+from simgrab.model.geometry import Array
+from simgrab.model.records.observations import Detection
 from simgrab.text import printable
 
 LEAST_SCORE = 0.25

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
-from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.frames import Frames, check_record, groups, stretches, tangent_basis
 from simgrab.instrument.estimate.intervals import IntervalSettings
-from simgrab.records.estimates import Estimate, Estimates, Intervals
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate, Estimates, Intervals
 
 # Below this scatter (radians; a ten-thousandth of a pixel) all frames are the same frame.
 NO_SCATTER = 1e-7

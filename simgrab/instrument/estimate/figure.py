@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from simgrab.errors import RecordError
-from simgrab.geometry import camera_rotation
 from simgrab.instrument.estimate.measure import Measured
-from simgrab.pages.plots import Axes, Figure
-from simgrab.utilities.destination import check_file
-from simgrab.utilities.files import drafted
+from simgrab.io.destination import check_file
+from simgrab.io.files import drafted
+from simgrab.model.geometry import camera_rotation
+from simgrab.reports.plots import Axes, Figure
 
 ENDINGS = (".png", ".svg", ".pdf")
 BLUE, ORANGE, GREY = "#1f5a8a", "#c8551b", "#8a8f94"

@@ -10,16 +10,16 @@ import numpy as np
 import tomli_w
 from numpy.typing import ArrayLike
 
-from simgrab.calibration import Calibration, Metres
 from simgrab.errors import CalibrationError
-from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.contract import alpha_ends
 from simgrab.instrument.estimate.frames import check_record, gravity, groups, tangent_basis
 from simgrab.instrument.estimate.rope_aware import swings
-from simgrab.records.estimates import Estimate
-from simgrab.utilities.parse import read_toml
-from simgrab.utilities.strict import Checked, convert
+from simgrab.io.parse import read_toml
+from simgrab.io.strict import Checked, convert
+from simgrab.model.calibration import Calibration, Metres
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate
 
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -39,7 +39,8 @@ class Known(Checked, frozen=True):
     offset_m : tuple of 3 floats, or None
         Camera centre minus rope exit; None where the estimator knows nothing of it, and takes the camera to be there.
     covariance : list of lists
-        As `simgrab.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal quantiles do.
+        As `simgrab.model.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal
+        quantiles do.
     """
 
     error = CalibrationError

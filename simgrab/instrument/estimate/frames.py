@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
-from simgrab.geometry import Array, camera_rotation
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array, camera_rotation
 
 # Short records are worked on in groups of about this many frames, and what takes many passes over a long one goes by
 # stretches of as many: this bounds the memory and keeps the arrays in cache.

@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument.estimate.contract import Estimator, Solution
 from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

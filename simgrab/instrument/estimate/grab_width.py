@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

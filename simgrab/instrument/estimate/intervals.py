@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simgrab import calibration as camera_file
-from simgrab.calibration import Calibration
 from simgrab.errors import RecordError, first_line
-from simgrab.geometry import Array
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, InertialFusion
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.tables import PixelRecord, read_record
-from simgrab.records.estimates import Estimate, Intervals
+from simgrab.model import calibration as camera_file
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate, Intervals
 
 # Diagnostics that are in radians, or in radians squared.
 _ANGLES = ("beta_history", "lean_sd")
@@ -73,7 +73,7 @@ def estimate(
     --------
     >>> import numpy as np
     >>> import simgrab
-    >>> from simgrab.calibration import Calibration
+    >>> from simgrab.model.calibration import Calibration
     >>> camera = Calibration(width_px=1920, height_px=1080, focal_length_px=1645.0, cx_px=960.0, cy_px=540.0)
     >>> pixels = np.random.default_rng(0).normal((960, 640), 50, (200, 2))
     >>> found = simgrab.estimate(pixels, camera, "mean-ray")

@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument.estimate.circular_median import circular_median
 from simgrab.instrument.estimate.contract import Estimator, Solution
 from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tangent_basis
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab.geometry import Array, lean
+from simgrab.model.geometry import Array, lean
 
 GRAVITY = 9.81  # m/s²; the frequency parameter takes up what is wrong with it
 

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
 from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear
 from simgrab.instrument.estimate.pendulum import (
     OFFSET,
@@ -20,6 +19,7 @@ from simgrab.instrument.estimate.pendulum import (
     fast_precision,
     slow_precision,
 )  # fmt: skip
+from simgrab.model.geometry import Array
 
 # Strengths, as logarithms: white acceleration (m²/s³ per axis), pixel noise (over h), slow forcing (rad per axis).
 FAST, NOISE, SLOW = 0, 1, 2

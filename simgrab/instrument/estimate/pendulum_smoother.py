@@ -8,8 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.contract import Estimator, Solution
@@ -17,7 +15,9 @@ from simgrab.instrument.estimate.frames import Frames, tilt_of
 from simgrab.instrument.estimate.pendulum import DAMPING, OFFSET, STATE, STIFFNESS, TILT
 from simgrab.instrument.estimate.pendulum_fit import FAST, NOISE, SLOW, Fit, Nodes, Priors, first_path, fit, nodes_of
 from simgrab.instrument.estimate.rope_aware import RopeAware
-from simgrab.records.estimates import Estimates, Intervals
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimates, Intervals
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from simgrab.geometry import Array
-from simgrab.pages.terminal import cell, stdout
-from simgrab.records.estimates import Estimate, Intervals
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate, Intervals
+from simgrab.reports.terminal import cell, stdout
 
 
 def show(estimate: Estimate, console: Console | None = None) -> None:

@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from simgrab.calibration import Calibration
 from simgrab.errors import RecordError, first_line
-from simgrab.geometry import Array
-from simgrab.utilities.parquet import read_table
-from simgrab.utilities.parse import cannot, opened
+from simgrab.io.parquet import read_table
+from simgrab.io.parse import cannot, opened
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 
 MOST_CSV_BYTES = 2**30
 MOST_HEADER_BYTES = 2**16

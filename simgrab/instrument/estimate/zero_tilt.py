@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from simgrab.calibration import Calibration
 from simgrab.instrument.estimate.contract import Estimator, Solution
 from simgrab.instrument.estimate.frames import Frames
+from simgrab.model.calibration import Calibration
 
 
 @dataclass(frozen=True)

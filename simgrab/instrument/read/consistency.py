@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.records.observations import Reading
+from simgrab.model.geometry import Array
+from simgrab.model.records.observations import Reading
 
 ROUNDING = 1e-9  # of numbers as stored
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ReaderError
-from simgrab.layouts import Layout, Rectangle
+from simgrab.model.layouts import Layout, Rectangle
 
 INPUT_PX = 32  # LeNet-5's
 MARGIN = 1 / 8  # of a cell's width and height, around it

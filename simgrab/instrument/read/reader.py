@@ -9,10 +9,10 @@ import numpy as np
 from simgrab.errors import ReaderError
 from simgrab.instrument.net import open_net
 from simgrab.instrument.read.crops import INPUT_PX, Crops, Picture, crops, fitted
-from simgrab.layouts import Layout
-from simgrab.records.observations import Reading
-from simgrab.utilities.parse import parse_json
-from simgrab.utilities.resources import ASSETS
+from simgrab.io.parse import parse_json
+from simgrab.io.resources import ASSETS
+from simgrab.model.layouts import Layout
+from simgrab.model.records.observations import Reading
 
 BUNDLED = ASSETS / "weights" / "reader.onnx"
 METADATA = "simgrab.reader"  # key of the ONNX metadata that holds the threshold

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.geometry import Array, camera_rotation
 from simgrab.instrument.run.runs import Run
-from simgrab.pages.plots import Axes, Figure
+from simgrab.model.geometry import Array, camera_rotation
+from simgrab.reports.plots import Axes, Figure
 
 BLUE, RED, GREY, GREEN = "#1f5a8a", "#c8321b", "#8a8f94", "#3d7f4f"
 _LOST = {"lost": "black", "missed": RED, "unread": "#b58900", "refused": GREY}

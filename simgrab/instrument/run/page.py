@@ -11,7 +11,7 @@ import numpy as np
 from simgrab.instrument.run import figures
 from simgrab.instrument.run.runs import Run, alarms
 from simgrab.instrument.run.table import HEAD, beside_paper, held
-from simgrab.pages import html
+from simgrab.reports import html
 
 MOST_STILLS = 40  # alarms that come with a picture
 

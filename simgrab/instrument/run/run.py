@@ -12,10 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from simgrab import calibration as camera_file
-from simgrab.calibration import Calibration
 from simgrab.errors import RunError, SourceError
-from simgrab.geometry import Array
 from simgrab.instrument import alarm
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
@@ -29,8 +26,11 @@ from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import Files, Source, camera_beside, fitting, open_source
-from simgrab.records.estimates import Estimate
-from simgrab.utilities.destination import check_new_folder
+from simgrab.io.destination import check_new_folder
+from simgrab.model import calibration as camera_file
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
 

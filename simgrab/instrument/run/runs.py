@@ -17,18 +17,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from simgrab import calibration as camera_file
-from simgrab.calibration import Calibration
 from simgrab.errors import RunError, first_line
-from simgrab.geometry import Array
 from simgrab.instrument.alarm import Event
 from simgrab.instrument.contract import Measurement, flaw
 from simgrab.instrument.estimate.follow import Known
+from simgrab.io import files, parquet
+from simgrab.io.destination import check_new_folder, writing
+from simgrab.io.files import drafted_folder
+from simgrab.io.parse import cannot, read_json
+from simgrab.model import calibration as camera_file
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 from simgrab.text import cell, encodable, printable
-from simgrab.utilities import files, parquet
-from simgrab.utilities.destination import check_new_folder, writing
-from simgrab.utilities.files import drafted_folder
-from simgrab.utilities.parse import cannot, read_json
 
 TABLE, SHEET, ALARMS, ABOUT, CAMERA = "angles.parquet", "angles.csv", "alarms.json", "run.json", "camera.toml"
 _ANGLES = ("alpha", "alpha_low", "alpha_high")

@@ -14,12 +14,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from simgrab.calibration import Calibration
 from simgrab.errors import InstrumentError, RecordError, SimgrabError
 from simgrab.instrument.contract import Frame, Instrument, Measurement, TakesSensors, flaw
 from simgrab.instrument.pipeline import Pipeline, bundled
-from simgrab.utilities import modules
-from simgrab.utilities.strict import in_words
+from simgrab.io.strict import in_words
+from simgrab.model.calibration import Calibration
+from simgrab.runtime import modules
 
 BUNDLED = "bundled"
 PACKAGE = Path(__file__).parents[2]

@@ -14,25 +14,25 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from simgrab import scenes
+from simgrab.dataset import manifest, stored, tables
+from simgrab.dataset.datasets import MANIFEST
+from simgrab.dataset.stored import Record
+from simgrab.dataset.summary import Tally
 from simgrab.errors import DatasetError, PictureError, SimgrabError
+from simgrab.io import pictures
+from simgrab.io.files import is_visible
+from simgrab.io.parse import parse_json, read_json
+from simgrab.io.strict import convert
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
-from simgrab.labels.datasets import MANIFEST
-from simgrab.labels.masks import MOST_COCO_BYTES
-from simgrab.labels.truth import SPLITS, Row, Truth
-from simgrab.records import frame_files
-from simgrab.scenario import OneBody, Scenario, Suspension
-from simgrab.utilities import pictures
-from simgrab.utilities.files import is_visible
-from simgrab.utilities.parse import parse_json, read_json
-from simgrab.utilities.strict import convert
+from simgrab.model import scenes
+from simgrab.model.masks import MOST_COCO_BYTES
+from simgrab.model.records import frame_files
+from simgrab.model.scenario import OneBody, Scenario, Suspension
+from simgrab.model.truth import SPLITS, Row, Truth
 from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
-from simgrab.world.output import manifest, stored, tables
-from simgrab.world.output.stored import Record
-from simgrab.world.output.summary import Tally
 from simgrab.world.scenery.grabs import design_of
 
 # What depends on the renderer. Another fingerprint than the dataset's may differ by so much.
@@ -66,7 +66,7 @@ def audit(
     Parameters
     ----------
     path : str or Path
-        Folder that `simgrab.world.output.dataset.render` finished.
+        Folder that `simgrab.dataset.render.render` finished.
     progress : callable, optional
         Called with (proof, frames done, frames in all).
     randomiser, trajectory, effects

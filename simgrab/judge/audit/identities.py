@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simgrab.judge.audit.proof import Findings, Proof
-from simgrab.labels.truth import Truth
-from simgrab.scenario import DoublePendulum, FourRopes, OneBody, Suspension
+from simgrab.model.scenario import DoublePendulum, FourRopes, OneBody, Suspension
+from simgrab.model.truth import Truth
 
 IDENTITY_TOLERANCE = 1e-9
 PIXEL_TOLERANCE = 1e-6

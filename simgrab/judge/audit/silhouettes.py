@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simgrab.errors import RendererError
 from simgrab.judge.audit.proof import Findings, Proof
 from simgrab.judge.audit.second_renderer import SecondRenderer, Shapes, open_second_renderer
-from simgrab.labels.truth import Truth
+from simgrab.model.truth import Truth
 from simgrab.world.camera.lens import Window
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.grabs.design import Design

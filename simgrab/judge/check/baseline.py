@@ -22,10 +22,10 @@ from scipy import stats
 
 from simgrab._version import __version__
 from simgrab.errors import SuiteError
+from simgrab.io.parse import read_json
+from simgrab.io.strict import convert
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.judge.check.trial import Trial
-from simgrab.utilities.parse import read_json
-from simgrab.utilities.strict import convert
 
 FILE = "baseline.json"
 FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was

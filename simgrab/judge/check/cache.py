@@ -11,21 +11,20 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from simgrab.dataset import datasets, manifest
+from simgrab.dataset.datasets import MANIFEST, Dataset
+from simgrab.dataset.folder import writing
+from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, RendererError
+from simgrab.io.files import discard, locked, remove_left
+from simgrab.io.resources import ASSETS
 from simgrab.judge.doctor import examine
-from simgrab.labels import datasets
-from simgrab.labels.datasets import MANIFEST, Dataset
-from simgrab.scenario import Scenario
-from simgrab.utilities.files import discard, locked, remove_left
-from simgrab.utilities.resources import ASSETS
+from simgrab.model.scenario import Scenario
 from simgrab.world.extensions import Recipe
-from simgrab.world.output import manifest
-from simgrab.world.output.dataset import render
-from simgrab.world.output.folder import writing
 
 PACKAGE = Path(__file__).parents[2]
-# Rooms and assets that change no pixel and no label.
-ELSEWHERE = ("pages", "instrument", "judge", "training", "browse", "studio", "cli")
+# Where the code is that decides pixels and labels.
+DRAWING = ("runtime", "io", "model", "world", "dataset", "lab/sensors", "training/assembled")
 
 Progress = Callable[[int, int], None]
 
@@ -58,7 +57,7 @@ def rendered(
     Raises
     ------
     ScenarioError, DatasetError, RendererError
-        As `simgrab.world.output.dataset.render`.
+        As `simgrab.dataset.render.render`.
     """
     folder = where / f"{scenario.name}-{_key(scenario)}"
     with ExitStack() as stack:
@@ -96,12 +95,17 @@ def _renderer() -> str:
     return found.renderer.digest
 
 
+def drawing_modules() -> list[Path]:
+    """Modules that pictures and labels depend on."""
+    found = (path for place in DRAWING for path in PACKAGE.glob(f"{place}/**/*.py"))
+    return sorted([*found, PACKAGE / "errors.py", PACKAGE / "text.py"])
+
+
 @cache
 def _drawing_code() -> str:
     """Digest of the modules and assets that pictures and labels depend on."""
-    modules = [p for p in PACKAGE.rglob("*.py") if p.relative_to(PACKAGE).parts[0] not in ELSEWHERE]
     assets = [p for p in ASSETS.rglob("*") if p.is_file() and p.relative_to(ASSETS).parts[0] != "weights"]
     total = hashlib.sha256()
-    for path in sorted(modules) + sorted(assets):
+    for path in drawing_modules() + sorted(assets):
         total.update(path.name.encode() + path.read_bytes())
     return total.hexdigest()

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from simgrab.dataset.datasets import Dataset
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import flat
 from simgrab.judge.evaluate import swings
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.labels.datasets import Dataset
 
 _ANSWERS = 101  # between the least and the largest true angle: the best is hardly better than the best of these
 

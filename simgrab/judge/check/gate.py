@@ -10,9 +10,12 @@ from pathlib import Path
 
 import msgspec
 
+from simgrab.dataset.datasets import Dataset
 from simgrab.errors import InstrumentError, SuiteError
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.run.subject import checked, open_instrument
+from simgrab.io.destination import check_folder, writing
+from simgrab.io.files import write
 from simgrab.judge.check import baseline as base
 from simgrab.judge.check import cache, constant, golden
 from simgrab.judge.check.baseline import Baseline
@@ -20,10 +23,7 @@ from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
-from simgrab.labels.datasets import Dataset
 from simgrab.text import printable
-from simgrab.utilities.destination import check_folder, writing
-from simgrab.utilities.files import write
 
 Progress = Callable[[str, int, int], None]
 

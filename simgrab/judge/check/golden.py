@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from simgrab.dataset.datasets import MANIFEST, Dataset
 from simgrab.errors import DatasetError, PictureError, SuiteError
+from simgrab.io.parse import read_json
+from simgrab.io.pictures import read as read_picture
+from simgrab.io.strict import convert
 from simgrab.judge.doctor import cpu_features
-from simgrab.labels.datasets import MANIFEST, Dataset
-from simgrab.labels.truth import Row
-from simgrab.utilities.parse import read_json
-from simgrab.utilities.pictures import read as read_picture
-from simgrab.utilities.strict import convert
+from simgrab.model.truth import Row
 
 FILE = "golden.json"
 TILES = 8

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from simgrab.io.resources import suggestion
 from simgrab.judge.evaluate.detection import ROPE_BINS_M
-from simgrab.utilities.resources import suggestion
 
 _ERRORS = ("frames", "bias_deg", "rmse_deg", "p95_deg", "max_deg")
 _MEAN = ("mean_px", "se_px", "mean_share")

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import SuiteError
+from simgrab.io.destination import writing
+from simgrab.io.files import write
+from simgrab.io.parse import read_json
 from simgrab.judge.check.trial import Metrics
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.utilities.destination import writing
-from simgrab.utilities.files import write
-from simgrab.utilities.parse import read_json
 
 RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
 

@@ -9,16 +9,16 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 
-from simgrab import scenes
 from simgrab.errors import ScenarioError, SuiteError
+from simgrab.io import resources
+from simgrab.io.parse import read_toml
+from simgrab.io.resources import SCENES
+from simgrab.io.strict import Checked, convert
 from simgrab.judge.check.metrics import unknown
-from simgrab.rng import derive
-from simgrab.scenario import Scenario
+from simgrab.model import scenes
+from simgrab.model.rng import derive
+from simgrab.model.scenario import Scenario
 from simgrab.text import printable
-from simgrab.utilities import resources
-from simgrab.utilities.parse import read_toml
-from simgrab.utilities.resources import SCENES
-from simgrab.utilities.strict import Checked, convert
 
 Meta = msgspec.Meta
 T = TypeVar("T", bound=msgspec.Struct)

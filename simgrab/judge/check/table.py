@@ -8,7 +8,7 @@ from rich.table import Table
 
 from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
-from simgrab.pages.terminal import cell, stdout
+from simgrab.reports.terminal import cell, stdout
 
 LEAST_WIDTH = 110  # of a log, which has no width
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}

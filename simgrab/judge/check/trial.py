@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from simgrab import calibration
+from simgrab.dataset.datasets import Dataset
 from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.run.subject import one_line
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate.evaluation import evaluate
-from simgrab.labels.datasets import Dataset
+from simgrab.model import calibration
 
 Metrics = Mapping[str, float | None]
 

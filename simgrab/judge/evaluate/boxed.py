@@ -13,9 +13,9 @@ from pycocotools.cocoeval import COCOeval
 
 from simgrab.judge.evaluate.detection import Boxes, average_precision, matched
 from simgrab.judge.evaluate.intervals import LEVEL, clopper_pearson
-from simgrab.labels.truth import Boxed
-from simgrab.records.observations import Detection
-from simgrab.rng import stream
+from simgrab.model.records.observations import Detection
+from simgrab.model.rng import stream
+from simgrab.model.truth import Boxed
 
 RESAMPLES = 1000
 FEWEST_VIDEOS = 6  # for an interval: resamples of fewer cannot cover 95 %

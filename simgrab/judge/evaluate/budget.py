@@ -10,16 +10,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array, to_camera
 from simgrab.instrument.estimate import ESTIMATORS, Estimator, PaperIteration, RopeAware
 from simgrab.instrument.estimate.follow import Known, follow
 from simgrab.instrument.estimate.frames import mount_from_camera, tilt_of
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.swings import errors
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.labels.truth import Row
-from simgrab.rng import stream
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array, to_camera
+from simgrab.model.rng import stream
+from simgrab.model.truth import Row
 
 _TOLD_SD_M = 1e-4  # of a known offset
 DRAWS = 20

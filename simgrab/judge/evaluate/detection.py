@@ -14,14 +14,14 @@ import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from simgrab.geometry import Array
+from simgrab.dataset.datasets import Dataset
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.pictures import centre
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
-from simgrab.labels import arrays as labels
-from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Boxed, Row
-from simgrab.records.observations import Detection
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
+from simgrab.model.records.observations import Detection
+from simgrab.model.truth import Boxed, Row
 
 _NORMAL = 1.96
 ROPE_BINS_M = {

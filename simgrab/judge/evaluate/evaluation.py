@@ -18,7 +18,7 @@ from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.judge.evaluate.values import Evaluation
-from simgrab.records.observations import Detection, Reading
+from simgrab.model.records.observations import Detection, Reading
 
 
 def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:

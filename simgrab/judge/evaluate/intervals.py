@@ -7,7 +7,7 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 from scipy import stats
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 LEVEL = 0.95
 

@@ -11,8 +11,8 @@ from simgrab.instrument.run.figures import BLUE, GREY, RED
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.table import tables
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.pages import html
-from simgrab.pages.plots import Figure
+from simgrab.reports import html
+from simgrab.reports.plots import Figure
 
 
 def page(run: Run, known: Truths, found: Mapping[str, Any]) -> str:

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from simgrab import scenes
+from simgrab.dataset import datasets
+from simgrab.dataset.datasets import MANIFEST, Dataset
 from simgrab.errors import DatasetError
 from simgrab.instrument.read import Reader
 from simgrab.judge.evaluate.intervals import clopper_pearson
-from simgrab.labels import datasets
-from simgrab.labels.datasets import MANIFEST, Dataset
-from simgrab.labels.truth import Row
-from simgrab.records import frame_files
-from simgrab.records.observations import Reading
-from simgrab.scenario import Scenario, variants
+from simgrab.model import scenes
+from simgrab.model.records import frame_files
+from simgrab.model.records.observations import Reading
+from simgrab.model.scenario import Scenario, variants
+from simgrab.model.truth import Row
 
 LARGEST_LIST = 20  # of wrong frames in a table; the JSON has all of them
 

@@ -18,18 +18,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import scenes
+from simgrab.dataset.video.coder import Coder
 from simgrab.errors import DatasetError
-from simgrab.layouts import Layout, Rectangle
-from simgrab.rng import stream
-from simgrab.scenario import Scenario
-from simgrab.utilities.files import write
-from simgrab.utilities.pictures import encode
-from simgrab.utilities.pictures import read as read_picture
+from simgrab.io.files import write
+from simgrab.io.pictures import encode
+from simgrab.io.pictures import read as read_picture
+from simgrab.model import scenes
+from simgrab.model.layouts import Layout, Rectangle
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Scenario
 from simgrab.world import frames
 from simgrab.world.camera.faces import Face
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.output.video.coder import Coder
 from simgrab.world.trajectory.clock import clock_text
 from simgrab.world.trajectory.display import Shown
 

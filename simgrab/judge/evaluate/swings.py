@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
 from simgrab.instrument.alarm import DANGER, Event, Rule, danger, events
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.evaluate.detection import ROPE_BINS_M
+from simgrab.model.geometry import Array
 
 LARGE = math.radians(8)
 # An event must be reported whose swing exceeds the first, and none where it stays below the second.

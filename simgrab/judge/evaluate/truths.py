@@ -11,14 +11,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.dataset import datasets
 from simgrab.errors import DatasetError, RunError, first_line
-from simgrab.geometry import Array
 from simgrab.instrument.run.runs import Run
-from simgrab.labels import arrays as labels
-from simgrab.labels import datasets
-from simgrab.labels.truth import Row
-from simgrab.utilities import parquet
-from simgrab.utilities.parse import cannot, read_json
+from simgrab.io import parquet
+from simgrab.io.parse import cannot, read_json
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
+from simgrab.model.truth import Row
 
 _SAME_S = 5e-4  # time stamps are those of the table exactly, but for rounding
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.patches import Picture
+from simgrab.model.geometry import Array
 
 _NOISE = 1 << 20  # bytes of noise made once; each picture takes a stretch of it
 

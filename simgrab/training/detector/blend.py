@@ -11,18 +11,18 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
+from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
 from simgrab.instrument.detect.bundled import PASSES, Bundled
 from simgrab.instrument.detect.flips import WAYS
 from simgrab.instrument.net import MOST_BYTES, open_net
-from simgrab.labels import datasets
+from simgrab.io.destination import writing
+from simgrab.io.files import drafted_folder
+from simgrab.io.parse import read_bytes
 from simgrab.training.card import rejudge
 from simgrab.training.detector import cache, evaluate, export
 from simgrab.training.detector.train import NETS, Watch
 from simgrab.training.folder import check, write
-from simgrab.utilities.destination import writing
-from simgrab.utilities.files import drafted_folder
-from simgrab.utilities.parse import read_bytes
 
 
 def blend(

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.dataset.boxed import BoxedDataset
+from simgrab.dataset.datasets import Dataset
 from simgrab.errors import TrainingError
 from simgrab.instrument.detect.patches import Patch, Picture
-from simgrab.labels.boxed import BoxedDataset
-from simgrab.labels.datasets import Dataset
-from simgrab.labels.truth import Boxed, Row
-from simgrab.records.frame_files import picture
-from simgrab.utilities.destination import writing
-from simgrab.utilities.files import drafted_folder
-from simgrab.utilities.parse import read_json
+from simgrab.io.destination import writing
+from simgrab.io.files import drafted_folder
+from simgrab.io.parse import read_json
+from simgrab.model.records.frame_files import picture
+from simgrab.model.truth import Boxed, Row
 
 Progress = Callable[[int, int], None]
 _MOST_BYTES = 4 * 2**30  # of the list of patches

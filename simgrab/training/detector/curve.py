@@ -13,14 +13,14 @@ from typing import Any
 import msgspec
 
 from simgrab._version import __version__
+from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
-from simgrab.labels import datasets
+from simgrab.io.parse import is_file, read_json
 from simgrab.training import loop
 from simgrab.training.detector.real import Real, by_video, digest
 from simgrab.training.detector.settings import Recipes
 from simgrab.training.detector.train import Frames, Watch, start_digests, train
 from simgrab.training.folder import CURVE, check, claim, write
-from simgrab.utilities.parse import is_file, read_json
 
 JSON, MARKDOWN = "learning-curve.json", "learning-curve.md"
 _POINT = "point.json"

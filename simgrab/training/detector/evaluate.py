@@ -10,11 +10,11 @@ import msgspec
 import numpy as np
 from scipy.special import expit, logit
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.bundled import Bundled, Trust, lean
-from simgrab.labels import arrays as labels
-from simgrab.records.observations import Detection
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
+from simgrab.model.records.observations import Detection
 from simgrab.training.detector import cache
 
 LEVEL = 0.95

@@ -15,10 +15,10 @@ from torch import nn
 
 from simgrab.errors import TrainingError
 from simgrab.instrument.net import KEY, MOST_BYTES
+from simgrab.io.parse import read_bytes
 from simgrab.training.card import redigest
 from simgrab.training.folder import write
 from simgrab.training.graph import traced
-from simgrab.utilities.parse import read_bytes
 
 _LEAST = 256  # numbers in a tensor from which on halves are worth it
 

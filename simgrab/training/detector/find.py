@@ -12,10 +12,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, Patch, Picture, cut, whole
-from simgrab.labels import arrays as labels
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import msgspec
 
-from simgrab import scenes
-from simgrab.scenario import Mesh, Scenario, vary
-from simgrab.utilities.strict import convert
+from simgrab.io.strict import convert
+from simgrab.model import scenes
+from simgrab.model.scenario import Mesh, Scenario, vary
 
 FRAMES, CLIP_FRAMES = 960, 4  # 240 worlds
 SIZE = (960, 540)  # the nets' crops of nearly every grab have fewer pixels still

@@ -11,12 +11,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from simgrab.dataset import boxed
 from simgrab.errors import DatasetError, TrainingError
 from simgrab.instrument.detect.bundled import Bundled
-from simgrab.labels import boxed
-from simgrab.labels.truth import Boxed
-from simgrab.records.observations import Detection
-from simgrab.rng import stream
+from simgrab.model.records.observations import Detection
+from simgrab.model.rng import stream
+from simgrab.model.truth import Boxed
 from simgrab.training.detector import cache, evaluate
 
 SHARE = 0.2  # of the frames learned from: real ones count several times until they are so many

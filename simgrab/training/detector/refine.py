@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import about, covered, iou
 from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
-from simgrab.labels import arrays as labels
-from simgrab.rng import stream
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn

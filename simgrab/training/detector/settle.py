@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 
-from simgrab.geometry import Array
 from simgrab.instrument.detect.boxes import about
 from simgrab.instrument.detect.bundled import Settings, read
 from simgrab.instrument.detect.patches import LEVEL_ROOM, REFINE_SIZE, Level, Patch, Picture, around, mask, turned
-from simgrab.labels import arrays as labels
-from simgrab.labels.truth import Boxed, Row
-from simgrab.rng import stream
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.truth import Boxed, Row
 from simgrab.training.copies import Batch
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import CENTRE, PRESENCE, YAW

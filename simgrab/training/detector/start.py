@@ -13,9 +13,9 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from simgrab.errors import TrainingError
-from simgrab.geometry import Array
 from simgrab.instrument.net import open_net
-from simgrab.rng import stream
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.loop import Task
 

@@ -15,13 +15,15 @@ import msgspec
 import numpy as np
 import torch
 
+from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
-from simgrab.geometry import Array
 from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, Bundled, Settings, peaks
 from simgrab.instrument.detect.flips import WAYS
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.instrument.net import MOST_BYTES, open_net
-from simgrab.labels import datasets
+from simgrab.io.files import scratch, sha256
+from simgrab.io.parse import read_bytes
+from simgrab.model.geometry import Array
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.detector import cache, evaluate, export, find, refine, settle
@@ -31,8 +33,6 @@ from simgrab.training.detector.settings import Recipes
 from simgrab.training.detector.start import begun, some_examples
 from simgrab.training.device import named
 from simgrab.training.folder import check, claim
-from simgrab.utilities.files import scratch, sha256
-from simgrab.utilities.parse import read_bytes
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
 _LOOK = 32  # batch of find, pictures

@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
-from simgrab.geometry import Array
+from simgrab.dataset import datasets
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.bundled import PASSES, VERIFY, Bundled
 from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
-from simgrab.labels import arrays as labels
-from simgrab.labels import datasets
-from simgrab.rng import stream
+from simgrab.io.files import sha256
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.copies import Batch
@@ -44,7 +45,6 @@ from simgrab.training.detector.train import NETS
 from simgrab.training.folder import check, claim
 from simgrab.training.loop import SCORE
 from simgrab.training.recipe import Recipe
-from simgrab.utilities.files import sha256
 
 TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
 _TIMES = 2  # examples of each frame: of the grab, and of other things

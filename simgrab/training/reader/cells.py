@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab import scenes
+from simgrab.dataset.datasets import MANIFEST, Dataset
 from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import Picture, around, cut
 from simgrab.instrument.read.reader import NO_DIGIT
-from simgrab.labels.datasets import MANIFEST, Dataset
-from simgrab.layouts import Layout, Rectangle
-from simgrab.records.frame_files import picture
-from simgrab.rng import stream
-from simgrab.scenario import variants
+from simgrab.model import scenes
+from simgrab.model.layouts import Layout, Rectangle
+from simgrab.model.records.frame_files import picture
+from simgrab.model.rng import stream
+from simgrab.model.scenario import variants
 
 SPARE_PX = 8  # around a cell's margin, for shifts and larger scales
 ELSEWHERE = 3  # boxes of each picture that lie off the display

@@ -11,7 +11,7 @@ from torch.nn import functional
 from simgrab.errors import DatasetError
 from simgrab.instrument.read.crops import INPUT_PX, Crops
 from simgrab.instrument.read.reader import HIGHEST_THRESHOLD, NO_DIGIT
-from simgrab.rng import stream
+from simgrab.model.rng import stream
 from simgrab.training.copies import Batch
 from simgrab.training.loop import SCORE
 from simgrab.training.reader.augment import altered, ghostly, plain, torn

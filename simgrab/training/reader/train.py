@@ -13,9 +13,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from simgrab.dataset import datasets as data
 from simgrab.instrument.read.crops import INPUT_PX, MARGIN
 from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
-from simgrab.labels import datasets as data
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.device import named, out_of_memory

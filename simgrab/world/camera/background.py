@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
-from simgrab.rng import stream
-from simgrab.scenario import Iid, Photo, Scenario
-from simgrab.utilities import models, photographs
+from simgrab.io import models, photographs
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Iid, Photo, Scenario
 from simgrab.world.camera.lens import Window
 
 _REFUSE = partial(ScenarioError, "place.file")

@@ -23,7 +23,7 @@ class Visibility:
     visible : View
         Ids and depth in the part of the projection's window that lies in the picture.
     visible_fraction, in_frame_fraction : float
-        See `simgrab.labels.truth.Truth`.
+        See `simgrab.model.truth.Truth`.
     """
 
     visible: View

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.camera.lens import Window
 
 TILE_PX = 32

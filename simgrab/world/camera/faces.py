@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import BundledFont, Font, FontFile, GeneratedFont, Ink
-from simgrab.utilities import fonts, models
-from simgrab.utilities.resources import ASSETS
+from simgrab.io import fonts, models
+from simgrab.io.resources import ASSETS
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario import BundledFont, Font, FontFile, GeneratedFont, Ink
 from simgrab.world.camera import skeletons
 
 BUNDLED = ASSETS / "fonts" / "wqy-microhei-osd.ttf"

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.camera import changes
 from simgrab.world.scenery.model import GRAB, HIDDEN, JIB, PLACE, ROPE
 

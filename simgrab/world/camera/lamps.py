@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array, Intrinsics
-from simgrab.scenario import Light
+from simgrab.model.geometry import Array, Intrinsics
+from simgrab.model.scenario import Light
 from simgrab.world.camera.row_blocks import each_block
 from simgrab.world.camera.weather.render_pass import ray_maps
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS

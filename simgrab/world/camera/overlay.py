@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.layouts import CLOCK_PATTERN, Layout, Rectangle
-from simgrab.scenario import Ink
+from simgrab.model.layouts import CLOCK_PATTERN, Layout, Rectangle
+from simgrab.model.scenario import Ink
 from simgrab.world.camera.faces import BundledFace, Face, Mask
 from simgrab.world.trajectory.display import Shown
 

@@ -21,7 +21,7 @@ from OpenGL.error import GLError
 from OpenGL.GL.ARB import clip_control
 
 from simgrab.errors import RendererError
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Window
 from simgrab.world.gl import Offscreen

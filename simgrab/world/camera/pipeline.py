@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
 from simgrab.world.camera import faces, lamps, shutter, weather
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear

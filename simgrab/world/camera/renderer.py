@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array, Intrinsics
-from simgrab.scenario import Camera, Photo, Scenario
+from simgrab.model.geometry import Array, Intrinsics
+from simgrab.model.scenario import Camera, Photo, Scenario
 from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
 from simgrab.world.camera.background import Background

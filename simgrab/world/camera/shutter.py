@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from simgrab.geometry import Array, to_camera
-from simgrab.scenario import Scenario
+from simgrab.model.geometry import Array, to_camera
+from simgrab.model.scenario import Scenario
 from simgrab.world.trajectory.moment import Moment
 
 LONGEST_STEP_PX = 1.5  # that anything moves between the instants that are rendered

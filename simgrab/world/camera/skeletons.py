@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 Line = Array  # shape (n, 2): a polyline; of two equal points, a dot
 Skeleton = list[Line]

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 LEAST_ROOM_M = 0.1  # between the camera's centre and steel: the near plane
 CELL_M = 0.1

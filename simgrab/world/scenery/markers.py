@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import trimesh
 
-from simgrab.geometry import Array
-from simgrab.scenario import AprilTag, Balls, Circles, Markers, Target
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import AprilTag, Balls, Circles, Markers, Target
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
 

@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.scenario import Hold, Light, Scenario
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Hold, Light, Scenario
 from simgrab.world.scenery.meshes import ropes
 from simgrab.world.scenery.meshes.part import Part, Texture, add_parts, add_textures
 from simgrab.world.scenery.plan import Plan, cargo_level

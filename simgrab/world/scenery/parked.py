@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simgrab.geometry import rotation_z
-from simgrab.scenario import Clutter
+from simgrab.model.geometry import rotation_z
+from simgrab.model.scenario import Clutter
 from simgrab.world.scenery.clearance import CELL_M, HeightMap
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import Design

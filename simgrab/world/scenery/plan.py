@@ -10,9 +10,9 @@ import numpy as np
 import trimesh
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import Dynamic, Hang, Scenario, Suspension
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Dynamic, Hang, Scenario, Suspension
 from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
 from simgrab.world.scenery.grabs import design_of

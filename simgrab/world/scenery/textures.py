@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.utilities import pictures
-from simgrab.utilities.resources import ASSETS
+from simgrab.io import pictures
+from simgrab.io.resources import ASSETS
 
 
 @cache

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array, Intrinsics
-from simgrab.scenario import Camera, FixedMount, PixelFocal, Scenario, SideCamera
-from simgrab.utilities import pictures
+from simgrab.io import pictures
+from simgrab.model.geometry import Array, Intrinsics
+from simgrab.model.scenario import Camera, FixedMount, PixelFocal, Scenario, SideCamera
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.sensors.device import SWING, Device

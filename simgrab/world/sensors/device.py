@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.sensors.errors import Clock
 from simgrab.world.sensors.motion import Motion
 

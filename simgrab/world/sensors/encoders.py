@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.scenario import HoistEncoder, LuffEncoder, SlewEncoder
-from simgrab.scenario.sensors import Encoder
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import HoistEncoder, LuffEncoder, SlewEncoder
+from simgrab.model.scenario.sensors import Encoder
 from simgrab.world.sensors.device import Device
 from simgrab.world.sensors.errors import Clock, Open, counted
 from simgrab.world.sensors.motion import Motion

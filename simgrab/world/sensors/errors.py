@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
 
 Open = Callable[[str], np.random.Generator]
 """Opens the stream of one of a sensor's variables."""

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.scenario import Imu, Scenario
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Imu, Scenario
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, Triad
 from simgrab.world.sensors.motion import Motion

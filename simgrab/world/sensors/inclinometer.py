@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from simgrab.geometry import Array
-from simgrab.scenario import Inclinometer, Scenario
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Inclinometer, Scenario
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, counted
 from simgrab.world.sensors.motion import Motion

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.scenario import Lidar, Scenario, Weather
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Lidar, Scenario, Weather
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.scenery.textures import unpainted

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from simgrab import geometry
-from simgrab.geometry import Array
-from simgrab.scenario import Dynamic, Scenario
+from simgrab.model import geometry
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Dynamic, Scenario
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors.waves import KG_M_MM2, Strings, Waves
 from simgrab.world.trajectory.clip import Block, ClipMotion

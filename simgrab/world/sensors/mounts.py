@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab import geometry
-from simgrab.geometry import Array
-from simgrab.scenario import Scenario
-from simgrab.scenario.sensors import Mounting
+from simgrab.model import geometry
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.sensors import Mounting
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors.motion import Link, Motion
 from simgrab.world.trajectory.moment import Tilt

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.scenario import (
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import (
     HoistEncoder,
     Imu,
     Inclinometer,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 KG_M_MM2 = 0.0041
 """Mass of a metre of rope over its diameter squared: six strands about a steel core."""

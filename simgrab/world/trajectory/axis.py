@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from simgrab.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, DoublePendulum, Scenario, Suspension
+from simgrab.model.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, DoublePendulum, Scenario, Suspension
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.trajectory.hanging import hung

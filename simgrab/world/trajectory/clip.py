@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simgrab import geometry
-from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.scenario import Dynamic, OneBody, Scenario, Start
+from simgrab.model import geometry
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
+from simgrab.model.scenario import Dynamic, OneBody, Scenario, Start
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.weight import Mass
 from simgrab.world.scenery.meshes.ropes import Ropes

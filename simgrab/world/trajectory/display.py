@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from simgrab.layouts import Layout
-from simgrab.scenario import Display
+from simgrab.model.layouts import Layout
+from simgrab.model.scenario import Display
 from simgrab.world.trajectory.clock import clock_text
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from simgrab.scenario import FourRopes, Suspension
+from simgrab.model.scenario import FourRopes, Suspension
 from simgrab.world.trajectory.moment import GrabState
 
 _ITERATIONS, _CLOSE = 60, 1e-16

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab import geometry
-from simgrab.distributions import Distribution
 from simgrab.errors import ScenarioError
-from simgrab.rng import stream
-from simgrab.scenario import MOST_ALPHA_DEG, Iid, Scenario
+from simgrab.model import geometry
+from simgrab.model.distributions import Distribution
+from simgrab.model.rng import stream
+from simgrab.model.scenario import MOST_ALPHA_DEG, Iid, Scenario
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simgrab import geometry
-from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.scenario import DoublePendulum, FourRopes, Start
+from simgrab.model import geometry
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
+from simgrab.model.scenario import DoublePendulum, FourRopes, Start
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.weight import Mass
 from simgrab.world.scenery.meshes.ropes import Ropes

@@ -8,9 +8,9 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simgrab import geometry
-from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.scenario import Camera, Clampable
+from simgrab.model import geometry
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
+from simgrab.model.scenario import Camera, Clampable
 from simgrab.world.trajectory.display import Shown
 
 STRAIGHT = 1e-12  # sine of a tilt so small that it has no azimuth

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
-from simgrab import geometry
-from simgrab.geometry import Array
-from simgrab.scenario import Camera, LevelledMount, RigidMount
+from simgrab.model import geometry
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Camera, LevelledMount, RigidMount
 from simgrab.world.trajectory.moment import Tilt
 
 

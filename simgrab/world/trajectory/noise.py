@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
 
 BLOCK = 1024
 _FORGETTING = 12.0  # time constants of the slowest pole after which the start is forgotten

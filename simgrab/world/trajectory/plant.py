@@ -14,8 +14,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from simgrab import geometry
-from simgrab.geometry import STANDARD_GRAVITY, Array
+from simgrab.model import geometry
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.weight import Mass
 from simgrab.world.scenery.meshes.ropes import Ropes

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 
-from simgrab.scenario import Iid, Scenario
+from simgrab.model.scenario import Iid, Scenario
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.plan import Plan

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import Cycles, Dynamic, Scenario, Turn
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Cycles, Dynamic, Scenario, Turn
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.trajectory.axis import Axis, Move
 

@@ -9,9 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simgrab.calibration import Calibration
 from simgrab.errors import RecordError
-from simgrab.geometry import STANDARD_GRAVITY, Array, lean, rotation_z
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.contract import Estimator, Solution
@@ -37,7 +35,9 @@ from simgrab.instrument.estimate.inertial.model import (
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.rope_aware import RopeAware
-from simgrab.records.estimates import Estimates, Intervals
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import STANDARD_GRAVITY, Array, lean, rotation_z
+from simgrab.model.records.estimates import Estimates, Intervals
 
 LEVELLING_S = 30.0  # in which the first guess of the attitude follows the accelerometer
 SMOOTH_FRAMES = 3.0  # standard deviation of the filter of the first guess of the swings

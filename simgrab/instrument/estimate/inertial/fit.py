@@ -13,7 +13,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
 from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear
 from simgrab.instrument.estimate.inertial.model import (
     ACCELEROMETER,
@@ -33,6 +32,7 @@ from simgrab.instrument.estimate.inertial.model import (
     derivatives_of_place,
 )
 from simgrab.instrument.estimate.inertial.preintegration import rotation, rotation_vector
+from simgrab.model.geometry import Array
 
 # Strengths, as logarithms: white acceleration (m²/s³ per axis), pixel noise (over h), slow forcing (rad per axis).
 FAST, NOISE, SLOW = 0, 1, 2

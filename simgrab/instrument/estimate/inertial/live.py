@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from simgrab.calibration import Calibration
-from simgrab.geometry import Array
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import check_record, groups, mount_from_camera
@@ -39,6 +37,8 @@ from simgrab.instrument.estimate.inertial.model import (
 )
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 
 WARM_UP_S, AGAIN_S, MOST_START_S = 60.0, 10.0, 180.0  # how much is fitted first, how soon again, and at most
 LOST_S = 20.0  # without a pixel that agrees with its prediction

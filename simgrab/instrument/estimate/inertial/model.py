@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab.geometry import STANDARD_GRAVITY, Array, rotation_z
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, rotation, rotation_vector
+from simgrab.model.geometry import STANDARD_GRAVITY, Array, rotation_z
 
 ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
 SWING, MOMENTUM, LEAN = slice(10, 12), slice(12, 14), slice(14, 16)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from simgrab.geometry import Array
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.model.geometry import Array
 
 
 def cross_matrix(vector: Array) -> Array:

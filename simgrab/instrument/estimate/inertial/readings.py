@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.csv
 
 from simgrab.errors import RecordError, first_line
-from simgrab.geometry import STANDARD_GRAVITY, Array
-from simgrab.utilities.parse import opened, read_yaml
+from simgrab.io.parse import opened, read_yaml
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
 STAMP = "#timestamp [ns]"
 RATE = tuple(f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz")

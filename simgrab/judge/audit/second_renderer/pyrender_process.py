@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import RendererError, WorkerError
 from simgrab.judge.audit.second_renderer.interface import Array, Shapes
-from simgrab.utilities.processes import Pool
+from simgrab.runtime.processes import Pool
 from simgrab.world.camera.lens import Window
 
 NEAR_M, FAR_M = 0.1, 100.0

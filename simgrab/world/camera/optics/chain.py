@@ -7,9 +7,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simgrab.geometry import Intrinsics
-from simgrab.rng import stream
-from simgrab.scenario import Optics
+from simgrab.model.geometry import Intrinsics
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Optics
 from simgrab.world.camera.optics.exposure import Exposure
 from simgrab.world.camera.optics.focus import defocus
 from simgrab.world.camera.optics.lens import chromatic, vignetting

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simgrab.scenario import AutoExposure, Optics
+from simgrab.model.scenario import AutoExposure, Optics
 from simgrab.world.camera.optics.light import BT709, Light
 
 HYSTERESIS_DB = 6.0  # colour comes back so far below the gain at which it went
@@ -52,7 +52,7 @@ def metered(optics: Optics, light: Light, before: Exposure | None = None, *, per
 
     Examples
     --------
-    >>> from simgrab.scenario import FixedExposure
+    >>> from simgrab.model.scenario import FixedExposure
     >>> metered(Optics(exposure=FixedExposure(exposure_ev=1.0)), np.ones((64, 64, 3), np.float32))
     Exposure(stops=1.0, grey=False)
     """

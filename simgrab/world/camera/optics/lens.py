@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from simgrab.geometry import Intrinsics
+from simgrab.model.geometry import Intrinsics
 from simgrab.world.camera.optics.light import Light
 
 _NODES = 65  # a side; at 1080p the spline between them is good to 1e-7

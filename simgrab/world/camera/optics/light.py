@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.utilities.srgb import decoded, encoded
+from simgrab.model.srgb import decoded, encoded
 
 Light = NDArray[np.float32]  # linear, 0 or more, 1 = the picture's white
 Picture = NDArray[np.uint8]

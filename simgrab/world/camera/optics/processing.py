@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from simgrab.scenario.optics import Sharpening
+from simgrab.model.scenario.optics import Sharpening
 from simgrab.world.camera.optics.light import Light, Picture
 
 NEUTRAL = (1.0, 1.0, 1.0)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
-from simgrab.rng import stream
-from simgrab.scenario import Sensor
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Sensor
 from simgrab.world.camera.optics.light import Light
 
 # Normal quantiles of 65,536 equal shares: variance 1 − 2e-5, fourth moment 2.999, none beyond 4.32.

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import Cargo, Weather
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Cargo, Weather
 from simgrab.world.camera.row_blocks import each_block
 from simgrab.world.camera.weather import precipitation
 from simgrab.world.camera.weather.air import haze

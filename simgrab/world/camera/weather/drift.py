@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector

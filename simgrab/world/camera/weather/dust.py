@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario import Cargo
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Cargo
 from simgrab.world.camera.row_blocks import enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker, clear

@@ -9,9 +9,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simgrab.geometry import Array, Intrinsics
-from simgrab.rng import stream
-from simgrab.scenario import Weather
+from simgrab.model.geometry import Array, Intrinsics
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Weather
 from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker, matte

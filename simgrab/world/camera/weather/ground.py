@@ -9,7 +9,7 @@ from functools import partial
 import cv2
 import numpy as np
 
-from simgrab.scenario import Weather
+from simgrab.model.scenario import Weather
 from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker

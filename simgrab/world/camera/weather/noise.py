@@ -7,8 +7,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
 from simgrab.world.camera.weather.render_pass import Picture
 
 SIDE = 1024

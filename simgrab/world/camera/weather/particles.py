@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from simgrab.geometry import Array, Intrinsics
+from simgrab.model.geometry import Array, Intrinsics
 from simgrab.world.camera.weather.precipitation import Precipitation
 
 NEAREST_M = 0.3  # the housing's visor keeps them off

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 BINS = 24
 FARTHEST_M = 60.0

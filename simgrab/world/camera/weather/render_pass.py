@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array, Intrinsics
+from simgrab.model.geometry import Array, Intrinsics
 
 Picture = NDArray[np.float32]
 Vector = tuple[float, float, float]

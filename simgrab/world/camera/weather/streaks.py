@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array, Intrinsics
+from simgrab.model.geometry import Array, Intrinsics
 from simgrab.world.camera.row_blocks import each_block, enlarged, threaded_map
 from simgrab.world.camera.weather.layer import Layer, Maker, matte
 from simgrab.world.camera.weather.particles import Particles

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Intrinsics
+from simgrab.model.geometry import Intrinsics
 from simgrab.world.camera.weather.render_pass import Picture, RayMaps, RenderPass, ray_maps
 from simgrab.world.scenery.model import GRAB, PLACE
 

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import msgspec
 
-from simgrab.scenario import Grab
-from simgrab.scenario.grab import Assembled, Clamshell, FourRope, Looks, Mesh, OrangePeel, Scissors
+from simgrab.model.scenario import Grab
+from simgrab.model.scenario.grab import Assembled, Clamshell, FourRope, Looks, Mesh, OrangePeel, Scissors
 from simgrab.world.scenery.grabs.assembled import assembled
 from simgrab.world.scenery.grabs.clamshell import clamshell
 from simgrab.world.scenery.grabs.design import Design

@@ -13,8 +13,8 @@ import numpy as np
 import shapely
 import trimesh
 
-from simgrab.geometry import Array
-from simgrab.scenario.grab import Clamshell
+from simgrab.model.geometry import Array
+from simgrab.model.scenario.grab import Clamshell
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.shells import GAP_M, HALF_TURN, Shells, polygons

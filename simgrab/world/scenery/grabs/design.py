@@ -16,7 +16,7 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.weight import Mass, Weight, weighed
 from simgrab.world.scenery.meshes.part import Part
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from simgrab.scenario.grab import FourRope, Grab
+from simgrab.model.scenario.grab import FourRope, Grab
 
 _RATIO = (0.8, 1.3)
 # Drive and ropes that go together, by kind.

@@ -14,11 +14,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError, SimgrabError, first_line
-from simgrab.geometry import Array, rotation_z
-from simgrab.scenario.grab import Mesh
-from simgrab.utilities import models
-from simgrab.utilities.models import MOST_FACES, Model
-from simgrab.utilities.parse import shown
+from simgrab.io import models
+from simgrab.io.models import MOST_FACES, Model
+from simgrab.io.parse import shown
+from simgrab.model.geometry import Array, rotation_z
+from simgrab.model.scenario.grab import Mesh
 from simgrab.world.scenery.grabs import formats, kit
 from simgrab.world.scenery.grabs.design import Body, Design
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape

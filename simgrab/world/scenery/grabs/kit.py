@@ -11,8 +11,8 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array, rotation_z
-from simgrab.scenario.grab import Shaped
+from simgrab.model.geometry import Array, rotation_z
+from simgrab.model.scenario.grab import Shaped
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
 from simgrab.world.scenery.meshes import shapes

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from simgrab.errors import SimgrabError, first_line
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Shape, Surface
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Material, Texture

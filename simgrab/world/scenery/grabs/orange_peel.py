@@ -14,8 +14,8 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.scenario.grab import OrangePeel
+from simgrab.model.geometry import Array
+from simgrab.model.scenario.grab import OrangePeel
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design, Heaps
 from simgrab.world.scenery.grabs.kit import Scale

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from simgrab.geometry import Array
-from simgrab.scenario.grab import Scissors
+from simgrab.model.geometry import Array
+from simgrab.model.scenario.grab import Scissors
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.grabs.shells import HALF_TURN, Shells

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 import trimesh
 
-from simgrab.geometry import Array
-from simgrab.scenario.grab import Clamshell, Scissors
+from simgrab.model.geometry import Array
+from simgrab.model.scenario.grab import Clamshell, Scissors
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Heaps
 from simgrab.world.scenery.grabs.kit import Scale

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 Row = tuple[float, ...]
 

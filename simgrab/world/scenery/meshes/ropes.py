@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.scenario import Jib
+from simgrab.model.scenario import Jib
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.meshes.shapes import solid

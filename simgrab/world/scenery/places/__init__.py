@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgrab.scenario import Hold, Photo, Place, Plain, Quay, RandomPlace
+from simgrab.model.scenario import Hold, Photo, Place, Plain, Quay, RandomPlace
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.places.hold import hold
 from simgrab.world.scenery.places.photo import photo

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from simgrab.scenario import Hold
+from simgrab.model.scenario import Hold
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import apron, materials, sea, shapes, ship
 from simgrab.world.scenery.places.canvas import Canvas, Picture, blank

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgrab.scenario import Quay
+from simgrab.model.scenario import Quay
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import apron, clutter, hopper, materials, sea, shapes, ship, truck
 from simgrab.world.scenery.places.canvas import cloud

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from simgrab.scenario import Water
+from simgrab.model.scenario import Water
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import apron, clutter, fittings, materials, sea, shapes, ship
 

@@ -14,9 +14,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simgrab.geometry import Array
-from simgrab.rng import stream
-from simgrab.scenario.grab import Assembled
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+from simgrab.model.scenario.grab import Assembled
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
 from simgrab.world.scenery.grabs.assembled.head import head, middle, rope_ends

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from simgrab.geometry import Array
-from simgrab.scenario.grab import Assembled
+from simgrab.model.geometry import Array
+from simgrab.model.scenario.grab import Assembled
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Material, Part

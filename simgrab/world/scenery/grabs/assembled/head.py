@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 import trimesh
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
 from simgrab.world.scenery.grabs.assembled.turned import turned

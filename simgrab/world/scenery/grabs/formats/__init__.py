@@ -1,7 +1,7 @@
 """Files of 3-D models, each read by its format's standard into the same shapes."""
 
-from simgrab.utilities.models import Model
-from simgrab.utilities.parse import Refuse
+from simgrab.io.models import Model
+from simgrab.io.parse import Refuse
 from simgrab.world.scenery.grabs.formats import gltf, obj, ply, stl
 from simgrab.world.scenery.grabs.formats.contents import Contents
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 
 Faces = NDArray[np.int64]
 

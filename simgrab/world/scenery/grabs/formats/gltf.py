@@ -12,10 +12,10 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.transformations import quaternion_matrix
 
-from simgrab.geometry import Array
-from simgrab.utilities import models
-from simgrab.utilities.models import MOST_NODES, Model
-from simgrab.utilities.parse import Refuse, shown
+from simgrab.io import models
+from simgrab.io.models import MOST_NODES, Model
+from simgrab.io.parse import Refuse, shown
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats import gltf_extensions as extensions
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, mean_of_corners
 from simgrab.world.scenery.grabs.formats.gltf_materials import Materials

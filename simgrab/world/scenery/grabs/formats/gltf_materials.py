@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from simgrab.geometry import Array
-from simgrab.utilities.parse import shown
-from simgrab.utilities.srgb import encoded
+from simgrab.io.parse import shown
+from simgrab.model.geometry import Array
+from simgrab.model.srgb import encoded
 from simgrab.world.scenery.grabs.formats import gltf_extensions as extensions
 from simgrab.world.scenery.grabs.formats.contents import Surface
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.geometry import Array
-from simgrab.utilities import models
-from simgrab.utilities.models import MOST_NODES, Model
-from simgrab.utilities.parse import Refuse, shown
+from simgrab.io import models
+from simgrab.io.models import MOST_NODES, Model
+from simgrab.io.parse import Refuse, shown
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 

@@ -8,10 +8,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.utilities import models
-from simgrab.utilities.models import MOST_FACES, Model
-from simgrab.utilities.parse import Refuse, shown
+from simgrab.io import models
+from simgrab.io.models import MOST_FACES, Model
+from simgrab.io.parse import Refuse, shown
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 

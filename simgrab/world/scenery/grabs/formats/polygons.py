@@ -5,9 +5,9 @@ from __future__ import annotations
 import mapbox_earcut
 import numpy as np
 
-from simgrab.geometry import Array
-from simgrab.utilities.models import MOST_FACES
-from simgrab.utilities.parse import Refuse
+from simgrab.io.models import MOST_FACES
+from simgrab.io.parse import Refuse
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Faces
 
 MOST_CORNERS = 5_000

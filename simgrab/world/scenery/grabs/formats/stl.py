@@ -7,9 +7,9 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.geometry import Array
-from simgrab.utilities.models import Model
-from simgrab.utilities.parse import Refuse
+from simgrab.io.models import Model
+from simgrab.io.parse import Refuse
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape, stated_unit
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -8,7 +8,7 @@ from math import radians
 
 import numpy as np
 
-from simgrab.geometry import Array
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.design import Body, Design
 from simgrab.world.scenery.grabs.four_rope import beam, head
 from simgrab.world.scenery.grabs.four_rope.beam import beam_parts

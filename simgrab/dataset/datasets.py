@@ -1,0 +1,368 @@
+"""Rendered datasets, read as files."""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, overload
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import DatasetError, first_line
+from simgrab.io import pictures
+from simgrab.io.parse import is_file, parse_json, read_bytes, read_json
+from simgrab.model import calibration
+from simgrab.model import label_arrays as labels
+from simgrab.model.calibration import Calibration
+from simgrab.model.label_arrays import Labelled
+from simgrab.model.masks import Coded, MaskFiles, Masks
+from simgrab.model.records import frame_files
+from simgrab.model.truth import SPLITS, Row
+
+if TYPE_CHECKING:
+    from simgrab.model.scenario import Scenario
+
+MANIFEST = "manifest.json"
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+
+
+class _Labels(msgspec.Struct, frozen=True):
+    least_visible_fraction: Annotated[float, msgspec.Meta(ge=0, le=1)]
+
+
+class _Scenario(msgspec.Struct, frozen=True):
+    name: str
+    labels: _Labels
+
+
+class ShardCounts(msgspec.Struct, frozen=True):
+    """How a dataset is cut into shards.
+
+    Attributes
+    ----------
+    frames : int
+        Of each shard; the last one may have fewer.
+    splits : tuple of tuple of 3 int
+        Of each shard, its frames in train, val and test.
+    """
+
+    frames: Annotated[int, msgspec.Meta(ge=1, le=2**53)]
+    splits: tuple[tuple[Count, Count, Count], ...]
+
+
+class Manifest(msgspec.Struct, frozen=True):
+    """What of a manifest is read without the scenario as a whole."""
+
+    scenario: _Scenario
+    digest: str
+    seed: int
+    files: dict[str, str] = {}
+    shards: ShardCounts | None = None
+
+    def data(self, labels_sha256: str, frames: int) -> Data:
+        """Name a dataset."""
+        return Data(self.scenario.name, self.digest, labels_sha256, self.seed, frames)
+
+
+@dataclass(frozen=True)
+class Data:
+    """What names a dataset.
+
+    Attributes
+    ----------
+    scenario : str
+        Its name.
+    scenario_digest, labels_sha256 : str
+        Of the scenario, from the manifest; of ``labels.parquet``.
+    seed, frames : int
+    """
+
+    scenario: str
+    scenario_digest: str
+    labels_sha256: str
+    seed: int
+    frames: int
+
+
+class Files(Protocol):
+    """Where a dataset keeps pictures and masks. Whatever cannot be read raises `DatasetError`."""
+
+    def path(self, row: Row) -> Path | None:
+        """Path of a row's picture; None where it is part of another file."""
+
+    def content(self, row: Row) -> bytes:
+        """Read a row's picture file, which must have the digest that the row states."""
+
+    def buffers(self, row: Row) -> dict[str, bytes]:
+        """Read a row's PNG files of ids and of depth, by these names, as far as they are stored."""
+
+    def mask(self, row: Row) -> Coded | None:
+        """Look up a row's mask; None where the labels hold none."""
+
+    def name(self, row: Row) -> str:
+        """Give what messages call a row's picture."""
+
+    def mask_name(self, row: Row) -> str:
+        """Give what messages call the file that holds a row's mask."""
+
+
+@dataclass(frozen=True)
+class LabelledFrame(Labelled):
+    """One frame of a dataset: what is known of it, and its picture and mask, decoded each time they are asked for.
+
+    Pixels are continuous: (0, 0) is the outer corner of the top-left pixel. Poses are in metres, in the jib frame.
+
+    Attributes
+    ----------
+    truth : Row
+        Its row of labels.
+    labelled : bool
+        Whether detection labels hold a box and a mask.
+    """
+
+    truth: Row
+    labelled: bool
+    _files: Files = field(repr=False, compare=False)
+
+    @property
+    def file(self) -> Path | None:
+        """Path of the picture; None where the dataset keeps pictures in archives."""
+        return self._files.path(self.truth)
+
+    @property
+    def content(self) -> bytes:
+        """The picture file; raises `DatasetError` where it is not the labels'."""
+        return self._files.content(self.truth)
+
+    @property
+    def buffers(self) -> dict[str, bytes]:
+        """PNG files of ``ids`` and of ``depth``, as far as the dataset stores them."""
+        return self._files.buffers(self.truth)
+
+    @property
+    def rgb(self) -> NDArray[np.uint8]:
+        """The same as `picture`, by the name that a `simgrab.world.frames.Frame` has for it."""
+        return self.picture
+
+    @property
+    def picture(self) -> NDArray[np.uint8]:
+        """RGB, shape (height, width, 3); raises `DatasetError` where the file is not the labels' picture."""
+        return pictures.decode(self.content, self._files.name(self.truth))
+
+    @property
+    def coded_mask(self) -> Coded | None:
+        """Pixels of the visible grab as COCO's compressed run lengths; None unless ``labelled``."""
+        return self._files.mask(self.truth)
+
+    @property
+    def mask(self) -> NDArray[np.bool_] | None:
+        """Pixels of the visible grab, shape (height, width); None unless ``labelled``."""
+        coded = self.coded_mask
+        return None if coded is None else coded.decoded(self.truth, self._files.mask_name(self.truth))
+
+
+@dataclass(frozen=True)
+class _Folder:
+    """Pictures and masks in files of a folder."""
+
+    folder: Path
+    masks: MaskFiles
+
+    def path(self, row: Row) -> Path:
+        return self.folder / row.file
+
+    def content(self, row: Row) -> bytes:
+        return frame_files.content(self.path(row), row)
+
+    def buffers(self, row: Row) -> dict[str, bytes]:
+        paths = {kind: self.folder / name for kind, name in buffer_names(row.file).items()}
+        return {
+            kind: read_bytes(path, DatasetError, most_bytes=pictures.MOST_BYTES)
+            for kind, path in paths.items()
+            if is_file(path, DatasetError)
+        }
+
+    def mask(self, row: Row) -> Coded | None:
+        return self.masks.coded(row)
+
+    def name(self, row: Row) -> str:
+        return str(self.path(row))
+
+    def mask_name(self, row: Row) -> str:
+        return str(self.masks.file(row.split))
+
+
+@dataclass(frozen=True)
+class Dataset(Sequence[LabelledFrame]):
+    """A rendered dataset, as a sequence of its frames; a slice of it, or a split, is a dataset again.
+
+    Attributes
+    ----------
+    path : Path
+    rows : tuple of Row
+        By frame.
+    data : Data
+        What names it.
+    least_visible_fraction : float
+        From which on the dataset's detection labels hold a box.
+    """
+
+    path: Path
+    rows: tuple[Row, ...]
+    data: Data
+    least_visible_fraction: float
+    _files: Files = field(repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> LabelledFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Dataset: ...
+
+    def __getitem__(self, index: int | slice) -> LabelledFrame | Dataset:
+        if isinstance(index, slice):
+            return replace(self, rows=self.rows[index])
+        try:
+            row = self.rows[operator.index(index)]
+        except IndexError:
+            raise IndexError(f"{self.path}: index {index} is out of range of {len(self)} frames") from None
+        return LabelledFrame(row, self.is_labelled(row), self._files)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether these are all frames of the dataset, in its order."""
+        numbers = [row.frame for row in self.rows]
+        return len(numbers) == self.data.frames and numbers == sorted(numbers)
+
+    def frame(self, number: int) -> LabelledFrame:
+        """Give the frame of this number, which `simgrab.model.truth.Row.frame` holds.
+
+        Raises
+        ------
+        KeyError
+            If it is not among them.
+        """
+        try:
+            return self[self._index[number]]
+        except KeyError:
+            raise KeyError(f"{self.path}: no frame {number} among these {len(self)}") from None
+
+    @cached_property
+    def _index(self) -> dict[int, int]:
+        return {row.frame: index for index, row in enumerate(self.rows)}
+
+    @property
+    def splits(self) -> dict[str, int]:
+        """Number of frames in each split that has any."""
+        count = Counter(row.split for row in self.rows)
+        return {split: count[split] for split in SPLITS if count[split]}
+
+    def split(self, name: str) -> Dataset:
+        """Keep the frames of one split, maybe none.
+
+        Raises
+        ------
+        KeyError
+            If no split is called so.
+        """
+        if name not in SPLITS:
+            raise KeyError(f"no split {name!r}; one of: {', '.join(SPLITS)}")
+        return replace(self, rows=tuple(row for row in self.rows if row.split == name))
+
+    @property
+    def calibration(self) -> Calibration:
+        """What an instrument may know of the camera, from ``camera.toml``."""
+        return calibration.load(self.path / "camera.toml")
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that it was rendered from, with every default filled in."""
+        from simgrab.model import scenes
+
+        return scenes.load(self.path / MANIFEST)
+
+    def weather(self, row: Row) -> str:
+        """Name a row's weather: what a varied scene calls it, or else the scene."""
+        where = f"{self.path}: labels.parquet, frame {row.frame}: varied is not JSON"
+        varied = parse_json(row.varied, DatasetError, where) if row.varied else {}
+        items = varied.items() if isinstance(varied, dict) else ()
+        return next((str(value) for key, value in items if "weather" in key.split("+")), self.data.scenario)
+
+    def image(self, row: Row) -> Path:
+        """Path of a row's picture."""
+        return self.path / row.file
+
+    def is_labelled(self, row: Row) -> bool:
+        """Whether detection labels hold a box for the row."""
+        return labels.is_labelled(row, self.least_visible_fraction)
+
+
+def read(path: str | Path) -> Dataset:
+    """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too.
+
+    Raises
+    ------
+    DatasetError
+        If it is none, is unfinished or empty, or lacks a picture.
+    """
+    path = Path(path)
+    rows, _, labels_sha256 = frame_files.read_rows(path, Row)
+    known = named(read_json(path / MANIFEST, DatasetError), path)
+    frame_files.check_files(path, rows)
+    data = known.data(labels_sha256, len(rows))
+    return in_folder(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
+
+
+def in_folder(
+    path: Path, rows: tuple[Row, ...], data: Data, least_visible_fraction: float, masks: MaskFiles
+) -> Dataset:
+    """Make the dataset of rows whose pictures lie in a folder."""
+    return Dataset(path, rows, data, least_visible_fraction, _Folder(path, masks))
+
+
+def named(manifest: Any, where: object) -> Manifest:
+    """Convert a manifest; raises `DatasetError` where it is none."""
+    try:
+        return msgspec.convert(manifest, Manifest)
+    except (ValueError, LookupError, TypeError) as problem:
+        why = f"{type(problem).__name__}: {first_line(problem)}"
+        raise DatasetError(f"{where}: not a simgrab dataset ({why})") from None
+
+
+def buffer_names(file: str) -> dict[str, str]:
+    """Name the files of ids and depth beside a picture file."""
+    stem = file.removeprefix("images/").rpartition(".")[0]
+    return {kind: f"{kind}/{stem}.png" for kind in ("ids", "depth")}
+
+
+def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
+    """Read datasets that together must have frames in each of the splits.
+
+    Raises
+    ------
+    DatasetError
+    """
+    if not paths:
+        raise DatasetError("no dataset given")
+    datasets = tuple(read(path) for path in paths)
+    for split in splits:
+        if not any(row.split == split for dataset in datasets for row in dataset.rows):
+            given = ", ".join(str(dataset.path) for dataset in datasets)
+            raise DatasetError(f"{given}: no frames in the split {split!r}; render more frames")
+    return datasets
+
+
+def digest(datasets: Sequence[Dataset]) -> str:
+    """One digest of several datasets' labels, and through them of their pictures."""
+    return hashlib.sha256("".join(dataset.data.labels_sha256 for dataset in datasets).encode()).hexdigest()

@@ -1,0 +1,409 @@
+"""Write a dataset in the layout of another tool: what `simgrab export` does."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import itertools
+import json
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from simgrab.dataset import folder, manifest, preview, sensors, shards, tables
+from simgrab.dataset import shard_reader as sharded
+from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
+from simgrab.dataset.shard_reader import ShardedDataset
+from simgrab.dataset.shards import Packed
+from simgrab.dataset.stores import Store, is_url
+from simgrab.dataset.tables import Coco, Labels, Tables
+from simgrab.errors import DatasetError
+from simgrab.io import files
+from simgrab.io.destination import check_new_folder
+from simgrab.io.parse import parse_json
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import Row
+from simgrab.world.gl import Fingerprint
+
+Progress = Callable[[int, int], None]
+Add = Callable[[LabelledFrame], None]
+
+HF_SPLITS = {"train": "train", "val": "validation", "test": "test"}
+MOST_SENSOR_BYTES = 2**31
+_HF_GROUP_ROWS = 64  # pictures and all, in memory at once
+
+
+@dataclass(frozen=True)
+class Source:
+    """A dataset that is exported.
+
+    Attributes
+    ----------
+    dataset : Dataset or ShardedDataset
+    scenario : Scenario
+    core : dict
+        Of its manifest, what says which dataset it is.
+    rendered_by : Fingerprint
+    shard_frames : int
+        Frames of a file that holds many.
+    store : Store
+        Where its files lie.
+    sensors : dict of str to str
+        SHA-256 of the files of its sensors, by name, which every format carries.
+    """
+
+    dataset: Dataset | ShardedDataset
+    scenario: Scenario
+    core: dict[str, Any]
+    rendered_by: Fingerprint
+    shard_frames: int
+    store: Store
+    sensors: dict[str, str]
+
+
+def export(
+    dataset: str | Path | Dataset | ShardedDataset,
+    out: str | Path,
+    *,
+    format: str,
+    shard_frames: int | None = None,
+    progress: Progress | None = None,
+    part: bool = False,
+) -> None:
+    """Write a finished dataset, or a part of one, in the layout of another tool.
+
+    Every format comes with all that is known of each frame, in ``labels.parquet`` or beside its picture, and with the
+    files of the scene's sensors.
+
+    Parameters
+    ----------
+    dataset : str, Path, Dataset or ShardedDataset
+        What `simgrab.open` opens, or has opened.
+    out : str or Path
+        New folder, which appears whole or not at all; or a URL below which there is nothing. There, an export without
+        ``manifest.json`` is unfinished.
+    format : str
+        ``yolo``: images, text labels and ``data.yaml``. ``coco``: images and instances as JSON. ``voc``: Pascal VOC's
+        XML. ``webdataset``: the shards that `simgrab.render` writes below a URL. ``hf``: Parquet files with pictures
+        and a card, for Hugging Face ``datasets``. ``simgrab``: the files that `simgrab.render` writes into a folder.
+    shard_frames : int, optional
+        Frames of each shard or Parquet file; 256 unless given.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+    part : bool
+        Accept a part of a dataset in a folder, such as a split or a slice. Frames keep their numbers and their order.
+        The manifest states under ``selection`` of how many frames it is a part, and the digest of their labels. Not
+        with ``webdataset``, whose shards are found by the numbers of their frames.
+
+    Raises
+    ------
+    DatasetError
+        If the format is not known, the dataset cannot be read, or the place cannot be used.
+    """
+    if format not in FORMATS:
+        raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
+    if part and format == "webdataset":
+        raise DatasetError("a part of a dataset cannot be exported as webdataset; choose another format")
+    opened = dataset if isinstance(dataset, Dataset | ShardedDataset) else sharded.open(dataset)
+    source = _source(opened, shard_frames, part=part)
+    if is_url(out):
+        store = Store(str(out))
+        if store.sizes() or store.holds_folders():
+            raise DatasetError(f"{out} is not empty; choose another --out")
+        _write(source, store, format, progress)
+        return
+    check_new_folder(Path(out), DatasetError)
+    try:
+        with files.drafted_folder(Path(out).absolute()) as draft:
+            _write(source, Store(draft.as_uri()), format, progress)
+    except OSError as problem:
+        raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
+
+
+def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part: bool) -> Source:
+    store = dataset.store if isinstance(dataset, ShardedDataset) else Store(dataset.path.absolute().as_uri())
+    if not dataset.is_whole:
+        if not part:
+            raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
+        _check_part(dataset)
+    where = f"{store.url}/{MANIFEST}"
+    known = parse_json(store.read(MANIFEST, most_bytes=sharded.MOST_MANIFEST_BYTES), DatasetError, where)
+    try:
+        about = {key: value for key, value in known["renderer"].items() if key != "fingerprint"}
+        rendered_by = Fingerprint(**about)
+    except (LookupError, TypeError, AttributeError):
+        raise DatasetError(f"{where}: it names no renderer") from None
+    core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
+    if not dataset.is_whole:
+        core = {key: core[key] for key in core if key != "clamped"} | {"frames": len(dataset)}
+        core["selection"] = {"of_frames": dataset.data.frames, "labels_sha256": dataset.data.labels_sha256}
+    scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
+    varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
+    each = shards.frames_of(scenario, shard_frames, varies=varies)
+    listed = known.get("files")
+    listed = listed if isinstance(listed, dict) else {}
+    carried: dict[str, str] = {}
+    for name in sensors.names(scenario):
+        if name not in listed:
+            raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
+        carried[name] = str(listed[name])
+    return Source(dataset, scenario, core, rendered_by, each, store, carried)
+
+
+def _check_part(dataset: Dataset | ShardedDataset) -> None:
+    if isinstance(dataset, ShardedDataset):
+        raise DatasetError("a part of a dataset of shards cannot be exported: export the whole as simgrab first")
+    numbers = [row.frame for row in dataset.rows]
+    if not numbers or numbers != sorted(set(numbers)):
+        raise DatasetError("a part must hold frames, in the order of the dataset")
+
+
+def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
+    total = len(source.dataset)
+    for name, digest in source.sensors.items():
+        data = source.store.read(name, most_bytes=MOST_SENSOR_BYTES)
+        if hashlib.sha256(data).hexdigest() != digest:
+            raise DatasetError(f"{source.store.url}: {name} was changed since it was written")
+        store.write(name, data)
+    with FORMATS[format](source, store) as add:
+        for done, frame in enumerate(source.dataset, 1):
+            add(frame)
+            if progress:
+                progress(done, total)
+
+
+@contextlib.contextmanager
+def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
+    """Write ``labels.parquet`` and ``camera.toml``, and at the end the manifest."""
+    schema = tables.with_identity(tables.labels_schema(), source.core)
+    with (
+        store.writing("labels.parquet") as path,
+        path.open("wb") as file,
+        closing(Labels(file, schema)) as labels,
+    ):
+        yield lambda row: labels.add(msgspec.structs.asdict(row))
+    store.write("camera.toml", tables.calibration_of(source.scenario).to_toml().encode())
+    copies = tables.grabs(source.scenario)
+    for name, data in copies.items():
+        store.write(name, data)
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in copies.items()} | source.sensors
+    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, digests))
+
+
+@contextlib.contextmanager
+def _yolo(source: Source, store: Store) -> Iterator[Add]:
+    with _rows(source, store) as add_row:
+
+        def add(frame: LabelledFrame) -> None:
+            row = frame.truth
+            store.write(row.file, frame.content)
+            store.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, source.scenario))
+            add_row(row)
+
+        yield add
+        store.write("data.yaml", tables.yolo_yaml(list(source.dataset.splits)))
+
+
+@contextlib.contextmanager
+def _coco(source: Source, store: Store) -> Iterator[Add]:
+    with _rows(source, store) as add_row, ExitStack() as stack:
+        instances = dict[str, Coco]()
+        for split in source.dataset.splits:
+            path = stack.enter_context(store.writing(f"annotations/instances_{split}.json"))
+            file = stack.enter_context(path.open("w", encoding="utf-8"))
+            instances[split] = stack.enter_context(closing(Coco(file, source.scenario)))
+
+        def add(frame: LabelledFrame) -> None:
+            store.write(frame.truth.file, frame.content)
+            instances[frame.truth.split].add(frame.truth, _mask(frame))
+            add_row(frame.truth)
+
+        yield add
+
+
+@contextlib.contextmanager
+def _voc(source: Source, store: Store) -> Iterator[Add]:
+    names: dict[str, list[str]] = {split: [] for split in source.dataset.splits}
+    with _rows(source, store) as add_row:
+
+        def add(frame: LabelledFrame) -> None:
+            row, stem = frame.truth, f"{frame.truth.frame:06d}"
+            file = f"JPEGImages/{stem}.{row.file.rpartition('.')[2]}"
+            store.write(file, frame.content)
+            store.write(f"Annotations/{stem}.xml", _voc_annotation(row, file, labelled=frame.labelled))
+            names[row.split].append(stem)
+            add_row(msgspec.structs.replace(row, file=file))
+
+        yield add
+        for split, stems in names.items():
+            store.write(f"ImageSets/Main/{split}.txt", "".join(f"{stem}\n" for stem in stems).encode())
+
+
+def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
+    """Pascal VOC's XML of one picture. Its pixels count from 1, and its boxes hold their last pixel."""
+    root = ET.Element("annotation")
+
+    def put(parent: ET.Element, **values: object) -> None:
+        for name, value in values.items():
+            ET.SubElement(parent, name).text = str(value)
+
+    folder, _, name = file.partition("/")
+    put(root, folder=folder, filename=name)
+    put(ET.SubElement(root, "size"), width=row.width_px, height=row.height_px, depth=3)
+    put(root, segmented=0)
+    if labelled:
+        grab = ET.SubElement(root, "object")
+        put(grab, name="grab", pose="Unspecified", truncated=int(row.in_frame_fraction < 1))
+        put(grab, occluded=int(row.visible_fraction < row.in_frame_fraction), difficult=0)
+        assert row.box_x0_px is not None
+        assert row.box_y0_px is not None
+        box = {"xmin": row.box_x0_px + 1, "ymin": row.box_y0_px + 1, "xmax": row.box_x1_px, "ymax": row.box_y1_px}
+        put(ET.SubElement(grab, "bndbox"), **box)
+    ET.indent(root)
+    return ET.tostring(root) + b"\n"
+
+
+@contextlib.contextmanager
+def _webdataset(source: Source, store: Store) -> Iterator[Add]:
+    """Write shards, each when its frames are complete."""
+    done: list[shards.Done] = []
+    frames: list[LabelledFrame] = []  # whose pictures are read when they are written
+
+    def write() -> None:
+        packed = (Packed(frame.truth, _mask(frame), _files(frame)) for frame in frames)
+        done.append(shards.write(store, len(done), packed, source.scenario, source.rendered_by))
+        frames.clear()
+
+    def add(frame: LabelledFrame) -> None:
+        frames.append(frame)
+        if len(frames) == source.shard_frames:
+            write()
+
+    yield add
+    if frames:
+        write()
+    shards.finish(
+        store, source.core, source.shard_frames, done, source.scenario, source.rendered_by, source.sensors
+    )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _simgrab(source: Source, store: Store) -> Iterator[Add]:
+    with Tables(store.writing, source.core, source.scenario) as written:
+
+        def add(frame: LabelledFrame) -> None:
+            row = frame.truth
+            for name, data in _files(frame).items():
+                store.write(name, data)
+            store.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, source.scenario))
+            written.add(row, _mask(frame))
+
+        yield add
+    tiles = ((frame.picture[..., ::-1], frame.truth) for frame in source.dataset[: preview.MOST_TILES])
+    folder.finish(
+        store, source.core, written.splits, preview.of(tiles), source.scenario, source.rendered_by,
+        written=list(source.sensors),
+    )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _hf(source: Source, store: Store) -> Iterator[Add]:
+    """Write Parquet files of pictures and labels, and the card that names the splits."""
+    with _rows(source, store) as add_row:
+        with ExitStack() as stack:
+            adds = {split: stack.enter_context(_hf_tables(source, store, split)) for split in source.dataset.splits}
+
+            def add(frame: LabelledFrame) -> None:
+                adds[frame.truth.split](frame)
+                add_row(frame.truth)
+
+            yield add
+        store.write("README.md", _hf_card(source).encode())
+
+
+@contextlib.contextmanager
+def _hf_tables(source: Source, store: Store, split: str) -> Iterator[Add]:
+    """Write the Parquet files of one split."""
+    total = math.ceil(source.dataset.splits[split] / source.shard_frames)
+    indices = itertools.count()
+    labels: Labels
+    with ExitStack() as stack:
+
+        def add(frame: LabelledFrame) -> None:
+            nonlocal labels
+            number, place = divmod(next(indices), source.shard_frames)
+            if place == 0:
+                stack.close()  # completes the file before
+                name = f"data/{HF_SPLITS[split]}-{number:05d}-of-{total:05d}.parquet"
+                file = stack.enter_context(stack.enter_context(store.writing(name)).open("wb"))
+                labels = stack.enter_context(closing(Labels(file, _hf_schema(), _HF_GROUP_ROWS)))
+            labels.add(_hf_row(frame))
+
+        yield add
+
+
+def _hf_row(frame: LabelledFrame) -> dict[str, Any]:
+    row, mask = frame.truth, frame.coded_mask
+    boxes = []
+    if frame.labelled and frame.box is not None:
+        x0, y0, x1, y1 = frame.box.tolist()
+        boxes = [[x0, y0, x1 - x0, y1 - y0]]
+    return {
+        "image": {"bytes": frame.content, "path": row.file.rpartition("/")[2]},
+        "objects": {"bbox": boxes, "category": [0] * len(boxes)},
+        "mask": None if mask is None else mask.counts,
+        **msgspec.structs.asdict(row),
+    }
+
+
+def _hf_schema() -> pa.Schema:
+    number = pa.float64()
+    objects = pa.struct([("bbox", pa.list_(pa.list_(number))), ("category", pa.list_(pa.int64()))])
+    fields = [
+        pa.field("image", pa.struct([("bytes", pa.binary()), ("path", pa.string())])),
+        pa.field("objects", objects, metadata={"unit": "px", "description": "boxes x, y, width, height, as COCO's"}),
+        pa.field("mask", pa.string(), metadata={"unit": "", "description": "COCO's compressed run lengths"}),
+        *tables.labels_schema(),
+    ]
+    about = {"info": {"features": {"image": {"_type": "Image"}}}}
+    return pa.schema(fields, metadata={"huggingface": json.dumps(about)})
+
+
+def _hf_card(source: Source) -> str:
+    lines = ["---", "configs:", "- config_name: default", "  data_files:"]
+    for split in source.dataset.splits:
+        lines += [f"  - split: {HF_SPLITS[split]}", f"    path: data/{HF_SPLITS[split]}-*"]
+    name = source.scenario.name
+    lines += ["task_categories:", "- object-detection", "---", "", f"# {name}", ""]
+    lines += [f"{len(source.dataset)} frames of a crane grab, rendered by simgrab from the scene `{name}`."]
+    lines += ["The metadata of `labels.parquet` describes each column; `camera.toml` is the camera's calibration."]
+    return "\n".join([*lines, ""])
+
+
+def _mask(frame: LabelledFrame) -> dict[str, Any] | None:
+    mask = frame.coded_mask if frame.labelled else None
+    return None if mask is None else {"size": list(mask.size), "counts": mask.counts}
+
+
+def _files(frame: LabelledFrame) -> dict[str, bytes]:
+    """Files of a frame by name, as a dataset has them."""
+    names = buffer_names(frame.truth.file)
+    return {frame.truth.file: frame.content} | {names[kind]: data for kind, data in frame.buffers.items()}
+
+
+FORMATS: dict[str, Callable[[Source, Store], AbstractContextManager[Add]]] = {
+    "yolo": _yolo,
+    "coco": _coco,
+    "voc": _voc,
+    "webdataset": _webdataset,
+    "hf": _hf,
+    "simgrab": _simgrab,
+}
+"""Formats by name: each gives what takes a frame, and completes its files when the context is left."""

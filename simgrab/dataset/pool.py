@@ -1,0 +1,304 @@
+"""Share the work on one recipe among processes, each with a frame generator of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+from collections.abc import Callable, Generator, Iterable, Sized
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import cv2
+
+from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
+from simgrab.runtime import machine
+from simgrab.runtime.cluster import ClusterPool, open_pool
+from simgrab.runtime.processes import pickled, tick
+from simgrab.world import gl
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.gl import Fingerprint
+from simgrab.world.projection import Projection, project
+from simgrab.world.scenery import textures
+from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.trajectory.trajectory import Trajectory
+
+T = TypeVar("T")
+Item = TypeVar("Item")
+Progress = Callable[[int, int], None]
+Tick = Callable[[], None]
+Work = Callable[[FrameGenerator, int, Tick], T]
+FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
+WORLD_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 200, 24
+"""What a process needs for a world and its textures, for each pixel of the picture, and for each of its samples."""
+SILENT_S = 1800.0
+"""How long a process may take for a frame, its world and the exposures before it included, until it counts as hung."""
+MOST_PROJECTIONS = 4096
+"""Frames whose projection is kept from vetting for rendering; a few kilobytes each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Vetted:
+    """What was worked out to find a recipe possible, and need not be again.
+
+    Attributes
+    ----------
+    seen : int
+        Frames that show the grab.
+    plan : Plan or None
+        Of the world; None where each clip has its own.
+    projections : dict of int to Projection
+        Of frames, `MOST_PROJECTIONS` at most.
+    """
+
+    seen: int
+    plan: Plan | None = None
+    projections: dict[int, Projection] = field(default_factory=dict)
+
+
+def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None = None) -> tuple[int, str]:
+    """Choose how many processes to render a recipe with, and say why.
+
+    OpenGL in software uses several cores by itself, so that a second process gains a third, and each builds worlds of
+    its own: it pays from `FRAMES_A_WORKER` frames each, or `WORLDS_A_WORKER` where worlds vary.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    by_clip : bool
+        Whether one process renders a clip from beginning to end, as for videos.
+    shard_frames : int, optional
+        Frames that one process renders from beginning to end, as for a dataset of shards.
+    """
+    scenario = recipe.scenario
+    frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
+    cores, memory = machine.cores(), machine.free_bytes() // memory_bytes(recipe)
+    limits = [(cores, f"{cores} cores"), (memory, "memory")]
+    if recipe.varies:
+        limits.append((clips // WORLDS_A_WORKER, f"{clips} worlds"))
+    else:
+        limits.append((frames // FRAMES_A_WORKER, f"{frames} frames"))
+    if by_clip:
+        limits.append((clips, f"{clips} clips"))
+    if shard_frames is not None:
+        shards = -(-frames // shard_frames)
+        limits.append((shards, f"{shards} shards"))
+    if _unpicklable(recipe):
+        limits.append((1, "functions that worker processes cannot be given"))
+    workers, limit = min(limits, key=lambda one: one[0])
+    return max(1, workers), limit
+
+
+def memory_bytes(recipe: Recipe) -> int:
+    """Estimate the memory of a process that renders a recipe."""
+    scenario, image = recipe.scenario, recipe.scenario.image
+    pixels = scenario.camera.width_px * scenario.camera.height_px
+    return WORLD_BYTES + pixels * (PIXEL_BYTES + SAMPLE_BYTES * image.samples) + 8 * image.shadow_map_px**2
+
+
+def _unpicklable(recipe: Recipe) -> str:
+    """Why worker processes cannot be given a recipe; empty where they can."""
+    try:
+        pickled(recipe)
+    except MemoryError:
+        raise
+    except Exception as problem:
+        return first_line(problem) or type(problem).__name__
+    return ""
+
+
+def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
+    """Refuse a number of processes, or a cluster, that cannot work on a recipe.
+
+    Raises
+    ------
+    DatasetError, ExtensionError, ClusterError
+    """
+    if workers < 1:
+        raise DatasetError(f"workers must be 1 or more, got {workers}")
+    why = _unpicklable(recipe) if workers > 1 or cluster is not None else ""
+    if why:
+        raise ExtensionError(
+            f"a function cannot be given to worker processes: define it at the top of a module ({why})"
+        )
+    if cluster is not None:
+        with ClusterPool(cluster, memory_bytes=memory_bytes(recipe)) as pool:
+            pool.check()
+
+
+def vet(recipe: Recipe, number: int = 0) -> Vetted:
+    """Refuse a variant with an impossible frame.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    number : int
+        Of the variant: of its clip.
+    """
+    scenario = recipe.scenario
+    span = scenario.span(number) if recipe.varies else range(scenario.frames)
+    one, k = recipe.variant(span.start), scenario.camera.intrinsics
+    plan = draw_up(one.scenario, one.number)
+    trajectory = Trajectory(one.scenario, recipe.extensions, plan)
+    seen, kept = 0, dict[int, Projection]()
+    for frame in span:  # all of them: each may be impossible
+        projection = project(one.scenario, plan, trajectory.at(frame))
+        seen += projection.meets(k.width_px, k.height_px)
+        if len(kept) < MOST_PROJECTIONS:
+            kept[frame] = projection
+    return Vetted(seen, plan, kept)
+
+
+def vetted(
+    recipe: Recipe, workers: int, checking: Progress | None = None, *, cluster: str | None = None
+) -> Vetted | None:
+    """Refuse, before anything is rendered, a recipe with an impossible frame or whose camera never sees the grab.
+
+    Where there are many worlds, workers check them, and ``checking`` is called with how many are done, and how many
+    there are. Returns what need not be worked out again.
+    """
+    scenario = recipe.scenario
+    if not recipe.varies:
+        elsewhere = workers > 1 or cluster is not None  # worlds are painted where they are drawn
+        with textures.unpainted() if elsewhere else contextlib.nullcontext():
+            found = vet(recipe)
+        refuse_unseen(scenario.frames, found.seen)
+        return replace(found, plan=None) if elsewhere else found
+    clips = range(scenario.clip.count(scenario.frames))
+    done = report(checking, 0, len(clips))
+    with contextlib.closing(
+        map_items(
+            recipe, None, clips, _vet, workers=workers, cluster=cluster, unit="world", frames=no_frames, progress=done
+        )
+    ) as each:
+        seen, kept = 0, dict[int, Projection]()
+        for one in each:
+            seen += one.seen
+            kept |= itertools.islice(one.projections.items(), MOST_PROJECTIONS - len(kept))
+        refuse_unseen(scenario.frames, seen)
+    return Vetted(seen, None, kept)
+
+
+def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> Vetted:
+    with textures.unpainted():
+        found = vet(generator.recipe, clip)
+    tick()
+    return replace(found, plan=None)
+
+
+def no_frames(_item: object) -> Iterable[int]:
+    """Frames of an item of which none was projected before."""
+    return ()
+
+
+def refuse_unseen(frames: int, seen: int) -> None:
+    """Refuse a scenario of whose frames none shows the grab."""
+    if not seen:
+        raise ScenarioError(
+            "camera",
+            f"the grab is outside the image in all {frames} frames; "
+            "lower the tilt (camera.beta_deg) or the focal length, or set offset and azimuth so that it is in view",
+        )
+
+
+def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int], None]:
+    """Turn frames done in this run into frames done in all, ``ahead`` of them earlier, which are reported at once."""
+
+    def done(count: int) -> None:
+        if progress:
+            progress(ahead + count, total)
+
+    done(0)
+    return done
+
+
+def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
+    """Refuse a renderer that is not the first one of a dataset's."""
+    if first is not None and found != first:
+        raise DatasetError(
+            f"{place} was started with {first}, and this is {found}: "
+            "choose another --out, or delete what one of them rendered"
+        )
+    return found
+
+
+def map_items(
+    recipe: Recipe,
+    known: Vetted | None,
+    items: Iterable[Item],
+    work: Callable[[FrameGenerator, Item, Tick], T],
+    *,
+    workers: int,
+    unit: str,
+    frames: Callable[[Item], Iterable[int]],
+    progress: Callable[[int], None],
+    cluster: str | None = None,
+) -> Generator[T, None, None]:
+    """Do a piece of work for each item, in no set order, and yield what each gives. Close it to end the processes.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    known : Vetted or None
+        Of the same recipe, as far as it was worked out already.
+    items : iterable
+        Frames, clips or shards.
+    work : callable
+        Takes a frame generator, an item, and what it must call after every frame; picklable when there are several
+        workers. It is done again where its process died, and then calls for every frame of the item again.
+    workers : int
+        Processes. The software renderer uses every core already, so more than one gains little there.
+    unit : str
+        What an item is: a frame, a clip, a shard or a world.
+    frames : callable
+        Numbers of an item's frames.
+    progress : callable
+        Called with the frames done so far, and with all of them before the last item is yielded.
+    cluster : str, optional
+        Address of a Ray cluster that works in place of processes of this machine.
+
+    Raises
+    ------
+    WorkerError
+        If processes die of an item again and again. What work raises is raised as it is.
+    """
+    if workers > 1 or cluster is not None:
+        busy = min(workers, len(items)) if isinstance(items, Sized) else workers
+        threads = max(1, machine.cores() // max(busy, 1)) if cluster is None else None
+        with open_pool(
+            workers, cluster, setup=functools.partial(_open, recipe, threads), memory_bytes=memory_bytes(recipe),
+            environment=gl.threads(threads), silent_s=SILENT_S,
+        ) as pool:  # fmt: skip
+            found = known.projections if known else {}
+            orders = ((item, {n: found[n] for n in frames(item) if n in found}) for item in items)
+            done = pool.map(
+                functools.partial(_serve, work), orders, name=lambda order: f"{unit} {order[0]}", ticked=progress
+            )
+            with contextlib.closing(done):
+                yield from done
+        return
+    counted = itertools.count(1)
+    plan, projections = (known.plan, known.projections) if known else (None, None)
+    with FrameGenerator(recipe, plan, projections) as generator:
+        for item in items:
+            yield work(generator, item, lambda: progress(next(counted)))
+
+
+_generator: FrameGenerator | None = None
+
+
+def _open(recipe: Recipe, threads: int | None) -> None:
+    """Open the generator of a process that serves a recipe, with so many threads to compute and to draw in."""
+    global _generator
+    if threads is not None:
+        cv2.setNumThreads(threads)
+    if _generator is not None:  # of a cluster's process, which serves one recipe after another
+        _generator.close()
+    _generator = FrameGenerator(recipe)
+
+
+def _serve(work: Callable[[FrameGenerator, Item, Tick], T], order: tuple[Item, dict[int, Projection]]) -> T:
+    assert _generator is not None
+    item, _generator.projections = order
+    return work(_generator, item, tick)

@@ -1,0 +1,82 @@
+"""A contact sheet: frames with their labels drawn on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.dataset import overlay
+from simgrab.io import pictures
+from simgrab.model.truth import KEYPOINT_NAMES, Row
+
+TILE_WIDTH = 640
+COLUMNS = 4
+MOST_TILES = 16
+CAPTION_HEIGHT = 24
+BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
+    (60, 220, 60),
+    (40, 40, 255),
+    (255, 220, 60),
+    (255, 90, 255),
+    (170, 110, 170),
+)
+
+
+def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
+    """Draw a row's labels on a copy of its picture (BGR), reduced to a tile of the sheet."""
+    scale = TILE_WIDTH / row.width_px
+    tile = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _draw_geometry(tile, row, scale)
+    if row.box_x0_px is not None:
+        corners = [(row.box_x0_px, row.box_y0_px), (row.box_x1_px, row.box_y1_px)]
+        cv2.rectangle(tile, _at(corners[0], scale), _at(corners[1], scale), BOX, 2, cv2.LINE_AA)  # type: ignore[arg-type]
+    for name, (u, v, seen) in zip(KEYPOINT_NAMES, np.reshape(row.keypoints, (-1, 3)), strict=True):
+        if seen and name != "grab_centre":
+            cv2.circle(tile, _at((u, v), scale), 2, POINT if seen == 2 else HIDDEN_POINT, -1, cv2.LINE_AA)
+    angles = f"alpha {row.alpha_deg:.2f}  gamma {row.gamma_deg:.0f}  beta {row.beta_deg:.2f} deg"
+    return captioned(
+        tile, f"#{row.frame} {row.split}   {angles}   rope {row.rope_length_m:.1f} m   seen {row.visible_fraction:.0%}"
+    )
+
+
+def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
+    """Principal point C', image of the vertical G', and the grab centre A', with the triangle they span."""
+    vertical = overlay.vertical(row)
+    principal = _at(overlay.principal(row), scale)
+    cv2.drawMarker(tile, principal, VERTICAL, cv2.MARKER_CROSS, 14, 1, cv2.LINE_AA)
+    if np.isfinite(vertical).all():
+        cv2.line(tile, principal, _at(vertical, scale), VERTICAL, 1, cv2.LINE_AA)
+        cv2.circle(tile, _at(vertical, scale), 4, VERTICAL, 1, cv2.LINE_AA)
+    if row.grab_u_px is not None and row.grab_v_px is not None:
+        centre = _at((row.grab_u_px, row.grab_v_px), scale)
+        if np.isfinite(vertical).all():
+            cv2.line(tile, _at(vertical, scale), centre, CENTRE, 1, cv2.LINE_AA)
+        cv2.drawMarker(tile, centre, CENTRE, cv2.MARKER_TILTED_CROSS, 12, 2, cv2.LINE_AA)
+
+
+def _at(pixel: Sequence[float] | NDArray[np.float64], scale: float) -> tuple[int, int]:
+    # OpenCV counts from the centre of the first pixel.
+    return tuple(int(np.clip(round(float(v) * scale - 0.5), -9999, 9999)) for v in pixel)  # type: ignore[return-value]
+
+
+def captioned(tile: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
+    """Return the tile with a line of text on a strip below it."""
+    strip = np.full((CAPTION_HEIGHT, tile.shape[1], 3), 24, np.uint8)
+    cv2.putText(strip, text, (8, CAPTION_HEIGHT - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.vstack([tile, strip])
+
+
+def of(frames: Iterable[tuple[NDArray[np.uint8], Row]]) -> bytes:
+    """Make the contact sheet of frames, BGR with their rows, as JPEG."""
+    return pictures.encode(sheet([annotate(picture, row) for picture, row in frames]), "jpeg", 90)
+
+
+def sheet(tiles: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Lay tiles out in rows of four."""
+    columns = min(COLUMNS, len(tiles))
+    blank = np.zeros_like(tiles[0])
+    padded = [*tiles, *[blank] * (-len(tiles) % columns)]
+    return np.vstack([np.hstack(padded[i : i + columns]) for i in range(0, len(padded), columns)])

@@ -1,0 +1,388 @@
+"""Render a scenario into a dataset of shards, below a URL; `simgrab.dataset.shard_reader` has the format and reads it.
+
+A shard is a run of frames that depends on the scenario and its number alone. Its archives are written first, its labels
+last, and a shard whose labels are there is done. So any process on any machine may make any shard, twice as well as
+once, and nothing needs a lock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import io
+import json
+import math
+import tarfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from simgrab.dataset import manifest, pool, preview, sensors, stored, tables
+from simgrab.dataset import shard_reader as shards
+from simgrab.dataset.datasets import MANIFEST, Manifest
+from simgrab.dataset.folder import refuse_other
+from simgrab.dataset.pool import Progress, Tick
+from simgrab.dataset.shard_reader import CAMERA, PLACE, PREVIEW, Place, ShardedDataset, archive
+from simgrab.dataset.stores import Store
+from simgrab.dataset.summary import Summary, Tally
+from simgrab.errors import DatasetError
+from simgrab.io import parquet
+from simgrab.io.files import sha256
+from simgrab.io.parse import parse_json
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import Row
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+from simgrab.world.gl import Fingerprint
+
+FRAMES = 256
+"""Of a shard, unless given: 100 to 150 MB of 1080p JPEG."""
+UNFINISHED = "unfinished.json"
+_ABOUT = "simgrab_shard"  # key of the labels' metadata
+
+
+class About(msgspec.Struct, frozen=True):
+    """What a shard's labels state of it.
+
+    Attributes
+    ----------
+    digest : str
+        Of the scenario.
+    rendered_by : Fingerprint
+    archives : dict of str to (int, str)
+        Size in bytes and SHA-256 of each archive, by name.
+    """
+
+    digest: str
+    rendered_by: Fingerprint
+    archives: dict[str, tuple[int, str]]
+
+
+class Done(msgspec.Struct, frozen=True):
+    """What a process answers that made a shard.
+
+    Attributes
+    ----------
+    number : int
+    labels_sha256 : str
+    rendered_by : Fingerprint
+    tally : Tally
+    """
+
+    number: int
+    labels_sha256: str
+    rendered_by: Fingerprint
+    tally: Tally
+
+
+def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
+    """Frames of a shard: as wanted, but whole clips where each has a world of its own, and no more than there are.
+
+    Raises
+    ------
+    DatasetError
+        If it is less than 1.
+    """
+    wanted = FRAMES if frames is None else frames
+    if wanted < 1:
+        raise DatasetError(f"a shard must have 1 frame or more, got {wanted}")
+    each = scenario.clip.clip_frames or scenario.frames if varies else 1
+    return min(math.ceil(wanted / each) * each, scenario.frames)
+
+
+@dataclass(frozen=True)
+class Shards:
+    """A dataset of shards being made.
+
+    Parameters
+    ----------
+    store : Store
+    recipe : Recipe
+    frames : int
+        Of each shard; see `frames_of`.
+    """
+
+    store: Store
+    recipe: Recipe
+    frames: int
+
+    @property
+    def count(self) -> int:
+        """Number of shards."""
+        return math.ceil(self.recipe.scenario.frames / self.frames)
+
+    def span(self, number: int) -> range:
+        """Frames of a shard."""
+        return range(number * self.frames, min((number + 1) * self.frames, self.recipe.scenario.frames))
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be equal for two runs to make the same shards, but for the renderer."""
+        return manifest.identity(self.recipe) | {"shard_frames": self.frames}
+
+    def check(self, *, resume: bool) -> bool:
+        """Whether the dataset is unfinished, or not begun; refuses a place that holds anything else."""
+        sizes = self.store.sizes()
+        name = MANIFEST if MANIFEST in sizes else UNFINISHED
+        if name in sizes:
+            unfinished = name == UNFINISHED
+            refuse_other(self.store.url, self._known(name), self.identity, unfinished=unfinished, resume=resume)
+        elif sizes or self.store.holds_folders():
+            raise DatasetError(
+                f"{self.store.url} contains something other than a simgrab dataset; choose another --out"
+            )
+        return name == UNFINISHED or name not in sizes
+
+    def begun(self) -> bool:
+        """Whether a dataset is begun there: whose scenario was found possible, then."""
+        return self.store.exists(UNFINISHED)
+
+    def _check_claimed(self) -> None:
+        """Refuse a place that was claimed and is so no more: a file system that is not mounted any longer, say."""
+        if not self.begun():
+            raise DatasetError(f"{self.store.url} is gone, or another process finished it: it has no {UNFINISHED}")
+        if self._known(UNFINISHED).get("digest") != self.recipe.scenario.digest():
+            raise DatasetError(f"{self.store.url} is being written by another simgrab, of another scenario")
+
+    def _known(self, name: str) -> dict[str, Any]:
+        """Read the manifest, or what an unfinished dataset has in its place."""
+        data = self.store.read(name, most_bytes=shards.MOST_MANIFEST_BYTES)
+        known = parse_json(data, DatasetError, f"{self.store.url}/{name}: it is not valid JSON")
+        known = known if isinstance(known, dict) else {}
+        if isinstance(known.get("shards"), dict):
+            known["shard_frames"] = known["shards"].get("frames")
+        return known
+
+    def begin(self) -> None:
+        """Claim the place."""
+        self.store.write(UNFINISHED, json.dumps(self.identity, indent=1).encode())
+
+    def done(self) -> Iterator[Done]:
+        """Find the shards that are whole: their labels can be read, and their archives are there."""
+        sizes = self.store.sizes("shards")
+        there = self.store.sizes("labels")
+        for number in range(self.count):
+            name = shards.table(number)
+            if name not in there:
+                continue
+            data = self.store.read(name, most_bytes=parquet.MOST_BYTES)
+            try:
+                found = shards.parse_shard(data, f"{self.store.url}: {name}")
+                about = _about(found.schema, f"{self.store.url}: {name}")
+            except DatasetError:  # damaged: it is made again
+                continue
+            if about.digest != self.recipe.scenario.digest():
+                raise DatasetError(f"{self.store.url}: {name} is of another dataset; choose another --out")
+            if all(sizes.get(key) == size for key, (size, _) in about.archives.items()):
+                tally = Tally.of(found.rows, self.recipe.scenario)
+                yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
+
+    def make(self, generator: FrameGenerator, number: int, tick: Tick) -> Done:
+        """Make a shard and write it."""
+        self._check_claimed()
+        scenario = self.recipe.scenario
+
+        def frames() -> Iterator[Packed]:
+            for frame in self.span(number):
+                made = stored.make(generator, frame)
+                row, mask = made.record.truth, made.record.mask
+                yield Packed(row, mask if tables.is_labelled(row, scenario) else None, made.files)
+                tick()
+
+        rendered_by = generator.scene(self.span(number)[0]).renderer.fingerprint
+        return write(self.store, number, frames(), scenario, rendered_by)
+
+    def finish(self, done: dict[int, Done], rendered_by: Fingerprint) -> None:
+        """Write what depends on all shards; the manifest comes last."""
+        self._check_claimed()
+        there = self.store.sizes("labels")
+        for number in range(self.count):
+            if shards.table(number) not in there:
+                raise DatasetError(f"{self.store.url}: {shards.table(number)} is gone; run it again with --resume")
+        known = [done[number] for number in range(self.count)]
+        written = {name: self.store.sha256(name) for name in sensors.write(self.recipe, self.store.writing)}
+        core, scenario = manifest.identity(self.recipe), self.recipe.scenario
+        finish(self.store, core, self.frames, known, scenario, rendered_by, written)
+        self.release()
+
+    def release(self) -> None:
+        """Give the place up: what is there is finished, even where this fails."""
+        with contextlib.suppress(DatasetError):
+            self.store.remove(UNFINISHED)
+
+    def reopen(self) -> None:
+        """Make a finished dataset that lost shards an unfinished one."""
+        self.begin()
+        self.store.remove(MANIFEST)
+
+
+class Packed(NamedTuple):
+    """A frame as a shard holds it: its row, its mask where detection labels hold a box, and its files by name."""
+
+    row: Row
+    mask: dict[str, Any] | None
+    files: dict[str, bytes]
+
+
+def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenario, rendered_by: Fingerprint) -> Done:
+    """Write a shard: its archives, then its labels."""
+    rows = list[tuple[Row, Place]]()
+    archives: dict[str, tuple[int, str]] = {}
+    with contextlib.ExitStack() as stack:
+        writers: dict[str, _Archive] = {}
+        for row, mask, files in frames:
+            name = archive(row.split, number)
+            if name not in writers:
+                writers[name] = _Archive(stack.enter_context(store.writing(name)))
+                stack.callback(writers[name].abandon)
+            writers[name].add(f"{row.frame:06d}.json", _described(row, mask))
+            for file, data in files.items():
+                spot = writers[name].add(_member(file), data)
+                if file == row.file:
+                    rows.append((row, Place(name, *spot, mask["counts"] if mask else None)))
+        for name, writer in writers.items():
+            archives[name] = writer.close()
+    labels = _labels(rows, About(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
+    store.write(shards.table(number), labels)
+    tally = Tally.of((row for row, _ in rows), scenario)
+    return Done(number, hashlib.sha256(labels).hexdigest(), rendered_by, tally)
+
+
+def finish(
+    store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario,
+    rendered_by: Fingerprint, written: dict[str, str],
+) -> None:  # fmt: skip
+    """Write what depends on all shards of so many frames each; the manifest comes last.
+
+    Parameters
+    ----------
+    store : Store
+    core : dict
+        See `simgrab.dataset.manifest.identity`.
+    frames : int
+    done : sequence of Done
+        All shards, by number.
+    scenario : Scenario
+    rendered_by : Fingerprint
+    written : dict of str to str
+        SHA-256 of other files that are there, by name.
+    """
+    digests = {shards.table(one.number): one.labels_sha256 for one in done} | written
+    about = {"frames": frames, "splits": [one.tally.splits for one in done]}
+    if "selection" not in core:  # of which a manifest counts nothing
+        core = core | functools.reduce(Tally.__add__, (one.tally for one in done)).stated(scenario)
+    known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
+    dataset = ShardedDataset(store, known, tuple(sum(one.tally.splits) for one in done))
+    tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
+    camera = tables.calibration_of(scenario).to_toml().encode()
+    files = {CAMERA: camera, PREVIEW: preview.of(tiles)} | tables.grabs(scenario)
+    for name, data in files.items():
+        store.write(name, data)
+        digests[name] = hashlib.sha256(data).hexdigest()
+    store.write(MANIFEST, manifest.compose(core | {"shards": about}, rendered_by, digests))
+
+
+class _Archive:
+    """A tar archive of files without owner and time, so that the same files give the same bytes."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
+
+    def add(self, name: str, data: bytes) -> tuple[int, int]:
+        """Add a file; gives its first byte in the archive and its size."""
+        member = tarfile.TarInfo(name)
+        member.size = len(data)
+        start: int = self._tar.offset + tarfile.BLOCKSIZE  # after its header
+        self._tar.addfile(member, io.BytesIO(data))
+        return start, len(data)
+
+    def abandon(self) -> None:
+        """Close the file, complete or not."""
+        self._tar.close()
+
+    def close(self) -> tuple[int, str]:
+        """Complete the archive; gives its size in bytes and its SHA-256."""
+        self._tar.close()
+        return self._path.stat().st_size, sha256(self._path)
+
+
+def _member(file: str) -> str:
+    """Name a frame's file in its archive: ``000012.jpg``, ``000012.ids.png``, ``000012.depth.png``."""
+    folder, _, stem = file.partition("/")
+    name = stem.rpartition("/")[2]
+    return name if folder == "images" else name.replace(".", f".{folder}.", 1)
+
+
+def _described(row: Row, mask: dict[str, Any] | None) -> bytes:
+    """Describe a frame in JSON, beside its picture in the archive."""
+    return msgspec.json.encode({"truth": row, "labelled": mask is not None, "mask": mask})
+
+
+def _labels(rows: list[tuple[Row, Place]], about: About) -> bytes:
+    """Write the labels of a shard as Parquet."""
+    schema = tables.labels_schema()
+    for name, (kind, text) in PLACE.items():
+        schema = schema.append(pa.field(name, kind, metadata={"unit": "", "description": text}))
+    schema = schema.with_metadata({**(schema.metadata or {}), _ABOUT: msgspec.json.encode(about)})
+    plain = [msgspec.structs.asdict(row) | msgspec.structs.asdict(place) for row, place in rows]
+    sink = io.BytesIO()
+    pq.write_table(pa.Table.from_pylist(plain, schema=schema), sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _about(schema: pa.Schema, where: str) -> About:
+    try:
+        return msgspec.json.decode((schema.metadata or {})[_ABOUT.encode()], type=About)
+    except (msgspec.DecodeError, KeyError, RecursionError, UnicodeDecodeError) as problem:
+        raise DatasetError(f"{where}: not labels of a shard ({type(problem).__name__})") from None
+
+
+def render(
+    recipe: Recipe,
+    url: str,
+    *,
+    workers: int,
+    cluster: str | None,
+    resume: bool,
+    shard_frames: int | None,
+    progress: Progress | None,
+    checking: Progress | None,
+) -> Summary:
+    """Render a recipe into shards below a URL; parameters as those of `simgrab.render`."""
+    scenario = recipe.scenario
+    output = Shards(Store(url), recipe, frames_of(scenario, shard_frames, varies=recipe.varies))
+    remaining, known = output.check(resume=resume), None
+    if remaining and not output.begun():
+        known = pool.vetted(recipe, workers, checking, cluster=cluster)
+        output.begin()
+    done = {one.number: one for one in output.done()}
+    missing = [number for number in range(output.count) if number not in done]
+    if missing and not remaining:
+        output.reopen()
+    made = sum(len(output.span(number)) for number in missing)
+    rendered_by = None
+    for one in done.values():
+        rendered_by = pool.same_renderer(one.rendered_by, rendered_by, f"{url}, {shards.table(one.number)}")
+    if missing or remaining:
+        report = pool.report(progress, scenario.frames - made, scenario.frames)
+        rendering = pool.map_items(
+            recipe, known, missing, output.make, workers=workers, cluster=cluster, unit="shard", frames=output.span,
+            progress=report,
+        )  # fmt: skip
+        with contextlib.closing(rendering):
+            for one in rendering:
+                rendered_by = pool.same_renderer(one.rendered_by, rendered_by, url)
+                done[one.number] = one
+        assert rendered_by is not None
+        output.finish(done, rendered_by)
+    elif output.begun():  # the process that finished it had no time to
+        output.release()
+    tally = functools.reduce(Tally.__add__, (done[number].tally for number in range(output.count)))
+    return Summary.of(url, tally, scenario, made, done[0].rendered_by.digest)

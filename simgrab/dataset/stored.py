@@ -1,0 +1,92 @@
+"""From a frame to what a dataset stores of it: its row of labels, its mask, and its files."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
+
+from simgrab.io.pictures import encode
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Iid
+from simgrab.model.truth import Row, Truth
+from simgrab.world.camera.renderer import View
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import Frame, FrameGenerator
+from simgrab.world.gl import Fingerprint
+
+DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
+
+
+class Record(msgspec.Struct, frozen=True):
+    """What is known of a stored frame.
+
+    Attributes
+    ----------
+    truth : Row
+    mask : dict
+        The visible grab in the whole picture, as COCO's compressed run lengths.
+    rendered_by : Fingerprint
+    """
+
+    truth: Row
+    mask: dict[str, Any]
+    rendered_by: Fingerprint
+
+
+@dataclass(frozen=True, eq=False)
+class StoredFrame:
+    """A stored frame: its record, and its files by name."""
+
+    record: Record
+    files: dict[str, bytes]
+
+
+def make(generator: FrameGenerator, number: int) -> StoredFrame:
+    """Make one frame and encode it."""
+    return encoded(generator, generator.frame(number, full=generator.scenario.image.stores_buffers))
+
+
+def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
+    """Encode a frame that the generator made."""
+    image, number = generator.scenario.image, frame.truth.frame
+    part = split(generator.recipe, number)
+    stem = f"{part}/{number:06d}"
+    name = f"images/{stem}.{'jpg' if image.format == 'jpeg' else 'png'}"
+    files = {name: encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), image.format, image.quality)}
+    if frame.full and image.ids:
+        files[f"ids/{stem}.png"] = encode(frame.full.ids, "png")
+    if frame.full and image.depth:
+        files[f"depth/{stem}.png"] = encode(_millimetres(frame.full), "png")
+    digest = hashlib.sha256(files[name]).hexdigest()
+    row = Row(**msgspec.structs.asdict(frame.truth), split=part, file=name, image_sha256=digest)
+    fingerprint = generator.scene(number).renderer.fingerprint
+    return StoredFrame(Record(row, run_length_mask(frame.grab, row), fingerprint), files)
+
+
+def split(recipe: Recipe, frame: int) -> str:
+    """Draw a frame into train, val or test by the scenario's shares; frames of one clip, being alike, stay together."""
+    scenario = recipe.scenario
+    independent = isinstance(scenario.swing, Iid) and not recipe.varies and recipe.extensions.trajectory is None
+    unit = frame if independent else scenario.clip.of(frame)
+    share = stream(scenario.seed, unit, "split").random()
+    return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"
+
+
+def _millimetres(view: View) -> NDArray[np.uint16]:
+    return np.minimum(view.depth * DEPTH_MM, 65535).round().astype(np.uint16)
+
+
+def run_length_mask(grab: View, truth: Truth) -> dict[str, Any]:
+    """COCO's compressed run lengths, in the whole picture, of the grab that a window of it shows."""
+    mask = np.zeros((truth.height_px, truth.width_px), np.uint8, order="F")
+    x0, y0, x1, y1 = grab.window
+    mask[y0:y1, x0:x1] = grab.shows_grab
+    coded = coco_mask.encode(mask)
+    return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}

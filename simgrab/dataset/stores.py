@@ -1,0 +1,249 @@
+"""Files by name below a URL: a folder or an object store, by fsspec. A file appears whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import re
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import unquote_to_bytes
+
+from simgrab.errors import DatasetError, first_line
+from simgrab.io import files
+
+T = TypeVar("T")
+
+ATTEMPTS = 4
+"""At a request to a remote store, besides those of its own driver."""
+_FIRST_PAUSE_S = 0.5
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+_EXTRAS = {"s3": "s3", "s3a": "s3"}
+#: Stores in which an upload takes its name when it is complete; in others it is renamed then.
+_ATOMIC = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "memory"})
+_PERMANENT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)  # not worth another attempt
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def is_url(place: object) -> bool:
+    """Whether a place is a URL, such as ``s3://bucket/name``, and not a path."""
+    return isinstance(place, str) and _URL.match(place) is not None
+
+
+@dataclass(frozen=True)
+class Store:
+    """Files below a URL. It can be pickled; each process opens a connection of its own.
+
+    Whatever a driver raises comes as a `DatasetError` of one line. Requests to remote stores are repeated, with growing
+    pauses, before that.
+
+    Parameters
+    ----------
+    url : str
+        As fsspec takes it: ``s3://…``, ``gs://…``, ``file://…``; settings of the driver come from its environment, such
+        as ``AWS_ENDPOINT_URL``.
+    """
+
+    url: str
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"url": self.url}
+
+    @property
+    def _opened(self) -> tuple[Any, str]:
+        """The file system and the path below it, opened by this process: a fork cannot use its parent's."""
+        process, system, base = self.__dict__.get("_cached", (0, None, ""))
+        if process != os.getpid():
+            system, base = self._open()
+            self.__dict__["_cached"] = os.getpid(), system, base
+        return system, base
+
+    def _open(self) -> tuple[Any, str]:
+        import fsspec
+
+        if self.url.lower().startswith("file://"):
+            path = os.fsdecode(unquote_to_bytes(self.url[len("file://") :]))
+            if not path.startswith("/"):
+                raise DatasetError(f"{self.url} cannot be used: the URL of a folder begins with file:///")
+            return fsspec.filesystem("file"), self._named(path)
+        scheme = self.url.partition(":")[0].lower()
+        try:
+            found: tuple[Any, str] = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
+        except ImportError as problem:
+            extra = f": pip install 'simgrab[{_EXTRAS[scheme]}]'" if scheme in _EXTRAS else ""
+            raise DatasetError(f"{self.url}: {first_line(problem)}{extra}") from None
+        except ValueError as problem:
+            raise DatasetError(f"{self.url} cannot be used: {first_line(problem)}") from None
+        except Exception as problem:  # a driver may raise anything
+            raise self._refusal("use", problem) from problem
+        return found[0], self._named(found[1])
+
+    def _named(self, path: str) -> str:
+        base = path.rstrip("/")
+        if not base:
+            raise DatasetError(f"{self.url} cannot be used: it names no folder")
+        return base
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder that it is; None in a remote store."""
+        system, path = self._opened
+        return Path(path) if "file" in _protocols(system) else None
+
+    def _path(self, name: str) -> str:
+        return f"{self._opened[1]}/{name}"
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file."""
+        if self.folder is not None:
+            with self.writing(name) as draft:
+                draft.write_bytes(data)
+        else:
+            self._upload(name, len(data), lambda system, path: system.pipe_file(path, data))
+
+    @contextlib.contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
+        """Give a local file to write to, which takes the name at the end; left with an error, nothing does."""
+        if self.folder is not None:
+            with self._local(), files.drafted(self.folder / name) as draft:
+                yield draft
+            return
+        with self._local(), tempfile.TemporaryDirectory(prefix="simgrab-") as scratch:
+            draft = Path(scratch) / "draft"
+            yield draft
+            self._upload(name, draft.stat().st_size, lambda system, path: system.put_file(str(draft), path))
+
+    def _upload(self, name: str, size: int, send: Callable[[Any, str], object]) -> None:
+        def attempt() -> None:
+            system, target = self._opened[0], self._path(name)
+            atomic = bool(_ATOMIC & set(_protocols(system)))
+            place = target if atomic else f"{target}.{uuid.uuid4().hex}.draft"
+            if not atomic:
+                system.makedirs(target.rpartition("/")[0], exist_ok=True)
+            send(system, place)
+            found = system.info(place)["size"]
+            if found != size:
+                raise OSError(errno.EIO, f"{found} of {size} bytes arrived")
+            if not atomic:
+                system.mv(place, target)
+
+        self._tried(f"write {name} to", attempt)
+
+    def read(self, name: str, *, most_bytes: int, span: tuple[int, int] | None = None) -> bytes:
+        """Read a file, or the bytes of a span of it, from its start to before its end.
+
+        Raises
+        ------
+        DatasetError
+            If it is not there, or longer than ``most_bytes``.
+        """
+        start, end = span or (0, None)
+        if span is None and (found := self._size(name)) > most_bytes:
+            raise DatasetError(f"{self.url}: {name} has {found} bytes; the limit is {most_bytes}")
+
+        def attempt() -> bytes:
+            return bytes(self._opened[0].cat_file(self._path(name), start=start, end=end))
+
+        data = self._tried(f"read {name} of", attempt)
+        if span is not None and len(data) != span[1] - span[0]:
+            raise DatasetError(f"{self.url}: {name} is cut off")
+        return data
+
+    def _size(self, name: str) -> int:
+        return int(self._tried(f"read {name} of", lambda: self._opened[0].info(self._path(name)))["size"])
+
+    def sha256(self, name: str) -> str:
+        """SHA-256 of a file."""
+
+        def attempt() -> str:
+            with self._opened[0].open(self._path(name), "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+
+        return self._tried(f"read {name} of", attempt)
+
+    def exists(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+
+        def attempt() -> bool:  # isfile() of fsspec's says no where it cannot find out
+            try:
+                return bool(self._opened[0].info(self._path(name))["type"] == "file")
+            except FileNotFoundError:
+                return False
+
+        return self._tried(f"look up {name} in", attempt)
+
+    def sizes(self, folder: str = "") -> dict[str, int]:
+        """Names of the files of a folder, below the store's URL, with their sizes in bytes; drafts are left out."""
+        system, base = self._opened
+
+        def attempt() -> list[dict[str, Any]]:
+            try:
+                return list(system.ls(f"{base}/{folder}".rstrip("/"), detail=True))
+            except FileNotFoundError:
+                return []
+
+        found = self._tried("list", attempt)
+        names = ((one["name"].rpartition("/")[2], one) for one in found if _is_file(one))
+        prefix = f"{folder}/" if folder else ""
+        return {prefix + name: int(one["size"]) for name, one in names if not name.endswith(".draft")}
+
+    def holds_folders(self) -> bool:
+        """Whether there are folders directly below the URL."""
+        system, base = self._opened
+
+        def attempt() -> bool:
+            try:
+                return any(one["type"] == "directory" for one in system.ls(base, detail=True))
+            except FileNotFoundError:
+                return False
+
+        return self._tried("list", attempt)
+
+    def remove(self, name: str) -> None:
+        """Remove a file."""
+        self._tried(f"remove {name} from", lambda: self._opened[0].rm_file(self._path(name)))
+
+    def _tried(self, what: str, attempt: Callable[[], T]) -> T:
+        remote = self.folder is None
+        for pause in range(ATTEMPTS):
+            try:
+                return attempt()
+            except (MemoryError, DatasetError):
+                raise
+            except Exception as problem:
+                if not remote or isinstance(problem, _PERMANENT) or pause == ATTEMPTS - 1:
+                    raise self._refusal(what, problem) from problem
+                time.sleep(_FIRST_PAUSE_S * 2**pause)
+        raise AssertionError
+
+    @contextlib.contextmanager
+    def _local(self) -> Iterator[None]:
+        """Answer an error of the local file system with one line."""
+        try:
+            yield
+        except OSError as problem:
+            if isinstance(problem, BrokenPipeError) or problem.errno == errno.ENOMEM:  # not of a file
+                raise
+            raise self._refusal("write to", problem) from problem
+
+    def _refusal(self, what: str, problem: Exception) -> DatasetError:
+        if isinstance(problem, OSError) and problem.errno in _FULL:
+            place = self.url if self.folder is not None else tempfile.gettempdir()
+            return DatasetError(f"no space left for {place}; free some and continue with --resume")
+        why = "it is not there" if isinstance(problem, FileNotFoundError) else first_line(problem)
+        return DatasetError(f"cannot {what} {self.url}: {why}")
+
+
+def _is_file(found: dict[str, Any]) -> bool:
+    return bool(found["type"] == "file" and not found["name"].endswith("/"))  # as some tools mark a folder
+
+
+def _protocols(system: Any) -> tuple[str, ...]:
+    return (system.protocol,) if isinstance(system.protocol, str) else tuple(system.protocol)

@@ -1,0 +1,153 @@
+"""What is said of a finished dataset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from simgrab.dataset.video.render import VideoSummary
+from simgrab.model.scenario import CLAMPABLE, Scenario
+from simgrab.model.truth import SPLITS, Row
+
+
+class Seen(msgspec.Struct, frozen=True):
+    """The columns of labels that a `Tally` needs."""
+
+    split: str
+    alpha_deg: float
+    beta_deg: float
+    rope_length_m: float
+    clamped: str
+    visible_fraction: float
+
+
+class Tally(msgspec.Struct, frozen=True):
+    """Sums over frames; two of them can be added.
+
+    Attributes
+    ----------
+    splits : tuple of 3 int
+        Frames in train, val and test.
+    labelled : int
+        Frames with a detection label.
+    alpha_squares, alpha_max : float
+        Sum of α², deg²; the largest α, deg.
+    beta_min, beta_max : float
+        Tilt, deg.
+    shortest_m, longest_m : float
+        Rope.
+    clamped : tuple of 2 int
+        Frames in which each of `simgrab.model.scenario.CLAMPABLE` was replaced by the nearest possible value.
+    """
+
+    splits: tuple[int, int, int] = (0, 0, 0)
+    labelled: int = 0
+    alpha_squares: float = 0.0
+    alpha_max: float = 0.0
+    beta_min: float = math.inf
+    beta_max: float = -math.inf
+    shortest_m: float = math.inf
+    longest_m: float = -math.inf
+    clamped: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of(cls, rows: Iterable[Row | Seen], scenario: Scenario) -> Tally:
+        """Count frames."""
+        rows = list(rows)
+        least = max(scenario.labels.least_visible_fraction, 1e-12)
+        names = [row.split for row in rows]
+        ropes, betas = [row.rope_length_m for row in rows], [row.beta_deg for row in rows]
+        jaws, shortened = (sum(key in row.clamped.split("+") for row in rows) for key in CLAMPABLE)
+        return cls(
+            (names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
+            sum(row.visible_fraction >= least for row in rows),
+            math.fsum(row.alpha_deg**2 for row in rows),
+            max((row.alpha_deg for row in rows), default=0.0),
+            min(betas, default=math.inf),
+            max(betas, default=-math.inf),
+            min(ropes, default=math.inf),
+            max(ropes, default=-math.inf),
+            (jaws, shortened),
+        )
+
+    def __add__(self, other: Tally) -> Tally:
+        train, val, test = (a + b for a, b in zip(self.splits, other.splits, strict=True))
+        return Tally(
+            (train, val, test),
+            self.labelled + other.labelled,
+            self.alpha_squares + other.alpha_squares,
+            max(self.alpha_max, other.alpha_max),
+            min(self.beta_min, other.beta_min),
+            max(self.beta_max, other.beta_max),
+            min(self.shortest_m, other.shortest_m),
+            max(self.longest_m, other.longest_m),
+            (self.clamped[0] + other.clamped[0], self.clamped[1] + other.clamped[1]),
+        )
+
+    def stated(self, scenario: Scenario) -> dict[str, dict[str, int]]:
+        """Give what the manifest states: frames by key that was clamped, where the scenario lets keys be clamped."""
+        counts = dict(zip(CLAMPABLE, self.clamped, strict=True))
+        keys = scenario.swing.clamped
+        return {"clamped": {key: counts[key] for key in keys}} if keys else {}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a finished dataset holds.
+
+    Attributes
+    ----------
+    path : Path or str
+        Its folder or URL.
+    frames, labelled : int
+        Frames, and those with a detection label.
+    splits : dict of str to int
+    made : int
+        Frames rendered in this run; the others were there already.
+    alpha_rms_deg, alpha_max_deg : float
+        √mean α², and the largest α.
+    beta_deg : tuple of 2 floats
+        Least and largest tilt of the frames.
+    rope_length_m : tuple of 2 floats
+        Shortest and longest.
+    clamped : dict of str to int, or None
+        Frames by key of the swing that was replaced by the nearest possible value; None without ``swing.clamp``.
+    fingerprint : str
+    video : VideoSummary or None
+        Where there is one beside the dataset.
+    """
+
+    path: Path | str
+    frames: int
+    labelled: int
+    splits: dict[str, int]
+    made: int
+    alpha_rms_deg: float
+    alpha_max_deg: float
+    beta_deg: tuple[float, float]
+    rope_length_m: tuple[float, float]
+    clamped: dict[str, int] | None
+    fingerprint: str
+    video: VideoSummary | None = None
+
+    @classmethod
+    def of(cls, path: Path | str, tally: Tally, scenario: Scenario, made: int, fingerprint: str) -> Summary:
+        """Sum up a dataset of at least one frame."""
+        frames = sum(tally.splits)
+        return cls(
+            path=path,
+            frames=frames,
+            labelled=tally.labelled,
+            splits=dict(zip(SPLITS, tally.splits, strict=True)),
+            made=made,
+            alpha_rms_deg=math.sqrt(tally.alpha_squares / frames),
+            alpha_max_deg=tally.alpha_max,
+            beta_deg=(tally.beta_min, tally.beta_max),
+            rope_length_m=(tally.shortest_m, tally.longest_m),
+            clamped=tally.stated(scenario).get("clamped"),
+            fingerprint=fingerprint,
+        )

@@ -1,0 +1,339 @@
+"""A dataset's tables, Parquet, YOLO and COCO, written row by row."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from functools import cache
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import Any, BinaryIO, TextIO
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pycocotools import mask as coco_mask
+
+from simgrab.io import models
+from simgrab.model import label_arrays as labels
+from simgrab.model.calibration import Calibration
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
+
+_GROUP_ROWS = 1024  # of a Parquet table, in memory at once
+_SPOOLED = 2**20  # bytes of annotations in memory
+_YOLO_NEEDS = ("train", "val")
+_ARROW = {
+    pa.bool_(): ("bool",),
+    pa.int64(): ("Index", "Side"),
+    pa.float64(): ("Finite", "Length", "Angle"),
+    pa.string(): ("str", "Split"),
+    pa.list_(pa.float64()): ("Vector", "Corners", "Pose", "Points"),
+}
+
+
+def labels_schema() -> pa.Schema:
+    """Arrow schema of ``labels.parquet``; each column's metadata holds its unit and description."""
+    return pa.schema(
+        [
+            pa.field(name, _arrow_type(_kinds()[name]), metadata={"unit": unit, "description": text})
+            for name, (unit, text) in columns().items()
+        ],
+        metadata={"keypoint_names": json.dumps(KEYPOINT_NAMES)},
+    )
+
+
+def with_identity(schema: pa.Schema, identity: dict[str, Any]) -> pa.Schema:
+    """Keep a dataset's identity in its schema, under the key ``simgrab``."""
+    return schema.with_metadata({**(schema.metadata or {}), "simgrab": json.dumps(identity, sort_keys=True)})
+
+
+def _kinds() -> dict[str, str]:
+    """Annotation of each column as it is written."""
+    return {name: str(kind) for name, kind in (Truth.__annotations__ | Row.__annotations__).items()}
+
+
+def _arrow_type(annotation: str) -> pa.DataType:
+    inner = annotation.removeprefix("Annotated[").lstrip()
+    return next(kind for kind, words in _ARROW.items() if inner.startswith(words))
+
+
+def is_labelled(row: Row, scenario: Scenario) -> bool:
+    """Whether detection labels hold a box for the row, by the scenario's least fraction."""
+    return labels.is_labelled(row, scenario.labels.least_visible_fraction)
+
+
+def _box(row: Row) -> tuple[int, int, int, int]:
+    box = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    assert None not in box
+    return box  # type: ignore[return-value]
+
+
+def yolo(row: Row, scenario: Scenario) -> bytes:
+    """One frame's YOLO label: ``0 cx cy w h`` in shares of the picture, or nothing."""
+    if not is_labelled(row, scenario):
+        return b""
+    x0, y0, x1, y1 = _box(row)
+    w, h = row.width_px, row.height_px
+    shares = (x0 + x1) / 2 / w, (y0 + y1) / 2 / h, (x1 - x0) / w, (y1 - y0) / h
+    return f"0 {' '.join(f'{share:.10f}' for share in shares)}\n".encode()
+
+
+def yolo_yaml(full: Sequence[str]) -> bytes:
+    """``data.yaml`` of a dataset with frames in these splits; without ``path``, trainers look beside the file itself.
+
+    Trainers need the keys ``train`` and ``val``, and pictures under every key. Without frames, ``test`` is left out,
+    and the other two name the folder of another split.
+    """
+    lines = []
+    for split in SPLITS:
+        if split in full:
+            lines.append(f"{split}: images/{split}")
+        elif split in _YOLO_NEEDS:
+            lines += [f"# {split} has no frames, and trainers need some: these are those of {full[0]}."]
+            lines += [f"{split}: images/{full[0]}"]
+    return "\n".join([*lines, "nc: 1", "names: [grab]", ""]).encode()
+
+
+class Metadata:
+    """``metadata.csv`` of one split, as Hugging Face's ``imagefolder`` reads it: ``file_name`` and numbers.
+
+    Its columns are those of ``labels.parquet`` that hold a number, or whether something is so. Where a number may be
+    missing, whole ones are written as ``3.0``, so that a reader that infers types infers the same in every split.
+
+    Parameters
+    ----------
+    file : text file
+        To write to.
+    """
+
+    def __init__(self, file: TextIO) -> None:
+        self._table = csv.writer(file, lineterminator="\n")
+        self._table.writerow(["file_name", *_numbers()])
+
+    def add(self, row: Row) -> None:
+        """Write a row."""
+        values = ((getattr(row, name), optional) for name, optional in _numbers().items())
+        numbers = (float(v) if optional and v is not None else v for v, optional in values)
+        self._table.writerow([PurePosixPath(row.file).name, *numbers])
+
+
+def metadata(rows: Iterable[Row], split: str) -> bytes:
+    """``metadata.csv`` of one split."""
+    text = io.StringIO()
+    table = Metadata(text)
+    for row in rows:
+        if row.split == split:
+            table.add(row)
+    return text.getvalue().encode()
+
+
+def metadata_name(split: str) -> str:
+    """Where a split's ``metadata.csv`` lies in the dataset."""
+    return f"images/{split}/metadata.csv"
+
+
+@cache
+def _numbers() -> dict[str, bool]:
+    """Columns of one number or truth value each, with whether it may be missing."""
+    numbers = (pa.bool_(), pa.int64(), pa.float64())
+    return {f.name: "None" in _kinds()[f.name] for f in labels_schema() if f.type in numbers}
+
+
+def annotation(row: Row, mask: dict[str, Any]) -> dict[str, Any]:
+    """One frame's COCO annotation; ``mask`` is the visible grab, as COCO's compressed run lengths."""
+    x0, y0, x1, y1 = _box(row)
+    return {
+        "id": row.frame + 1,
+        "image_id": row.frame,
+        "category_id": 1,
+        "bbox": [x0, y0, x1 - x0, y1 - y0],
+        "area": int(coco_mask.area(mask)),
+        "segmentation": mask,
+        "iscrowd": 0,
+        "keypoints": row.keypoints,
+        "num_keypoints": sum(v > 0 for v in row.keypoints[2::3]),
+    }
+
+
+class Coco:
+    """COCO instances of one split, with run-length masks and keypoints.
+
+    Boxes and masks are of the visible grab; keypoints keep simgrab's pixel convention, (0, 0) being the corner of
+    the top-left pixel.
+
+    Parameters
+    ----------
+    file : text file
+        To write to.
+    scenario : Scenario
+    """
+
+    def __init__(self, file: TextIO, scenario: Scenario) -> None:
+        self._file, self._scenario = file, scenario
+        self._annotations = tempfile.SpooledTemporaryFile(_SPOOLED, "w+", encoding="utf-8")  # noqa: SIM115
+        self._images = self._labelled = 0
+        info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
+        file.write(json.dumps({"info": info, "licenses": []})[:-1] + ', "images": [')
+
+    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
+        """Write a frame, and its annotation where detection labels hold a box."""
+        image = {"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px}
+        self._file.write(", " * (self._images > 0) + json.dumps(image))
+        self._images += 1
+        if mask is not None and is_labelled(row, self._scenario):
+            self._annotations.write(", " * (self._labelled > 0) + json.dumps(annotation(row, mask)))
+            self._labelled += 1
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._file.write('], "annotations": [')
+        self._annotations.seek(0)
+        shutil.copyfileobj(self._annotations, self._file)
+        self._annotations.close()
+        category = {"id": 1, "name": "grab", "supercategory": "crane", "keypoints": KEYPOINT_NAMES, "skeleton": []}
+        self._file.write("], " + json.dumps({"categories": [category]})[1:])
+
+
+class Labels:
+    """``labels.parquet``, or a table of the same columns and more.
+
+    Parameters
+    ----------
+    file : binary file
+        To write to.
+    schema : pyarrow.Schema
+        Its metadata is the file's.
+    group_rows : int
+        Of a row group, which are in memory together.
+    """
+
+    def __init__(self, file: BinaryIO, schema: pa.Schema, group_rows: int = _GROUP_ROWS) -> None:
+        self._group_rows = group_rows
+        self._writer, self._schema = pq.ParquetWriter(file, schema, compression="zstd"), schema
+        self._rows: list[dict[str, Any]] = []
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Write a row, with those around it."""
+        self._rows.append(row)
+        if len(self._rows) == self._group_rows:
+            self._flush()
+
+    def _flush(self) -> None:
+        self._writer.write_table(pa.Table.from_pylist(self._rows, schema=self._schema))
+        self._rows.clear()
+
+    def close(self) -> None:
+        """Complete the file."""
+        if self._rows:
+            self._flush()
+        self._writer.close()
+
+
+Writing = Callable[[str], AbstractContextManager[Path]]
+"""Gives a path to write to for a file of the dataset, which takes its name when the context is left."""
+
+
+def into(folder: Path) -> Writing:
+    """Write files directly to their names below a folder."""
+
+    @contextmanager
+    def writing(name: str) -> Iterator[Path]:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield path
+
+    return writing
+
+
+class Tables:
+    """The tables of a dataset in a folder, which take frames in order and hold few of them. Use as a context manager.
+
+    Parameters
+    ----------
+    writing : callable
+    identity : dict
+        Is kept in ``labels.parquet`` under the schema key ``simgrab``.
+    scenario : Scenario
+    """
+
+    def __init__(self, writing: Writing, identity: dict[str, Any], scenario: Scenario) -> None:
+        self._writing, self._scenario, self._identity = writing, scenario, identity
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Tables:
+        schema = with_identity(labels_schema(), self._identity)
+        with self._stack:  # undone where one of them cannot be opened
+            labels = Labels(self._binary("labels.parquet"), schema)
+            self._labels = self._stack.enter_context(closing(labels))
+            self._coco = {split: self._opened_coco(f"annotations/instances_{split}.json") for split in SPLITS}
+            self._metadata: dict[str, Metadata] = {}
+            self._stack = self._stack.pop_all()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._stack.__exit__(kind, error, at)
+
+    @property
+    def splits(self) -> list[str]:
+        """Splits that have frames."""
+        return [split for split in SPLITS if split in self._metadata]
+
+    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
+        """Write a frame; ``mask``, where it is labelled, is the visible grab as COCO's compressed run lengths."""
+        self._labels.add(msgspec.structs.asdict(row))
+        self._coco[row.split].add(row, mask)
+        if row.split not in self._metadata:
+            self._metadata[row.split] = Metadata(self._text(metadata_name(row.split)))
+        self._metadata[row.split].add(row)
+
+    def _opened_coco(self, name: str) -> Coco:
+        return self._stack.enter_context(closing(Coco(self._text(name), self._scenario)))
+
+    def _binary(self, name: str) -> BinaryIO:
+        path = self._stack.enter_context(self._writing(name))
+        return self._stack.enter_context(path.open("wb"))
+
+    def _text(self, name: str) -> TextIO:
+        path = self._stack.enter_context(self._writing(name))
+        return self._stack.enter_context(path.open("w", encoding="utf-8", newline=""))
+
+
+def others(splits: Sequence[str], scenario: Scenario) -> dict[str, bytes]:
+    """Write what stands beside the tables of a dataset with frames in these splits, by name."""
+    camera = calibration_of(scenario).to_toml().encode()
+    return {"data.yaml": yolo_yaml(splits), "camera.toml": camera} | grabs(scenario)
+
+
+def grabs(scenario: Scenario) -> dict[str, bytes]:
+    """Copy the files of users' own grabs, by their names in a dataset."""
+    found: dict[str, bytes] = {}
+    for model in scenario.models:
+        found |= {f"{models.copied(model.sha256)}/{name}": data for name, data in model.files.items()}
+    return found
+
+
+def names(splits: Sequence[str]) -> list[str]:
+    """Name the tables, and what always lies beside them, of a dataset with frames in these splits."""
+    return [
+        "labels.parquet", "data.yaml", "camera.toml", "preview.jpg",
+        *(f"annotations/instances_{split}.json" for split in SPLITS), *map(metadata_name, splits),
+    ]  # fmt: skip
+
+
+def calibration_of(scenario: Scenario) -> Calibration:
+    """Give what an instrument gets to know of the camera: nominal values, never the tilt."""
+    camera, k = scenario.camera, scenario.camera.intrinsics
+    d = k.distortion
+    return Calibration(
+        width_px=k.width_px, height_px=k.height_px, focal_length_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px,
+        k1=d.k1, k2=d.k2, p1=d.p1, p2=d.p2, k3=d.k3,
+        offset_m=camera.offset_m, roll_deg=camera.roll_deg, offset_sd_m=0.05,
+        display_constant_m=scenario.display.constant_m,
+        digit_layout=scenario.display_layout,
+    )  # fmt: skip

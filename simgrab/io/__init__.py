@@ -1,0 +1,1 @@
+"""Reads and writes files of every kind, within limits; knows nothing of cranes."""

@@ -1,0 +1,200 @@
+"""Files of photographs and videos that a scenario shows below the grab, read and checked before anything shows them.
+
+A scenario names them by the name of a file or folder and the SHA-256 of the content, as it names models of grabs; the
+bytes are kept in the process (`simgrab.io.models`).
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.video.stream import VideoStream
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
+
+from simgrab.errors import SimgrabError, first_line
+from simgrab.io.models import MOST_BYTES, Files, Model, remember
+from simgrab.io.parse import Refuse, is_dir, read_bytes
+from simgrab.io.playback import Playback, aspect_of, squared, stream_of
+
+PHOTOGRAPHS = ("jpg", "jpeg", "png", "webp", "bmp")
+VIDEOS = ("mp4", "mkv", "avi", "mov")
+MOST_PIXELS = 40_000_000
+"""Of a photograph, or of a frame of a video."""
+LEAST_SIDE_PX = 32
+MOST_FILES = 1000
+"""Of a folder."""
+MOST_FRAMES = 20_000
+"""Of a video."""
+_KEPT = 4  # photographs that stay decoded
+
+Picture = NDArray[np.uint8]
+
+
+def read(path: str | Path, refuse: Refuse) -> Model:
+    """Read a photograph, a video, or a folder's photographs, and keep them for `simgrab.io.models.recall`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of a folder, those that `simgrab.io.pictures.of` lists.
+    refuse : callable
+        From a message to the error that is raised: for what cannot be read or decoded, is larger than
+        `simgrab.io.models.MOST_BYTES` together, or than `MOST_PIXELS` each.
+    """
+    path, left = Path(path), MOST_BYTES
+    if not is_dir(path, refuse):
+        return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
+    root, files = path.resolve(), dict[str, bytes]()
+    path = path if path.name not in ("", "..") else root
+    if not path.name:
+        raise refuse(f"{path} is the root of a disk; name a folder of photographs")
+    from simgrab.io import pictures  # which needs OpenCV
+
+    try:
+        listed = pictures.of(path, [f".{ending}" for ending in PHOTOGRAPHS])
+    except OSError as problem:
+        raise refuse(f"{path}: cannot be listed ({first_line(problem)})") from None
+    for file in listed:
+        if not file.resolve().is_relative_to(root):
+            raise refuse(f"{file.name} is a link to a file outside {path.name}")
+        if len(files) >= MOST_FILES:
+            raise refuse(f"{path.name} has more than {MOST_FILES} photographs")
+        files[f"{path.name}/{file.name}"] = read_bytes(file, refuse, most_bytes=left)
+        left -= len(files[f"{path.name}/{file.name}"])
+    return of_files(path.name, files, refuse)
+
+
+def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
+    """Keep photographs of bytes, with the checks of `read`."""
+    if not files:
+        raise refuse(f"{name} holds no photograph; they end in {', '.join('.' + ending for ending in PHOTOGRAPHS)}")
+    if sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
+        raise refuse(f"{name}: more than {MOST_BYTES >> 20} MiB or {MOST_FILES} files")
+    for file, data in files.items():
+        if file == name and _ending(file) in VIDEOS:
+            _decoded(file, data, refuse)
+        elif _ending(file) in PHOTOGRAPHS:
+            _photograph(file, data, refuse)
+        else:
+            known = ", ".join(f".{ending}" for ending in (*PHOTOGRAPHS, *VIDEOS))
+            raise refuse(f"{file}: must be a folder, or end in one of {known}")
+    return remember(Model(name, Files(files)))
+
+
+class Sequence:
+    """The pictures of a model that `read` has read, by number.
+
+    Parameters
+    ----------
+    model : Model
+    refuse : callable
+
+    Attributes
+    ----------
+    is_video : bool
+        Whether pictures follow each other in time.
+    """
+
+    def __init__(self, model: Model, refuse: Refuse) -> None:
+        self._model, self._refuse = model, refuse
+        self.is_video = _ending(model.name) in VIDEOS and model.name in model.files
+        self._names = sorted(model.files)
+        self._count = _count(model.name, model.data, refuse) if self.is_video else len(self._names)
+        self._frames: Iterator[av.VideoFrame] | None = None
+        self._next = 0
+        self._kept = lru_cache(maxsize=_KEPT)(lambda name: _photograph(name, model.files[name], refuse))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number: int) -> Picture:
+        """Decode a picture, RGB, shape (height, width, 3); a video's frames are fastest in order."""
+        if not self.is_video:
+            picture: Picture = self._kept(self._names[number])
+            return picture
+        if self._frames is None or number < self._next:
+            container, stream = _video(self._model.name, self._model.data, self._refuse)
+            self._frames, self._next = container.decode(stream), 0
+            self._playback = Playback(stream, lambda why: self._refuse(f"{self._model.name}: {why}"))
+        try:
+            while True:
+                frame = next(self._frames)
+                self._next += 1
+                if self._next > number:
+                    return self._playback.picture(frame)
+        except (av.FFmpegError, StopIteration):
+            self._frames = None
+            raise self._refuse(f"{self._model.name}: frame {self._next} of {self._count} cannot be decoded") from None
+
+
+def _ending(name: str) -> str:
+    return name.rpartition(".")[2].lower()
+
+
+def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of large pictures, which are refused here
+        try:
+            with Image.open(io.BytesIO(data), formats=("JPEG", "PNG", "WEBP", "BMP")) as image:
+                _check_size(name, *image.size, refuse)
+                if image.mode.startswith("I"):  # which Pillow would cut off at 255
+                    raise refuse(f"{name}: has values of 16 bits; store 8 bits")
+                return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+        except SimgrabError:
+            raise
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            raise refuse(f"{name}: is truncated, too large, or not a photograph") from None
+
+
+def _check_size(name: str, width: int, height: int, refuse: Refuse) -> None:
+    if width * height > MOST_PIXELS:
+        raise refuse(f"{name}: has {width}x{height} pixels; at most {MOST_PIXELS // 10**6} million are shown")
+    if min(width, height) < LEAST_SIDE_PX:
+        raise refuse(f"{name}: has {width}x{height} pixels; at least {LEAST_SIDE_PX} a side are needed")
+
+
+def _video(name: str, data: bytes, refuse: Refuse) -> tuple[InputContainer, VideoStream]:
+    """Open a video, and the stream of it that players show."""
+    try:
+        container = av.open(io.BytesIO(data), mode="r")
+    except (av.FFmpegError, ValueError):
+        raise refuse(f"{name}: is truncated, or not a video") from None
+    stream = stream_of(container.streams.video)
+    if stream is None:
+        raise refuse(f"{name}: has no pictures")
+    codec: Any = stream.codec_context  # None where FFmpeg has no decoder
+    if codec is None:
+        raise refuse(f"{name}: is coded in a way that is not known")
+    _check_size(name, *squared(codec.width, codec.height, aspect_of(stream)), refuse)
+    return container, stream
+
+
+def _decoded(name: str, data: bytes, refuse: Refuse) -> None:
+    container, stream = _video(name, data, refuse)
+    with container:
+        try:
+            Playback(stream, lambda why: refuse(f"{name}: {why}")).picture(next(container.decode(stream)))
+        except (av.FFmpegError, StopIteration):
+            raise refuse(f"{name}: no frame of it can be decoded") from None
+
+
+def _count(name: str, data: bytes, refuse: Refuse) -> int:
+    """Count the frames of a video without decoding them."""
+    container, stream = _video(name, data, refuse)
+    with container:
+        try:
+            count = sum(packet.size > 0 for packet in container.demux(stream))
+        except av.FFmpegError:
+            raise refuse(f"{name}: is truncated, or not a video") from None
+    if not 0 < count <= MOST_FRAMES:
+        raise refuse(f"{name}: has {count} frames; 1 to {MOST_FRAMES} are shown")
+    return count

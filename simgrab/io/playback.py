@@ -1,0 +1,161 @@
+"""Decoded frames of a video as a player shows them: of one moment, in standard range, with square pixels, upright.
+
+The coded pictures alone are not what a camera file describes. A file states beside them how they are to be shown:
+whether two fields were taken one after the other, by which transfer function light was coded, how wide a pixel is, and
+how the picture is turned.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from fractions import Fraction
+from typing import Any, TypeVar
+
+import numpy as np
+from av.filter import Graph
+from av.stream import Disposition
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
+from numpy.typing import NDArray
+
+from simgrab.io.parse import Refuse
+
+T = TypeVar("T", bound=np.generic)
+Turn = tuple[bool, bool, bool]  # whether rows become columns, then whether columns, and rows, are in reverse order
+
+# Cover art, thumbnails and maps of depth: pictures beside the video, though in streams like it.
+_BESIDE = (
+    Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
+)  # fmt: skip
+_HDR = {16: "PQ", 18: "HLG"}  # by FFmpeg's AVColorTransferCharacteristic
+_TO_SRGB = "out_transfer=iec61966-2-1:out_primaries=bt709:out_range=full"
+_UPRIGHT = (False, False, False)
+_TURNS = {
+    (False, True, True): "turned by 180°",
+    (False, True, False): "mirrored left to right",
+    (False, False, True): "mirrored top to bottom",
+    (True, True, False): "turned by 90° clockwise",
+    (True, False, True): "turned by 90° counterclockwise",
+    (True, False, False): "mirrored along the diagonal",
+    (True, True, True): "mirrored along the other diagonal",
+}
+_SKEW = 0.01  # of a display matrix, whose entries are rounded
+
+
+def stream_of(streams: tuple[VideoStream, ...]) -> VideoStream | None:
+    """Choose the stream that players show by default: the first that is marked so, or else the first of all."""
+    videos = [stream for stream in streams if not stream.disposition & _BESIDE]
+    return next((s for s in videos if s.disposition & Disposition.default), videos[0] if videos else None)
+
+
+def squared(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
+    """Size of a picture whose pixels are made square, the longer side of them being kept, px."""
+    return (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
+
+
+class Playback:
+    """Shows the frames of one stream.
+
+    Parameters
+    ----------
+    stream : VideoStream
+    refuse : callable
+        From a message to the error that is raised where frames are turned by less than a quarter.
+    """
+
+    def __init__(self, stream: VideoStream, refuse: Refuse) -> None:
+        self.aspect = aspect_of(stream)
+        self._refuse = refuse
+        self._beside = sum(not other.disposition & _BESIDE for other in stream.container.streams.video) - 1
+        self._index = stream.index
+        self._graphs = dict[tuple[str, ...], tuple[object, Graph]]()
+
+    def picture(self, frame: VideoFrame) -> NDArray[np.uint8]:
+        """Show a frame: RGB, shape (height, width, 3)."""
+        return self.placed(np.asarray(self.plain(frame).to_ndarray(format="rgb24"), np.uint8), frame)
+
+    def plain(self, frame: VideoFrame) -> VideoFrame:
+        """Give the same picture as of one moment, and in standard dynamic range.
+
+        Of an interlaced frame what moves is as in the first field, interpolated, and what stands still is of both: a
+        display keeps its resolution. What moves is told from the frame that was given before.
+        """
+        if frame.interlaced_frame:
+            frame = self._filtered(frame, 2, "bwdif", "mode=send_frame")
+        if frame.color_trc in _HDR:
+            frame = self._filtered(frame, 1, "scale", _TO_SRGB, "format", "pix_fmts=rgb24")
+        return frame
+
+    def _filtered(self, frame: VideoFrame, times: int, *chain: str) -> VideoFrame:
+        """Filter a frame; a filter that waits for the next one is given this one twice."""
+        kind = frame.width, frame.height, frame.format.name, frame.colorspace, frame.color_range, frame.color_trc
+        known = self._graphs.get(chain)
+        if known is None or known[0] != kind:
+            known = self._graphs[chain] = kind, _graph(frame, *chain)
+        for _ in range(times):
+            known[1].push(frame)
+        found = None
+        while True:
+            try:
+                found = known[1].vpull()
+            except (BlockingIOError, EOFError):
+                assert found is not None
+                return found
+
+    def placed(self, picture: NDArray[T], frame: VideoFrame) -> NDArray[T]:
+        """Make a frame's pixels square and turn it: any array of shape (height, width) or (height, width, 3)."""
+        size = squared(frame.width, frame.height, self.aspect)
+        if size != (frame.width, frame.height):
+            import cv2  # by this alone, and scenes, which may name videos, are read without it
+
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+        swapped, columns, rows = turn = self._turn(frame)
+        if turn == _UPRIGHT:
+            return picture
+        picture = picture.swapaxes(0, 1) if swapped else picture
+        return np.ascontiguousarray(picture[:: -1 if rows else 1, :: -1 if columns else 1])
+
+    def note(self, frame: VideoFrame) -> str:
+        """Say what was done to a frame and is not to be expected; empty where nothing was."""
+        notes, coded = [], (frame.width, frame.height)
+        if self._beside:
+            notes.append(f"of {self._beside + 1} video streams FFmpeg's #{self._index} is read")
+        if frame.interlaced_frame:
+            notes.append("of interlaced pictures the first field is read where they move")
+        if frame.color_trc in _HDR:
+            notes.append(f"HDR ({_HDR[frame.color_trc]}) is brought to standard range")
+        if (size := squared(*coded, self.aspect)) != coded:
+            aspect = f"{self.aspect.numerator}:{self.aspect.denominator}"
+            notes.append(f"pixels of {aspect} are made square: {coded[0]}x{coded[1]} px become {size[0]}x{size[1]} px")
+        if (turn := self._turn(frame)) != _UPRIGHT:
+            notes.append(f"pictures are {_TURNS[turn]}")
+        return "; ".join(notes)
+
+    def _turn(self, frame: VideoFrame) -> Turn:
+        """Read the display matrix: x' = a x + c y, y' = b x + d y; scale and shift are left to the players."""
+        data: Any = frame.side_data.get("DISPLAYMATRIX")
+        if data is None:
+            return _UPRIGHT
+        a, b, _, c, d, *_ = struct.unpack("=9i", bytes(data))
+        swapped = abs(b) > abs(a)
+        right, down, skew = (c, b, max(abs(a), abs(d))) if swapped else (a, d, max(abs(b), abs(c)))
+        if skew > _SKEW * min(abs(right), abs(down)):
+            angle = math.degrees(math.atan2(b, a))
+            raise self._refuse(f"its pictures are to be turned by {angle:.0f}°; only quarter turns are read")
+        return swapped, right < 0, down < 0
+
+
+def aspect_of(stream: VideoStream) -> Fraction:
+    """Width of a pixel over its height, as container or else coder state it; 1 where neither does."""
+    return stream.sample_aspect_ratio or Fraction(1)
+
+
+def _graph(frame: VideoFrame, *chain: str) -> Graph:
+    """Build a chain of FFmpeg's filters, given as names and arguments in turn, for frames like this one."""
+    graph = Graph()
+    graph.threads = 1
+    nodes = [graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base)]
+    nodes += [graph.add(name, args) for name, args in zip(chain[::2], chain[1::2], strict=True)]
+    graph.link_nodes(*nodes, graph.add("buffersink")).configure()
+    return graph

@@ -1,0 +1,1 @@
+"""The laboratory: stress studies, the paper, SwingBench, rival methods, and further sensors."""

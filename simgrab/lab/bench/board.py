@@ -1,0 +1,168 @@
+"""Scores as a table, a CSV file and a page."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simgrab.errors import BenchError, first_line
+from simgrab.io.destination import writing
+from simgrab.io.files import write
+from simgrab.io.parse import read_text
+from simgrab.lab.bench.entry import About, number
+from simgrab.lab.bench.score import SCORER, THRESHOLDS_DEG, Figure, Score
+from simgrab.lab.bench.season import Season
+
+HEAD = (
+    "method", "track", "rank", "average recall (%)", "answered (%)", "RMSE (°)", "95 % (°)", "at 10° (°)",
+    "coverage (%)", "width (°)", "alarms missed", "false", "delay (frames)", "ms a frame",
+)  # fmt: skip
+BRIEF = {
+    "method": "method", "track": "track", "rank": "rank", "average recall (%)": "recall %", "RMSE (°)": "RMSE °",
+    "coverage (%)": "cover %", "alarms missed": "missed", "false": "false",
+}  # fmt: skip
+"""Columns for a terminal, and their heads there."""
+_FIGURES = {
+    "average_recall": (100, 1), "answered": (100, 1), "rmse_deg": (1, 3), "p95_deg": (1, 3), "at_10_deg": (1, 3),
+    "coverage": (100, 1), "width_deg": (1, 3), "alarms_due": (1, 0), "alarms_missed": (1, 0), "alarms_false": (1, 0),
+    "alarm_delay_frames": (1, 1), "ms_per_frame": (1, 1),
+}  # fmt: skip
+NOTE = (
+    "Average recall: the mean over errors of "
+    + ", ".join(f"{t:g}" for t in THRESHOLDS_DEG)
+    + "° of the share of frames that lie within; a frame without an angle lies within none. In brackets: 95 % "
+    "intervals over clips. Entries of a track share a rank unless their average recall differs significantly. The "
+    "tilt is never aligned out."
+)
+
+
+def rows(scores: Sequence[Score]) -> list[tuple[str, ...]]:
+    """Rows of text under `HEAD`, the entries first and then those that test the scorer."""
+    return [_row(one) for one in scores]
+
+
+def brief(scores: Sequence[Score]) -> list[tuple[str, ...]]:
+    """Rows of the columns of `BRIEF`, without intervals, for a terminal of 80 columns."""
+    places = [HEAD.index(name) for name in BRIEF]
+    return [tuple(row[i] if i < 2 else row[i].partition(" (")[0] for i in places) for row in rows(scores)]
+
+
+def _row(one: Score) -> tuple[str, ...]:
+    text = {name: _text(one.figures[name], *how) for name, how in _FIGURES.items()}
+    missed = f"{text.pop('alarms_missed')} of {text.pop('alarms_due')}"
+    cells = list(text.values())
+    cells.insert(list(text).index("alarms_false"), missed)
+    own = (f"({one.about.method})", "", "") if one.sanity else (one.about.method, one.about.track, str(one.rank))
+    return (*own, *cells)
+
+
+def _text(figure: Figure, times: float, digits: int) -> str:
+    if figure.value is None:
+        return "–"
+    value = f"{times * figure.value:.{digits}f}"
+    if figure.low is None or figure.high is None:
+        return value
+    return f"{value} ({times * figure.low:.{digits}f} to {times * figure.high:.{digits}f})"
+
+
+_FIXED = ("season", "commitment", "scorer", "rank", "method", "track", "sanity", "clips", "frames")
+_COLUMNS = (*_FIXED, *(f"{name}{end}" for name in _FIGURES for end in ("", "_low", "_high")))
+
+
+@dataclass(frozen=True)
+class Board:
+    """Scores of one season.
+
+    Attributes
+    ----------
+    season, scorer : str
+        Name of the season, and version of the scorer.
+    scores : tuple of Score
+        At least one.
+    """
+
+    season: str
+    scorer: str
+    scores: tuple[Score, ...]
+
+    @property
+    def title(self) -> str:
+        """What was scored, and by what."""
+        one = self.scores[0]
+        return f"Season {self.season}: {one.clips} clips, {one.frames} frames, scorer {self.scorer}"
+
+
+def table(scores: Sequence[Score], season: Season) -> str:
+    """Scores as a CSV file: each figure with the ends of its interval, to nine decimals."""
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    out.writerow(_COLUMNS)
+    for one in scores:
+        ends = [
+            v for name in _FIGURES for v in (one.figures[name].value, one.figures[name].low, one.figures[name].high)
+        ]
+        out.writerow(
+            [season.name, season.commitment, SCORER, one.rank, one.about.method, one.about.track, int(one.sanity)]
+            + [one.clips, one.frames]
+            + ["" if v is None else f"{v:.9f}" for v in ends]
+        )
+    return text.getvalue()
+
+
+def read(path: Path) -> Board:
+    """Read scores from a CSV file that `table` made.
+
+    Raises
+    ------
+    BenchError
+        In one line, with the file.
+    """
+    lines = csv.DictReader(io.StringIO(read_text(path, BenchError)), strict=True)
+    try:
+        if tuple(lines.fieldnames or ()) != _COLUMNS:
+            raise ValueError("the header is not that of bench score --out")
+        found = list(lines)
+        for count, row in enumerate(found, 1):
+            if None in row or None in row.values():  # a row that is too long, or too short
+                raise ValueError(f"row {count} must have {len(_COLUMNS)} cells")
+        if len({(row["season"], row["commitment"], row["scorer"]) for row in found}) != 1:
+            raise ValueError("its rows must be of one season, one commitment and one scorer")
+        scores = tuple(_parsed(row) for row in found)
+    except (ValueError, csv.Error) as problem:
+        raise BenchError(f"{path}: not scores of simgrab bench ({first_line(problem)})") from None
+    return Board(found[0]["season"], found[0]["scorer"], scores)
+
+
+def _parsed(row: dict[str, str]) -> Score:
+    figures = {
+        name: Figure(
+            *(number(row[cell], cell) if row[cell] else None for cell in (name, f"{name}_low", f"{name}_high"))
+        )
+        for name in _FIGURES
+    }
+    about = About(row["method"], row["track"], row["season"])
+    sanity = bool(int(row["sanity"]))
+    return Score(about, int(row["frames"]), int(row["clips"]), figures, sanity, np.empty(0), int(row["rank"]))
+
+
+def save(scores: Sequence[Score], season: Season, *, csv_file: Path | None, page: Path | None) -> None:
+    """Write scores as a CSV file, as a page, or both."""
+    if csv_file is not None:
+        with writing(csv_file, BenchError):
+            write(csv_file, table(scores, season).encode())
+    if page is not None:
+        save_page([Board(season.name, SCORER, tuple(scores))], page)
+
+
+def save_page(boards: Sequence[Board], page: Path) -> None:
+    """Write the leaderboard of some seasons as one HTML page."""
+    from simgrab.reports import html
+
+    shown = [(board.title, rows(board.scores)) for board in boards]
+    with writing(page, BenchError):
+        write(page, html.page("bench.html", head=HEAD, boards=shown, note=NOTE).encode())

@@ -1,0 +1,206 @@
+"""The scorer: how good entries are, with intervals over clips, and which of them differ.
+
+A change to any figure raises `SCORER`: scores of different versions are not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from simgrab.errors import BenchError
+from simgrab.instrument.alarm import Rule, events
+from simgrab.judge.evaluate import swings
+from simgrab.lab.bench.entry import About, Answers, Entry
+from simgrab.lab.bench.files import Target
+from simgrab.lab.bench.season import track_order
+from simgrab.model.geometry import Array
+
+SCORER = "1"
+THRESHOLDS_DEG = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0)
+NEAR_DANGER_DEG = (9.5, 10.5)  # true swings at which the error "at 10°" is taken
+REPLICATIONS, SEED = 1000, 0  # of the bootstrap over clips
+LEVEL, PERMUTATIONS = 0.05, 9999  # of the test by which entries share a rank
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure, with the ends of its 95 % interval over clips; None where nothing was there to count."""
+
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Figures of one entry.
+
+    Attributes
+    ----------
+    about : About
+    frames, clips : int
+        That were scored.
+    figures : dict of str to Figure
+        ``average_recall``: the mean over `THRESHOLDS_DEG` and clips of the share of frames whose error is within the
+        threshold; a frame without an angle is within none. ``answered``: share of frames with an angle. Of these:
+        ``rmse_deg``, ``p95_deg`` of the absolute error, ``at_10_deg``, the mean error at a true swing of 9.5° to
+        10.5°, and ``coverage`` and mean ``width_deg`` of the 95 % intervals. ``alarms_due``: swings beyond 10.5°;
+        ``alarms_missed``: how many of these; ``alarms_false``, and the median ``alarm_delay_frames``, by the rule of
+        `simgrab.instrument.alarm`. ``ms_per_frame``: median of what the entry states.
+    sanity : bool
+        Whether it is computed from the truth, to test the scorer.
+    recalls : ndarray, shape (clips,)
+        Average recall of each clip.
+    rank : int
+        Within the track, by average recall. An entry shares the rank of the best one from which it does not differ
+        (paired permutation test over clips, two-sided, 5 %).
+    """
+
+    about: About
+    frames: int
+    clips: int
+    figures: dict[str, Figure]
+    sanity: bool
+    recalls: Array = field(repr=False)
+    rank: int = 0
+
+
+def score(entries: Sequence[Entry], targets: Sequence[Target]) -> tuple[Score, ...]:
+    """Score entries by track, the best first, and then three that are computed from the truth.
+
+    Raises
+    ------
+    BenchError
+        If no frame shows a grab.
+    """
+    targets = [target for target in targets if target.counts.any()]
+    if not targets:
+        raise BenchError("no frame of these clips shows a grab")
+    season = entries[0].about.season if entries else "open"
+    result = list[Score]()
+    for track in sorted({entry.about.track for entry in entries}, key=track_order):
+        result += _ranked([_score(entry, targets, sanity=False) for entry in entries if entry.about.track == track])
+    return (*result, *(_score(entry, targets, sanity=True) for entry in sanity(targets, season)))
+
+
+def sanity(targets: Sequence[Target], season: str) -> tuple[Entry, ...]:
+    """Entries of which the scores are known: the truth, the truth of the frame before, and a swing of 0°."""
+
+    def answers(alpha: Array) -> Answers:
+        known = np.isfinite(alpha)
+        status = tuple(np.where(known, "ok", "missed").tolist())
+        return Answers(status, alpha, alpha, alpha, np.zeros(len(alpha)))
+
+    def entry(name: str, of: dict[str, Answers]) -> Entry:
+        return Entry(About(name, "picture", season), of)
+
+    return (
+        entry("truth", {t.clip: answers(t.alpha) for t in targets}),
+        entry("last value", {t.clip: answers(np.concatenate([[0.0], t.alpha[:-1]])) for t in targets}),
+        entry("constant 0°", {t.clip: answers(np.zeros(len(t.alpha))) for t in targets}),
+    )
+
+
+def recall(answers: Answers, target: Target) -> float:
+    """Average recall over a clip's frames with a grab, of which there is one at least."""
+    off = np.rad2deg(np.abs(answers.alpha - target.alpha))[target.counts]
+    # Angles are written to a millionth of a degree.
+    return float(np.mean([(off <= t + 1e-6).mean() for t in THRESHOLDS_DEG]))  # NaN is within none
+
+
+def _score(entry: Entry, targets: Sequence[Target], *, sanity: bool) -> Score:
+    each = [entry.clips[target.clip] for target in targets]
+    recalls = np.array([recall(answers, target) for answers, target in zip(each, targets, strict=True)])
+    samples = _resampled(len(targets))
+    figures = {"average_recall": _with_interval(recalls.mean(), recalls[samples].mean(axis=1))}
+    figures |= _of_clips(
+        "answered", [a.ok[t.counts].astype(float) for a, t in zip(each, targets, strict=True)], np.mean, samples
+    )
+    errors = [np.rad2deg(a.alpha - t.alpha)[a.ok & t.counts] for a, t in zip(each, targets, strict=True)]
+    near = [
+        np.rad2deg(a.alpha - t.alpha)[a.ok & t.counts & _near(np.rad2deg(t.alpha))]
+        for a, t in zip(each, targets, strict=True)
+    ]
+    figures |= _of_clips("rmse_deg", errors, lambda e: np.sqrt(np.mean(e**2)), samples)
+    figures |= _of_clips("p95_deg", errors, lambda e: np.quantile(np.abs(e), 0.95), samples)
+    figures |= _of_clips("at_10_deg", near, np.mean, samples)
+    figures |= _of_clips("coverage", [_covers(a, t) for a, t in zip(each, targets, strict=True)], np.mean, samples)
+    widths = [np.rad2deg(a.high - a.low)[np.isfinite(a.low) & t.counts] for a, t in zip(each, targets, strict=True)]
+    figures |= _of_clips("width_deg", widths, np.mean, samples)
+    figures |= _alarms(each, targets)
+    seconds = np.concatenate([a.seconds for a in each])
+    figures["ms_per_frame"] = Figure(float(np.median(seconds)) * 1e3 if len(seconds) else None)
+    frames = sum(int(target.counts.sum()) for target in targets)
+    return Score(entry.about, frames, len(targets), figures, sanity, recalls)
+
+
+def _near(alpha_deg: Array) -> Any:
+    low, high = NEAR_DANGER_DEG
+    return (alpha_deg >= low) & (alpha_deg <= high)
+
+
+def _covers(answers: Answers, target: Target) -> Array:
+    """Whether intervals hold the truth, of the frames that have one."""
+    known = np.isfinite(answers.low) & target.counts
+    slack = np.deg2rad(1e-6)  # angles are written to a millionth of a degree
+    inside = (answers.low - slack <= target.alpha) & (target.alpha <= answers.high + slack)
+    return inside[known].astype(float)
+
+
+def _alarms(each: Sequence[Answers], targets: Sequence[Target]) -> dict[str, Figure]:
+    due = missed = false = 0
+    delays = list[int]()
+    rule = Rule()
+    for answers, target in zip(each, targets, strict=True):
+        measured = answers.measurements
+        found = swings.alarms(target.times, measured, events(target.times, measured, rule), target.alpha, rule)
+        due, missed, false = due + found["sure"], missed + found["missed"], false + found["false"]
+        delays += found["delays"]
+    return {
+        "alarms_due": Figure(float(due)),
+        "alarms_missed": Figure(float(missed)),
+        "alarms_false": Figure(float(false)),
+        "alarm_delay_frames": Figure(float(np.median(delays)) if delays else None),
+    }
+
+
+def _resampled(clips: int) -> Any:
+    """Clips of each replication of the bootstrap, shape (`REPLICATIONS`, clips): the same for all entries."""
+    return np.random.default_rng(SEED).integers(clips, size=(REPLICATIONS, clips))
+
+
+def _of_clips(name: str, values: Sequence[Array], of: Any, samples: Any) -> dict[str, Figure]:
+    """Figure of all clips' values together, with its interval over clips."""
+    if not sum(map(len, values)):
+        return {name: Figure(None)}
+    resampled = (np.concatenate([values[i] for i in some]) for some in samples.tolist())
+    return {name: _with_interval(of(np.concatenate(values)), np.array([of(each) for each in resampled if len(each)]))}
+
+
+def _with_interval(value: float, resampled: Array) -> Figure:
+    low, high = np.quantile(resampled, (0.025, 0.975))
+    return Figure(float(value), float(low), float(high))
+
+
+def _ranked(scores: Sequence[Score]) -> list[Score]:
+    """Order scores of one track, and give them ranks."""
+    result = list[Score]()
+    best: Score | None = None  # of those that share a rank
+    for place, one in enumerate(sorted(scores, key=lambda s: -s.recalls.mean()), 1):
+        if best is None or _differ(best.recalls - one.recalls):
+            best = one = replace(one, rank=place)
+        result.append(replace(one, rank=best.rank))
+    return result
+
+
+def _differ(difference: Array) -> bool:
+    """Whether the mean of paired differences, shape (clips,), is significantly other than 0."""
+    test = stats.permutation_test(
+        (difference,), np.mean, permutation_type="samples", n_resamples=PERMUTATIONS, rng=np.random.default_rng(SEED)
+    )
+    return bool(test.pvalue < LEVEL)

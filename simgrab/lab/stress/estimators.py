@@ -1,0 +1,146 @@
+"""Find estimators: the package's own by name, anybody's as ``package.module:Class``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, cast, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import StressError
+from simgrab.instrument.estimate import ESTIMATORS, Estimator
+from simgrab.lab.stress.records import Records
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate, Estimates, Intervals
+from simgrab.runtime import modules
+
+
+@runtime_checkable
+class Estimating(Protocol):
+    """What the laboratory asks of an estimator, which can be made without arguments; see `Estimator.estimate`."""
+
+    def estimate(
+        self,
+        pixels: Array,
+        calibration: Calibration,
+        *,
+        rope_length: Array | None = None,
+        time: Array | None = None,
+    ) -> Estimate:
+        """Estimate from one record: pixels (n, 2), NaN where the frame is missing; rope_length and time (n,)."""
+
+
+def find(name: str) -> Estimating:
+    """Make an estimator.
+
+    Parameters
+    ----------
+    name : str
+        In `simgrab.instrument.estimate.ESTIMATORS`, or ``package.module:Class``.
+
+    Raises
+    ------
+    StressError
+        Naming what there is.
+    """
+    if name in ESTIMATORS:
+        return ESTIMATORS[name]()
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        raise StressError(
+            f"estimators: unknown estimator {name!r}; one of: {', '.join(ESTIMATORS)}, or package.module:Class"
+        )
+    try:
+        kind = modules.find(module, attribute)
+        made = kind() if isinstance(kind, type) and hasattr(kind, "estimate") else None  # no function is called
+    except (ImportError, AttributeError, TypeError, ValueError) as problem:
+        raise StressError(f"estimators: cannot make {name!r}: {problem}") from problem
+    if not isinstance(made, Estimating):
+        raise StressError(f"estimators: {name!r} has no method estimate(pixels, calibration, *, rope_length, time)")
+    return made
+
+
+def run(name: str, records: Records) -> Estimates:
+    """Estimate from every record, in a batch where the estimator has one."""
+    estimator = find(name)
+    pixels, ropes = _known(estimator, records)
+    options: dict[str, Any] = {"rope_length": ropes, "time": records.time}
+    if isinstance(estimator, Estimator):
+        options["pixel_sd"] = records.pixel_sd
+    try:
+        if hasattr(estimator, "batch"):
+            return cast(Estimates, estimator.batch(pixels, records.calibration, **options))
+        each = [
+            estimator.estimate(uv, records.calibration, rope_length=rope, time=records.time)
+            for uv, rope in zip(pixels, ropes, strict=True)
+        ]
+    except Exception as problem:
+        raise StressError(f"{name} failed with {type(problem).__name__}: {problem}") from problem
+    for one in each if name not in ESTIMATORS else ():
+        if wrong := flaw(one, records.alpha.shape[1]):
+            raise StressError(f"{name}: {wrong}")
+    return stacked(name, each, records.alpha.shape[1])
+
+
+def flaw(found: Any, frames: int) -> str:
+    """Describe what is wrong with what an estimator returned for a record of so many frames; empty where nothing is."""
+    if not isinstance(found, Estimate):
+        return f"estimate must return a simgrab.model.records.estimates.Estimate, got {type(found).__name__}"
+    if found.status not in ("ok", "refused"):
+        return f"status must be 'ok' or 'refused', got {found.status!r}"
+    if not found.ok:
+        return "" if found.reason else "a refusal needs a reason"
+    shape = np.asarray(found.alpha, float).shape
+    if shape != (frames,):
+        return f"alpha must have one value for each of {frames} frames, got the shape {shape}"
+    for key, value in (("beta", found.beta), ("sigma", found.sigma), ("alpha", found.alpha)):
+        sizes = np.abs(np.asarray(value, float))
+        largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)
+        if largest > np.pi / 2:
+            return f"{key} reaches {largest:.4g} rad, beyond the horizontal; angles are in radians"
+    return ""
+
+
+def _known(estimator: Estimating, records: Records) -> tuple[Array, Array]:
+    """Pixels (M, n, 2) and ropes (M, n): frames without a rope are missing, but to an estimator that needs none."""
+    known = np.isfinite(records.rope)
+    pixels = records.pixels
+    if not known.all() and getattr(estimator, "needs_rope", True):
+        pixels = np.where(known[..., None], pixels, np.nan)
+    return pixels, np.where(known, records.rope, 1.0)  # a length for missing frames, where it counts for nothing
+
+
+def stacked(name: str, each: Sequence[Estimate], frames: int) -> Estimates:
+    """Put estimates of single records together; diagnostics, which may differ in kind, are left out."""
+
+    def column(values: Sequence[Any], shape: tuple[int, ...] = ()) -> NDArray[Any]:
+        return np.array([np.full(shape, np.nan) if v is None else v for v in values], float)
+
+    kinds = max((e.intervals for e in each), key=len, default=())
+
+    def interval(kind: Intervals) -> Intervals:
+        own = [next((i for i in e.intervals if i.kind == kind.kind), None) for e in each]
+
+        def ends(field: str, shape: tuple[int, ...]) -> Array:
+            return column([getattr(i, field) if i else None for i in own], shape)
+
+        both = ends("beta", (2,)), ends("sigma", (2,)), ends("alpha", (frames, 2))
+        return Intervals(kind.kind, kind.level, *both, kind.blocks, kind.note)
+
+    offset = [e.offset for e in each]
+    beta, azimuth, sigma = (column([getattr(e, field) for e in each]) for field in ("beta", "tilt_azimuth", "sigma"))
+    return Estimates(
+        name,
+        np.array([e.ok for e in each], bool),
+        np.array([e.reason for e in each], str),
+        np.array([e.frames for e in each], np.int64),
+        beta,
+        azimuth,
+        sigma,
+        column([e.alpha for e in each], (frames,)),
+        None if all(o is None for o in offset) else column(offset, (3,)),
+        tuple(interval(kind) for kind in kinds),
+        {},
+    )

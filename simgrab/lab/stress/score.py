@@ -1,0 +1,118 @@
+"""What an estimator got wrong, one row a replication, in degrees."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.instrument.estimate.frames import Frames, gravity, mount_from_camera
+from simgrab.instrument.estimate.rope_aware import swings
+from simgrab.lab.stress.records import PROBE_ALPHA, Records
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimates
+
+MARGIN_DEG = 1.0
+"""How far beyond the alarm's limit a swing is that must be heard, and how far within one that must not."""
+
+COLUMNS = MappingProxyType(
+    {
+        "beta_error_deg": "β̂ − β",
+        "sigma_error_deg": "σ̂ − σ, against √E[α²]",
+        "alpha_error_deg": "mean of α̂ − α over the frames",
+        "alpha_rms_deg": "root mean square of α̂ − α over the frames",
+        "alpha_most_deg": "largest |α̂ − α| of a frame",
+        "alpha10_error_deg": "mean of α̂ − 10° at a true 10°, over directions",
+        "alpha10_rms_deg": "root mean square of the same",
+        "alpha10_most_deg": "largest size of the same",
+        "miss": "share of directions in which a swing of 11° would stay below 10°",
+        "false_alarm": "share of directions in which one of 9° would exceed 10°",
+        "cover_beta": "whether the 95 % interval (i.i.d. or posterior) covers β",
+        "cover_sigma": "whether it covers σ",
+        "cover_alpha": "share of the frames whose interval covers α",
+        "blocks_cover_beta": "whether the 95 % interval by blocks covers β; empty where there is none",
+        "blocks_cover_sigma": "whether it covers σ",
+        "used": "share of the frames that were used",
+        "iterations": "iterations; empty where not reported",
+    }
+)
+"""Numbers of a row and what they are. NaN where refused or not to be had."""
+
+
+def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
+    """Judge M estimates.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (M,)
+        `COLUMNS`, ``status`` and ``reason``.
+    """
+    swing = np.rad2deg(found.alpha - records.alpha)
+    swing[~found.ok] = np.nan
+    probe = np.rad2deg(probe_alpha(found, records) - PROBE_ALPHA)
+    nothing = np.full(len(found), np.nan)
+    own = found.intervals[0] if found.intervals else None
+    blocks = next((i for i in found.intervals if i.kind == "blocks"), None)
+
+    def held(ends: Array | None, truth: Array | float) -> Array:
+        if ends is None:
+            return nothing
+        inside = ((ends[..., 0] <= truth) & (truth <= ends[..., 1])).astype(float)
+        return np.where(np.isfinite(ends).all(axis=-1), inside, np.nan)
+
+    def row_mean(values: Array) -> Array:
+        count = np.isfinite(values).sum(axis=-1)
+        return np.where(count > 0, np.nansum(values, axis=-1) / np.maximum(count, 1), np.nan)
+
+    def most(values: Array) -> Array:
+        size = np.where(np.isfinite(values), np.abs(values), -1.0).max(axis=-1)
+        return np.where(size >= 0, size, np.nan)
+
+    iterations = found.diagnostics.get("iterations", nothing)
+    numbers = {
+        "beta_error_deg": np.rad2deg(found.beta - records.beta),
+        "sigma_error_deg": np.rad2deg(found.sigma - records.sigma),
+        "alpha_error_deg": row_mean(swing),
+        "alpha_rms_deg": np.sqrt(row_mean(swing**2)),
+        "alpha_most_deg": most(swing),
+        "alpha10_error_deg": row_mean(probe),
+        "alpha10_rms_deg": np.sqrt(row_mean(probe**2)),
+        "alpha10_most_deg": most(probe),
+        "miss": row_mean(_beyond(probe, -1)),
+        "false_alarm": row_mean(_beyond(probe, 1)),
+        "cover_beta": held(own.beta if own else None, records.beta),
+        "cover_sigma": held(own.sigma if own else None, records.sigma),
+        "cover_alpha": row_mean(held(own.alpha, records.alpha)) if own and own.alpha is not None else nothing,
+        "blocks_cover_beta": held(blocks.beta if blocks else None, records.beta),
+        "blocks_cover_sigma": held(blocks.sigma if blocks else None, records.sigma),
+        "used": found.frames / records.alpha.shape[-1],
+        "iterations": np.asarray(iterations, float),
+    }
+    for values in numbers.values():
+        values[~found.ok] = np.nan
+    return {
+        "status": np.where(found.ok, "ok", "refused"),
+        "reason": found.reason,
+        **{name: np.asarray(numbers[name], float) for name in COLUMNS},
+    }
+
+
+def _beyond(errors: Array, side: int) -> Array:
+    return np.where(np.isfinite(errors), (side * errors > MARGIN_DEG).astype(float), np.nan)
+
+
+def probe_alpha(found: Estimates, records: Records) -> Array:
+    """α̂ of the probes, shape (M, K), from the estimated tilt and, where there is one, the estimated offset."""
+    rays = records.calibration.intrinsics.rays(records.probe_pixels) @ mount_from_camera(records.calibration).T
+    down = gravity(found.beta, found.tilt_azimuth)
+    if found.offset is None:
+        cosine = (rays @ down[..., None])[..., 0]
+        sine = np.linalg.norm(np.cross(rays, down[:, None]), axis=-1)
+        return np.asarray(np.arctan2(sine, cosine))
+    m, k, _ = rays.shape
+    frames = Frames(np.ascontiguousarray(rays.swapaxes(1, 2)), None, np.full(m, float(k)), None, None)
+    with np.errstate(invalid="ignore"):
+        x, y = swings(frames, 1 / records.probe_rope, down, found.offset).swapaxes(0, 1)
+        return np.asarray(np.arcsin(np.minimum(np.hypot(x, y), 1.0)))

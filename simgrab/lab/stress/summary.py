@@ -1,0 +1,187 @@
+"""Sum up replications, whatever their number, and judge them by a study's limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from simgrab.lab.stress.parameters import Value
+from simgrab.lab.stress.study import Accept, Study
+from simgrab.model.geometry import Array
+
+Point = tuple[Value, ...]
+
+BIAS_ERRORS = 3.0
+COVERAGE = (0.93, 0.97)
+# Below so many replications the coverage's own error is larger than what is asked of it, and is allowed for.
+COUNT_FOR_COVERAGE = 1000
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One number with its Monte Carlo standard errors: mean and root mean square over ``count`` replications."""
+
+    count: int
+    mean: float
+    mean_se: float
+    rms: float
+    rms_se: float
+
+    @property
+    def z(self) -> float:
+        """Size of the mean in standard errors."""
+        return abs(self.mean) / self.mean_se if self.mean_se > 0 else (0.0 if self.mean == 0 else math.inf)
+
+    def statistic(self, name: str) -> tuple[float, float]:
+        """Give a statistic and its standard error."""
+        return {"mean": (self.mean, self.mean_se), "rms": (self.rms, self.rms_se), "z": (self.z, 0.0)}[name]
+
+
+NOTHING = Figure(0, math.nan, math.nan, math.nan, math.nan)
+
+
+@dataclass
+class Moments:
+    """Counts and sums of powers 1, 2 and 4 of some columns, by point and estimator: all that is kept of a study."""
+
+    study: Study
+    columns: tuple[str, ...]
+    sums: dict[tuple[Point, str], Array] = field(default_factory=dict)  # (columns + 1, 4); the last is `refused`
+
+    def add(self, table: pa.Table) -> None:
+        """Take the rows of a part, which are all of one point."""
+        if not table.num_rows:
+            return
+        point = tuple(table[s.axis][0].as_py() for s in self.study.axes)
+        for name in self.study.estimators:
+            rows = table.filter(pc.equal(table["estimator"], name))
+            if not rows.num_rows:
+                continue
+            refused = (rows["status"].to_numpy(zero_copy_only=False) != "ok").astype(float)
+            values = [np.asarray(rows[c].to_numpy(zero_copy_only=False), float) for c in self.columns]
+            sums = np.array([_powers(v) for v in (*values, refused)])
+            self.sums[point, name] = self.sums.get((point, name), 0) + sums
+
+    def summary(self) -> Summary:
+        """Close the books."""
+        figures = {
+            (point, name, column): _figure(sums)
+            for (point, name), rows in self.sums.items()
+            for column, sums in zip((*self.columns, "refused"), rows, strict=True)
+        }
+        return Summary(self.study, self.columns, figures)
+
+
+def _powers(values: Array) -> tuple[float, float, float, float]:
+    v = values[np.isfinite(values)]
+    return float(len(v)), float(v.sum()), float(np.sum(v**2)), float(np.sum(v**4))
+
+
+def _figure(sums: Array) -> Figure:
+    count, s1, s2, s4 = sums.tolist()
+    if not count:
+        return NOTHING
+    mean, square = s1 / count, s2 / count
+    free = max(count - 1, 1)
+    mean_se = math.sqrt(max(square - mean * mean, 0.0) / free)
+    rms = math.sqrt(square)
+    rms_se = math.sqrt(max(s4 / count - square * square, 0.0) / free) / (2 * rms) if rms > 0 else 0.0
+    return Figure(int(count), mean, mean_se, rms, rms_se)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures by point, estimator and column (``refused`` among them)."""
+
+    study: Study
+    columns: tuple[str, ...]
+    figures: dict[tuple[Point, str, str], Figure]
+
+    def at(self, point: Point, estimator: str, column: str) -> Figure:
+        """Find a figure; an empty one where the estimator was not tried."""
+        return self.figures.get((point, estimator, column), NOTHING)
+
+    def table(self) -> pa.Table:
+        """One row a figure."""
+        rows: list[dict[str, Any]] = []
+        for (point, name, column), f in self.figures.items():
+            place = {s.axis: v for s, v in zip(self.study.axes, point, strict=True)}
+            numbers = {"mean": f.mean, "mean_se": f.mean_se, "rms": f.rms, "rms_se": f.rms_se}
+            rows.append({**place, "estimator": name, "quantity": column, "count": f.count, **numbers})
+        return pa.Table.from_pylist(rows)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One limit: where, what was found and what was accepted."""
+
+    study: str
+    text: str
+    found: str
+    passed: bool
+
+
+def judge(summary: Summary) -> list[Verdict]:
+    """Hold a study's figures against its limits."""
+    study = summary.study
+    result = [_accepted(summary, accept) for accept in study.accept]
+    if study.holds:
+        for name in study.consistent:
+            result += _consistent(summary, name)
+    return result
+
+
+def _accepted(summary: Summary, accept: Accept) -> Verdict:
+    figure = summary.at(accept.at, accept.estimator, accept.quantity)
+    value, error = figure.statistic(accept.statistic)
+    reach = BIAS_ERRORS * error
+    low = -math.inf if accept.low is None else accept.low
+    high = math.inf if accept.high is None else accept.high
+    limits = f"at least {low:g}" if accept.high is None else f"at most {high:g}" if accept.low is None else ""
+    limits = limits or f"from {low:g} to {high:g}"
+    where = ", ".join(f"{s.axis} = {_plain(v)}" for s, v in zip(summary.study.axes, accept.at, strict=True))
+    text = f"{accept.estimator}, {where}: {accept.statistic} of {accept.quantity} {limits}"
+    if accept.says:
+        text += f" ({accept.says})"
+    passed = figure.count > 0 and value + reach >= low and value - reach <= high
+    found = f"{value:.4f} ± {error:.4f}" if figure.count else "no value in any replication"
+    return Verdict(summary.study.name, text, found, bool(passed))
+
+
+def _consistent(summary: Summary, name: str) -> Iterator[Verdict]:
+    study = summary.study
+    for column in ("beta_error_deg", "sigma_error_deg"):
+        f = summary.at(study.holds, name, column)
+        text = f"{name}: no bias of {column[: column.index('_')]} where the assumption holds"
+        yield Verdict(study.name, text, f"{f.mean:+.4f} ± {f.mean_se:.4f} deg", bool(f.z <= BIAS_ERRORS))
+    for column in ("cover_beta", "cover_sigma"):
+        f = summary.at(study.holds, name, column)
+        slack = BIAS_ERRORS * math.sqrt(0.95 * 0.05 / max(f.count, 1)) if f.count < COUNT_FOR_COVERAGE else 0.0
+        text = f"{name}: 95 % interval of {column.removeprefix('cover_')} covers 93 to 97 % where the assumption holds"
+        passed = COVERAGE[0] - slack <= f.mean <= COVERAGE[1] + slack
+        yield Verdict(study.name, text, f"{100 * f.mean:.1f} ± {100 * f.mean_se:.1f} %", bool(passed))
+
+
+def _plain(value: Value) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finished study: its folder, figures, and how they stand against its limits."""
+
+    path: Path
+    summary: Summary
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit is met."""
+        return all(verdict.passed for verdict in self.verdicts)

@@ -1,0 +1,225 @@
+"""Draw the true swing of many replications, each from streams of its own."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from simgrab.lab.stress.situation import Situation, Swing
+from simgrab.model import scenes
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
+from simgrab.model.rng import stream
+
+ROPE_CYCLE_S = 75.0
+_FORCED_ROPE_M = 20.0
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The streams of M replications: one for each replication and variable, whatever else is drawn.
+
+    Attributes
+    ----------
+    seed : int
+    trials : sequence of int
+    frames : int
+        n.
+    """
+
+    seed: int
+    trials: Sequence[int]
+    frames: int
+
+    def of(self, name: str, sample: Callable[[np.random.Generator], Array]) -> Array:
+        """Sample a variable, shape (M, ...)."""
+        return np.stack([sample(stream(self.seed, trial, f"stress.{name}")) for trial in self.trials])
+
+    def uniform(self, name: str) -> Array:
+        """Uniform on [0, 1), shape (M, n)."""
+        return self.of(name, lambda rng: rng.random(self.frames))
+
+    def normal(self, name: str, components: int = 1) -> Array:
+        """Draw standard normals, shape (M, components, n)."""
+        return self.of(name, lambda rng: rng.normal(size=(components, self.frames)))
+
+    def wandering(self, name: str, keep: float) -> Array:
+        """Stationary normal noise of variance 1 and correlation ``keep`` from frame to frame, shape (M, 2, n)."""
+        noise = self.normal(name, 2)
+        noise[..., 1:] *= math.sqrt(1 - keep * keep)
+        return np.asarray(lfilter([1.0], [1.0, -keep], noise))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The truth of M replications of n frames, rad and m, jib frame.
+
+    Attributes
+    ----------
+    alpha, azimuth, rope : ndarray, shape (M, n)
+    tilt : ndarray, shape (M, 3, n), or None
+        β, azimuth and roll of the camera, where physics moves it.
+    sigma : ndarray, shape (M,)
+        √E[α²]; of physics, whose expectation nobody knows, the record's own.
+    """
+
+    alpha: Array
+    azimuth: Array
+    rope: Array
+    tilt: Array | None
+    sigma: Array
+
+
+def draw(situation: Situation, draws: Draws) -> Motion:
+    """Draw the truth of replications."""
+    if situation.swing.motion:
+        return _physics(situation, draws)
+    swing = situation.swing
+    x, y = _vectors(situation, draws)
+    if swing.flatness:
+        minor = 1 - swing.flatness
+        size = math.sqrt(2 / (1 + minor * minor))
+        x, y = size * x, size * minor * y
+    if any(swing.lean):
+        x, y = x + swing.lean[0], y + swing.lean[1]
+    sigma = math.hypot(swing.sigma, *swing.lean)
+    azimuth = np.arctan2(y, x) + situation.attitude.azimuth
+    return Motion(np.hypot(x, y), azimuth, _rope(situation, draws, 0.0), None, np.full(len(x), sigma))
+
+
+def ring(draws: Draws, motion: Motion, alpha: float, azimuth: float) -> Motion:
+    """Swing by ``alpha`` evenly all around, from ``azimuth`` on, at ropes and attitudes that the replications have.
+
+    Parameters
+    ----------
+    draws : Draws
+        Of the same replications, with as many frames as there are to be swings.
+    motion : Motion
+    alpha, azimuth : float
+        Radians.
+    """
+    shape = (len(draws.trials), draws.frames)
+    some = (draws.uniform("probe.frame") * motion.rope.shape[1]).astype(np.int64)
+    around = np.broadcast_to(2 * np.pi * np.arange(draws.frames) / draws.frames + azimuth, shape)
+    tilt = None if motion.tilt is None else np.take_along_axis(motion.tilt, some[:, None], axis=2)
+    rope = np.take_along_axis(motion.rope, some, axis=1)
+    return Motion(np.full(shape, alpha), around, rope, tilt, motion.sigma)
+
+
+def _vectors(situation: Situation, draws: Draws) -> tuple[Array, Array]:
+    """Swing along and across the tilt, shape (M, n) each, of length α."""
+    swing = situation.swing
+    if swing.memory_s:
+        both = _forced(draws, swing.memory_s, 1 / situation.rate_hz) * (swing.sigma / math.sqrt(2))
+        return both[:, 0], both[:, 1]
+    if swing.correlation:
+        alpha, gamma = _correlated(draws, swing)
+    else:
+        scale = swing.sigma / swing.law.rms()
+        alpha = np.abs(draws.of("alpha", lambda rng: swing.law.sample(rng, draws.frames))) * scale
+        gamma = _direction(draws, swing)
+    if swing.unevenness:
+        alpha = alpha * (1 + swing.unevenness * np.cos(gamma)) / math.sqrt(1 + swing.unevenness**2 / 2)
+    return alpha * np.cos(gamma), alpha * np.sin(gamma)
+
+
+def _direction(draws: Draws, swing: Swing) -> Array:
+    if not swing.kappa:
+        return 2 * np.pi * draws.uniform("gamma")
+    gamma = draws.of("gamma", lambda rng: rng.vonmises(0.0, swing.kappa, draws.frames))
+    if swing.axial:
+        gamma = gamma / 2 + np.pi * (draws.uniform("gamma.side") < 0.5)
+    return gamma + swing.towards
+
+
+def _correlated(draws: Draws, swing: Swing) -> tuple[Array, Array]:
+    """α = σ|Z| with Z of first order, and γ whose unit vector has the same correlation."""
+    keep = swing.correlation
+    alpha = swing.sigma * np.abs(draws.wandering("alpha", keep)[:, 0])
+    steps = draws.normal("gamma.steps")[:, 0] * math.sqrt(-2 * math.log(keep))
+    steps[:, 0] = 2 * np.pi * draws.uniform("gamma")[:, 0]
+    return alpha, np.cumsum(steps, axis=-1)
+
+
+def _forced(draws: Draws, memory_s: float, step_s: float) -> Array:
+    """Linear pendulum of 20 m under white noise, exactly sampled; each component has variance 1; (M, 2, n)."""
+    omega = math.sqrt(STANDARD_GRAVITY / _FORCED_ROPE_M)
+    # State: place, and velocity over ω. Both have variance 1 and are independent.
+    advance = expm(step_s * np.array([[0.0, omega], [-omega, -2 / memory_s]]))
+    (a, b), (c, d) = advance.tolist()
+    (p, _), (q, r) = np.linalg.cholesky(np.eye(2) - advance @ advance.T).tolist()
+    noise = draws.normal("forcing", 4)
+    place, rate = noise[:, 0:2, 0].copy(), noise[:, 2:4, 0].copy()
+    path = np.empty((len(place), 2, draws.frames))
+    for k in range(draws.frames):
+        path[..., k] = place
+        if k + 1 < draws.frames:
+            u, v = noise[:, 0:2, k + 1], noise[:, 2:4, k + 1]
+            place, rate = a * place + b * rate + p * u, c * place + d * rate + (q * u + r * v)
+    return path
+
+
+def _rope(situation: Situation, draws: Draws, late_s: float) -> Array:
+    rope = situation.rope
+    if rope.low == rope.high:
+        return np.full((len(draws.trials), draws.frames), rope.low)
+    if rope.hoisting:
+        phase = draws.of("rope.phase", lambda rng: rng.random(1))
+        turn = (np.arange(draws.frames) / situation.rate_hz - late_s) / ROPE_CYCLE_S + phase
+        share = np.abs(2 * (turn % 1.0) - 1)
+    else:
+        share = draws.uniform("rope")
+    return np.asarray(rope.low + (rope.high - rope.low) * share)
+
+
+def reported_rope(situation: Situation, draws: Draws, rope: Array) -> Array:
+    """Length of the rope as reported to the instrument, shape (M, n), from the true one."""
+    law = situation.rope
+    if law.lag_s and not situation.swing.motion:
+        rope = _rope(situation, draws, law.lag_s)
+    elif law.lag_s:
+        rope = np.concatenate([rope[:, :1].repeat(late := round(law.lag_s * situation.rate_hz), 1), rope], axis=1)
+        rope = rope[:, : rope.shape[1] - late]
+    if law.misread:
+        anything = law.low + (law.high - law.low) * draws.uniform("rope.misread")
+        rope = np.where(draws.uniform("rope.misread.when") < law.misread, anything, rope)
+    return np.maximum(rope + law.bias_m, 0.1) if law.bias_m else rope
+
+
+def _physics(situation: Situation, draws: Draws) -> Motion:
+    """Let the world move grab and camera: replication k is clip k of the scene."""
+    from simgrab.world.trajectory.clip import ClipMotion
+
+    attitude, frames = situation.attitude, draws.frames
+    scenario = scenes.load(
+        situation.swing.motion,
+        {
+            "seed": draws.seed,
+            "frames": frames * (max(draws.trials) + 1),
+            "clip.clip_frames": frames,
+            "clip.frame_rate_hz": situation.rate_hz,
+            "camera.beta_deg": math.degrees(attitude.beta),
+            "camera.tilt_azimuth_deg": math.degrees(attitude.azimuth),
+            "camera.roll_deg": math.degrees(attitude.roll),
+            "camera.mount": {"model": situation.swing.mount},
+            "display.layout": "none",
+            "shutter": {"exposure_s": 0.0, "rolling_s": 0.0},
+        },
+    )
+    rows = np.array(
+        [
+            [
+                (m.grab.alpha, m.grab.azimuth, m.grab.rope_length, m.tilt.beta, m.tilt.azimuth, m.tilt.roll)
+                for m in itertools.islice(ClipMotion(scenario, trial), frames)
+            ]
+            for trial in draws.trials
+        ]
+    )
+    alpha, azimuth, rope = np.moveaxis(rows[..., :3], -1, 0)
+    tilt = None if situation.swing.mount == "fixed" else np.ascontiguousarray(rows[..., 3:].swapaxes(1, 2))
+    return Motion(alpha, azimuth, rope, tilt, np.sqrt(np.mean(alpha**2, axis=-1)))

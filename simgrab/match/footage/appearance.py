@@ -1,0 +1,160 @@
+"""The whole of what footage shows of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgrab.instrument.detect import Detector
+from simgrab.match.footage.blur import Blur, blur
+from simgrab.match.footage.display import Display, display
+from simgrab.match.footage.footage import Footage, to_linear
+from simgrab.match.footage.grab import Grab, grab
+from simgrab.match.footage.noise import Noise, noise
+from simgrab.match.footage.quantity import Quantity, exact, unknown
+from simgrab.match.footage.shading import vignetting
+from simgrab.match.footage.sharpness import Sharpness, sharpness
+from simgrab.match.footage.still import still
+
+DARK = 4.0  # levels: a picture whose brightest parts are below shows nothing
+_FLOODLIGHTS = "at night floodlights make the same falloff"
+_PATTERN = "the scene's own texture looks the same while the camera stands still"
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """What footage shows of a camera.
+
+    Attributes
+    ----------
+    footage : Footage
+    grey : bool
+        Whether it shows no colour, as at night.
+    dark : bool
+        Whether it is black.
+    noise : Noise
+    blur : Blur
+    sharpness : Sharpness
+    vignetting : Quantity
+    level : Quantity
+        Mean luminance in linear light, white being 1.
+    cast : tuple of 2 Quantity
+        Red over green and blue over green of the mean, linear: the colour of light and surroundings together.
+    pattern, hidden, tone : Quantity
+        Fixed pattern, share of the picture that weather hides, and tone curve.
+    display : Display
+    grab : Grab
+    still : float
+        Share of the picture that stands still.
+    """
+
+    footage: Footage
+    grey: bool
+    dark: bool
+    noise: Noise
+    blur: Blur
+    sharpness: Sharpness
+    vignetting: Quantity
+    level: Quantity
+    cast: tuple[Quantity, Quantity]
+    pattern: Quantity
+    hidden: Quantity
+    tone: Quantity
+    display: Display
+    grab: Grab
+    still: float
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and texts of all quantities, as reports list them."""
+        footage = self.footage
+        width, height = footage.size
+        stated = {
+            "frame rate": _stated(footage.frame_rate_hz, "Hz", "the file has no time stamps"),
+            "bit rate": _stated(footage.bit_rate_mbit_s, "Mbit/s", "the file has no time stamps"),
+            "distance of key frames": _stated(footage.gop_frames, "frames", "only one key frame was read"),
+            "quantiser step": _stated(footage.quantiser, "levels", f"{footage.codec} states none"),
+        }
+        layout = self.display.layout
+        digits = f"not determined by this footage: {self.display.reason}"
+        if layout:
+            places = ", ".join(f"({x}, {y})" for x, y in (layout.hoist_px[0], layout.closing_px[0]))
+            digits = f"{layout.digit_width_px}x{layout.digit_height_px} px, numbers begin at {places}"
+        return [
+            ("size", f"{width}x{height} px" + (f": {footage.note}" if footage.note else "")), ("coder", footage.codec),
+            *((name, quantity.text()) for name, quantity in stated.items()),
+            ("grey picture", "yes" if self.grey else "no"),
+            ("shot noise, variance per light", self.noise.gain.text()),
+            ("read noise, of white", self.noise.read.text()),
+            ("fixed pattern", self.pattern.text()),
+            ("blur, circle of confusion", self.blur.diameter.text()),
+            ("overshoot at edges", self.sharpness.overshoot.text()),
+            ("vignetting at the corner", self.vignetting.text()),
+            ("mean luminance, linear", self.level.text()),
+            ("red over green", self.cast[0].text()), ("blue over green", self.cast[1].text()),
+            ("tone curve", self.tone.text()),
+            ("share hidden by weather", self.hidden.text()),
+            ("display's digits", digits),
+            ("share of frames with a grab", self.grab.found.text()),
+            ("longer side of the grab", self.grab.size_px.text()),
+            ("hue of its paint", self.grab.hue_deg.text()),
+        ]  # fmt: skip
+
+
+def measure(footage: Footage, detector: Detector, *, night: bool = False) -> Appearance:
+    """Measure all that pixels show.
+
+    Parameters
+    ----------
+    footage : Footage
+    detector : Detector
+        That detects the grab.
+    night : bool
+        Whether it was recorded by floodlights, which pixels do not show: their falloff is like that of a lens.
+    """
+    black = "the picture is black"
+    dark = float(np.quantile(footage.luma, 0.999)) < DARK
+    grey = footage.grey
+    hidden = unknown(black if dark else "haze and rain look like pale surroundings without a clear view to compare")
+    tone = unknown(black if dark else "nothing of known brightness is in it")
+    pattern = unknown(black if dark else _PATTERN, "%")
+    if dark:
+        none = unknown(black)
+        return Appearance(
+            footage, grey, True, Noise(none, none, None), Blur(unknown(black, "px"), np.zeros(0)),
+            Sharpness(unknown(black, "%")), unknown(black, "stops"), none, (none, none), pattern, hidden, tone,
+            Display(None, black, 0.0),
+            Grab(exact(0.0), unknown(black, "px"), unknown(black, "°"), None, np.zeros((0, 4))), 0.0,
+        )  # fmt: skip
+    standing = still(footage)
+    shown = display(footage)
+    found = grab(footage, detector)
+    overlay = shown.mask(*footage.luma.shape[1:])
+    covered = overlay.copy()
+    for x0, y0, x1, y1 in found.boxes.astype(int).tolist():
+        covered[max(y0, 0) : y1 + 1, max(x0, 0) : x1 + 1] = True
+    return Appearance(
+        footage, grey, False, noise(footage, standing, overlay), blur(footage, overlay), sharpness(footage, overlay),
+        unknown(_FLOODLIGHTS, "stops")
+        if night
+        else vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
+        *_means(footage), pattern, hidden, tone, shown, found, standing.share if standing else 0.0,
+    )  # fmt: skip
+
+
+def _means(footage: Footage) -> tuple[Quantity, tuple[Quantity, Quantity]]:
+    """Mean luminance, and red and blue over green, with their spread from frame to frame."""
+    means = np.array([to_linear(frame[::2, ::2]).mean(axis=(0, 1)) for frame in footage.rgb])
+    level = _spread(means @ (0.2126, 0.7152, 0.0722))
+    if footage.grey:
+        return level, (unknown("the picture is grey"), unknown("the picture is grey"))
+    return level, (_spread(means[:, 0] / means[:, 1]), _spread(means[:, 2] / means[:, 1]))
+
+
+def _spread(values: np.ndarray) -> Quantity:
+    value, reach = float(values.mean()), 1.96 * float(values.std()) + 0.01 * float(values.mean())
+    return Quantity(value, max(value - reach, 0.0), value + reach)
+
+
+def _stated(value: float | None, unit: str, reason: str) -> Quantity:
+    return unknown(reason, unit) if value is None else exact(value, unit)

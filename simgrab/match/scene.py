@@ -1,0 +1,359 @@
+"""From what footage shows of a camera to a scene that is rendered alike, and a page that shows both."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import tomli_w
+
+from simgrab.dataset.video.render import render_video
+from simgrab.errors import ScenarioError, SourceError
+from simgrab.instrument.detect import Detector
+from simgrab.io.files import write
+from simgrab.io.pictures import encode
+from simgrab.match.footage import Appearance, Quantity, measure, read
+from simgrab.match.footage.footage import to_linear
+from simgrab.model import scenes
+from simgrab.model.distributions import Uniform
+from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
+from simgrab.model.scenario import Factor, OneOf, Scenario
+from simgrab.model.srgb import decoded, encoded
+from simgrab.reports import html
+from simgrab.reports.plots import Figure
+from simgrab.world.frames import frames
+
+BASE, TRAINED_ON = "quay-day", "training"
+SECONDS = 10.0
+SHOWN_FRAMES = 24
+"""Of ours, to compare with theirs."""
+SIDES_PX = (64, 4096)
+SCENE, TRAINING, PAGE = "matched.toml", "training.toml", "match.html"
+TRAINING_FRAMES = 960
+NIGHT = {"sun": 0.0, "sky": 0.012, "floodlights": 0.06}  # as in `training`
+MOST_BLUR_PX = 50.0
+LEVEL_SPREAD = 1.25  # by which the exposure of training frames varies about what was measured
+CAST_SPREAD = 1.1  # likewise the gains of red and blue: the surroundings have colours of their own
+MOST_GAIN = 4.0  # of a colour
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """A matched scene.
+
+    Attributes
+    ----------
+    theirs : Appearance
+        Of the user's footage.
+    scene : str
+        The scene's file.
+    training : str
+        The file of a scene to train on.
+    ours : Appearance or None
+        Of a video rendered by the scene; None where it was not wanted.
+    """
+
+    theirs: Appearance
+    scene: str
+    training: str
+    ours: Appearance | None
+
+    def save(self, folder: Path) -> None:
+        """Write scenes and page into a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write(folder / SCENE, self.scene.encode())
+        write(folder / TRAINING, self.training.encode())
+        if self.ours is not None:
+            write(folder / PAGE, page(self).encode())
+
+
+def match(videos: Sequence[str | Path], detector: Detector, *, night: bool = False, compare: bool = True) -> Matched:
+    """Measure a camera's footage, and write a scene whose frames look alike.
+
+    Parameters
+    ----------
+    videos : sequence of str or Path
+        Of one camera; each quantity is that of the video that determines it best.
+    detector : Detector
+    night : bool
+        Whether they were recorded by floodlights.
+    compare : bool
+        Whether to render the scene, and to measure it in the same way.
+
+    Raises
+    ------
+    SourceError
+        If a video cannot be read, or they differ in size.
+    """
+    seen = together([measure(read(video), detector, night=night) for video in videos])
+    scenario, text = scene_of(seen, night=night)
+    training = training_scene(seen, scenario)
+    if not compare:
+        return Matched(seen, text, training, None)
+    few = msgspec.structs.replace(scenario, frames=min(scenario.frames, SHOWN_FRAMES))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ours.mp4"
+        render_video(few, path)
+        return Matched(seen, text, training, measure(read(path), detector, night=night))
+
+
+def together(parts: Sequence[Appearance]) -> Appearance:
+    """Take each quantity from the video that determines it best."""
+    first = parts[0]
+    for other in parts[1:]:
+        if other.footage.size != first.footage.size:
+            sizes = "{}x{} px, and {} of {}x{} px".format(*other.footage.size, first.footage.name, *first.footage.size)
+            raise SourceError(f"{other.footage.name}: is of {sizes}: match each alone")
+    bright = [one for one in parts if not one.dark] or list(parts)
+
+    def best(of: Callable[[Appearance], Quantity]) -> Appearance:
+        return min(bright, key=lambda one: of(one).high - of(one).low if of(one).known else math.inf)
+
+    noisy = best(lambda one: one.noise.gain)
+    return replace(
+        best(lambda one: one.level),
+        noise=noisy.noise,
+        blur=best(lambda one: one.blur.diameter).blur,
+        sharpness=best(lambda one: one.sharpness.overshoot).sharpness,
+        vignetting=best(lambda one: one.vignetting).vignetting,
+        display=max(bright, key=lambda one: one.display.read).display,
+        grab=best(lambda one: one.grab.size_px).grab,
+    )
+
+
+def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
+    """Write the scene that matches footage: the scenario, and its file with what is not determined as comments."""
+    width, height = _size(seen)
+    optics: dict[str, Any] = {}
+    if seen.vignetting.value is not None:
+        optics["vignetting_stops"] = _rounded(min(seen.vignetting.value, 8.0))
+    if seen.blur.diameter.value is not None:
+        optics["defocus_px"] = _rounded(min(seen.blur.diameter.value, MOST_BLUR_PX))
+    if seen.grey:
+        optics["night_mode"] = "on"
+    optics |= _sharpening(seen)
+    data: dict[str, Any] = {
+        "camera": {
+            "width_px": width,
+            "height_px": height,
+            "focal": {
+                "model": "pixels",
+                "focal_length_px": _rounded(PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM * max(width, height) / 1920),
+            },
+        },
+        "swing": {"model": "dynamic"},
+        "clip": _clip(seen),
+        "optics": optics,
+        "image": {"format": "png"},
+    }
+    if night:
+        data["light"] = NIGHT
+    rate = data["clip"].get("frame_rate_hz", 9.0)
+    frames_wanted = max(math.ceil(SECONDS * rate), 1)
+    if seen.display.layout is not None:
+        data["display"] = {"layout": msgspec.to_builtins(seen.display.layout)}
+    data = {"name": "matched", "frames": frames_wanted} | data
+    stops = 0.0
+    if seen.level.value is not None:
+        stops, gains = _exposure(data, seen)
+        if gains:
+            optics["white_balance"] = gains
+        optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
+        optics |= _sensor(seen, max(2.0**stops, 1.0))
+    if seen.grab.paint_rgb is not None:
+        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in _paint(seen.grab.paint_rgb, stops)]}
+    return scenes.load(BASE, data), _comments(seen, "is that of the paper's camera", BASE) + tomli_w.dumps(
+        {"base": BASE} | data
+    )
+
+
+def training_scene(seen: Appearance, matched: Scenario) -> str:
+    """Write the scene `training` as the camera shows it: what was measured varies within its interval only.
+
+    Everything is written out, because a file cannot take back what its base lets vary.
+    """
+    changes: dict[str, Any] = {"name": "matched-training", "frames": TRAINING_FRAMES}
+    drawn = dict[str, tuple[float, float]]()
+    if seen.vignetting.known:
+        drawn["optics.vignetting_stops"] = (min(seen.vignetting.low, 8.0), min(seen.vignetting.high, 8.0))
+    if seen.blur.diameter.known:
+        drawn["optics.defocus_px"] = (max(seen.blur.diameter.low, 0.0), min(seen.blur.diameter.high, MOST_BLUR_PX))
+    if seen.level.value:
+        low, high = seen.level.value / LEVEL_SPREAD, seen.level.value * LEVEL_SPREAD
+        drawn["optics.exposure.target_level"] = (min(max(low, 0.01), 0.7), min(max(high, 0.012), 0.9))
+        changes["optics.exposure.exposure_ev"] = 0.0
+    for name, value in _sensor(seen, 1.0).get("sensor", {}).items():
+        changes[f"optics.sensor.{name}"] = value
+    if seen.grey:
+        changes["optics.night_mode"] = "on"
+    if not matched.light.sun:
+        changes["light"] = NIGHT
+    if seen.display.layout is not None:
+        changes["display.layout"] = msgspec.to_builtins(seen.display.layout)
+    changes |= {key: _rounded(low) for key, (low, _) in drawn.items()}
+    straight = {"camera.distortion.k1": 0.0}  # small or upright pictures allow neither the lens nor the display
+    for left_out in (
+        {},
+        straight,
+        straight | {"display.layout": "none"},
+    ):
+        try:
+            scene = scenes.load(TRAINED_ON, left_out | changes, size=_size(seen))
+            break
+        except ScenarioError as problem:
+            refused = problem
+    else:
+        raise refused
+    measured: dict[str, Factor] = {
+        key: Uniform(_rounded(low), _rounded(high)) for key, (low, high) in drawn.items() if low < high
+    }
+    if seen.grab.paint_rgb is not None:
+        measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
+    red, green, blue = matched.optics.white_balance
+    if not seen.grey and (red, green, blue) != (1.0, 1.0, 1.0):
+        spread = (1 / CAST_SPREAD, 1.0, CAST_SPREAD)
+        casts = tuple((_rounded(red * r), green, _rounded(blue * b)) for r in spread for b in spread)
+        measured["optics.white_balance"] = OneOf(casts)
+    optics = msgspec.structs.replace(scene.optics, sharpening=matched.optics.sharpening)  # in px of this size
+    scene = msgspec.structs.replace(scene, vary=scene.vary | measured, optics=optics)
+    return _comments(seen, "varies", TRAINED_ON) + scene.to_toml()
+
+
+def _size(seen: Appearance) -> tuple[int, int]:
+    """Width and height that can be rendered, px."""
+    width, height = (min(max(side - side % 2, SIDES_PX[0]), SIDES_PX[1]) for side in seen.footage.size)
+    return width, height
+
+
+def _clip(seen: Appearance) -> dict[str, Any]:
+    footage, clip = seen.footage, dict[str, Any]()
+    if footage.frame_rate_hz is not None:
+        clip["frame_rate_hz"] = _rounded(min(max(footage.frame_rate_hz, 0.01), 120.0))
+    if footage.bit_rate_mbit_s:
+        clip["bit_rate_mbit_s"] = _rounded(min(max(footage.bit_rate_mbit_s, 0.01), 200.0))
+    if footage.gop_frames:
+        clip["gop_frames"] = min(max(footage.gop_frames, 1), 1000)
+    return clip
+
+
+def _sensor(seen: Appearance, gain: float) -> dict[str, Any]:
+    """Give the sensor whose noise is what was measured, at a gain of the exposure and before any sharpening."""
+    shot, read_noise = seen.noise.gain.value, seen.noise.read.value
+    if not shot:
+        return {}
+    shot, read_noise = shot / seen.sharpness.noise_gain, (read_noise or 0.0) / math.sqrt(seen.sharpness.noise_gain)
+    well = min(max(gain / shot, 100.0), 1e6)
+    return {
+        "sensor": {
+            "full_well_e": _rounded(well),
+            "read_noise_e": _rounded(min(read_noise * well / gain, 1000.0)),
+        }
+    }
+
+
+def _sharpening(seen: Appearance) -> dict[str, Any]:
+    """Give the sharpening that was measured."""
+    amount, radius = seen.sharpness.amount, seen.sharpness.radius_px
+    return {"sharpening": {"amount": _rounded(amount), "radius_px": radius}} if amount else {}
+
+
+def _exposure(data: dict[str, Any], seen: Appearance) -> tuple[float, list[float]]:
+    """Find the stops and the gains of red, green and blue by which the scene's frames get a mean level and colour.
+
+    Without a colour in the footage there are no gains.
+    """
+    (frame,) = frames(scenes.load(BASE, data | {"display.layout": "none"}), (0,), buffers=False)
+    light = to_linear(frame.rgb[::2, ::2])
+    gains = list[float]()
+    if seen.cast[0].value and seen.cast[1].value:
+        ours = light.mean(axis=(0, 1))
+        wanted = (seen.cast[0].value * ours[1] / ours[0], 1.0, seen.cast[1].value * ours[1] / ours[2])
+        gains = [_rounded(float(np.clip(gain, 1 / MOST_GAIN, MOST_GAIN))) for gain in wanted]
+        light = light * gains
+    luminance = light @ (0.2126, 0.7152, 0.0722)
+
+    def off(stops: float) -> float:
+        return float(np.minimum(luminance * 2.0**stops, 1.0).mean()) - float(seen.level.value or 0.0)
+
+    low, high = -8.0, 8.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (middle, high) if off(middle) < 0 else (low, middle)
+    return (low + high) / 2, gains
+
+
+def _paint(shown: Sequence[float], stops: float) -> list[float]:
+    """Undo an exposure: the colour, 0 to 1, that paint has in a picture of a usual exposure."""
+    light = decoded(np.asarray(shown, float)) / 2.0**stops
+    return encoded(light / max(float(light.max()), 1.0)).tolist()
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _comments(seen: Appearance, focal: str, base: str) -> str:
+    """Say where each value is from; a comment has one line, whatever the video is called."""
+    lines = [f"Matched to {seen.footage.name}. 95 % intervals:"]
+    lines += [f"{name}: {text}" for name, text in seen.rows()]
+    lines.append(f"The focal length {focal}: footage alone does not determine it.")
+    lines.append(f"What was not measured is as in {base}.")
+    return "".join(f"# {''.join(c if c.isprintable() else '?' for c in line)}\n" for line in lines) + "\n"
+
+
+def page(matched: Matched) -> str:
+    """Write the page: theirs and ours side by side, with histograms, spectra and noise curves."""
+    theirs, ours = matched.theirs, matched.ours
+    assert ours is not None
+    rows = [(name, text, own) for (name, text), (_, own) in zip(theirs.rows(), ours.rows(), strict=True)]
+    return html.page(
+        "match.html", name=theirs.footage.name, rows=rows,
+        theirs=encode(theirs.footage.rgb[0][..., ::-1], "jpeg", 90),
+        ours=encode(ours.footage.rgb[0][..., ::-1], "jpeg", 90),
+        figures=[(title, figure) for title, figure in _figures(theirs, ours)], scene=matched.scene,
+    )  # fmt: skip
+
+
+def _figures(theirs: Appearance, ours: Appearance) -> list[tuple[str, Figure]]:
+    both = (("theirs", theirs, "tab:blue"), ("ours", ours, "tab:orange"))
+    histogram, spectrum, curve = (Figure((5, 3)) for _ in range(3))
+    axes = [figure.add_subplot() for figure in (histogram, spectrum, curve)]
+    for name, one, colour in both:
+        counts = np.bincount(one.footage.luma[0].ravel(), minlength=256) / one.footage.luma[0].size
+        axes[0].step(np.arange(256), counts, label=name, color=colour, where="mid")
+        frequency, power = _spectrum(one.footage.luma[0])
+        axes[1].loglog(frequency, power, label=name, color=colour)
+        if one.noise.curve is not None:
+            axes[2].plot(one.noise.curve.level, np.sqrt(one.noise.curve.variance), "o-", label=name, color=colour)
+    labels = (
+        ("luma, levels", "share of the pixels"), ("frequency, cycles a pixel", "power, levels²"),
+        ("luma, levels", "noise, standard deviation, levels"),
+    )  # fmt: skip
+    for each, (x, y) in zip(axes, labels, strict=True):
+        each.set_xlabel(x)
+        each.set_ylabel(y)
+        if each.get_legend_handles_labels()[0]:
+            each.legend()
+    for figure in (histogram, spectrum, curve):
+        figure.tight_layout()
+    return [("Histogram of one frame", histogram), ("Spectrum of one frame", spectrum), ("Noise", curve)]
+
+
+def _spectrum(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radial mean of the power spectrum of a picture's middle."""
+    side = min(luma.shape)
+    y, x = (luma.shape[0] - side) // 2, (luma.shape[1] - side) // 2
+    part = luma[y : y + side, x : x + side].astype(float)
+    window = np.hanning(side)
+    power = np.abs(np.fft.fft2((part - part.mean()) * window * window[:, None])) ** 2 / side**2
+    f = np.fft.fftfreq(side)
+    radius = np.hypot(f, f[:, None])
+    which = np.digitize(radius.ravel(), edges := np.linspace(0, 0.5, 60))
+    total, count = np.bincount(which, power.ravel(), 61), np.bincount(which, minlength=61)
+    return (edges[1:] + edges[:-1]) / 2, (total[1:60] / np.maximum(count[1:60], 1))

@@ -1,0 +1,109 @@
+"""The camera TOML: what the instrument knows of its camera. Never the tilt, which is what it has to find."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import tomli_w
+
+from simgrab.errors import CalibrationError, LayoutError
+from simgrab.io.parse import parse_toml, read_toml
+from simgrab.io.strict import Checked, convert
+from simgrab.model import layouts
+from simgrab.model.geometry import Distortion, Intrinsics
+from simgrab.model.layouts import Layout
+
+Meta = msgspec.Meta
+Side = Annotated[int, Meta(ge=1, le=65_536)]
+Pixel = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Coefficient = Annotated[float, Meta(ge=-1e9, le=1e9)]  # of a long lens, whose rays have small slopes, thousands
+Metres = Annotated[float, Meta(ge=-1000, le=1000)]
+
+
+class Calibration(Checked, frozen=True):
+    """Intrinsics, distortion and the nominal offset of the camera from the rope exit.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+    focal_length_px : float
+        h = fx = fy.
+    cx_px, cy_px : float
+        Principal point; (0, 0) is the outer corner of the top-left pixel.
+    k1, k2, p1, p2, k3 : float
+        Brown–Conrady, OpenCV's order and signs.
+    offset_m : tuple of 3 floats
+        Nominal camera centre minus rope exit O, jib frame (x outboard, z up).
+    offset_sd_m : float
+        Standard deviation of each component of the offset.
+    roll_deg : float
+        Nominal turn of the picture about the optical axis, which orients the offset in the picture.
+    display_constant_m : float
+        |OA| minus the hoist rope's length on the display.
+    digit_layout : Layout or None
+        Where the display has its digits; None where there is no display. The layout itself and not its name, so that
+        the file says all that a reader needs, wherever it is read.
+    """
+
+    error = CalibrationError
+
+    width_px: Side
+    height_px: Side
+    focal_length_px: Annotated[float, Meta(gt=0, le=1e6)]
+    cx_px: Pixel
+    cy_px: Pixel
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+    offset_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    offset_sd_m: Annotated[float, Meta(ge=0, le=1000)] = 0.5
+    roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    display_constant_m: Metres = 0.0
+    digit_layout: Layout | None = None
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The pinhole and its lens."""
+        return Intrinsics(
+            self.width_px,
+            self.height_px,
+            self.focal_length_px,
+            self.cx_px,
+            self.cy_px,
+            Distortion(self.k1, self.k2, self.p1, self.p2, self.k3),
+        )
+
+    def to_toml(self) -> str:
+        """Return the camera TOML."""
+        data = msgspec.to_builtins(self)
+        return tomli_w.dumps({key: value for key, value in data.items() if value is not None})  # TOML knows no null
+
+    def save(self, path: Path) -> None:
+        """Write a camera TOML."""
+        path.write_text(self.to_toml(), encoding="utf-8")
+
+
+def load(path: str | Path) -> Calibration:
+    """Read a camera TOML; raises `CalibrationError` with one line that names file and key.
+
+    ``digit_layout`` may be a bundled layout's name there.
+    """
+    return _of(read_toml(path, CalibrationError, "camera file"), path)
+
+
+def parse(text: str, where: str) -> Calibration:
+    """Parse the text of a camera TOML as `load` does; ``where`` begins the error line."""
+    return _of(parse_toml(text, CalibrationError, f"{where}: it is not valid TOML"), where)
+
+
+def _of(data: dict[str, Any], where: str | Path) -> Calibration:
+    if isinstance(data.get("digit_layout"), str):
+        try:
+            data["digit_layout"] = layouts.load(data["digit_layout"])
+        except LayoutError as problem:
+            raise CalibrationError(f"{where}: digit_layout: {problem}") from None
+    return convert(data, Calibration, CalibrationError, where)

@@ -1,0 +1,120 @@
+"""A frame's truth as arrays."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from simgrab.model import geometry
+from simgrab.model.geometry import Array, Distortion, Intrinsics
+from simgrab.model.truth import Boxed, Truth
+
+_STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
+_STEP = 0.05  # along the rope, in its lengths, likewise
+
+
+def box(row: Truth | Boxed) -> Array | None:
+    """Visible box x0, y0, x1, y1, px; None where nothing is seen of the grab."""
+    corners = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    return None if corners[0] is None else np.array(corners, float)
+
+
+def amodal_box(row: Truth) -> Array | None:
+    """Box x0, y0, x1, y1 of the whole silhouette, px; None where the lens shows nothing of it."""
+    corners = (row.amodal_x0_px, row.amodal_y0_px, row.amodal_x1_px, row.amodal_y1_px)
+    return None if corners[0] is None else np.array(corners, float)
+
+
+def pose(values: tuple[float, ...]) -> Array:
+    """Transform, shape (4, 4), from the 12 values of a pose column."""
+    return np.vstack([np.reshape(values, (3, 4)), (0.0, 0.0, 0.0, 1.0)])
+
+
+def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
+    """Whether detection labels hold a box for a row: the grab shows, and at least this fraction of it."""
+    return row.box_x0_px is not None and row.visible_fraction >= least_visible_fraction
+
+
+def centre(row: Truth | Boxed) -> Array:
+    """Grab centre A as the picture has it, px; NaN where the lens shows none, or boxes alone are known."""
+    if isinstance(row, Boxed):
+        return np.full(2, np.nan)
+    return np.array([np.nan if x is None else x for x in (row.grab_u_px, row.grab_v_px)])
+
+
+def yaw(row: Truth | Boxed) -> float:
+    """Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π).
+
+    NaN where boxes alone are known.
+    """
+    if isinstance(row, Boxed):
+        return math.nan
+    grab = np.reshape(row.jib_from_grab, (3, 4))
+    camera = np.reshape(row.jib_from_camera, (3, 4))
+    points = grab[:, 3] + np.array([[-_STEP_M], [_STEP_M]]) * grab[:, 0]
+    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    across, down = ends[1] - ends[0]
+    return float(np.arctan2(down, across) % np.pi)
+
+
+def up_the_ropes(row: Truth | Boxed) -> Array:
+    """Way from A a twentieth of the ropes' length up to O, px, shape (2,); NaN where boxes alone are known."""
+    if isinstance(row, Boxed):
+        return np.full(2, np.nan)
+    centre, camera = np.reshape(row.jib_from_grab, (3, 4))[:, 3], np.reshape(row.jib_from_camera, (3, 4))
+    points = np.stack([centre, (1 - _STEP) * centre])
+    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    return np.asarray(ends[1] - ends[0])
+
+
+def intrinsics(row: Truth) -> Intrinsics:
+    """Give a frame's pinhole and its lens."""
+    lens = Distortion(row.k1, row.k2, row.p1, row.p2, row.k3)
+    return Intrinsics(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px, lens)
+
+
+def half_turn(angle: float) -> float:
+    """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
+    return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+class Labelled:
+    """A frame with its truth, as arrays. Pixels are continuous; poses are in metres, in the jib frame."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def truth(self) -> Truth:
+            """What is known of the frame."""
+
+    @property
+    def box(self) -> Array | None:
+        """Visible box x0, y0, x1, y1, px, shape (4,), half open; None where nothing is seen of the grab."""
+        return box(self.truth)
+
+    @property
+    def amodal_box(self) -> Array | None:
+        """Box of the whole silhouette, hidden parts included, px, shape (4,); None where the lens shows none of it."""
+        return amodal_box(self.truth)
+
+    @property
+    def keypoints(self) -> Array:
+        """Points u, v, visibility, shape (10, 3), in the order of `simgrab.model.truth.KEYPOINT_NAMES`."""
+        return np.reshape(self.truth.keypoints, (-1, 3))
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The frame's pinhole and its lens."""
+        return intrinsics(self.truth)
+
+    @property
+    def jib_from_camera(self) -> Array:
+        """Pose of the camera, shape (4, 4)."""
+        return pose(self.truth.jib_from_camera)
+
+    @property
+    def jib_from_grab(self) -> Array:
+        """Pose of the grab, shape (4, 4)."""
+        return pose(self.truth.jib_from_grab)

@@ -1,0 +1,167 @@
+"""What estimators return."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.model.geometry import Array
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Intervals at one level, by one way of counting what the frames know. Radians; leading axes as in the estimate.
+
+    Attributes
+    ----------
+    kind : str
+        ``"iid"``: frames are independent. ``"blocks"``: only blocks of seconds are. ``"posterior"``: by a model of
+        the motion.
+    level : float
+        Nominal coverage.
+    beta, sigma : ndarray, shape (..., 2), or None
+        Lower and upper end; None (NaN within a batch) where none can be given, and then `note` gives the reason.
+    alpha : ndarray, shape (..., n, 2), or None
+        Of each frame, given the pixel: what the tilt's (and offset's) uncertainty does to α.
+    blocks : int or None
+        How many blocks.
+    note : str
+        Why there is none, or what it takes for granted; empty otherwise.
+    tilt : ndarray, shape (..., 2, 2) or (..., 4, 4), or None
+        Covariance, rad², of gravity along and across the tilt and, where the offset is estimated, of minus its
+        horizontal part in the same two directions, m²; what frames to come need.
+    """
+
+    kind: str
+    level: float
+    beta: Array | None
+    sigma: Array | None
+    alpha: Array | None
+    blocks: int | None = None
+    note: str = ""
+    tilt: Array | None = None
+
+
+def _of_kind(intervals: tuple[Intervals, ...], kind: str) -> Intervals:
+    for interval in intervals:
+        if interval.kind == kind:
+            return interval
+    raise KeyError(f"no {kind!r} intervals; there are: {', '.join(i.kind for i in intervals) or 'none'}")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator found in one record of n frames, or why it refused. Radians, metres, jib frame.
+
+    Attributes
+    ----------
+    estimator : str
+        Its name in the registry.
+    status : str
+        ``"ok"`` or ``"refused"``.
+    reason : str
+        Of a refusal; empty when ok.
+    frames : int
+        How many frames were used; rows without a finite pixel are missing frames.
+    beta, tilt_azimuth, sigma : float or None
+        Tilt, direction of the optical axis' horizontal part in [0, 2π), √E[α²]; None when refused.
+    alpha : ndarray, shape (n,), or None
+        Swing of each frame, NaN where the frame is missing; None when refused.
+    offset : ndarray, shape (3,), or None
+        Camera centre minus rope exit, m, where it was estimated.
+    intervals : tuple of Intervals
+        One for each way of counting.
+    diagnostics : mapping
+        The estimator's diagnostics: iterations, history, concentration, …
+    """
+
+    estimator: str
+    status: str
+    reason: str
+    frames: int
+    beta: float | None
+    tilt_azimuth: float | None
+    sigma: float | None
+    alpha: Array | None
+    offset: Array | None
+    intervals: tuple[Intervals, ...]
+    diagnostics: Mapping[str, Any]
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a result."""
+        return self.status == "ok"
+
+    def interval(self, kind: str) -> Intervals:
+        """Find the intervals of one kind; raises KeyError naming those there are."""
+        return _of_kind(self.intervals, kind)
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """The estimates of M records of n frames each, as arrays; ``estimates[i]`` is the `Estimate` of one.
+
+    Attributes
+    ----------
+    estimator : str
+    ok : ndarray of bool, shape (M,)
+    reason : ndarray of str, shape (M,)
+        Why a record was refused; empty where ok.
+    frames : ndarray of int, shape (M,)
+    beta, tilt_azimuth, sigma : ndarray, shape (M,)
+        NaN where not ok. Count the refusals before you average over the rest.
+    alpha : ndarray, shape (M, n)
+    offset : ndarray, shape (M, 3), or None
+    intervals : tuple of Intervals
+    diagnostics : mapping of str to ndarray, shape (M, ...)
+    """
+
+    estimator: str
+    ok: NDArray[np.bool_]
+    reason: NDArray[np.str_]
+    frames: NDArray[np.int64]
+    beta: Array
+    tilt_azimuth: Array
+    sigma: Array
+    alpha: Array
+    offset: Array | None
+    intervals: tuple[Intervals, ...]
+    diagnostics: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(self.ok)
+
+    def interval(self, kind: str) -> Intervals:
+        """Find the intervals of one kind; raises KeyError naming those there are."""
+        return _of_kind(self.intervals, kind)
+
+    def __getitem__(self, i: int) -> Estimate:
+        ok = bool(self.ok[i])
+
+        def one(interval: Intervals) -> Intervals:
+            beta, sigma, alpha, tilt = (
+                None if a is None or bool(np.isnan(a[i]).all()) else a[i]
+                for a in (interval.beta, interval.sigma, interval.alpha, interval.tilt)
+            )
+            note = interval.note
+            if sigma is None and not note:
+                note = "no scatter to judge by: the frames are identical"
+            return Intervals(interval.kind, interval.level, beta, sigma, alpha, interval.blocks, note, tilt)
+
+        return Estimate(
+            estimator=self.estimator,
+            status="ok" if ok else "refused",
+            reason=str(self.reason[i]),
+            frames=int(self.frames[i]),
+            beta=float(self.beta[i]) if ok else None,
+            tilt_azimuth=float(self.tilt_azimuth[i]) if ok else None,
+            sigma=float(self.sigma[i]) if ok else None,
+            alpha=self.alpha[i] if ok else None,
+            offset=self.offset[i] if ok and self.offset is not None else None,
+            intervals=tuple(one(interval) for interval in self.intervals) if ok else (),
+            diagnostics={name: value[i] for name, value in self.diagnostics.items()},
+        )

@@ -1,0 +1,196 @@
+"""The picture files that a finished dataset names, and when each was taken: what may be known of it without its truth.
+
+It is also the one place in which a dataset's ``labels.parquet`` is opened; a row of the whole table is read by naming
+the type of a whole row.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Protocol, TypeVar
+
+import cv2
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from simgrab.errors import DatasetError, first_line
+from simgrab.io import parquet, pictures
+from simgrab.io.parse import cannot, is_dir, is_file, opened, read_bytes
+
+LABELS = "labels.parquet"
+_Index = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+
+
+class FrameFile(msgspec.Struct, frozen=True):
+    """One frame's picture file; the columns of the same names in ``labels.parquet``.
+
+    Attributes
+    ----------
+    frame : int
+    file : str
+        Relative to the dataset.
+    clip : int or None
+    time_s : float or None
+        Within the clip; None, as ``clip`` is, where frames are independent.
+    image_sha256 : str
+        Of the file.
+    """
+
+    frame: _Index
+    file: str
+    clip: _Index | None
+    time_s: Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)] | None
+    image_sha256: str
+
+
+class Row(Protocol):
+    """A row that names a picture file: a `FrameFile`, or a whole row of labels."""
+
+    @property
+    def frame(self) -> int: ...  # noqa: D102
+    @property
+    def file(self) -> str: ...  # noqa: D102
+    @property
+    def clip(self) -> int | None: ...  # noqa: D102
+    @property
+    def time_s(self) -> float | None: ...  # noqa: D102
+    @property
+    def image_sha256(self) -> str: ...  # noqa: D102
+
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures.
+
+    Raises
+    ------
+    DatasetError
+        If that cannot be determined: the name is too long, or the folder may not be searched.
+    """
+    return is_file(path / LABELS, DatasetError) or is_dir(path / ".partial", DatasetError)
+
+
+def read(path: Path) -> tuple[tuple[FrameFile, ...], str]:
+    """List a finished dataset's picture files, by frame, with the SHA-256 of its ``labels.parquet``.
+
+    Raises
+    ------
+    DatasetError
+        If it is none, is unfinished or empty, or lacks a picture.
+    """
+    rows, _, digest = read_rows(path, FrameFile)
+    check_files(path, rows)
+    return rows, digest
+
+
+def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]:
+    """Read ``labels.parquet``, as rows of a type: of its columns those that the type has, unless it forbids others.
+
+    Returns
+    -------
+    rows : tuple
+    schema : pyarrow.Schema
+        Of the columns that were read.
+    digest : str
+        SHA-256 of the file.
+    """
+    file = path / LABELS
+    if not is_file(file, DatasetError):
+        state = "unfinished; continue with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
+        if is_dir(path / "shards", DatasetError):
+            state = "a dataset of shards, of which simgrab export --format simgrab makes a folder"
+        raise DatasetError(f"{path} is {state}: it has no {LABELS}")
+    strict = kind.__struct_config__.forbid_unknown_fields
+    with opened(file, DatasetError, most_bytes=parquet.MOST_BYTES) as handle:
+        table = parquet.parse_table(handle, DatasetError, cannot(file), None if strict else kind.__struct_fields__)
+        handle.seek(0)
+        digest = hashlib.file_digest(handle, "sha256").hexdigest()
+    plain = parquet.rows(table, DatasetError, cannot(file))
+    try:
+        return msgspec.convert(plain, tuple[kind, ...]), table.schema, digest  # type: ignore[valid-type]
+    except (ValueError, LookupError, TypeError) as problem:
+        raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
+
+
+def check_files(path: Path, rows: Sequence[Row]) -> None:
+    """Refuse rows that are out of order, and files that are missing or lie elsewhere.
+
+    A file may be a link that leads out of the dataset where its content is what the labels are of: who knows a
+    file's digest knows the file already.
+    """
+    if not rows:
+        raise DatasetError(f"{path}: no frames in {LABELS}")
+    _check_order(path, rows)
+    folder = os.path.realpath(path)
+    for row in rows:
+        if os.path.isabs(row.file) or os.path.normpath(row.file).startswith(".."):  # noqa: PTH117
+            raise DatasetError(f"{path}: frame {row.frame} names the image {row.file}, which is not in the dataset")
+        if not is_file(path / row.file, DatasetError):
+            raise DatasetError(f"{path}: frame {row.frame} has labels but no image; {row.file} is missing")
+        if os.path.commonpath([folder, os.path.realpath(path / row.file)]) != folder:
+            content(path / row.file, row)
+
+
+def _check_order(path: Path, rows: Sequence[Row]) -> None:
+    """Refuse rows that are not in the order of their frames and, within a clip, of their times."""
+    for row in rows:
+        if len({row.clip is None, row.time_s is None, rows[0].clip is None}) > 1:
+            raise DatasetError(f"{path}: frame {row.frame}: clip and time_s must be given in every frame or in none")
+    for before, row in pairwise(rows):
+        if row.frame <= before.frame:
+            raise DatasetError(f"{path}: frame {row.frame} comes after frame {before.frame}; they must increase")
+        if before.clip is None or row.clip is None or before.time_s is None or row.time_s is None:
+            continue
+        if (row.clip, row.time_s) <= (before.clip, before.time_s):
+            raise DatasetError(
+                f"{path}: frame {row.frame}: clip {row.clip}, time_s {row.time_s:g} comes after clip {before.clip}, "
+                f"time_s {before.time_s:g}; they must increase"
+            )
+
+
+def picture(file: Path, row: Row, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+    """Decode the picture of a row, once its SHA-256 is found to be the labels'.
+
+    Parameters
+    ----------
+    file : Path
+    row : Row
+    mode : int
+        OpenCV's ``IMREAD_…``.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3), or (height, width) where ``mode`` is grey
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read, or is not the labels' picture.
+    """
+    return pictures.decode(content(file, row), file, mode)
+
+
+def content(file: Path, row: Row) -> bytes:
+    """Read a row's picture file.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read, or is not the labels' picture.
+    """
+    return sound(read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES), row, file)
+
+
+def sound(data: bytes, row: Row, where: object) -> bytes:
+    """Refuse the bytes of a picture file that is not the labels'; ``where`` is what the error line names."""
+    if hashlib.sha256(data).hexdigest() != row.image_sha256:
+        raise DatasetError(f"{where} does not match the digest in its labels: it was changed or damaged")
+    return data

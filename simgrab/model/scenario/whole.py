@@ -1,0 +1,274 @@
+"""One scene, whole, and how scenarios are read, changed and written."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import timedelta
+from typing import Annotated, Any, Literal
+
+import msgspec
+import tomli_w
+
+from simgrab.errors import LayoutError, ScenarioError
+from simgrab.io import models
+from simgrab.model.distributions import Constant, Distribution
+from simgrab.model.geometry import Intrinsics
+from simgrab.model.layouts import Layout
+from simgrab.model.scenario.base import Meta, Strict
+from simgrab.model.scenario.camera import Camera
+from simgrab.model.scenario.descriptions import describe
+from simgrab.model.scenario.factor import JOINT, Factor, OneOf
+from simgrab.model.scenario.font import BundledFont, FontFile
+from simgrab.model.scenario.grab import FourRope, Grab, Mesh
+from simgrab.model.scenario.markers import Markers
+from simgrab.model.scenario.optics import Optics
+from simgrab.model.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
+from simgrab.model.scenario.sensors import MotionSensor
+from simgrab.model.scenario.surroundings import Clutter, Jib, Light, Photo, Place, Quay
+from simgrab.model.scenario.suspension import DoublePendulum, OneBody, Suspension
+from simgrab.model.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
+from simgrab.model.scenario.weather import Weather
+
+MOST_DAYS = 366
+"""Of simulated motion in a dataset."""
+MOST_SENSORS = 32
+_LATER: dict[str, Any] = {"suspension": OneBody(), "markers": Markers(), "sensors": {}}
+"""Keys that scenarios did not always have, with their defaults."""
+_SENSOR_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")  # a folder of the dataset
+
+
+class Scenario(Strict, frozen=True):
+    """One scene, whole. Two scenarios with the same `digest` give the same dataset.
+
+    ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
+    that only some kinds of a table have is left out where another kind was drawn.
+
+    ``sensors`` are those beside the camera, by name, ``suspension`` is how the grab hangs on its ropes, and ``markers``
+    what is mounted for a method to look at. A scenario in which these, or the display's font, are as by default is
+    written, and has the digest, as if there were no such keys.
+    """
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
+    description: Annotated[str, Meta(max_length=10_000)] = ""
+    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
+    camera: Camera = Camera()
+    swing: Iid | Dynamic = Iid()
+    grab: Grab = FourRope()
+    jib: Jib = Jib()
+    place: Place = Quay()
+    clutter: Clutter = Clutter()
+    light: Light = Light()
+    optics: Optics = Optics()
+    weather: Weather = Weather()
+    image: Image = Image()
+    shutter: Shutter = Shutter()
+    clip: Clip = Clip()
+    display: Display = Display()
+    labels: Labels = Labels()
+    splits: Splits = Splits()
+    suspension: Suspension = OneBody()
+    markers: Markers = Markers()
+    sensors: dict[str, MotionSensor] = msgspec.field(default_factory=dict)
+    vary: dict[str, Factor] = msgspec.field(default_factory=dict)
+
+    def check(self) -> None:  # noqa: D102
+        if isinstance(self.swing, Iid):
+            _within("swing.rope_length_m", self.swing.rope_length_m, *ROPE_LENGTH_RANGE_M)
+            _within("swing.load", self.swing.load, 0.0, 1.0)
+            _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
+            if self.camera.mount.vibration.rms_deg > 0:
+                raise ScenarioError(
+                    "camera.mount.vibration", 'independent frames have no time; swing.model = "dynamic"'
+                )
+        else:
+            self._check_duration(self.swing)
+        _check_lens(self.camera.intrinsics)
+        if self.shutter.open_s * self.clip.frame_rate_hz > 1:
+            raise ScenarioError(
+                "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
+            )
+        if isinstance(self.place, Photo) and self.light.floodlights > 0:
+            raise ScenarioError("light.floodlights", 'must be 0 with place.model = "photo", which holds its own light')
+        self._check_display()
+        self._check_sensors()
+        for key in self.vary:
+            for part in key.split(JOINT):
+                table, _, last = part.rpartition(".")
+                if table in ("grab", "place", "display.font") and last in ("file", "sha256"):
+                    raise ScenarioError(f"vary.{key}", f"a file varies with its table: use [vary.{table}]")
+        if self.vary and not self.clip.clip_frames:
+            raise ScenarioError("clip.clip_frames", "vary draws new values for each clip: set clip.clip_frames")
+
+    def _check_duration(self, swing: Dynamic) -> None:
+        days = (self.frames / self.clip.frame_rate_hz + self.clip.count(self.frames) * swing.settle_s) / 86_400
+        if days > MOST_DAYS:
+            raise ScenarioError(
+                "frames",
+                f"{self.frames} of them, and swing.settle_s before each clip, take {days:.0f} days of physics; "
+                f"at most {MOST_DAYS} are simulated",
+            )
+
+    def _check_display(self) -> None:
+        try:
+            _ = self.display_layout
+            self.display.started + timedelta(seconds=self.frames / self.clip.frame_rate_hz)
+        except LayoutError as problem:
+            raise ScenarioError("display.layout", str(problem)) from None
+        except OverflowError:
+            raise ScenarioError("display.start", "its clock ends with the year 9999, before the last frame") from None
+
+    def _check_sensors(self) -> None:
+        if len(self.sensors) > MOST_SENSORS:
+            raise ScenarioError("sensors", f"at most {MOST_SENSORS} sensors, got {len(self.sensors)}")
+        for name in self.sensors:
+            if not _SENSOR_NAME.fullmatch(name):
+                raise ScenarioError(
+                    f"sensors.{name}",
+                    "a name has 1 to 64 of a-z, 0-9, _ and -, and begins with a letter or digit",
+                )
+        if isinstance(self.swing, Iid) and isinstance(self.suspension, DoublePendulum):
+            raise ScenarioError(
+                "suspension.model", 'independent frames have no second swing; swing.model = "dynamic", or another model'
+            )
+        if self.sensors and isinstance(self.swing, Iid):
+            raise ScenarioError("sensors", 'independent frames have no motion to measure; swing.model = "dynamic"')
+
+    def with_camera(self, camera: Camera) -> Scenario:
+        """Return the same world seen by another camera, without display."""
+        return msgspec.structs.replace(self, camera=camera, display=Display(layout="none"))
+
+    def span(self, clip: int) -> range:
+        """Frames of one clip, in order; the last clip may be shorter."""
+        return self.clip.span(clip, self.frames)
+
+    @property
+    def display_layout(self) -> Layout | None:
+        """The display's layout fitted to the picture; None where there is no display."""
+        return self.display.layout_in(self.camera.width_px, self.camera.height_px)
+
+    @property
+    def models(self) -> tuple[models.Model, ...]:
+        """Models of users' own grabs, and users' photographs and fonts, that are known in this process."""
+        named = dict.fromkeys(_models([self.grab, self.place, self.display.font, *self.vary.values()]))
+        return tuple(model for name, sha256 in named if (model := models.find(sha256, name)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with the models, so that another process, or machine, knows them."""
+        return _unpickled, (msgspec.structs.astuple(self), [(one.name, dict(one.files)) for one in self.models])
+
+    def digest(self) -> str:
+        """SHA-256 of the canonical JSON of everything in the scenario."""
+        return hashlib.sha256(self._encoded(order="deterministic")).hexdigest()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, as `from_dict` takes it."""
+        return dict(msgspec.json.decode(self._encoded()))
+
+    def _encoded(self, order: Literal["deterministic"] | None = None) -> bytes:
+        """JSON of all fields in their order; later ones only where they are set, which keeps older digests."""
+
+        def encoded(fields: Mapping[str, Any]) -> msgspec.Raw:
+            each = {name: msgspec.Raw(msgspec.json.encode(value, order=order)) for name, value in fields.items()}
+            return msgspec.Raw(msgspec.json.encode(each))
+
+        fields = msgspec.structs.asdict(self)
+        fields = {name: value for name, value in fields.items() if name not in _LATER or value != _LATER[name]}
+        if self.display.font == BundledFont():
+            fields["display"] = encoded({k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"})
+        optics = msgspec.structs.asdict(self.optics)
+        if not self.optics.sharpening.amount and not any("optics.sharpening" in keys for keys in self.vary):
+            del optics["sharpening"]
+        if self.optics.white_balance == Optics().white_balance:
+            del optics["white_balance"]
+        fields["optics"] = encoded(optics)
+        return bytes(encoded(fields))
+
+    def to_toml(self) -> str:
+        """Return a scene file with every key filled in."""
+        return tomli_w.dumps(_without_none(self.to_dict()))
+
+
+def _unpickled(fields: tuple[Any, ...], known: Iterable[tuple[str, dict[str, bytes]]]) -> Scenario:
+    for name, files in known:
+        models.remember(models.Model(name, models.Files(files)))
+    return Scenario(*fields)
+
+
+def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
+    """Give name and SHA-256 of all models in tables, plain or not."""
+    for value in values:
+        match value:
+            case Mesh() | Photo() | FontFile():
+                yield value.file, value.sha256
+            case {"file": str(file), "sha256": str(sha256)}:
+                yield file, sha256
+            case OneOf():
+                yield from _models(value.values)
+            case dict():
+                yield from _models(value.values())
+
+
+def _without_none(value: Any) -> Any:
+    """TOML knows no null: an absent key says the same."""
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return value
+
+
+def _within(key: str, law: Distribution, low: float, high: float) -> None:
+    least, most = law.support()
+    if least < low or most > high:
+        raise ScenarioError(
+            key, f"values must stay within {low:g} … {high:g}, this distribution spans {least:g} … {most:g}"
+        )
+
+
+def _check_lens(intrinsics: Intrinsics) -> None:
+    """Refuse a lens that folds within the picture."""
+    w, h = intrinsics.width_px, intrinsics.height_px
+    border = [(x, y) for x in (0, w / 2, w) for y in (0, h / 2, h)]
+    if any(map(math.isnan, intrinsics.undistort(border).ravel())):
+        raise ScenarioError("camera.distortion", "the distortion is not invertible: no ray maps to the image corners")
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, for editors."""
+    return describe(_open_base(msgspec.json.schema(Scenario)))
+
+
+def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
+    properties = schema["$defs"]["Scenario"]["properties"]
+    properties["base"] = {"type": "string"}
+    return _with_numbers(schema)
+
+
+def _with_numbers(schema: Any) -> Any:
+    """Admit a number wherever a constant distribution may stand."""
+    if isinstance(schema, list):
+        return [_with_numbers(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    result = {key: _with_numbers(part) for key, part in schema.items()}
+    if {"$ref": f"#/$defs/{Constant.__name__}"} in result.get("anyOf", ()):
+        result["anyOf"].append({"type": "number"})
+    return result
+
+
+def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge nested tables, ``change`` winning; a table of another ``model`` or ``dist`` replaces the old one whole."""
+    result = dict(base)
+    for key, value in change.items():
+        old = result.get(key)
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value):
+            result[key] = merged(old, value)
+        else:
+            result[key] = value
+    return result
+
+
+def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    return any(tag in new and new[tag] != old.get(tag) for tag in ("model", "dist"))

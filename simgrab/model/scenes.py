@@ -1,0 +1,280 @@
+"""Find, read and change scenarios: bundled scenes by name, TOML files, a finished dataset's manifest."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from simgrab.errors import ScenarioError
+from simgrab.io import fonts, models, photographs, resources
+from simgrab.io.models import Model, copied
+from simgrab.io.parse import MOST_LEVELS, Refuse, find_misfit, parse_value, read_json, read_toml, shown
+from simgrab.io.resources import SCENES
+from simgrab.io.strict import convert
+from simgrab.model.scenario import Scenario, merged, vary
+from simgrab.model.scenario import resized as resized
+from simgrab.model.scenario.factor import JOINT
+
+_REFUSE = functools.partial(ScenarioError, "")
+
+
+def names() -> list[str]:
+    """Names of the bundled scenes."""
+    return resources.names(SCENES)
+
+
+def load(
+    scene: str | Path = "quay-day",
+    changes: Mapping[str, Any] | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    within: Path | None = None,
+) -> Scenario:
+    """Read a scenario and apply changes to it.
+
+    Parameters
+    ----------
+    scene : str or Path
+        A bundled scene's name (see `names`), a TOML file, or the ``manifest.json`` of a dataset.
+    changes : mapping, optional
+        Dotted keys to values, e.g. ``{"camera.beta_deg": 5.0}``. As in a scene file over its base, a key that is set
+        does not vary any more.
+    size : tuple of 2 ints, optional
+        Width and height of the images, px, which then show the same view; see `resized`. The keys ``camera.width_px``
+        and ``camera.height_px`` crop instead, because the focal length in pixels stays.
+    within : Path, optional
+        Folder that the models, photographs and fonts which a scene file names must lie in, for a file that is not
+        trusted. By default they may lie anywhere. ``changes`` may name any.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        With one line that names the key and what would be valid there.
+
+    Examples
+    --------
+    >>> load("quay-day", {"camera.beta_deg": 5.0}).camera.beta_deg
+    5.0
+    """
+    if not isinstance(changes, Mapping | None):
+        raise ScenarioError("", f"changes must be a mapping from dotted keys to values, got {type(changes).__name__}")
+    change: dict[str, Any] = {}
+    for key, value in (changes or {}).items():
+        change = merged(change, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
+    if misfit := find_misfit(change):
+        raise ScenarioError(*misfit)
+    factors = change.get("vary")
+    varied = {part for name in factors for part in name.split(JOINT)} if isinstance(factors, Mapping) else set()
+    for key in sorted(varied & set(changes or ())):
+        raise ScenarioError(key, "is set and varies in the same call; leave out one of the two")
+    change = _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse))
+    scenario = convert(vary.laid_over(_read(scene, within), change, changes or ()), Scenario)
+    vary.check(scenario)
+    return scenario if size is None else resized(scenario, *size)
+
+
+def manifest(scene: str | Path) -> dict[str, Any] | None:
+    """Manifest that a scenario is read from; None where it comes from a bundled scene or a TOML file."""
+    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
+    if path.suffix != ".json":
+        return None
+    data = read_json(path, _REFUSE)
+    return data if isinstance(data, dict) else None
+
+
+def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
+    """Parse ``a.b=value`` assignments; values are TOML, and dates and anything else are taken as strings."""
+    changes: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = (s.strip() for s in assignment.partition("="))
+        if not equals or not key or not text:
+            raise ScenarioError("", f"--set takes key=value, got {shown(assignment)}")
+        if key in changes:
+            raise ScenarioError(key, f"--set gives it twice: {shown(changes[key])} and {shown(text)}")
+        changes[key] = parse_value(text, functools.partial(ScenarioError, key), "--set")
+    return changes
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Parse ``640x360`` into width and height, px."""
+    size = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text, re.IGNORECASE)
+    if not size:
+        raise ScenarioError("", f"--size takes WIDTHxHEIGHT in pixels, such as 640x360; got {text!r}")
+    return int(size[1]), int(size[2])
+
+
+def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
+    """Plain data of a whole scene: laid over its base where it names one, and over the defaults."""
+    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
+    if path.suffix == ".json":
+        return merged(_defaults(), _manifest_scenario(path))
+
+    def beside(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        return _kind(table).read(_named(path, table, refuse, within), refuse)
+
+    data = _with_models(read_toml(path, _REFUSE), beside)
+    base = data.pop("base", None)
+    if base is None:
+        return merged(_defaults(), data)
+    if base not in names():
+        raise ScenarioError("base", f"{path}: no bundled scene {base!r}; one of: {', '.join(names())}")
+    return vary.laid_over(_read(base), data)
+
+
+def _defaults() -> dict[str, Any]:
+    return dict(msgspec.to_builtins(Scenario()))
+
+
+def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path | None) -> Path:
+    """Find the file that a table of a scene file names: from the scene's folder, or absolute."""
+    file = scene.parent / str(table["file"])
+    if within is not None:
+        try:
+            leaves = not file.resolve().is_relative_to(within.resolve())
+        except (OSError, ValueError, RuntimeError):  # a NUL byte, a loop of links
+            leaves = True
+        if leaves:
+            raise refuse(f"names {shown(table['file'])}, which is outside of {within}")
+    return file
+
+
+def _manifest_scenario(path: Path) -> dict[str, Any]:
+    return with_copies(_scenario_of(read_json(path, _REFUSE), path), path.parent)
+
+
+def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
+    """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
+
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        return _kind(table).read(
+            models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse), refuse
+        )
+
+    found: dict[str, Any] = _with_models(scenario, copy)
+    return found
+
+
+_READERS: dict[str, ModuleType] = {"mesh": models, "photo": photographs, "file": fonts}
+"""Modules that read the file of a table, by its ``model``."""
+
+
+def _kind(table: Mapping[str, Any]) -> ModuleType:
+    """Give the module that reads the file of a table."""
+    return _READERS.get(str(table.get("model")), models)
+
+
+def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], key: str = "") -> Any:
+    """Name models of grabs, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path.
+
+    ``read`` gives the model of a table.
+    """
+    if key.count(".") > MOST_LEVELS:
+        return data  # refused later
+    if isinstance(data, Mapping):
+        inner = {name: _with_models(value, read, f"{key}.{name}".lstrip(".")) for name, value in data.items()}
+        file = data.get("file")
+        if not isinstance(file, str) or not (str(data.get("model")) in _READERS or key == "grab"):
+            return inner
+        refuse = functools.partial(ScenarioError, f"{key}.file")
+        model = read(data, refuse)
+        stated = data.get("sha256")
+        if stated and stated != model.sha256:
+            raise ScenarioError(f"{key}.sha256", f"{file} has another content, of SHA-256 {model.sha256}")
+        return inner | {"file": model.name, "sha256": model.sha256}
+    if isinstance(data, list | tuple):
+        return [_with_models(value, read, f"{key}.{i}") for i, value in enumerate(data)]
+    return data
+
+
+def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], bytes]) -> Scenario:
+    """Build the scenario that a manifest holds.
+
+    Parameters
+    ----------
+    manifest : object
+        Plain data.
+    where : str or Path
+        Begins the error line.
+    read : callable
+        Gives a file of the dataset, by its name, of at most so many bytes.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    data = _scenario_of(manifest, where)
+    listed = manifest.get("files")
+
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        folder = f"{copied(str(table.get('sha256')))}/"
+        names = [name.removeprefix(folder) for name in listed or () if name.startswith(folder)]
+        left, files = models.MOST_BYTES, dict[str, bytes]()
+        for name in names[: models.MOST_FILES]:
+            files[name] = read(f"{folder}{name}", left)
+            left -= len(files[name])
+        return _kind(table).of_files(table["file"], files, refuse)
+
+    scenario = convert(merged(Scenario().to_dict(), _with_models(data, copy)), Scenario)
+    vary.check(scenario)
+    return scenario
+
+
+def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], Model]) -> Scenario:
+    """Build the scenario of a scene's plain data, as a file would hold them; what is left out has its default.
+
+    Parameters
+    ----------
+    data : mapping
+    read : callable
+        Gives the model of a table that names one, and refuses what may not be read.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    scenario = convert(merged(Scenario().to_dict(), _with_models(data, read)), Scenario)
+    vary.check(scenario)
+    return scenario
+
+
+def model_files(scene: str | Path, within: Path | None = None) -> dict[tuple[str, str], Path]:
+    """Find where the models lie that a scene names, by SHA-256 and file name; parameters as those of `load`.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene or a model cannot be read.
+    """
+    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
+    found: dict[tuple[str, str], Path] = {}
+
+    def noted(table: Mapping[str, Any], refuse: Refuse) -> Model:
+        if path.suffix == ".json":
+            file = models.inside(path.parent, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
+        else:
+            file = _named(path, table, refuse, within)
+        model: Model = _kind(table).read(file, refuse)
+        found[model.sha256, model.name] = file
+        return model
+
+    data = read_toml(path, _REFUSE) if path.suffix != ".json" else _scenario_of(read_json(path, _REFUSE), path)
+    _with_models(data, noted)
+    return found
+
+
+def _scenario_of(manifest: Any, where: str | Path) -> dict[str, Any]:
+    scenario = manifest.get("scenario") if isinstance(manifest, dict) else None
+    if not isinstance(scenario, dict):
+        raise _REFUSE(f"{where} is not a simgrab manifest: it holds no scenario")
+    return scenario

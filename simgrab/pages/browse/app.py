@@ -1,0 +1,208 @@
+"""What the page asks for, and what it gets: see `routes`."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import secrets
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from simgrab.errors import SimgrabError
+from simgrab.pages.browse import pictures
+from simgrab.pages.browse.exporting import FORMATS, Exports
+from simgrab.pages.browse.subject import Subject, overlay
+from simgrab.pages.outlines import outline
+from simgrab.pages.server import assets
+from simgrab.text import printable
+
+STATIC = Path(__file__).with_name("static")
+MOST_OVERLAYS = 200
+"""Of one request."""
+MOST_SEARCHED = 200  # characters of a text
+_KEPT = {"cache-control": "private, max-age=3600"}  # by the browser: its address names the session
+_MOST_DIGITS = 9
+
+
+class Wanted(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is to be exported.
+
+    Attributes
+    ----------
+    rows : str
+        A bit for each row, the lowest of a byte first, as base64.
+    out : str
+        New folder.
+    format : str
+    """
+
+    rows: str
+    out: str
+    format: str
+
+
+class Browser:
+    """Answers the page's requests about a subject.
+
+    Parameters
+    ----------
+    subject : Subject
+    """
+
+    def __init__(self, subject: Subject) -> None:
+        self.subject, self.exports = subject, Exports(subject)
+        self._tiles, self._assets = pictures.Tiles(subject.pictures), assets.read(STATIC)
+        self._session, self._tracing = secrets.token_hex(4), threading.BoundedSemaphore(2)
+
+    @property
+    def app(self) -> Starlette:
+        """The ASGI application."""
+        made = Starlette(routes=self.routes(), exception_handlers={SimgrabError: _refused, HTTPException: _no})
+        made.router.redirect_slashes = False
+        return made
+
+    def routes(self) -> list[Route]:
+        """Name what can be asked for. Frames and columns are named by numbers, files of the page by their names."""
+        each: dict[str, Callable[[Request], Response]] = {
+            "/": lambda _: self._asset("index.html"),
+            "/static/{name}": lambda request: self._asset(request.path_params["name"]),
+            "/api/summary": self.summary,
+            "/api/columns/{column}": self.column,
+            "/api/columns/{column}/matches": self.matches,
+            "/api/overlays": self.overlays,
+            "/api/frames/{row}": self.frame,
+            "/api/frames/{row}/tile": self.tile,
+            "/api/frames/{row}/picture": self.picture,
+            "/api/export": lambda _: _json(self.exports.state),
+        }
+        found = [Route(path, endpoint, methods=["GET"]) for path, endpoint in each.items()]
+        return [*found, Route("/api/export", self.export, methods=["POST"])]
+
+    def summary(self, _: Request) -> Response:
+        """Give what is browsed, and its columns."""
+        s = self.subject
+        names = [column.name for column in s.columns]
+        return _json({
+            "name": printable(s.name), "kind": s.kind, "rows": len(s), "notes": [printable(note) for note in s.notes],
+            "columns": [column.about() for column in s.columns], "session": self._session,
+            "order": {"column": s.order.column, "descending": s.order.descending},
+            "shown": [name for name in s.shown if name in names], "has_truth": s.labels is not None,
+            "formats": FORMATS if s.dataset is not None else (),
+        })  # fmt: skip
+
+    def column(self, request: Request) -> Response:
+        """Give a column's numbers or codes."""
+        column = self.subject.columns[_number(request.path_params["column"], len(self.subject.columns))]
+        if column.kind == "list":
+            raise HTTPException(404)
+        return Response(column.content(), media_type="application/octet-stream")
+
+    def matches(self, request: Request) -> Response:
+        """Give a bit for each row: whether its text contains another."""
+        column = self.subject.columns[_number(request.path_params["column"], len(self.subject.columns))]
+        text = request.query_params.get("text", "")
+        if column.kind != "text" or len(text) > MOST_SEARCHED:
+            raise HTTPException(404)
+        bits = np.packbits(column.matches(text), bitorder="little")
+        return Response(bits.tobytes(), media_type="application/octet-stream")
+
+    def overlays(self, request: Request) -> Response:
+        """Give what is drawn on some rows' pictures."""
+        asked = request.query_params.get("rows", "").split(",")
+        if len(asked) > MOST_OVERLAYS:
+            raise HTTPException(404)
+        masks = request.query_params.get("masks") == "1"
+        return _json([self._overlay(_number(text, len(self.subject)), masks=masks) for text in asked if text])
+
+    def _overlay(self, row: int, *, masks: bool, width_px: int = pictures.TILE_WIDTH_PX) -> dict[str, Any]:
+        return overlay(self.subject, row, self._outline(row, width_px) if masks else None)
+
+    def _outline(self, row: int, width_px: int) -> list[list[float]] | None:
+        """Trace a row's mask; None where there is none that fits the picture."""
+        try:
+            known, coded = self.subject.truths.row(row), self.subject.truths.mask(row)
+            if known is None or coded is None:
+                return None
+            with self._tracing:
+                return outline(coded.decoded(known, f"row {row}"), width_px)
+        except SimgrabError:
+            return None
+
+    def frame(self, request: Request) -> Response:
+        """Give everything that is known of a row, in the order of the columns."""
+        row = _number(request.path_params["row"], len(self.subject))
+        plain = self.subject.values(row)
+        values = [_shown(plain[column.name]) for column in self.subject.columns]
+        return _json({"overlay": self._overlay(row, masks=True, width_px=1920), "values": values})
+
+    def tile(self, request: Request) -> Response:
+        """Give a row's picture, small."""
+        row = _number(request.path_params["row"], len(self.subject))
+        return Response(self._tiles.tile(row), media_type="image/jpeg", headers=_KEPT)
+
+    def picture(self, request: Request) -> Response:
+        """Give a row's picture."""
+        row = _number(request.path_params["row"], len(self.subject))
+        data, kind = pictures.shown(self.subject.pictures.content(row), f"row {row}")
+        return Response(data, media_type=kind, headers=_KEPT)
+
+    async def export(self, request: Request) -> Response:
+        """Begin to export a selection."""
+        try:
+            wanted = msgspec.json.decode(await request.body(), type=Wanted)
+            rows = _selected(wanted.rows, len(self.subject))
+        except (msgspec.MsgspecError, ValueError) as problem:  # binascii's is a ValueError
+            return _json({"error": f"the request cannot be read: {printable(problem)}"}, 400)
+        return _json(self.exports.start(rows, wanted.out, wanted.format))
+
+    def _asset(self, name: str) -> Response:
+        asset = self._assets.get(name)
+        if asset is None:
+            raise HTTPException(404)
+        return Response(asset.content, media_type=asset.kind)
+
+
+def _number(text: str, count: int) -> int:
+    """Read the number of a row or column, of which there are so many."""
+    if not (text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS and int(text) < count):
+        raise HTTPException(404)
+    return int(text)
+
+
+def _selected(text: str, count: int) -> NDArray[np.int64]:
+    """Read the rows whose bits are set."""
+    try:
+        data = base64.b64decode(text, validate=True)
+    except binascii.Error as problem:
+        raise ValueError(str(problem)) from None
+    if len(data) != (count + 7) // 8:
+        raise ValueError(f"{len(data)} bytes for {count} rows")
+    return np.flatnonzero(np.unpackbits(np.frombuffer(data, np.uint8), count=count, bitorder="little")).astype(np.int64)
+
+
+def _shown(value: Any) -> Any:
+    return printable(value) if isinstance(value, str) else value
+
+
+def _json(data: Any, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(data), status, media_type="application/json")
+
+
+def _refused(_: Request, problem: Exception) -> Response:
+    return _json({"error": str(problem)}, 422)
+
+
+def _no(_: Request, problem: Exception) -> Response:
+    assert isinstance(problem, HTTPException)
+    return _json({"error": printable(problem.detail)}, problem.status_code)

@@ -1,0 +1,217 @@
+"""A dataset in a folder: its rows as a table, and its pictures and masks one by one. An unfinished one too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+
+from simgrab.dataset import datasets
+from simgrab.dataset.datasets import MANIFEST, Dataset
+from simgrab.dataset.tables import labels_schema
+from simgrab.errors import DatasetError, first_line
+from simgrab.io import files, parquet
+from simgrab.io.parse import is_dir, is_file, read_bytes, read_json
+from simgrab.model.masks import Coded
+from simgrab.model.records import frame_files
+from simgrab.model.records.frame_files import LABELS
+from simgrab.model.truth import Row
+from simgrab.pages.browse import columns
+from simgrab.pages.browse.masks import IndexedMasks
+from simgrab.pages.browse.subject import Order, Subject, converted
+
+PARTIAL = ".partial"
+VARIED = "varied."
+SHOWN = ("alpha_deg", "rope_length_m", "visible_fraction", "distance_m", "split", "labelled")
+_FACTORS = ("weather", "place", "grab")
+_MOST_RECORD_BYTES = 2**24
+
+
+@dataclass(frozen=True, eq=False)
+class LabelTable:
+    """The labels of a dataset, and what they are labels of.
+
+    Attributes
+    ----------
+    path : Path
+    table : pyarrow.Table
+        The columns of ``labels.parquet``.
+    """
+
+    path: Path
+    table: pa.Table
+
+    def content(self, row: int) -> bytes:
+        """Read a row's picture, which must have the digest that the labels state."""
+        known = self.known(row)
+        frame_files.check_files(self.path, (known,))
+        return frame_files.content(self.path / known.file, known)
+
+    def row(self, row: int) -> Row | None:
+        """Give a row of labels; None where it holds values that no labels have."""
+        return converted(self.table, row)
+
+    def known(self, row: int) -> Row:
+        """Give a row of labels.
+
+        Raises
+        ------
+        DatasetError
+            If it holds values that no labels have.
+        """
+        found = self.row(row)
+        if found is None:
+            raise DatasetError(f"{self.path}: row {row} of the labels holds values that no labels have")
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Finished(LabelTable):
+    masks: IndexedMasks
+
+    def mask(self, row: int) -> Coded | None:
+        return self.masks.coded(self.known(row))
+
+
+@dataclass(frozen=True, eq=False)
+class _Unfinished(LabelTable):
+    """Rows of an unfinished dataset; ``masks`` by row."""
+
+    masks: tuple[Coded, ...]
+
+    def mask(self, row: int) -> Coded | None:
+        return self.masks[row]
+
+
+def open(path: Path) -> Subject:
+    """Open a dataset to browse it.
+
+    Raises
+    ------
+    DatasetError
+        If it is none, or its labels cannot be read.
+    """
+    if is_file(path / MANIFEST, DatasetError) and is_file(path / LABELS, DatasetError):
+        return _finished(path)
+    if is_dir(path / PARTIAL, DatasetError):
+        return _unfinished(path)
+    if is_dir(path / "shards", DatasetError):
+        raise DatasetError(f"{path} is a dataset of shards; simgrab export --format simgrab makes a folder of it")
+    if is_file(path / LABELS, DatasetError):
+        raise DatasetError(f"{path}: not a simgrab dataset: it has no {MANIFEST}")
+    raise DatasetError(f"{path}: neither a dataset nor a run: it has neither {LABELS} nor angles.parquet")
+
+
+def read_labels(path: Path) -> tuple[pa.Table, Dataset, tuple[str, ...]]:
+    """Read the labels of a finished dataset.
+
+    Returns
+    -------
+    table : pyarrow.Table
+    dataset : Dataset
+        Without its rows.
+    notes : tuple of str
+        That the labels are not those that the manifest was written for.
+
+    Raises
+    ------
+    DatasetError
+    """
+    known = datasets.named(read_json(path / MANIFEST, DatasetError), path)
+    table = _cast(parquet.read_table(path / LABELS, DatasetError), path)
+    data = known.data(files.sha256(path / LABELS), table.num_rows)
+    least = known.scenario.labels.least_visible_fraction
+    changed = known.files.get(LABELS, data.labels_sha256) != data.labels_sha256
+    notes = (f"{LABELS} does not match the digest in the manifest: it was changed or damaged",) if changed else ()
+    return table, datasets.in_folder(path, (), data, least, IndexedMasks(path)), notes
+
+
+def _finished(path: Path) -> Subject:
+    table, whole, notes = read_labels(path)
+    return _subject(path, _Finished(path, table, IndexedMasks(path)), whole.least_visible_fraction, notes, whole)
+
+
+class _Record(msgspec.Struct, frozen=True):
+    """What is stored of a finished frame of an unfinished dataset."""
+
+    truth: Row
+    mask: Coded
+
+
+def _unfinished(path: Path) -> Subject:
+    """Read the frames that are finished; a record that is damaged is left out and counted."""
+    identity = read_json(path / PARTIAL / "identity.json", DatasetError)
+    try:
+        total, name = int(identity["frames"]), str(identity["scenario"]["name"])
+        least = float(identity["scenario"]["labels"]["least_visible_fraction"])
+    except (LookupError, TypeError, ValueError) as problem:
+        raise DatasetError(f"{path}: not an unfinished simgrab dataset ({first_line(problem)})") from None
+    rows, masks, damaged = list[Row](), list[Coded](), 0
+    for record in sorted((path / PARTIAL / "rows").glob("*.json")):
+        try:
+            one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=_MOST_RECORD_BYTES), type=_Record)
+        except (ValueError, RecursionError, DatasetError):
+            damaged += 1
+        else:
+            rows.append(one.truth)
+            masks.append(one.mask)
+    if not rows:
+        raise DatasetError(f"{path} is unfinished, and no frame of it is there; continue with simgrab render --resume")
+    table = pa.Table.from_pylist([msgspec.structs.asdict(row) for row in rows], schema=labels_schema())
+    notes = [f"unfinished: {len(rows)} of {total} frames of {name} are there; simgrab render --resume goes on"]
+    notes += [f"{damaged} records are damaged and not shown"] if damaged else []
+    return _subject(path, _Unfinished(path, table, tuple(masks)), least, tuple(notes), None)
+
+
+def _cast(table: pa.Table, path: Path) -> pa.Table:
+    """Give a table the types that labels have."""
+    schema = labels_schema()
+    if sorted(table.column_names) != sorted(schema.names):
+        lacks = sorted({*schema.names} - {*table.column_names}) or ["columns of their own"]
+        raise DatasetError(f"{path / LABELS}: not labels of simgrab (they lack {lacks[0]})")
+    try:
+        made = table.select(schema.names).cast(schema)
+    except MemoryError:
+        raise
+    except (pa.ArrowException, ValueError) as problem:
+        raise DatasetError(f"{path / LABELS}: not labels of simgrab ({first_line(problem)})") from None
+    if not made.num_rows:
+        raise DatasetError(f"{path}: no frames in {LABELS}")
+    if made["frame"].null_count or (np.diff(made["frame"].to_numpy()) <= 0).any():
+        raise DatasetError(f"{path / LABELS}: frames must increase from row to row")
+    return made
+
+
+def _subject(
+    path: Path, found: _Finished | _Unfinished, least: float, notes: tuple[str, ...], whole: Dataset | None
+) -> Subject:
+    table = with_derived(found.table, least)
+    return Subject(
+        str(path), "dataset", notes, table, found, found, Order("frame"), (*SHOWN, *factors(table)), found.table, whole
+    )
+
+
+def with_derived(table: pa.Table, least: float) -> pa.Table:
+    """Add what labels imply: whether a box is labelled, and each factor of what varied."""
+    seen = np.isfinite(columns.numbers(table["box_x0_px"]))
+    labelled = seen & (columns.numbers(table["visible_fraction"]) >= least)
+    table = table.append_column(_field("labelled", pa.bool_(), "whether detection labels hold a box"), [labelled])
+    for name, values in columns.expanded(table["varied"], VARIED):
+        table = table.append_column(_field(name, values.type, "what varied within the dataset"), values)
+    return table
+
+
+def factors(table: pa.Table, prefix: str = "") -> list[str]:
+    """Name the columns of what varies most: weather, place and grab, alone or together with something else."""
+    before = f"{prefix}{VARIED}"
+    named = [name for name in table.column_names if name.startswith(before)]
+    return [name for factor in _FACTORS for name in named if factor in name.removeprefix(before).split("+")]
+
+
+def _field(name: str, kind: pa.DataType, text: str) -> pa.Field:
+    about: dict[str | bytes, Any] = {"unit": "", "description": text}
+    return pa.field(name, kind, metadata=about)

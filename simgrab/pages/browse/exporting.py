@@ -1,0 +1,133 @@
+"""Export of a selection, in a thread of its own: the page asks how far it is."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.dataset.stores import is_url
+from simgrab.errors import DatasetError, SimgrabError, memory_problem
+from simgrab.io.destination import check_new_folder
+from simgrab.pages.browse.subject import Subject, part
+from simgrab.text import printable
+
+FORMATS = ("simgrab", "yolo", "coco", "voc", "hf")
+_SECONDS_TO_END = 10.0
+
+
+class State(msgspec.Struct, frozen=True):
+    """How far an export is.
+
+    Attributes
+    ----------
+    status : str
+        ``none``, ``running``, ``done`` or ``failed``.
+    done, total : int
+        Frames.
+    out : str
+        Where it is written.
+    problem : str
+        Why it failed.
+    """
+
+    status: str = "none"
+    done: int = 0
+    total: int = 0
+    out: str = ""
+    problem: str = ""
+
+
+class _Ended(Exception):  # noqa: N818
+    """The command ends."""
+
+
+class Exports:
+    """Exports of a subject's rows, one at a time.
+
+    Parameters
+    ----------
+    subject : Subject
+    """
+
+    def __init__(self, subject: Subject) -> None:
+        self._subject, self.state = subject, State()
+        self._lock, self._ends, self._thread = threading.Lock(), threading.Event(), threading.Thread()
+
+    def start(self, rows: NDArray[np.int64], out: str, format: str) -> State:
+        """Begin an export.
+
+        Parameters
+        ----------
+        rows : ndarray of int64, shape (k,)
+        out : str
+            New folder, outside of what is browsed.
+        format : str
+            One of `FORMATS`.
+
+        Raises
+        ------
+        DatasetError
+            If one is running already, or this one is not possible.
+        """
+        with self._lock:
+            if self.state.status == "running":
+                raise DatasetError("another export is running")
+            if format not in FORMATS:
+                raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
+            if self._subject.dataset is None:
+                raise DatasetError(f"{self._subject.name}: only frames of a finished dataset can be exported")
+            if not len(rows):
+                raise DatasetError("no frame is selected")
+            path = self._checked(out)
+            self.state = State("running", 0, len(rows), printable(path))
+            self._thread = threading.Thread(target=self._export, args=(rows, path, format), daemon=True)
+            self._thread.start()
+            return self.state
+
+    def end(self) -> None:
+        """End what is running; nothing of it remains."""
+        self._ends.set()
+        if self._thread.is_alive():
+            self._thread.join(_SECONDS_TO_END)
+
+    def _checked(self, out: str) -> Path:
+        """Refuse a place that cannot be written, or lies in a folder that is browsed."""
+        if not out.strip() or is_url(out):
+            raise DatasetError("name a new folder to write")
+        path = Path(os.path.abspath(Path(out).expanduser()))  # noqa: PTH100  # links are followed below
+        real = Path(os.path.realpath(path))
+        whole = self._subject.dataset
+        for folder in (Path(self._subject.name), *([] if whole is None else [whole.path])):
+            if real.is_relative_to(os.path.realpath(folder)):
+                raise DatasetError(f"{path} is inside {folder}, in which nothing is written; choose another folder")
+        check_new_folder(path, DatasetError, "folder")
+        return path
+
+    def _export(self, rows: NDArray[np.int64], path: Path, format: str) -> None:
+        from simgrab.dataset.export import export  # MuJoCo takes its time
+
+        def progress(done: int, total: int) -> None:
+            if self._ends.is_set():
+                raise _Ended
+            self.state = State("running", done, total, printable(path))
+
+        try:
+            export(part(self._subject, rows), path, format=format, progress=progress, part=True)
+        except _Ended:
+            return
+        except SimgrabError as problem:
+            self._fail(path, str(problem))
+        except Exception as problem:
+            self._fail(path, memory_problem(problem) or f"{type(problem).__name__}: {problem}")
+            if memory_problem(problem) is None:
+                raise
+        else:
+            self.state = State("done", len(rows), len(rows), printable(path))
+
+    def _fail(self, path: Path, why: str) -> None:
+        self.state = State("failed", 0, 0, printable(path), printable(why))

@@ -1,0 +1,108 @@
+"""Small pictures for the page, made when they are first asked for; those used last are kept."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Generic, TypeVar
+
+import cv2
+import numpy as np
+
+from simgrab.io import pictures
+from simgrab.pages.browse.subject import Pictures
+
+TILE_WIDTH_PX = 320
+MOST_KEPT_BYTES = 48 * 2**20
+_QUALITY = 82
+_AT_ONCE = max(1, min(4, os.cpu_count() or 1))  # pictures that are decoded at the same time
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Kept(Generic[Key]):
+    """Bytes by key, those used last, of a limited size together.
+
+    Parameters
+    ----------
+    most_bytes : int
+    """
+
+    def __init__(self, most_bytes: int = MOST_KEPT_BYTES) -> None:
+        self._most, self.size_bytes = most_bytes, 0
+        self._kept, self._lock = OrderedDict[Key, bytes](), threading.Lock()
+
+    def get(self, key: Key) -> bytes | None:
+        """Give what is kept under a key."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+            return self._kept.get(key)
+
+    def put(self, key: Key, data: bytes) -> None:
+        """Keep something, in place of what was used least recently."""
+        with self._lock:
+            self.size_bytes += len(data) - len(self._kept.pop(key, b""))
+            self._kept[key] = data
+            while self.size_bytes > self._most:
+                self.size_bytes -= len(self._kept.popitem(last=False)[1])
+
+    def or_made(self, key: Key, make: Callable[[], bytes]) -> bytes:
+        """Give what is kept under a key, or make and keep it."""
+        found = self.get(key)
+        if found is None:
+            found = make()
+            self.put(key, found)
+        return found
+
+
+class Tiles:
+    """JPEGs of `TILE_WIDTH_PX`.
+
+    Parameters
+    ----------
+    source : Pictures
+    """
+
+    def __init__(self, source: Pictures) -> None:
+        self._source, self._kept = source, Kept[int]()
+        self._turn = threading.BoundedSemaphore(_AT_ONCE)
+
+    def tile(self, row: int) -> bytes:
+        """Give a row's picture, small.
+
+        Raises
+        ------
+        SimgrabError
+            If it cannot be read.
+        """
+        return self._kept.or_made(row, lambda: self._made(row))
+
+    def _made(self, row: int) -> bytes:
+        with self._turn:
+            data = self._source.content(row)
+            picture = pictures.decode(data, f"row {row}", _mode(data))
+            if picture.shape[1] > TILE_WIDTH_PX:
+                height = max(round(picture.shape[0] * TILE_WIDTH_PX / picture.shape[1]), 1)
+                small = cv2.resize(picture, (TILE_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+                picture = np.asarray(small, np.uint8)
+            return pictures.encode(picture, "jpeg", _QUALITY)
+
+
+def _mode(data: bytes) -> int:
+    """Let a JPEG of many pixels be decoded at half its size, which takes a fraction of the time."""
+    return cv2.IMREAD_REDUCED_COLOR_2 if data.startswith(b"\xff\xd8") and len(data) > _LARGE_BYTES else cv2.IMREAD_COLOR
+
+
+_LARGE_BYTES = 100_000
+
+
+def shown(data: bytes, name: str) -> tuple[bytes, str]:
+    """Give a picture file as the page shows it, and its type: JPEG and PNG files as they are, others as JPEG."""
+    if data.startswith(b"\xff\xd8\xff"):
+        return data, "image/jpeg"
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return data, "image/png"
+    return pictures.encode(pictures.decode(data, name, cv2.IMREAD_COLOR), "jpeg"), "image/jpeg"

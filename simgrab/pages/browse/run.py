@@ -1,0 +1,224 @@
+"""The folder of a run: its measurements as a table, with the truth beside them where its source is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from simgrab.dataset.datasets import Dataset
+from simgrab.dataset.tables import labels_schema
+from simgrab.errors import DatasetError, RunError, first_line
+from simgrab.instrument.run import runs
+from simgrab.instrument.run.runs import Run
+from simgrab.instrument.source import Files, open_source
+from simgrab.instrument.video import Video
+from simgrab.io import files, parquet, pictures
+from simgrab.io.parse import is_dir, is_file, read_bytes
+from simgrab.judge.evaluate import truths
+from simgrab.model.masks import Coded
+from simgrab.model.records import frame_files
+from simgrab.model.truth import Row
+from simgrab.pages.browse import columns, dataset
+from simgrab.pages.browse.dataset import LabelTable
+from simgrab.pages.browse.masks import IndexedMasks
+from simgrab.pages.browse.subject import NoPictures, NoTruths, Order, Pictures, Subject, Truths, converted
+from simgrab.pages.browse.videos import VideoPictures
+
+ANNOTATED = "annotated.mp4"
+PREFIX = "true_"
+ERRORS = {
+    "abs_error_deg": ("deg", "absolute error of the swing angle"),
+    "error_deg": ("deg", "measured minus true swing angle"),
+    "centre_error_px": ("px", "distance of the measured grab centre from the true one"),
+    "rope_error_m": ("m", "measured minus true rope length"),
+}
+SHOWN = (
+    "abs_error_deg", "alpha_deg", "centre_error_px", "status", "score", "rope_error_m", "true_visible_fraction",
+)  # fmt: skip
+_UNTIMED_HZ = 9.0  # of an annotated video of independent frames
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What is known of a run's rows: rows of labels, in the run's order.
+
+    Attributes
+    ----------
+    labels : LabelTable or None
+        Of a dataset, which has pictures and masks too.
+    at : ndarray of int64, shape (n,)
+        Row in the labels; -1 where nothing is known.
+    table : pyarrow.Table
+        Labels, of n rows; null where nothing is known.
+    masks : IndexedMasks or None
+    least : float
+        From which visible fraction on detection labels hold a box.
+    dataset : Dataset or None
+        Without its rows.
+    """
+
+    labels: LabelTable | None
+    at: NDArray[np.int64]
+    table: pa.Table
+    masks: IndexedMasks | None
+    least: float
+    dataset: Dataset | None = None
+
+    def content(self, row: int) -> bytes:
+        if self.labels is None or self.at[row] < 0:
+            raise DatasetError(f"row {row}: the source has no picture of it")
+        return self.labels.content(int(self.at[row]))
+
+    def row(self, row: int) -> Row | None:
+        return None if self.at[row] < 0 else converted(self.table, row)
+
+    def mask(self, row: int) -> Coded | None:
+        known = self.row(row)
+        return None if self.masks is None or known is None else self.masks.coded(known)
+
+
+def open(path: Path, source: Path | None) -> Subject:
+    """Open a run to browse it.
+
+    Parameters
+    ----------
+    path : Path
+    source : Path, optional
+        The dataset, video or folder of pictures that the run measured. Unless given, a dataset that the run names and
+        whose labels have the digest that it names.
+
+    Raises
+    ------
+    RunError, DatasetError, SourceError
+        If it is no run, or the source is not that of the run.
+    """
+    run = runs.load(path)
+    if not run.measurements:
+        raise RunError(f"{path}: the run has no frames")
+    notes = [run.failure] if run.failure else []
+    source = source or _named_dataset(run)
+    if source is not None and is_dir(source, DatasetError):
+        run = replace(run, measurements=())  # which take much memory, and are not needed
+    table = _table(run, path)
+    known = None if source is None else _known(run, source)
+    if known is None:
+        notes.append("without the truth: give --source with the dataset or video that was measured to see errors")
+    else:
+        table = _with_truth(table, known)
+    shown: Truths = known or NoTruths()
+    order = Order("frame") if known is None else Order("abs_error_deg", descending=True)
+    size = run.calibration.width_px, run.calibration.height_px
+    return Subject(
+        str(path), "run", tuple(notes), table, _pictures(run, path, source, known), shown, order,
+        (*SHOWN, *dataset.factors(table, PREFIX)),
+        None if known is None else known.table, None if known is None else known.dataset, size,
+    )  # fmt: skip
+
+
+def _table(run: Run, path: Path) -> pa.Table:
+    """Read the table of a run that could be loaded."""
+    schema = runs.table(replace(run, names=(), time=None, measurements=())).schema
+    found = parquet.read_table(path / runs.TABLE, RunError, columns=schema.names)
+    try:
+        found = found.select(schema.names).cast(schema)
+    except (pa.ArrowException, ValueError) as problem:
+        raise RunError(f"{path / runs.TABLE}: not a table of a run ({first_line(problem)})") from None
+    return found.set_column(0, schema.field("frame"), pa.array(np.arange(found.num_rows)))
+
+
+def _named_dataset(run: Run) -> Path | None:
+    """Find the dataset that a run names, where its labels are those of the run; any other path is not looked at."""
+    digest = run.about.get("labels_sha256")
+    path = Path(run.source)
+    try:
+        same = isinstance(digest, str) and is_file(path / frame_files.LABELS, DatasetError)
+        return path if same and files.sha256(path / frame_files.LABELS) == digest else None
+    except (DatasetError, OSError):
+        return None
+
+
+def _known(run: Run, source: Path) -> _Known | None:
+    """Find what is known of a run's frames; None where the source has no truth, as a folder of pictures."""
+    if is_dir(source, DatasetError):
+        return _of_dataset(run, source) if frame_files.is_dataset(source) else None
+    if not is_file(source.with_suffix(".parquet"), DatasetError):
+        return None
+    found = truths.of(run, source)
+    rows = [None if row is None else msgspec.structs.asdict(row) for row in found.rows]
+    table = pa.Table.from_pylist([row or {} for row in rows], schema=labels_schema())
+    at = np.array([-1 if row is None else i for i, row in enumerate(rows)], np.int64)
+    return _Known(None, at, table, None, found.least_visible_fraction)
+
+
+def _of_dataset(run: Run, source: Path) -> _Known:
+    labels, whole, _ = dataset.read_labels(source)
+    found = truths.match_names(run, labels["file"].to_pylist(), whole.data.labels_sha256, source)
+    if None in found:
+        raise RunError(f"{source}: contains none of the frames of the run on {run.source}")
+    at = np.array(found, np.int64)
+    same = np.array_equal(at, np.arange(labels.num_rows))
+    own, least = labels if same else labels.take(pa.array(at)), whole.least_visible_fraction
+    return _Known(LabelTable(source, labels), at, own, IndexedMasks(source), least, whole)
+
+
+def _with_truth(table: pa.Table, known: _Known) -> pa.Table:
+    """Add errors, and the labels with `PREFIX` before their names."""
+
+    def true(name: str) -> NDArray[np.float64]:
+        return columns.numbers(known.table[name])
+
+    def measured(name: str) -> NDArray[np.float64]:
+        return columns.numbers(table[name])
+
+    present = known.table["present"].fill_null(False).to_numpy().astype(bool)
+    error = measured("alpha_deg") - np.where(present, true("alpha_deg"), np.nan)
+    off = np.hypot(measured("u_px") - true("grab_u_px"), measured("v_px") - true("grab_v_px"))
+    values = (np.abs(error), error, off, measured("rope_length_m") - true("rope_length_m"))
+    for (name, (unit, text)), each in zip(ERRORS.items(), values, strict=True):
+        field = pa.field(name, pa.float64(), metadata={"unit": unit, "description": text})
+        table = table.append_column(field, pa.array(each, from_pandas=True))
+    labels = dataset.with_derived(known.table, known.least)
+    for field, each in zip(labels.schema, labels.columns, strict=True):
+        table = table.append_column(field.with_name(f"{PREFIX}{field.name}"), each)
+    return table
+
+
+def _pictures(run: Run, path: Path, source: Path | None, known: _Known | None) -> Pictures:
+    """Find where a run's pictures are: in its source, or else in its annotated video."""
+    if known is not None and known.labels is not None:
+        return known
+    if source is not None:
+        opened = open_source(source)
+        if isinstance(opened, Video) and run.time is not None:
+            return VideoPictures(source, run.time.tolist())
+        if isinstance(opened, Files):
+            return _FilePictures(opened, run.names)
+        raise RunError(f"{source}: not the source of the run on {run.source}")
+    if is_file(path / ANNOTATED, DatasetError):
+        first = next((i for i, m in enumerate(run.measurements) if m.status != "lost"), 0)
+        count = len(run.measurements)
+        times = np.arange(count) / _UNTIMED_HZ if run.time is None else run.time
+        return VideoPictures(path / ANNOTATED, (times - times[first]).tolist())
+    return NoPictures("the run has no annotated video; give --source with what was measured")
+
+
+class _FilePictures:
+    """Pictures of a folder, by the names that the run has for them."""
+
+    def __init__(self, source: Files, names: tuple[str, ...]) -> None:
+        known = {str(path.relative_to(source.root)): path for path in source.files}
+        self._paths, self._bits = [known.get(name) for name in names], source.bits
+
+    def content(self, row: int) -> bytes:
+        path = self._paths[row]
+        if path is None:
+            raise RunError(f"row {row}: the source has no picture of it")
+        if self._bits:  # as it was measured
+            return pictures.encode(pictures.read(path, cv2.IMREAD_COLOR, self._bits), "png")
+        return read_bytes(path, RunError, most_bytes=pictures.MOST_BYTES)

@@ -1,0 +1,202 @@
+"""What a page shows: rows of a table, each of which is a frame, with its picture and what is drawn on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from simgrab.dataset.datasets import Dataset
+from simgrab.dataset.overlay import marks
+from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
+from simgrab.model.masks import Coded
+from simgrab.model.truth import Row
+from simgrab.pages.browse import columns
+from simgrab.pages.browse.columns import Column
+
+
+class Pictures(Protocol):
+    """Pictures of rows, by the row's number. Whatever cannot be read raises a `SimgrabError`."""
+
+    def content(self, row: int) -> bytes:
+        """Read a row's picture, a JPEG or PNG file, or another that OpenCV reads."""
+
+
+class Truths(Protocol):
+    """What is known of rows, by the row's number."""
+
+    def row(self, row: int) -> Row | None:
+        """Give a row's labels; None where there are none."""
+
+    def mask(self, row: int) -> Coded | None:
+        """Give a row's mask; None where there is none."""
+
+
+class Measured(msgspec.Struct, frozen=True):
+    """What an instrument measured in a picture, px: box x0, y0, x1, y1 and centre u, v; None where it gave none."""
+
+    box: tuple[float, ...] | None
+    centre: tuple[float, ...] | None
+
+
+@dataclass(frozen=True)
+class Order:
+    """Order in which rows are shown first: by a column, those without a value last."""
+
+    column: str
+    descending: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A folder that is browsed.
+
+    Attributes
+    ----------
+    name : str
+        Its path, as the user gave it.
+    kind : str
+        ``dataset`` or ``run``.
+    notes : tuple of str
+        What the user is to know: that it is unfinished, what is missing.
+    table : pyarrow.Table
+        A row for each frame.
+    pictures : Pictures
+    truths : Truths
+    order : Order
+    shown : tuple of str
+        Columns whose histograms are shown first, as far as there are such.
+    labels : pyarrow.Table or None
+        Labels of each row, in the columns of ``labels.parquet``; None where nothing is known.
+    dataset : Dataset or None
+        Without rows: what a selection is exported from. None where nothing can be.
+    size_px : tuple of 2 int, or None
+        Width and height of pictures whose row has no labels.
+    """
+
+    name: str
+    kind: str
+    notes: tuple[str, ...]
+    table: pa.Table
+    pictures: Pictures
+    truths: Truths
+    order: Order
+    shown: tuple[str, ...]
+    labels: pa.Table | None = None
+    dataset: Dataset | None = None
+    size_px: tuple[int, int] | None = None
+
+    def __len__(self) -> int:
+        return self.table.num_rows
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the table."""
+        return columns.of(self.table)
+
+    @cached_property
+    def frames(self) -> NDArray[np.int64]:
+        """Number of each row's frame, shape (n,)."""
+        return np.asarray(self.table["frame"].to_numpy(), np.int64)
+
+    def values(self, row: int) -> dict[str, Any]:
+        """Everything that the table holds of a row, by column."""
+        plain: dict[str, Any] = self.table.slice(row, 1).to_pylist()[0]
+        return plain
+
+    def measured(self, row: int) -> Measured | None:
+        """Give what an instrument measured in a row's picture; None where none did."""
+        if self.kind != "run":
+            return None
+        plain = self.values(row)
+        parts = [[plain[name] for name in names] for names in (_BOX, _CENTRE)]
+        box, centre = (None if None in part else tuple(part) for part in parts)
+        return Measured(box, centre)
+
+
+_BOX, _CENTRE = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), ("u_px", "v_px")
+
+
+def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | None = None) -> dict[str, Any]:
+    """Give what is drawn on a row's picture, in its px, as plain data.
+
+    Parameters
+    ----------
+    subject : Subject
+    row : int
+    outline : sequence of polygons u0, v0, u1, v1 …, optional
+        Of the mask.
+    """
+    known = subject.truths.row(row)
+    width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)
+    drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}
+    if known is not None:
+        drawn["truth"] = marks(known, outline)
+    if (measured := subject.measured(row)) is not None:
+        drawn["measured"] = msgspec.to_builtins(measured)
+    return drawn
+
+
+class NoPictures:
+    """Stands in where there are no pictures; says why."""
+
+    def __init__(self, why: str) -> None:
+        self._why = why
+
+    def content(self, row: int) -> bytes:
+        """Refuse."""
+        raise PictureError(f"row {row}", self._why)
+
+
+class NoTruths:
+    """Stands in where nothing is known."""
+
+    def row(self, row: int) -> None:  # noqa: ARG002
+        """Give nothing."""
+        return
+
+    def mask(self, row: int) -> None:  # noqa: ARG002
+        """Give nothing."""
+        return
+
+
+def part(subject: Subject, rows: NDArray[np.int64]) -> Dataset:
+    """Give the dataset of some rows, by frame.
+
+    Parameters
+    ----------
+    subject : Subject
+    rows : ndarray of int64, shape (k,)
+
+    Raises
+    ------
+    DatasetError
+        If these rows have no labels and pictures of a dataset.
+    """
+    if subject.dataset is None or subject.labels is None:
+        raise DatasetError(f"{subject.name}: only frames of a finished dataset can be exported")
+    taken = subject.labels.take(pa.array(rows)).sort_by("frame")
+    found = list[Row]()
+    try:
+        for batch in taken.to_batches(max_chunksize=_CONVERTED_TOGETHER):
+            found += msgspec.convert(batch.to_pylist(), list[Row])
+    except (ValueError, LookupError, TypeError) as problem:
+        raise DatasetError(f"{subject.name}: not labels of simgrab ({first_line(problem)})") from None
+    return replace(subject.dataset, rows=tuple(found))
+
+
+_CONVERTED_TOGETHER = 1024  # rows of which Python objects are made at once
+
+
+def converted(table: pa.Table, row: int) -> Row | None:
+    """Read a row of labels; None where it holds none, or values that no labels have."""
+    try:
+        return msgspec.convert(table.slice(row, 1).to_pylist()[0], Row)
+    except (ValueError, LookupError, TypeError, SimgrabError):
+        return None

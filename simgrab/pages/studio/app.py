@@ -1,0 +1,214 @@
+"""What the page asks for, and what it gets: see `Studio.routes`."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from simgrab.errors import ScenarioError, SimgrabError, memory_problem, shortened
+from simgrab.io.parse import parse_json
+from simgrab.model import layouts
+from simgrab.model.scenario import Scenario, schema
+from simgrab.model.scenario.descriptions import unit_of
+from simgrab.pages.server import assets
+from simgrab.pages.studio.commands import command
+from simgrab.pages.studio.documents import Documents, ExistsError
+from simgrab.pages.studio.measuring import DETECTORS, Measuring
+from simgrab.pages.studio.rendering import Rendering, Wish
+from simgrab.pages.studio.turns import SupersededError
+from simgrab.text import printable
+
+STATIC = Path(__file__).with_name("static")
+Side = Literal["a", "b"]
+
+
+class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A request about a scene, of which each uses a part.
+
+    Attributes
+    ----------
+    scene : bytes
+        Plain data, as JSON.
+    side : str
+        Which of the scenes beside each other it is.
+    frame : int
+    small : bool
+        Whether a small picture will do.
+    detector : str
+    path : str
+        Where it is saved.
+    replace : bool
+        Whether a scene file there is replaced.
+    """
+
+    scene: msgspec.Raw
+    side: Side = "a"
+    frame: int = 0
+    small: bool = False
+    detector: str = DETECTORS[0]
+    path: str = ""
+    replace: bool = False
+
+
+class Studio:
+    """Answers the page's requests about scenes.
+
+    Parameters
+    ----------
+    documents : Documents
+    rendering : Rendering
+    """
+
+    def __init__(self, documents: Documents, rendering: Rendering) -> None:
+        self._documents, self._rendering = documents, rendering
+        self._measuring, self._assets = Measuring(), assets.read(STATIC)
+        self._parsed: list[tuple[bytes, Scenario]] = []
+
+    @property
+    def app(self) -> Starlette:
+        """The ASGI application."""
+        handlers: Any = {
+            SimgrabError: _refused, MemoryError: _refused, HTTPException: _no, SupersededError: _superseded,
+        }  # fmt: skip
+        made = Starlette(routes=self.routes(), exception_handlers=handlers)
+        made.router.redirect_slashes = False
+        return made
+
+    def routes(self) -> list[Route]:
+        """Name what can be asked for. Files of the page are named by their names; scenes are sent whole."""
+        read: dict[str, Callable[[Request], Response]] = {
+            "/": lambda _: self._asset("studio.html"),
+            "/static/{name}": lambda request: self._asset(request.path_params["name"]),
+            "/api/start": self.start,
+            "/api/open": self.open,
+        }
+        asked: dict[str, Callable[[Request], Awaitable[Response]]] = {
+            "/api/frame": self.frame,
+            "/api/measure": self.measure,
+            "/api/toml": self.toml,
+            "/api/command": self.command,
+            "/api/save": self.save,
+        }
+        found = [Route(path, endpoint, methods=["GET"]) for path, endpoint in read.items()]
+        return [*found, *(Route(path, endpoint, methods=["POST"]) for path, endpoint in asked.items())]
+
+    def start(self, _: Request) -> Response:
+        """Give the scene to begin with, and what the controls are made of."""
+        documents = self._documents
+        whole = schema()
+        for table in whole["$defs"].values():
+            for key, value in table.get("properties", {}).items():
+                value["unit"] = unit_of(key)
+        return _json({
+            "origin": printable(documents.origin), "scene": _plain(documents.start),
+            "default": _plain(Scenario()), "schema": whole, "scenes": list(map(printable, documents.names())),
+            "layouts": ["none", *layouts.names()], "detectors": DETECTORS, "root": printable(documents.root),
+        })  # fmt: skip
+
+    def open(self, request: Request) -> Response:
+        """Give another scene, by its name."""
+        return _json(_plain(self._documents.open(request.query_params.get("scene", ""))))
+
+    async def frame(self, request: Request) -> Response:
+        """Render a frame: four bytes with the length of a JSON text, big-endian, that text, and a picture file."""
+        asked, scenario = await self._asked(request)
+        wish = Wish(scenario, asked.frame, asked.small)
+        picture = await asyncio.wrap_future(self._rendering.picture(asked.side, wish))
+        about = msgspec.json.encode(picture.about | {"kind": picture.kind})
+        return Response(struct.pack(">I", len(about)) + about + picture.content, media_type="application/octet-stream")
+
+    async def measure(self, request: Request) -> Response:
+        """Give what the instrument makes of a frame."""
+        asked, scenario = await self._asked(request)
+        if asked.detector not in DETECTORS or not 0 <= asked.frame < scenario.frames:
+            raise HTTPException(404)
+
+        def measured() -> dict[str, Any]:
+            return self._measuring.measure(
+                scenario, asked.frame, asked.detector,
+                lambda number: self._rendering.stored(asked.side, Wish(scenario, number)),
+            )  # fmt: skip
+
+        return _json(await run_in_threadpool(measured))
+
+    async def toml(self, request: Request) -> Response:
+        """Give the scene as a file."""
+        _, scenario = await self._asked(request)
+        return Response(self._documents.toml(scenario), media_type="text/plain; charset=utf-8")
+
+    async def command(self, request: Request) -> Response:
+        """Give the command that renders the same; null where there is none."""
+        _, scenario = await self._asked(request)
+        return _json({"command": await run_in_threadpool(command, self._documents.origin, scenario)})
+
+    async def save(self, request: Request) -> Response:
+        """Save the scene below the folder."""
+        asked, scenario = await self._asked(request)
+        try:
+            path = await run_in_threadpool(self._documents.save, scenario, asked.path, replace=asked.replace)
+        except ExistsError as problem:
+            return _json({"error": str(problem), "exists": True}, 409)
+        return _json({"path": printable(path)})
+
+    async def _asked(self, request: Request) -> tuple[Asked, Scenario]:
+        """Read a request, and the scene in it."""
+        try:
+            asked = msgspec.json.decode(await request.body(), type=Asked)
+        except (msgspec.MsgspecError, RecursionError) as problem:
+            raise ScenarioError("", f"the request cannot be read: {printable(problem)}") from None
+        return asked, await run_in_threadpool(self._scenario, bytes(asked.scene))
+
+    def _scenario(self, text: bytes) -> Scenario:
+        """Read a scene; those of the requests before are known."""
+        known = [scenario for data, scenario in self._parsed if data == text]
+        if known:
+            return known[0]
+        made = self._documents.parse(parse_json(text, lambda line: ScenarioError("", line), "the scene"))
+        self._parsed = [(text, made), *self._parsed][:_KEPT]
+        return made
+
+    def _asset(self, name: str) -> Response:
+        asset = self._assets.get(name)
+        if asset is None:
+            raise HTTPException(404)
+        return Response(asset.content, media_type=asset.kind)
+
+
+_KEPT = 4  # scenes: two of each side
+
+
+def _plain(scenario: Scenario) -> dict[str, Any]:
+    """Give a scene's plain data, those included that a file leaves out by default."""
+    return dict(msgspec.to_builtins(scenario))
+
+
+def _json(data: Any, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(data), status, media_type="application/json")
+
+
+def _refused(_: Request, problem: Exception) -> Response:
+    if isinstance(problem, ScenarioError):
+        given = {"key": printable(problem.key), "problem": shortened(printable(problem.problem))}
+    else:
+        given = {"key": "", "problem": memory_problem(problem) or str(problem)}
+    return _json({"error": memory_problem(problem) or str(problem)} | given, 422)
+
+
+def _superseded(_: Request, __: Exception) -> Response:
+    return _json({"error": "superseded"}, 409)
+
+
+def _no(_: Request, problem: Exception) -> Response:
+    assert isinstance(problem, HTTPException)
+    return _json({"error": printable(problem.detail)}, problem.status_code)

@@ -1,0 +1,140 @@
+"""What the instrument makes of a frame: from its pixels and the camera file alone.
+
+The swing in one frame takes the tilt of the camera, which only a record of frames gives. So frames of the same scene
+are measured one by one, and the estimate gets better as they become more.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import msgspec
+
+from simgrab.dataset.tables import calibration_of
+from simgrab.errors import ScenarioError
+from simgrab.instrument.contract import Frame
+from simgrab.instrument.detect import SHIPPED
+from simgrab.instrument.observation import Observation, one
+from simgrab.instrument.pipeline import Pipeline, Record, assemble
+from simgrab.io import pictures
+from simgrab.model.calibration import Calibration
+from simgrab.model.scenario import Iid, Scenario
+
+MOST_FRAMES = 60
+"""Of a record."""
+DETECTORS = tuple(sorted(SHIPPED, reverse=True))
+_KEPT = 2  # records: those of both sides
+
+
+class Pictures(Protocol):
+    """Gives the file of a scene's frame, at full size."""
+
+    def __call__(self, frame: int) -> Future[bytes]:
+        """Begin to render it."""
+
+
+@dataclass
+class _Record:
+    scenario: Scenario
+    detector: str
+    calibration: Calibration
+    observations: dict[int, Observation] = field(default_factory=dict)
+
+
+class Measuring:
+    """Measures frames with the bundled instrument. It never sees a truth."""
+
+    def __init__(self) -> None:
+        self._instruments: dict[str, Pipeline] = {}
+        self._records: list[_Record] = []
+        self._turn = threading.Lock()
+
+    def measure(self, scenario: Scenario, frame: int, detector: str, rendered: Pictures) -> dict[str, Any]:
+        """Measure a frame; where that was done already, measure one more of its record.
+
+        Parameters
+        ----------
+        scenario : Scenario
+        frame : int
+        detector : str
+            One of `DETECTORS`.
+        rendered : Pictures
+
+        Returns
+        -------
+        dict
+            Plain data, angles in degrees: the measurement of the frame, the tilt, and how much of the record is
+            measured.
+
+        Raises
+        ------
+        SimgrabError
+            If a frame cannot be, or is none for the detector.
+        """
+        wanted = sorted({*record_of(scenario, frame), frame})
+        record = self._record(scenario, detector)
+        left = [number for number in (frame, *wanted) if number not in record.observations]
+        if left:
+            number, data, lost = left[0], b"", ""
+            try:
+                data = rendered(number).result()
+            except ScenarioError as problem:  # a frame of the record that cannot be
+                if number == frame:
+                    raise
+                lost = str(problem)
+            with self._turn:
+                record.observations[number] = self._observe(record, number, data, lost)
+        with self._turn:
+            numbers = [number for number in wanted if number in record.observations]
+            seen = [record.observations[number] for number in numbers]
+            concluded = self._instrument(detector).conclude(seen, record.calibration)
+        about = {"measured": len(numbers), "wanted": len(wanted), "detector": detector}
+        return about | _described(concluded, numbers.index(frame))
+
+    def _record(self, scenario: Scenario, detector: str) -> _Record:
+        with self._turn:
+            known = [one for one in self._records if one.scenario == scenario and one.detector == detector]
+            record = known[0] if known else _Record(scenario, detector, calibration_of(scenario))
+            self._records = [record, *(one for one in self._records if one is not record)][:_KEPT]
+            return record
+
+    def _instrument(self, detector: str) -> Pipeline:
+        if detector not in self._instruments:
+            self._instruments[detector] = assemble(detector=detector)
+        return self._instruments[detector]
+
+    def _observe(self, record: _Record, number: int, data: bytes, lost: str) -> Observation:
+        instrument, scenario = self._instrument(record.detector), record.scenario
+        begin = scenario.span(scenario.clip.of(number)).start
+        timed = not isinstance(scenario.swing, Iid)
+        seconds = (number - begin) / scenario.clip.frame_rate_hz if timed else None
+        picture = None if lost else pictures.decode(data, f"frame {number}")
+        return one(Frame(picture, seconds, lost), instrument.detector, instrument.reader, record.calibration)
+
+
+def record_of(scenario: Scenario, frame: int) -> range:
+    """Frames that are measured together with one: of its clip, evenly spread."""
+    span = scenario.span(scenario.clip.of(frame))
+    return span[:: max(math.ceil(len(span) / MOST_FRAMES), 1)]
+
+
+def _described(record: Record, index: int) -> dict[str, Any]:
+    measured, tilt = record.measurements[index], record.tilt
+    plain: dict[str, Any] = msgspec.to_builtins(measured)
+    angles = {
+        f"{name}_deg": None if value is None else math.degrees(value)
+        for name, value in (
+            ("alpha", measured.alpha), ("alpha_low", measured.alpha_low), ("alpha_high", measured.alpha_high),
+        )
+    }  # fmt: skip
+    angles["beta_deg"] = None if tilt is None else tilt.beta_deg
+    return {name: plain[name] for name in _SHOWN} | angles
+
+
+_SHOWN = (
+    "status", "reason", "box", "score", "centre", "rope_text", "rope_status", "rope_length_m", "danger",
+)  # fmt: skip

@@ -1,0 +1,223 @@
+"""Frames of scenes that change: of the full size as a dataset stores them, and small ones in between."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import cv2
+import msgspec
+
+from simgrab.dataset import overlay
+from simgrab.dataset.stored import encoded
+from simgrab.errors import ScenarioError, SimgrabError
+from simgrab.io import pictures
+from simgrab.model.scenario import Iid, Scenario, resized
+from simgrab.model.truth import Truth
+from simgrab.pages.outlines import outline
+from simgrab.pages.studio.turns import Turns
+from simgrab.world.frames import Frame, FrameGenerator
+
+SIDES = ("a", "b")
+"""Scenes that are shown beside each other."""
+PREVIEW_WIDTH_PX = 480
+K = TypeVar("K")
+V = TypeVar("V")
+_KEPT = 4  # pictures, and small scenarios
+_LEAST_PX = 64
+_PREVIEW_QUALITY = 80
+_OUTLINE_WIDTH_PX = 960
+_VALUES = (
+    "alpha_deg", "gamma_deg", "beta_deg", "theta_deg", "m_px", "rope_length_m", "yaw_deg", "jaw_deg", "load",
+    "visible_fraction", "weather_hidden_fraction", "rope_text", "clock_text", "time_s", "present", "varied",
+)  # fmt: skip
+
+
+class Picture(msgspec.Struct, frozen=True):
+    """A frame as the page shows it.
+
+    Attributes
+    ----------
+    about : dict
+        Plain data: size, what is drawn on it, values of its truth, the frames of its clip.
+    content : bytes
+        A JPEG or PNG file: at full size, that of a dataset.
+    kind : str
+        Its type.
+    """
+
+    about: dict[str, Any]
+    content: bytes
+    kind: str
+
+
+@dataclass(frozen=True)
+class Wish:
+    """A frame that is wanted.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    frame : int
+    small : bool
+        Whether a small one will do.
+    """
+
+    scenario: Scenario
+    frame: int
+    small: bool = False
+
+
+class _Latest(Generic[K, V]):
+    """The values of the few keys that were put last, which compare by value."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[K, V]] = []
+
+    def get(self, key: K) -> V | None:
+        """Give the value of a key; None where it is not kept."""
+        return next((value for known, value in self._kept if known == key), None)
+
+    def put(self, key: K, value: V) -> V:
+        """Keep a value, and give it back."""
+        self._kept = [(key, value), *((k, v) for k, v in self._kept if k != key)][:_KEPT]
+        return value
+
+
+class Rendering:
+    """Renders frames, each side's in a world of its own, which stays for as long as changes leave it the same.
+
+    All OpenGL is done by one thread.
+    """
+
+    def __init__(self) -> None:
+        self._generators: dict[str, FrameGenerator] = {}
+        self._parts: dict[str, list[Any]] = {}
+        self._small, self._full = _Latest[Scenario, Scenario](), _Latest[Wish, bytes]()
+        self.turns = Turns(self._close)
+
+    def picture(self, side: str, wish: Wish) -> Future[Picture]:
+        """Render a frame of a side, in place of one that waits for it.
+
+        Raises
+        ------
+        ScenarioError, RendererError
+            By the future: if the frame cannot be. `SupersededError` if another one was wanted meanwhile.
+        """
+        return self.turns.ask(side, lambda: self._picture(side, wish))
+
+    def stored(self, side: str, wish: Wish) -> Future[bytes]:
+        """Give a frame's picture file at full size, after all that waits to be shown; see `picture`."""
+        return self.turns.ask(f"stored {side}", lambda: self._stored(side, wish), rank=1)
+
+    def end(self) -> None:
+        """Free what was built."""
+        self.turns.end()
+
+    def _close(self) -> None:
+        for generator in self._generators.values():
+            generator.close()
+
+    def _generator(self, side: str, scenario: Scenario) -> FrameGenerator:
+        generator = self._generators.get(side)
+        if generator is None:
+            generator = self._generators[side] = FrameGenerator(scenario)
+        elif generator.scenario != scenario:
+            generator.revise(scenario)
+        return generator
+
+    def _build(self, side: str, wish: Wish) -> None:
+        """Build another world where one is needed: for full frames, whose antialiasing small ones lack."""
+        scenario = wish.scenario
+        parts = [getattr(scenario, name) for name in ("seed", "grab", "jib", "place", "clutter", "vary", "image")]
+        if scenario.vary:
+            parts.append(scenario.clip.of(wish.frame))
+        if wish.small and 0 <= wish.frame < scenario.frames and self._parts.get(side) != parts:
+            self._generator(side, scenario).scene(wish.frame)
+        self._parts[side] = parts
+
+    def _frame(self, side: str, scenario: Scenario, number: int) -> Frame:
+        if not 0 <= number < scenario.frames:
+            raise ScenarioError("frames", f"there is no frame {number} of {scenario.frames}")
+        generator = self._generator(side, scenario)
+        try:
+            return generator.frame(number, full=scenario.image.stores_buffers)
+        except SimgrabError:
+            raise
+        except BaseException:  # of unknown cause: the world may be half made
+            generator.close()
+            raise
+
+    def _picture(self, side: str, wish: Wish) -> Picture:
+        begun = time.perf_counter()
+        small = self._reduced(wish.scenario) if wish.small else wish.scenario
+        self._build(side, wish)
+        frame = self._frame(side, small, wish.frame)
+        content = _encoded(frame, "jpeg", _PREVIEW_QUALITY) if wish.small else self._stored_of(side, wish, frame)
+        milliseconds = (time.perf_counter() - begun) * 1000
+        about = _about(wish, frame) | {"small": wish.small, "milliseconds": round(milliseconds, 1)}
+        return Picture(about, content, f"image/{'jpeg' if wish.small else wish.scenario.image.format}")
+
+    def _stored(self, side: str, wish: Wish) -> bytes:
+        kept = self._full.get(wish)
+        return kept or self._stored_of(side, wish, self._frame(side, wish.scenario, wish.frame))
+
+    def _stored_of(self, side: str, wish: Wish, frame: Frame) -> bytes:
+        files = encoded(self._generators[side], frame).files
+        return self._full.put(wish, next(iter(files.values())))
+
+    def _reduced(self, scenario: Scenario) -> Scenario:
+        """Give the scenario of small pictures; the same one where the display would not fit."""
+        kept = self._small.get(scenario)
+        return kept or self._small.put(scenario, reduced(scenario))
+
+
+def reduced(scenario: Scenario) -> Scenario:
+    """Give the scenario that shows the same in small pictures without antialiasing, which take less time.
+
+    Where no smaller picture is possible, since the display would not fit, the size stays.
+    """
+    image = msgspec.structs.replace(scenario.image, samples=0, ids=False, depth=False)
+    plain = msgspec.structs.replace(scenario, image=image)
+    width, height = scenario.camera.width_px, scenario.camera.height_px
+    scale = min(PREVIEW_WIDTH_PX / width, 1.0)
+    scale = max(scale, _LEAST_PX / min(width, height))
+    if scale >= 1:
+        return plain
+    try:
+        return resized(plain, round(width * scale), round(height * scale))
+    except ScenarioError:
+        return plain
+
+
+def _encoded(frame: Frame, kind: str, quality: int) -> bytes:
+    return pictures.encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), kind, quality)
+
+
+def _about(wish: Wish, frame: Frame) -> dict[str, Any]:
+    truth, scenario = frame.truth, wish.scenario
+    clip = scenario.clip.of(wish.frame)
+    span = scenario.span(clip)
+    return {
+        "frame": wish.frame, "width": truth.width_px, "height": truth.height_px,
+        "truth": overlay.marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
+        "values": {name: getattr(truth, name) for name in _VALUES},
+        "frames": scenario.frames, "clip": clip, "span": (span.start, span.stop),
+        "timed": not isinstance(scenario.swing, Iid), "rate": scenario.clip.frame_rate_hz,
+    }  # fmt: skip
+
+
+def _geometry(truth: Truth) -> dict[str, Any]:
+    """Give C', G' and the image of the grab centre; None where the picture has none."""
+    u, v = (math.nan if value is None else value for value in (truth.grab_u_px, truth.grab_v_px))
+    points: dict[str, Iterable[float]] = {
+        "principal": overlay.principal(truth),
+        "vertical": overlay.vertical(truth),
+        "centre": (u, v),
+    }
+    plain = {name: tuple(float(one) for one in point) for name, point in points.items()}
+    return {name: point if all(map(math.isfinite, point)) else None for name, point in plain.items()}

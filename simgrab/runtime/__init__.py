@@ -1,0 +1,1 @@
+"""Processes, machines, versions and the environment that everything else runs in."""

@@ -1,1 +1,0 @@
-"""Helpers for files, processes, text and strict conversion that know nothing of cranes."""

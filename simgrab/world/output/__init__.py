@@ -1,1 +1,0 @@
-"""What is written: datasets, videos and their tables."""

@@ -1,0 +1,40 @@
+"""What is known about the estimators comes out of the bundled studies, within Monte Carlo error."""
+
+import pytest
+from stress_runs import small, summed
+
+from simgrab.lab.stress import catalogue
+from simgrab.lab.stress.summary import judge
+
+KNOWN = ("offset-along", "focal", "lean-along", "gamma-towards", "box-centre-straight")
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_known_fact_is_measured_again(name):
+    study = catalogue.load(name)
+    verdicts = judge(summed(small(name, *(a.at for a in study.accept), replications=30)))
+    assert len(verdicts) >= len(study.accept) >= 2
+    assert all(v.passed for v in verdicts), [v for v in verdicts if not v.passed]
+
+
+def test_exponential_swing_under_a_tilt_of_1_degree_leaves_the_iteration_without_a_step():
+    study = small("alpha-exponential", (1.0,), replications=100)
+    summary = summed(study)
+    assert summary.at((1.0,), "paper-iteration", "refused").mean == 1.0
+    assert summary.at((1.0,), "mean-ray", "refused").mean == 0.0
+    assert all(v.passed for v in judge(summary))
+
+
+def test_the_papers_error_over_n():
+    study = small("n", (100.0,), (500.0,), (1000.0,), replications=400, estimators=("paper-iteration",))
+    verdicts = judge(summed(study))
+    assert len([v for v in verdicts if "rms" in v.text]) == 3
+    assert all(v.passed for v in verdicts), [v for v in verdicts if not v.passed]
+
+
+def test_rope_aware_repairs_the_offset_which_the_others_take_for_tilt():
+    summary = summed(small("offset-along", (1.0,), replications=30))
+    assert summary.at((1.0,), "mean-ray", "beta_error_deg").mean > 3
+    assert summary.at((1.0,), "rope-aware", "beta_error_deg").z < 3
+    assert summary.at((1.0,), "rope-aware", "miss").mean == 0
+    assert summary.at((1.0,), "mean-ray", "miss").mean > 0.02

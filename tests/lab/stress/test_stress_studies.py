@@ -1,0 +1,212 @@
+"""Studies are read strictly, estimators are anybody's, and the command line does what one function does."""
+
+import json
+import tomllib
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import tomli_w
+from click.testing import CliRunner
+from stress_runs import small, summed
+
+from simgrab.cli import cli
+from simgrab.errors import SimgrabError, StressError
+from simgrab.instrument.estimate import MeanRay
+from simgrab.lab.stress import catalogue, estimators, geometric
+from simgrab.lab.stress.catalogue import STUDIES
+from simgrab.lab.stress.laboratory import outcome
+from simgrab.lab.stress.study import Study, Sweep, quickened, situation
+from simgrab.lab.stress.summary import Finding, Verdict
+from simgrab.model.records.estimates import Estimate
+
+GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
+BAD = {
+    "misspelt axis": ({"axes": [{"axis": "fokal", "values": [0.0]}]}, ("fokal", "did you mean 'focal'", "lean-along")),
+    "empty axis": ({"axes": [{"axis": "focal", "values": []}]}, ("axes.0.values", "no values", "lean-along")),
+    "no axis": ({"axes": []}, ("1 to 2", "lean-along")),
+    "three axes": (
+        {"axes": [{"axis": a, "values": [0.0]} for a in ("focal", "roll", "noise")]},
+        ("1 to 2", "got 3"),
+    ),
+    "a value twice": ({"axes": [{"axis": "focal", "values": [0.0, 0.0]}]}, ("twice",)),
+    "unknown estimator": ({"estimators": ["mean-rai"]}, ("mean-rai", "geometric-median", "package.module:Class")),
+    "no such module": ({"estimators": ["nowhere.to_be:Found"]}, ("nowhere.to_be:Found", "No module")),
+    "no estimator": ({"estimators": ["json:JSONDecoder"]}, ("json:JSONDecoder", "estimate(pixels")),
+    "an axis that the fidelity cannot reach": (
+        {"axes": [{"axis": "weather.visibility_m", "values": [100.0]}]},
+        ("weather.visibility_m", "is not available", "camera.beta_deg", "lean-along"),
+    ),
+    "another depth": ({"depth": "painted"}, ("painted", "one of: geometric, rendered")),
+    "consistent but not tried": (
+        {"consistent": ["rope-aware"], "estimators": ["mean-ray"]},
+        ("rope-aware", "mean-ray"),
+    ),
+    "unknown key": ({"replicatons": 5}, ("replicatons", "replications")),
+    "unknown law": ({"axes": [{"axis": "alpha-law", "values": ["cauchy"]}]}, ("cauchy", "half-normal")),
+    "unknown scene of motion": ({"axes": [{"axis": "motion", "values": ["quay-day"]}]}, ("quay-day", "work-cycles")),
+    "out of range": ({"axes": [{"axis": "missing", "values": [1.5]}]}, ("missing", "[0, 1]")),
+    "a name for a number": ({"axes": [{"axis": "focal", "values": ["long"]}]}, ("focal", "long")),
+    "tilt of 95": ({"axes": [{"axis": "beta", "values": [95.0]}]}, ("beta_deg", "<= 30")),
+    "held nowhere": ({"holds": [1.0]}, ("holds", "[5.0]")),
+    "accepted nowhere": ({"accept": [{"at": [2.0], "estimator": "mean-ray", "quantity": "miss"}]}, ("accept", "[2.0]")),
+    "unknown quantity": ({"accept": [{"at": [5.0], "estimator": "mean-ray", "quantity": "mis"}]}, ("mis", "miss")),
+    "moving base": ({"base": "work-cycles"}, ("base", "motion")),
+    "given axis misspelt": ({"given": {"noize": 1.0}}, ("given.noize", "noise")),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_study_that_cannot_be_is_refused_with_what_is_valid(case, tmp_path):
+    change, words = BAD[case]
+    data = {k: v for k, v in GOOD.items() if k not in ("accept", "holds")} | change
+    path = tmp_path / "bad.toml"
+    path.write_text(tomli_w.dumps(data), encoding="utf-8")
+    with pytest.raises(StressError) as refusal:
+        catalogue.load(path)
+    for word in words:
+        assert word in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("counts", "values", "axes", "key"),
+    [
+        ({"n": 3}, 1, 1, "n: must be a whole"),
+        ({}, 1000, 2, "points"),
+        ({"replications": 10**6}, 100, 1, "replications"),
+    ],
+)
+def test_impossible_studies_are_refused_in_one_line(counts, values, axes, key):
+    with pytest.raises(StressError) as problem:
+        Study("mine", "x", (Sweep("beta", tuple(map(float, range(values)))),) * axes, ("mean-ray",), **counts)
+    assert key in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_unknown_studies_are_refused_with_the_list():
+    with pytest.raises(StressError, match=r"did you mean 'focal'.*lean-along"):
+        catalogue.load("focl")
+
+
+def test_every_bundled_study_reads_under_its_own_name_and_quickly():
+    for name in catalogue.names():
+        study = catalogue.load(name)
+        assert study.name == name
+        quick = quickened(study)
+        assert quick.replications <= 30
+        assert "pendulum-smoother" not in quick.estimators
+
+
+def test_the_draws_obey_the_papers_equation():
+    from simgrab.model.geometry import eq2_cos_alpha, vertical_direction
+
+    here = situation(small("noise", n=50), (0.0,))
+    records = geometric.draw(here, 1, range(3))
+    m, theta = here.lens.polar(records.pixels, vertical_direction(records.azimuth, 0.0))
+    np.testing.assert_allclose(np.cos(records.alpha), eq2_cos_alpha(m, theta, records.beta, here.lens.f_px), atol=1e-12)
+
+
+class Stubborn:
+    """An estimator of a stranger: no base class, one record at a time, and it refuses what is short."""
+
+    def estimate(self, pixels, calibration, *, rope_length=None, time=None):  # noqa: ARG002
+        if len(pixels) < 30:
+            return Estimate("stubborn", "refused", "too short", len(pixels), None, None, None, None, None, (), {})
+        return MeanRay().estimate(pixels, calibration)
+
+
+class Broken:
+    def estimate(self, pixels, calibration, *, rope_length=None, time=None):  # noqa: ARG002
+        raise ZeroDivisionError("oh")
+
+
+def test_anybodys_estimator_is_judged_like_the_packages_own():
+    name = f"{__name__}:Stubborn"
+    summary = summed(small("n", (10.0,), (100.0,), replications=20, estimators=("mean-ray", name)))
+    for column in summary.columns:
+        if column != "iterations":
+            ours, theirs = (summary.at((100.0,), e, column) for e in (name, "mean-ray"))
+            assert (ours.count, ours.mean) == pytest.approx((theirs.count, theirs.mean), rel=1e-12, nan_ok=True), column
+    assert summary.at((10.0,), name, "refused").mean == 1.0
+    assert summary.at((10.0,), name, "miss").count == 0
+
+
+@pytest.mark.parametrize("name", ["os:abort", "os:environ", "pathlib:Path"])
+def test_what_is_no_class_of_estimators_is_refused_and_not_called(name):
+    with pytest.raises(StressError, match="has no method estimate"):
+        estimators.find(name)
+
+
+def test_an_estimator_that_fails_is_named():
+    records = geometric.draw(situation(small("noise", n=20), (0.0,)), 0, [0])
+    with pytest.raises(StressError, match=r":Broken failed with ZeroDivisionError: oh"):
+        estimators.run(f"{__name__}:Broken", records)
+
+
+class Wrong:
+    """Returns what is planted."""
+
+    changes: ClassVar[dict] = {}
+
+    def estimate(self, pixels, calibration, *, rope_length=None, time=None):  # noqa: ARG002
+        return replace(MeanRay().estimate(pixels, calibration), **self.changes) if self.changes else {"beta": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, "must return a simgrab.model.records.estimates.Estimate, got dict"),
+        ({"alpha": np.zeros(5)}, r"one value for each of 20 frames, got the shape \(5,\)"),
+        ({"alpha": np.full(20, 5.0)}, "alpha reaches 5 rad, beyond the horizontal; angles are in radians"),
+        ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
+        ({"status": "fine"}, "status must be 'ok' or 'refused', got 'fine'"),
+        ({"status": "refused"}, "a refusal needs a reason"),
+    ],
+)
+def test_what_an_estimator_must_not_return_is_refused_in_one_line(changes, said, monkeypatch):
+    records = geometric.draw(situation(small("noise", n=20), (0.0,)), 0, [0])
+    monkeypatch.setattr(Wrong, "changes", changes)
+    with pytest.raises(StressError, match=f":Wrong: .*{said}"):
+        estimators.run(f"{__name__}:Wrong", records)
+
+
+def invoke(*arguments):
+    result = CliRunner().invoke(cli, ["stress", *map(str, arguments)])
+    if result.exception and not isinstance(result.exception, SystemExit | SimgrabError):
+        raise result.exception
+    return result
+
+
+def test_how_many_limits_are_met_is_said_where_some_were_set():
+    def of(*passed):
+        return Finding(None, None, tuple(Verdict("a study", "a limit", "found", one) for one in passed))
+
+    assert outcome([of(True, False), of(), of(True)]) == "2 of 3 limits are met"
+    assert outcome([of(), of()]) == "no limits were set"
+
+
+def test_the_list_names_every_study():
+    assert set(json.loads(invoke("--json").stdout)) == set(catalogue.names())
+
+
+def test_a_replay_shows_diagnostics_and_its_picture(tmp_path):
+    result = invoke("--replay", "focal", 3, "--at", "5", "--out", tmp_path, "--json")
+    told = json.loads(result.stdout)
+    assert told["at"] == {"focal": 5.0}
+    found = told["estimators"]["paper-iteration"]
+    assert found["status"] == "ok"
+    assert -0.5 < found["beta_error_deg"] < 0
+    assert len(found["diagnostics"]["beta_history"]) == found["iterations"] + 1
+    assert (tmp_path / "replay-focal-3.png").read_bytes()[1:4] == b"PNG"
+    assert "not a combination of axis values" in str(
+        invoke("--replay", "focal", 3, "--at", "7", "--out", tmp_path).exception
+    )
+    assert "0 to 999" in str(invoke("--replay", "focal", 1000, "--out", tmp_path).exception)
+
+
+def test_a_verb_takes_one_thing_at_a_time():
+    assert invoke("focal", "--all").exit_code == 2
+    assert invoke("focal", "--workers", 0).exit_code == 2
+    assert isinstance(invoke("focal", "--out", "/proc/nowhere").exception, StressError)
