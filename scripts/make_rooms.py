@@ -17,36 +17,36 @@ INK, TRUTH, BLIND, PLAIN = "#1f2933", "#e6d3a8", "#bcd9e6", "#e4e7eb"
 
 # Left, bottom, width, height, name, what lives there, colour.
 ROOMS = [
+    (0.0, 8.6, 2.85, 0.95, "training", "detector · reader", TRUTH),
+    (3.05, 8.6, 2.85, 0.95, "lab", "stress · paper · bench", TRUTH),
+    (6.1, 8.6, 2.85, 0.95, "pages", "browse · studio", TRUTH),
+    (9.15, 8.6, 2.85, 0.95, "match", "footage → scene", TRUTH),
     (0.0, 7.2, 12.0, 0.95, "cli", "one file per command, no logic", PLAIN),
-    (0.0, 5.8, 5.2, 0.95, "judge", "audit · evaluate · check · stress · paper", TRUTH),
-    (5.6, 5.8, 2.7, 0.95, "browse · studio", "pages", TRUTH),
-    (8.7, 5.8, 3.3, 0.95, "training", "detector · reader", TRUTH),
-    (0.0, 3.6, 6.6, 1.75, "world", "trajectory → projection → camera → label\n"
-     "scenery: places, grab, jib head\nframes · output: datasets, videos", TRUTH),
-    (7.0, 3.6, 5.0, 1.75, "instrument", "detect · read · estimate\nalarm · pipeline · run\n"
+    (0.0, 5.8, 12.0, 0.95, "judge", "audit · evaluate · check · doctor", TRUTH),
+    (0.0, 4.4, 7.0, 0.95, "dataset", "writes, reads and exports datasets, videos, shards", TRUTH),
+    (0.0, 2.65, 7.0, 1.3, "world", "trajectory → projection → camera → label\n"
+     "scenery: places, grab, jib head · sensors", TRUTH),
+    (7.4, 2.65, 4.6, 2.7, "instrument", "source · detect · read\nestimate · alarm · run\n"
      "never sees labels or scenes", BLIND),
-    (0.0, 2.2, 3.1, 0.95, "labels", "truth, datasets", TRUTH),
-    (3.5, 2.2, 3.1, 0.95, "scenario · scenes", "what can be set", TRUTH),
-    (0.0, 0.0, 12.0, 1.75, "ground floor", "pages: tables, figures, HTML, server\n"
-     "records · calibration · layouts · distributions\ngeometry · utilities · rng · errors · text", PLAIN),
+    (0.0, 1.4, 7.0, 0.95, "model: scenario · scenes · truth", "what can be set, and what is known of a frame", TRUTH),
+    (0.0, -0.25, 12.0, 1.35, "ground floor", "model: geometry · rng · records · calibration · layouts   reports\n"
+     "io: files of every kind   runtime: processes   errors · text", PLAIN),
 ]  # fmt: skip
 # From the importing room to the imported one.
 ARROWS = [
-    ((2.6, 7.2), (2.6, 6.75)), ((6.95, 7.2), (6.95, 6.75)), ((10.3, 7.2), (10.3, 6.75)),
-    ((2.6, 5.8), (2.6, 5.35)), ((5.0, 5.8), (7.3, 5.35)), ((5.6, 6.28), (5.2, 6.28)), ((6.2, 5.8), (5.9, 5.35)),
-    ((7.8, 5.8), (7.8, 5.35)), ((9.0, 5.8), (6.5, 5.35)), ((10.5, 5.8), (10.5, 5.35)),
-    ((1.5, 3.6), (1.5, 3.15)), ((5.0, 3.6), (5.0, 3.15)), ((1.5, 2.2), (1.5, 1.75)), ((5.0, 2.2), (5.0, 1.75)),
-    ((9.5, 3.6), (9.5, 1.75)),
+    *(((x, 8.6), (x, 8.15)) for x in (1.4, 4.5, 7.5, 10.6)), ((3.0, 7.2), (3.0, 6.75)), ((3.0, 5.8), (3.0, 5.35)),
+    ((9.7, 5.8), (9.7, 5.35)), ((3.0, 4.4), (3.0, 3.95)), ((3.0, 2.65), (3.0, 2.35)), ((3.0, 1.4), (3.0, 1.1)),
+    ((9.7, 2.65), (9.7, 1.1)),
 ]  # fmt: skip
 
 
 def main() -> None:
     """Draw and save."""
     mpl.rcParams["svg.hashsalt"] = "simgrab"
-    figure = Figure(figsize=(9, 6.1))
+    figure = Figure(figsize=(9, 7.1))
     axes: Axes = figure.add_axes((0, 0, 1, 1))
     axes.set_xlim(-0.2, 12.2)
-    axes.set_ylim(-0.2, 8.35)
+    axes.set_ylim(-0.4, 9.75)
     axes.axis("off")
     for x, y, width, height, name, text, colour in ROOMS:
         axes.add_patch(
