@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
+TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
 PAGES = {path.stem: path.read_text(encoding="utf-8") for path in sorted(TUTORIALS.glob("*.md"))}
 FENCE = re.compile(
     r"(?:<!-- not run: (?P<reason>[^\n]+) -->\n)?"

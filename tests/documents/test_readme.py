@@ -28,7 +28,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.scenario import IMU_CLASSES, Imu, ImuNoise, Scenario, merged
 from simgrab.model.scenes import load
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 TEXTS = {
     str(path.relative_to(DOCS if path.is_relative_to(DOCS) else ROOT)): path.read_text(encoding="utf-8")

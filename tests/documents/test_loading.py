@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 PAGES = [
-    (Path(__file__).parents[1] / "docs" / name).read_text(encoding="utf-8") for name in ("loading.md", "frames.md")
+    (Path(__file__).parents[2] / "docs" / name).read_text(encoding="utf-8") for name in ("loading.md", "frames.md")
 ]
 BLOCKS = {t: b for p in PAGES for t, b in re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", p, re.DOTALL | re.MULTILINE)}
 
@@ -53,7 +53,7 @@ def test_the_block_runs(title, place, monkeypatch, capsys):
     # These start processes, or read their environment when they are imported.
     offline = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_HOME": str(place / "cache")}
     (place / "block.py").write_text(BLOCKS[title], encoding="utf-8")
-    offline |= {"PYTHONPATH": str(Path(__file__).parents[1])}
+    offline |= {"PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run(
         [sys.executable, "block.py"], cwd=place, env=offline, capture_output=True, text=True, check=False
     )
