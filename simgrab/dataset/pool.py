@@ -20,7 +20,6 @@ from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.gl import Fingerprint
 from simgrab.world.projection import Projection, project
-from simgrab.world.scenery import textures
 from simgrab.world.scenery.plan import Plan, draw_up
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -161,8 +160,7 @@ def vetted(
     scenario = recipe.scenario
     if not recipe.varies:
         elsewhere = workers > 1 or cluster is not None  # worlds are painted where they are drawn
-        with textures.unpainted() if elsewhere else contextlib.nullcontext():
-            found = vet(recipe)
+        found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
         return replace(found, plan=None) if elsewhere else found
     clips = range(scenario.clip.count(scenario.frames))
@@ -181,8 +179,7 @@ def vetted(
 
 
 def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> Vetted:
-    with textures.unpainted():
-        found = vet(generator.recipe, clip)
+    found = vet(generator.recipe, clip)
     tick()
     return replace(found, plan=None)
 

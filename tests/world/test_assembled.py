@@ -13,7 +13,7 @@ from simgrab.model import scenes
 from simgrab.model.scenario import Assembled, Clutter, RandomPlace
 from simgrab.model.scenario.grab import Grab
 from simgrab.model.scenario.vary import variants
-from simgrab.world.scenery import places, textures
+from simgrab.world.scenery import places
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.assembled import assembled
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design
@@ -126,15 +126,9 @@ def test_there_are_grabs_of_many_numbers_of_jaws() -> None:
     assert len(counts) >= 5
 
 
-@pytest.mark.parametrize(
-    ("keys", "wrong"),
-    [
-        ({"shape": 1.5}, "shape"), ({"shape": -0.1}, "shape"), ({"shape": float("nan")}, "shape"),
-        ({"ropes": 3}, "ropes"), ({"volume_m3": 1.0}, "volume_m3"), ({"tines": 4}, "tines"),
-    ],
-)  # fmt: skip
-def test_a_wrong_key_is_named(keys: dict[str, object], wrong: str) -> None:
-    with pytest.raises(ScenarioError, match=wrong):
+@pytest.mark.parametrize("keys", [{"shape": 1.5}, {"shape": -0.1}, {"shape": float("nan")}, {"tines": 4}])
+def test_a_wrong_key_is_named(keys: dict[str, object]) -> None:
+    with pytest.raises(ScenarioError, match=next(iter(keys))):
         scenes.load("quay-day", {"grab": {"model": "assembled", **keys}})
 
 
@@ -162,19 +156,6 @@ def test_a_random_place_is_level_ground_with_low_solids_near_the_grab() -> None:
                 near += 1
     assert len(counts) > 3
     assert near > 5
-
-
-@pytest.mark.parametrize("seed", [3, 8, 20])
-def test_a_random_place_has_the_same_shapes_unpainted(seed: int) -> None:
-    painted = places.build(RandomPlace(), head_height=28.0, rng=np.random.default_rng(seed))
-    with textures.unpainted():
-        bare = places.build(RandomPlace(), head_height=28.0, rng=np.random.default_rng(seed))
-    assert [part.name for part in painted] == [part.name for part in bare]
-    for a, b in zip(painted, bare, strict=True):
-        assert np.array_equal(a.mesh.vertices, b.mesh.vertices)
-        assert np.array_equal(a.mesh.faces, b.mesh.faces)
-    assert painted[0].material.texture is not None
-    assert painted[0].material.texture.std() > 0
 
 
 def test_assembled_grabs_stand_on_a_random_place() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from functools import cache
 from itertools import pairwise
 
@@ -14,9 +16,10 @@ from simgrab.model import scenes
 from simgrab.model.scenario import Clutter, Scenario
 from simgrab.model.scenario.grab import Assembled, Clamshell, Grab, OrangePeel, Scissors
 from simgrab.world.scenery.clearance import winding
-from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs import FAMILIES, design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
 from simgrab.world.scenery.grabs.drawn import any_of
+from simgrab.world.scenery.grabs.four_rope import SHAPE
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.parked import parked_grabs
 from simgrab.world.scenery.plan import CLEARANCE_M, draw_up
@@ -35,6 +38,7 @@ EXTREMES: tuple[Grab, ...] = (
     Scissors(**SMALL, width=1.35, length=0.75, height=0.75, ropes=2, top="closed"),
     Scissors(**LARGE, width=0.75, length=1.35, height=1.35, teeth=12, plate_work=1.0),
     Clamshell(**SMALL, width=0.75, length=0.75, height=1.35, head="round"),  # its sheaves' openings cross the deck
+    SHAPE,
 )
 DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(4))
 GRABS = EXTREMES + DRAWN
@@ -138,14 +142,7 @@ def test_the_closed_grab_holds_its_volume(grab: Grab, stem: str, parts: tuple[st
     assert high >= rim
 
 
-LINKS = (
-    ("arms", "shell"),
-    ("link", "shell"),
-    ("reeving", "shell"),
-    ("piston", "shell"),
-    ("rod", "tine"),
-    ("piston", "tine"),
-)
+LINKS = (*((link, "shell") for link in ("arms", "link", "reeving", "piston")), ("rod", "tine"), ("piston", "tine"))
 
 
 @each
@@ -191,23 +188,17 @@ def test_lips_meet_in_the_closed_grab_and_move_outwards(grab: Grab) -> None:
 @each
 def test_jaws_stay_in_their_own_sectors(grab: Grab) -> None:
     names = [b.name for b in design_of(grab).bodies if b.name.startswith(("tine", "shell"))]
-    levers = ("levers", "bosses", "block_pin", "block", "stiffeners")  # these cross
-    closed = {
-        b.name: trimesh.transform_points(
-            np.concatenate([part.mesh.vertices for part in b.parts if part.name not in levers]),
-            design_of(grab).frames(0.0)[b.name],
-        )
-        for b in design_of(grab).bodies
-        if b.name in names
-    }
+    jaw_parts = {part.name for b in design_of(grab).bodies if b.name in names for part in b.parts}
+    jaw_parts -= {"levers", "bosses", "block_pin", "block", "stiffeners"}  # these cross
     for name in names:
-        middle = closed[name].mean(axis=0)
+        closed = steel(grab, name, parts=tuple(jaw_parts)).vertices
+        middle = closed.mean(axis=0)
         azimuth = 0.0 if name == "shell_outer" else np.pi if name == "shell_inner" else np.arctan2(middle[1], middle[0])
         across = np.array([-np.sin(azimuth), np.cos(azimuth)])
         along = np.array([np.cos(azimuth), np.sin(azimuth)])
         half = np.pi / len(names)
         for move in moves(grab)[name]:
-            p = trimesh.transform_points(closed[name], move)[:, :2]
+            p = trimesh.transform_points(closed, move)[:, :2]
             r, y = p @ along, np.abs(p @ across)
             if len(names) == 2:
                 assert r.min() > -0.2  # ears reach beside the other shell's
@@ -293,17 +284,26 @@ def test_cargo_lies_inside_and_rises_with_the_fill(grab: Grab) -> None:
     assert 0.6 * grab.volume_m3 < volumes[-1] < 1.25 * grab.volume_m3
 
 
+def test_a_family_is_imported_when_it_is_drawn_and_named_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = "; ".join((
+        "import sys", "from simgrab import scenes", "from simgrab.world.scenery.plan import draw_up",
+        "draw_up(scenes.load('quay-day'))",
+        "print([m for m in sys.modules if m.endswith(('.assembled', 'scissors', 'random_place'))])",
+    ))  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", drawn], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"
+    monkeypatch.setitem(FAMILIES, "assembled", ("simgrab.nowhere", "assembled"))
+    with pytest.raises(ScenarioError, match=r"'assembled' is not installed: No module named .simgrab.nowhere"):
+        design_of(Assembled(shape=0.123))
+
+
 def test_designs_that_differ_in_looks_alone_are_one() -> None:
     assert design_of(Clamshell(wear=0.1, cargo="ore")) is design_of(Clamshell(wear=0.9, paint_rgb=(0, 0, 0)))
 
 
 @pytest.mark.parametrize("grab", [g for g in GRABS if isinstance(g, Scissors)])
 def test_levers_pass_beside_each_other(grab: Scissors) -> None:
-    spans = []
-    for body in design_of(grab).bodies:
-        for piece in (piece for part in body.parts if part.name == "levers" for piece in part.mesh.split()):
-            spans.append(piece.bounds[:, 1])
-    spans.sort(key=lambda span: span[0])
+    spans = sorted((piece.bounds[:, 1] for piece in steel(grab, parts=("levers",)).split()), key=lambda span: span[0])
     assert len(spans) == 4
     assert all(a[1] < b[0] for a, b in pairwise(spans))
 

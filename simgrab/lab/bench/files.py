@@ -42,7 +42,6 @@ from simgrab.runtime import machine
 from simgrab.runtime.processes import Pool, tick
 from simgrab.world import gl
 from simgrab.world.extensions import Recipe
-from simgrab.world.scenery import textures
 
 Meta = msgspec.Meta
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=100)]  # of a clip, and so of its files
@@ -192,8 +191,7 @@ def _drawn(season: Season, clip: Clip) -> Scenario:
     """Scenario of a clip, drawn until its swing is what the clip's name promises: beyond 10.5°, or below 9.5°."""
     for attempt in range(MOST_ATTEMPTS):
         scenario = season.scenario(clip, attempt)
-        with textures.unpainted():
-            found = vet(Recipe(scenario))
+        found = vet(Recipe(scenario))
         largest = max(projection.moment.grab.alpha for projection in found.projections.values())
         if largest > SURELY if clip.swing == "alarm" else largest < HARDLY:
             return scenario

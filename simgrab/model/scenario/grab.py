@@ -24,7 +24,7 @@ class Looks(Tagged, frozen=True):
 
 
 class FourRope(Looks, frozen=True, tag="four-rope"):
-    """The four-rope clamshell of 10.5 t, 2.9 × 2.4 × 3.4 m closed, whose shape is fixed."""
+    """A clamshell of fixed shape on four ropes: 10.5 t, 24 t full, 2.9 × 2.4 × 3.4 m closed."""
 
 
 class Shaped(Looks, frozen=True):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 
 import mujoco
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Hold, Light, Scenario
 from simgrab.world.scenery.meshes import ropes
-from simgrab.world.scenery.meshes.part import Part, Texture, add_parts, add_textures
+from simgrab.world.scenery.meshes.part import Material, Part, Texture, add_parts, add_textures
 from simgrab.world.scenery.plan import Plan, cargo_level
 from simgrab.world.trajectory.moment import Moment
 
@@ -45,15 +47,22 @@ class World:
     switches : dict of str to ndarray
         Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that
         only an absent grab lacks: its steel and the falls inside it.
-    textures : dict of str to ndarray of uint8, shape (h, w, 3)
-        By the name of their material; the first row is the top. The model itself has none: MuJoCo would copy a hundred
-        megabytes several times.
+    materials : dict of str to Material
+        By their names.
     """
 
     model: mujoco.MjModel
     plan: Plan
     switches: dict[str, NDArray[np.int64]]
-    textures: dict[str, Texture]
+    materials: dict[str, Material]
+
+    @cached_property
+    def textures(self) -> dict[str, Texture]:
+        """Textures (h, w, 3) by the name of their material; the first row is the top.
+
+        The model itself has none: MuJoCo would copy a hundred megabytes several times.
+        """
+        return _painted(self.materials)
 
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
@@ -154,11 +163,16 @@ def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
         body = spec.worldbody.add_body(name=f"ball_{number}", mocap=True)
         add_parts(spec, body, [part], group=HIDDEN, prefix=f"ball_{number}")
     own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope])
-    textures = {part.material.name: part.material.texture for part in own if part.material.texture is not None}
+    materials = {part.material.name: part.material for part in own}
     if textured:
-        add_textures(spec, textures)
+        add_textures(spec, _painted(materials))
     model = spec.compile()
-    return World(model, plan, _switches(model), textures)
+    return World(model, plan, _switches(model), materials)
+
+
+def _painted(materials: Mapping[str, Material]) -> dict[str, Texture]:
+    pictures = {name: material.picture for name, material in materials.items()}
+    return {name: picture for name, picture in pictures.items() if picture is not None}
 
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:

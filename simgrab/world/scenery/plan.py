@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -44,8 +44,8 @@ class Plan:
         What stands below, in the place's frame.
     jib : sequence of Part
         The jib head, in the jib frame.
-    painted : callable
-        Gives `bodies`; to see whether a world can be, no grab is painted.
+    bodies : mapping of str to sequence of Part
+        The grab, each body in its own frame.
     heaps : sequence of Part
         Cargo that the grab may hold, one for each of `CARGO_LEVELS` or none, in the grab's frame.
     straight : bool
@@ -63,18 +63,13 @@ class Plan:
     ropes: Ropes
     place: Sequence[Part]
     jib: Sequence[Part]
-    painted: Callable[[], Mapping[str, Sequence[Part]]]
+    bodies: Mapping[str, Sequence[Part]]
     heaps: Sequence[Part]
     straight: bool
     suspension: Suspension
     balls: Sequence[Part]
     ball_distances_m: Sequence[float]
     reach_m: float
-
-    @cached_property
-    def bodies(self) -> Mapping[str, Sequence[Part]]:
-        """The grab, each body in its own frame."""
-        return self.painted()
 
     @cached_property
     def shapes(self) -> dict[str, trimesh.Trimesh]:
@@ -160,16 +155,13 @@ def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = 
         parked = stream(seed, number, "clutter.grabs")
         place = built + parked_grabs(scenario.clutter, built, head_height=head_height, rng=parked)
 
-    def painted() -> Mapping[str, Sequence[Part]]:
-        mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, number, "grab"))
-        return {body.name: mixed.on(body.parts) for body in grab.bodies}
-
+    mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, number, "grab"))
     return Plan(
         grab,
         ropes,
         place,
         () if scenario.jib.head == "none" else jib.jib_parts(ropes),
-        painted,
+        {body.name: mixed.on(body.parts) for body in grab.bodies},
         grab.heaps(look.cargo, stream(seed, number, "cargo")),
         straight=scenario.camera.intrinsics.distortion.is_null,
         suspension=scenario.suspension,

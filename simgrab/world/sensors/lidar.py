@@ -12,7 +12,6 @@ from simgrab.model.geometry import Array
 from simgrab.model.scenario import Lidar, Scenario, Weather
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
-from simgrab.world.scenery.textures import unpainted
 from simgrab.world.sensors.device import SWING, Device
 from simgrab.world.sensors.errors import Clock, Open, counted
 from simgrab.world.sensors.motion import Motion
@@ -107,8 +106,7 @@ class LidarDevice(Device):
             0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing.
         """
         if self._world is None:
-            with unpainted():
-                world = model.build(self._scenario, draw_up(self._scenario, self._number))
+            world = model.build(self._scenario, draw_up(self._scenario, self._number))
             self._world = world, mujoco.MjData(world.model)
         world, data = self._world
         world.pose(data, motion.moment(i))

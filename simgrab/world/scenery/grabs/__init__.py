@@ -2,41 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import msgspec
 
+from simgrab.errors import ScenarioError
 from simgrab.model.scenario import Grab
-from simgrab.model.scenario.grab import Assembled, Clamshell, FourRope, Looks, Mesh, OrangePeel, Scissors
-from simgrab.world.scenery.grabs.assembled import assembled
-from simgrab.world.scenery.grabs.clamshell import clamshell
+from simgrab.model.scenario.grab import Looks
+from simgrab.runtime import modules
 from simgrab.world.scenery.grabs.design import Design
-from simgrab.world.scenery.grabs.four_rope import four_rope
-from simgrab.world.scenery.grabs.from_file import from_file
-from simgrab.world.scenery.grabs.orange_peel import orange_peel
-from simgrab.world.scenery.grabs.scissors import scissors
+
+#: By ``model`` of a scene's ``[grab]``: the module, imported when such a grab is drawn, and its function that makes a
+#: `Design` of the keys.
+FAMILIES = {
+    "four-rope": ("simgrab.world.scenery.grabs.four_rope", "four_rope"),
+    "clamshell": ("simgrab.world.scenery.grabs.clamshell", "clamshell"),
+    "orange-peel": ("simgrab.world.scenery.grabs.orange_peel", "orange_peel"),
+    "scissors": ("simgrab.world.scenery.grabs.scissors", "scissors"),
+    "assembled": ("simgrab.world.scenery.grabs.assembled", "assembled"),
+    "mesh": ("simgrab.world.scenery.grabs.from_file", "from_file"),
+}
 
 _ANY = Looks()
 
 
 def design_of(grab: Grab) -> Design:
-    """Return the design of a scenario's grab. Grabs that differ in looks alone share it, and its meshes."""
+    """Return the design of a scenario's grab. Grabs that differ in looks alone share it, and its meshes.
+
+    Raises
+    ------
+    ScenarioError
+        If the family's module is not installed, or a user's own grab cannot be read.
+    """
     looks = {name: getattr(_ANY, name) for name in Looks.__struct_fields__}
     return _design(msgspec.structs.replace(grab, **looks))
 
 
 @lru_cache(maxsize=16)
 def _design(grab: Grab) -> Design:
-    match grab:
-        case FourRope():
-            return four_rope()
-        case Clamshell():
-            return clamshell(grab)
-        case OrangePeel():
-            return orange_peel(grab)
-        case Scissors():
-            return scissors(grab)
-        case Assembled():
-            return assembled(grab)
-        case Mesh():
-            return from_file(grab)
+    kind = str(grab.__struct_config__.tag)
+    try:
+        family: Callable[[Grab], Design] = modules.find(*FAMILIES[kind])
+    except ModuleNotFoundError as problem:
+        raise ScenarioError("grab.model", f"{kind!r} is not installed: {problem}") from None
+    return family(grab)

@@ -1,8 +1,7 @@
 """Clamshell grabs of any size: rope-closed by a sliding beam and arms, single-rope, or hydraulic.
 
-The proportions of shells, beam and arms are those of `simgrab.world.scenery.grabs.four_rope`, a grab of 10.5 t for 24 t
-in all; plates, pins, sheaves and sockets have sizes of their own, which grow more slowly than the grab. The mass
-follows from the drawn steel.
+Plates, pins, sheaves and sockets have sizes of their own, which grow more slowly than the grab. The mass follows from
+the drawn steel.
 
 All is drawn closed, with the lips at z = 0; the outer shell is at +x.
 """
@@ -35,15 +34,15 @@ _ARM_Y = 0.66
 _GIRDER = (1.56, 1.78)
 
 
-def clamshell(keys: Clamshell) -> Design:
-    """Return the design of a clamshell grab."""
-    return _Clam(keys).design()
+def clamshell(keys: Clamshell, *, ropes_m: tuple[float, float] | None = None) -> Design:
+    """Return the design of a clamshell grab; ``ropes_m`` is half the spread of its ropes along x and y, if given."""
+    return _Clam(keys, ropes_m).design()
 
 
 class _Clam(Shells):
     keys: Clamshell
 
-    def __init__(self, keys: Clamshell) -> None:
+    def __init__(self, keys: Clamshell, ropes_m: tuple[float, float] | None) -> None:
         super().__init__(keys, _HINGE)
         s = self.scale
         self.head_pin, self.shell_pin = self.at(*_HEAD_PIN), self.at(*_SHELL_PIN)
@@ -51,6 +50,7 @@ class _Clam(Shells):
         self.arm_y = (-_ARM_Y * s.y, _ARM_Y * s.y) if keys.arms == 4 or keys.drive == "hydraulic" else (0.0,)
         self.sheave_r = 0.10 + 0.07 * s.mean
         self.sheave_y = tuple(side * 0.34 * s.y + o for side in (-1, 1) for o in (-0.055, 0.055))
+        self.ropes_m = ropes_m or (max(0.9 * self.sheave_r, 0.14), 0.34 * s.y)
 
     def design(self) -> Design:
         return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
@@ -87,7 +87,8 @@ class _Clam(Shells):
         start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
         along = (end - start) / np.linalg.norm(end - start)
         axis = (float(along[0]), 0.0, float(along[1]))
-        barrel, piston = self._cylinders(cylinder)
+        radius = 0.05 * self.scale.mean + 0.025
+        barrel, piston = kit.cylinder_parts(cylinder, radius, (0.82, 0.75), 0.06, MAX_JAW, *self.arm_y)
         bodies = [
             kit.body("head", [*self._head(), *self._column(), *self._beam()]),
             *self.pair("shell", self._shell(), "head", self.hinge, self.hinge),
@@ -96,14 +97,9 @@ class _Clam(Shells):
         own = kit.placed(piston, (start[0], 0.0, start[1]))
         bodies += [
             kit.body("piston_outer", own, "barrel_outer", axis=axis, slides=True),
-            kit.body(
-                "piston_inner",
-                [p.moved(HALF_TURN) for p in own],
-                "barrel_inner",
-                axis=(-axis[0], 0.0, axis[2]),
-                slides=True,
-            ),
-        ]
+            kit.body("piston_inner", [p.moved(HALF_TURN) for p in own], "barrel_inner",
+                     axis=(-axis[0], 0.0, axis[2]), slides=True),
+        ]  # fmt: skip
 
         def positions(jaw: float) -> dict[str, float]:
             angle, out = cylinder.at(jaw)
@@ -126,9 +122,8 @@ class _Clam(Shells):
     def outline(self) -> shapely.Polygon:
         """Return the side plate's outline, with the ear that hangs on the pin."""
         (hx, hz), (w, top) = self.hinge, self.curve[-1]
-        ear = hull(
-            circle(hx, hz, 0.08 * self.scale.mean + 0.02), shapely.box(0.05 * w, 0.84 * top, 0.28 * w, 0.88 * top)
-        )
+        foot = shapely.box(0.05 * w, 0.84 * top, 0.28 * w, 0.88 * top)
+        ear = hull(circle(hx, hz, 0.08 * self.scale.mean + 0.02), foot)
         return shapely.union_all([super().outline(), ear]).intersection(shapely.box(GAP_M, -1.0, 9.0, 9.0))
 
     def _shell_lugs(self) -> trimesh.Trimesh:
@@ -152,7 +147,7 @@ class _Clam(Shells):
         eye, half = 0.045 * m + 0.025, 0.035 * m + 0.012
         wide = 2.6 if self.keys.arms == 2 else 1.0
         bar = hull(circle(*start, 0.8 * eye), circle(*end, 0.8 * eye))
-        web = shapely.union_all([bar, circle(*start, eye), circle(*end, eye)])
+        web = kit.link(start, end, eye, 0.8)
         inner = hull(circle(*start, 0.45 * eye), circle(*end, 0.45 * eye))
         flange = bar.difference(inner)
         arm = join(
@@ -167,30 +162,6 @@ class _Clam(Shells):
             x, z = (0.5 * (a + b) for a, b in zip(start, end, strict=True))
             parts.append(Part("tie", rod((x, self.arm_y[0], z), (x, self.arm_y[1], z), 0.03 * m + 0.012), BARE.body))
         return parts
-
-    def _cylinders(self, cylinder: Cylinder) -> tuple[list[Part], list[Part]]:
-        start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
-        length, m = cylinder.length_m(0.0), self.scale.mean
-        shortest = min(cylinder.length_m(j) for j in np.linspace(0.0, MAX_JAW, 30))
-        reach, radius = min(0.82 * shortest, 0.75 * length) / length, 0.05 * m + 0.025
-
-        def at(share: float) -> tuple[float, float, float]:
-            x, z = start + share * (end - start)
-            return float(x), 0.0, float(z)
-
-        tube = join(
-            [
-                rod(at(0.0), at(reach), radius, 14),
-                rod(at(reach - 0.06), at(reach), 1.12 * radius, 14),
-                pin(start[0], start[1], -1.3 * radius, 1.3 * radius, radius),
-            ]
-        )
-        stem = join(
-            [rod(at(0.3 * reach), at(1.0), 0.5 * radius, 12), pin(end[0], end[1], -radius, radius, 0.9 * radius)]
-        )
-        return [Part("barrel", shapes.at_y(tube, *self.arm_y), BARE.body)], [
-            Part("piston", shapes.at_y(stem, *self.arm_y), BARE.lip)
-        ]
 
     # Beam between the shells' pins, closed.
 
@@ -220,41 +191,20 @@ class _Clam(Shells):
         flank = join([web, flange, foot])
         belly = block((-web_x, -0.75 * end_y, low), (web_x, 0.75 * end_y, low + t))
         eye = 0.07 * m + 0.03
-        plate = rounded(
-            hull(
-                circle(-hx, hz, eye), circle(hx, hz, eye), shapely.box(-web_x, hz - 0.05 * s.z, web_x, hz + 0.08 * s.z)
-            ),
-            0.02,
-        )
+        middle = shapely.box(-web_x, hz - 0.05 * s.z, web_x, hz + 0.08 * s.z)
+        plate = rounded(hull(circle(-hx, hz, eye), circle(hx, hz, eye), middle), 0.02)
         ends = [prism(plate, end_y - 0.03, end_y), prism(plate, 0.86 * end_y, 0.86 * end_y + 0.02)]
         ends += [pin(x, hz, 0.84 * end_y, end_y + 0.006, 0.05 * m + 0.025) for x in (-hx, hx)]
-        roof = prism(
-            shapely.Polygon(
-                [
-                    (-1.2 * web_x, high),
-                    (0, high + 0.09 * s.z),
-                    (1.2 * web_x, high),
-                    (1.2 * web_x, high - 0.015),
-                    (-1.2 * web_x, high - 0.015),
-                ]
-            ),
-            -0.18 * s.y,
-            0.18 * s.y,
-        )
+        x, under = 1.2 * web_x, high - 0.015
+        gable = shapely.Polygon([(-x, high), (0, high + 0.09 * s.z), (x, high), (x, under), (-x, under)])
+        roof = prism(gable, -0.18 * s.y, 0.18 * s.y)
         parts = [
             Part("webs", join([flank, shapes.half_turn(flank), belly]), BARE.body),
             Part("roof", roof, BARE.body),
             Part("ends", shapes.mirrored_y(join(ends)), BARE.hazard if self.keys.markings else BARE.body),
         ]
         if self.keys.drive == "ropes":
-            z = self._beam_sheave_z
-            parts.append(
-                Part(
-                    "sheaves", join(shapes.sheave((0.0, y, z), self.sheave_r, 0.017) for y in self.sheave_y), BARE.dark
-                )
-            )
-            shaft = pin(0.0, z, -0.14, 0.14, 0.03 * m + 0.02, 0.02)
-            parts.append(Part("shafts", shapes.at_y(shaft, -0.34 * s.y, 0.34 * s.y), BARE.dark))
+            parts += self._sheaves(self._beam_sheave_z, 0.14)
         return parts
 
     # Head, closed.
@@ -269,59 +219,43 @@ class _Clam(Shells):
 
     def _ends(self) -> Array:
         height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
-        return kit.ends(self.keys.ropes, max(0.9 * self.sheave_r, 0.14), 0.34 * self.scale.y, self._deck_z + height)
+        return kit.ends(self.keys.ropes, *self.ropes_m, self._deck_z + height)
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale
         body = {"frame": self._frame, "block": self._block, "round": self._drum}[keys.head]()
         parts = [Part("head_body", body, BARE.body), Part("head_lugs", self._head_lugs(), BARE.body)]
         deck, half_x, half_y = self._deck_z, 0.36 * s.x, 0.72 * s.y
-        ropes = self._ends()
-        closing = kit.closing(len(ropes)) if keys.drive == "ropes" else ()
         if keys.ropes == 1:
             radius = kit.shackle_radius(s.mean)
             foot = block((-0.7 * radius, -0.7 * radius, deck - 0.05), (0.7 * radius, 0.7 * radius, deck + 0.01), 0.01)
             parts.append(Part("shackle", join([kit.shackle(deck, radius), foot]), BARE.dark))
-        for i, end in enumerate(ropes if keys.ropes > 1 else []):
-            name = "guide" if i in closing else "socket"
-            parts.append(
-                Part(f"{name}_{i}", kit.guide(end, 0.41) if i in closing else kit.socket(end, 0.44), BARE.dark)
-            )
+        else:
+            parts += kit.holders(self._ends(), keys.drive == "ropes", 0.41, 0.44)
         if keys.drive == "ropes":
-            parts.append(
-                Part(
-                    "sheaves",
-                    join(shapes.sheave((0.0, y, self._sheave_z), self.sheave_r, 0.017) for y in self.sheave_y),
-                    BARE.dark,
-                )
-            )
-            shaft = pin(0.0, self._sheave_z, -0.15, 0.15, 0.03 * s.mean + 0.02, 0.02)
-            parts.append(Part("shafts", shapes.at_y(shaft, -0.34 * s.y, 0.34 * s.y), BARE.dark))
+            parts += self._sheaves(self._sheave_z, 0.15)
         else:
             tank = block((-0.30 * s.x, -0.62 * s.y, deck - 0.02), (0.30 * s.x, -0.44 * s.y, deck + 0.20 * s.z), 0.015)
             motor = rod((0.0, 0.44 * s.y, deck + 0.09 * s.z), (0.0, 0.64 * s.y, deck + 0.09 * s.z), 0.10 * s.mean, 16)
             parts += [Part("tank", tank, BARE.body), Part("motor", motor, BARE.dark)]
         if keys.markings:
-            band = block(
-                (0.9 * half_x, -0.6 * half_y, deck - 0.14 * s.z),
-                (0.9 * half_x + 0.02, 0.6 * half_y, deck - 0.04 * s.z),
-                0.003,
-            )
-            both = join([band, shapes.half_turn(band)]) if keys.head != "round" else None
-            parts += [Part("fascia", both, BARE.hazard)] if both is not None else []
+            x, y = 0.9 * half_x, 0.6 * half_y
+            if keys.head != "round":
+                band = block((x, -y, deck - 0.14 * s.z), (x + 0.02, y, deck - 0.04 * s.z), 0.003)
+                parts.append(Part("fascia", join([band, shapes.half_turn(band)]), BARE.hazard))
             edge = -(0.51 * s.y if keys.head == "round" else half_y - 0.03)
-            plate = kit.plate_part(
-                "number",
-                (-0.16 * s.x, edge, deck - 0.001),
-                (0.16 * s.x, edge + 0.10 * s.y, deck + 0.010),
-            )
+            corners = (-0.16 * s.x, edge, deck - 0.001), (0.16 * s.x, edge + 0.10 * s.y, deck + 0.010)
+            plate = kit.plate_part("number", *corners)
             parts += [plate, plate.moved(HALF_TURN, "number_inner")]
-        if keys.guards:
-            corners = [(sx * half_x, sy * half_y) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-            parts.append(Part("rail", kit.rail(corners, deck - 0.01, 0.55), BARE.hazard))
-        if keys.ladder:
-            parts.append(Part("ladder", kit.ladder(0.0, 0.17, half_y + 0.06, deck - 0.35 * s.z, deck), BARE.hazard))
-        return parts
+        deck_corners = [(sx * half_x, sy * half_y) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        return parts + kit.access(keys, deck_corners, deck - 0.01, 0.55, (half_y + 0.06, deck - 0.35 * s.z, deck))
+
+    def _sheaves(self, z: float, half: float) -> list[Part]:
+        """Sheaves at a height, on shafts that reach ``half`` to either side."""
+        wheels = join(shapes.sheave((0.0, y, z), self.sheave_r, 0.017) for y in self.sheave_y)
+        shaft = pin(0.0, z, -half, half, 0.03 * self.scale.mean + 0.02, 0.02)
+        shafts = shapes.at_y(shaft, -0.34 * self.scale.y, 0.34 * self.scale.y)
+        return [Part("sheaves", wheels, BARE.dark), Part("shafts", shafts, BARE.dark)]
 
     def _openings(self) -> list[shapely.Polygon]:
         """Where the deck is open over the sheaves."""
@@ -361,34 +295,16 @@ class _Clam(Shells):
         s = self.scale
         low, high = _GIRDER[0] * s.z, self._deck_z - 0.019
         hy = 0.72 * s.y
-        points = [
-            (sx * x, sy * y, z)
-            for x, y, z in (
-                (0.30 * s.x, 0.80 * hy, low),
-                (0.36 * s.x, hy, low + 0.4 * (high - low)),
-                (0.36 * s.x, hy, high),
-            )
-            for sx in (-1, 1)
-            for sy in (-1, 1)
-        ]
+        knee = low + 0.4 * (high - low)
         whole = shapely.box(-0.36 * s.x, -hy, 0.36 * s.x, hy)
         if self.keys.drive == "hydraulic":
+            corners = ((0.30 * s.x, 0.80 * hy, low), (0.36 * s.x, hy, knee), (0.36 * s.x, hy, high))
+            points = [(sx * x, sy * y, z) for x, y, z in corners for sx in (-1, 1) for sy in (-1, 1)]
             return join([shapes.convex(points), self._deck(whole)])
-        sides = shapely.Polygon(
-            [
-                (-0.8 * hy, low),
-                (0.8 * hy, low),
-                (hy, low + 0.4 * (high - low)),
-                (hy, high),
-                (-hy, high),
-                (-hy, low + 0.4 * (high - low)),
-            ]
-        )
+        outline = [(-0.8 * hy, low), (0.8 * hy, low), (hy, knee), (hy, high), (-hy, high), (-hy, knee)]
+        sides = shapely.Polygon(outline)
         walls = [prism(sides, x - 0.02, x, "x") for x in (-0.34 * s.x, 0.36 * s.x)]
-        ends = [
-            block((-0.35 * s.x, y - 0.02, low + 0.4 * (high - low)), (0.35 * s.x, y, high), 0.004)
-            for y in (-hy + 0.02, hy)
-        ]
+        ends = [block((-0.35 * s.x, y - 0.02, knee), (0.35 * s.x, y, high), 0.004) for y in (-hy + 0.02, hy)]
         middle = block((-0.35 * s.x, -0.18 * s.y, low), (0.35 * s.x, 0.18 * s.y, high), 0.01)
         return join([*walls, *ends, middle, self._deck(whole)])
 
@@ -398,14 +314,8 @@ class _Clam(Shells):
         low, high, hy = _GIRDER[0] * s.z, self._deck_z - 0.019, 0.72 * s.y
         outline = shapely.affinity.scale(circle(0.0, 0.0, 1.0, 8), 0.40 * s.x, 0.56 * s.y)
         ring = outline.difference(outline.buffer(-0.03))
-        beam = [
-            block(
-                (side * 0.26 * s.x - 0.05 * s.x, -hy, low),
-                (side * 0.26 * s.x + 0.05 * s.x, hy, low + 0.6 * (high - low)),
-                0.01,
-            )
-            for side in (-1, 1)
-        ]
+        top, half, places = low + 0.6 * (high - low), 0.05 * s.x, (-0.26 * s.x, 0.26 * s.x)
+        beam = [block((x - half, -hy, low), (x + half, hy, top), 0.01) for x in places]
         ties = [
             block((-0.30 * s.x, y - 0.03, low + 0.02), (0.30 * s.x, y + 0.03, low + 0.5 * (high - low)), 0.005)
             for y in (-0.95 * hy, 0.95 * hy)

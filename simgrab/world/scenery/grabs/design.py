@@ -108,8 +108,6 @@ class Design:
         or none for a grab that holds no cargo.
     cargo_kg : float
         Mass of what the full grab holds.
-    weight : Weight, optional
-        Worked out from the bodies and heaps unless given.
     drag_area_m2 : float, optional
         Cd·A, m²; worked out from the closed grab's outline unless given.
     """
@@ -126,7 +124,6 @@ class Design:
     lips: Mapping[str, Array] = field(default_factory=dict)
     heaps: Heaps = _no_heaps
     cargo_kg: float = 0.0
-    weight: Weight | None = None
     drag_area_m2: float | None = None
 
     @cached_property
@@ -181,8 +178,6 @@ class Design:
 
     @cached_property
     def _weight(self) -> Weight:
-        if self.weight:
-            return self.weight
         heaps = dict(zip(CARGO_LEVELS, self.heaps("coal", np.random.default_rng(0)), strict=False))
         jaws = np.linspace(0.0, self.max_jaw, 5).tolist() if self.max_jaw else [0.0]
         bodies = [(body.name, body.solid, body.mass_kg) for body in self.bodies]

@@ -15,6 +15,7 @@ from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Shaped
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Material, Part
@@ -206,6 +207,54 @@ def guide(end: Array, height: float) -> trimesh.Trimesh:
     return join([*plates, mouth])
 
 
+def holders(ends: Array, roped: bool, guide_m: float, socket_m: float) -> list[Part]:
+    """Return what several ropes end in: guides for those that close the jaws, if ropes do, and sockets."""
+    closes = closing(len(ends)) if roped else ()
+    return [
+        Part(f"guide_{i}", guide(end, guide_m), BARE.dark)
+        if i in closes
+        else Part(f"socket_{i}", socket(end, socket_m), BARE.dark)
+        for i, end in enumerate(ends)
+    ]
+
+
+def link(start: tuple[float, float], end: tuple[float, float], eye: float, bar: float) -> shapely.Polygon:
+    """Return the outline of a bar between two eyes, whose half width is the share ``bar`` of their radius."""
+    whole = hull(circle(*start, bar * eye), circle(*end, bar * eye))
+    return shapely.union_all([whole, circle(*start, eye), circle(*end, eye)])
+
+
+def cylinder_parts(
+    cylinder: Cylinder, radius: float, shares: tuple[float, float], collar_m: float, max_jaw: float, *y: float
+) -> tuple[list[Part], list[Part]]:
+    """Return barrel and piston rod of hydraulic cylinders, closed, in planes of constant y.
+
+    Parameters
+    ----------
+    cylinder : Cylinder
+    radius, collar_m : float
+        Of the barrel, and how long its collar is, m.
+    shares : tuple of 2 floats
+        Longest barrel, by the shortest distance of the pins up to ``max_jaw``, and by the distance in the closed grab.
+    *y : float
+    """
+    start = np.array(cylinder.head_pin)
+    end = np.add(cylinder.hinge, cylinder.jaw_pin)
+    length = cylinder.length_m(0.0)
+    shortest = min(cylinder.length_m(j) for j in np.linspace(0.0, max_jaw, 30))
+    reach = min(shares[0] * shortest, shares[1] * length) / length
+
+    def at(share: float) -> tuple[float, float, float]:
+        r, z = start + share * (end - start)
+        return float(r), 0.0, float(z)
+
+    tube = [rod(at(0.0), at(reach), radius, 14), rod(at(reach - collar_m), at(reach), 1.12 * radius, 14)]
+    tube.append(pin(start[0], start[1], -1.3 * radius, 1.3 * radius, radius))
+    stem = [rod(at(0.3 * reach), at(1.0), 0.5 * radius, 12), pin(end[0], end[1], -radius, radius, 0.9 * radius)]
+    barrel = Part("barrel", shapes.at_y(join(tube), *y), BARE.body)
+    return [barrel], [Part("piston", shapes.at_y(join(stem), *y), BARE.lip)]
+
+
 def shackle(z: float, radius: float) -> trimesh.Trimesh:
     """Return a swivel and shackle, and the hook block above them, on the axis from ``z`` upwards; 5.5 radii high."""
     stem = rod((0, 0, z), (0, 0, z + 1.2 * radius), 0.45 * radius, 14)
@@ -292,6 +341,25 @@ def band(
     return shapely.Polygon(ring)
 
 
+def strip(
+    line: NDArray[np.float64], offsets: tuple[float, float], y: tuple[float, float], first: int = 0,
+    last: int | None = None,
+) -> trimesh.Trimesh:  # fmt: skip
+    """Return the plate that a `band` sweeps from one y to another."""
+    return prism(band(line, *offsets, first, last), *y)
+
+
+def access(
+    keys: Shaped, corners: Sequence[tuple[float, float]], z: float, rail_m: float, at: tuple[float, float, float]
+) -> list[Part]:
+    """Return a rail round the corners (x, y) of a deck, and a ladder at ``at``: y, low and high, where keys want them.
+
+    Heights are in m.
+    """
+    parts = [Part("rail", rail(corners, z, rail_m), BARE.hazard)] if keys.guards else []
+    return [*parts, Part("ladder", ladder(0.0, 0.17, *at), BARE.hazard)] if keys.ladder else parts
+
+
 def tips(stem: str, azimuths: Sequence[float], hinge: tuple[float, float]) -> dict[str, Array]:
     """Return the tips of four tines, or of all three, each in its body's frame, shape (1, 3).
 
@@ -355,12 +423,32 @@ def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDAr
     return np.asarray(size * (0.6 * fine + 1.2 * coarse / coarse.std()))
 
 
-def heap_parts(meshes: Sequence[trimesh.Trimesh], cargo: str) -> list[Part]:
-    """Name heaps by their levels."""
-    material = cargo_material(cargo)
-    return [
-        Part(f"cargo_{round(100 * level)}", mesh, material) for level, mesh in zip(CARGO_LEVELS, meshes, strict=True)
-    ]
+def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float], tuple[Array, ...]]) -> Heaps:
+    """Return what makes heaps of cargo in closed jaws.
+
+    Parameters
+    ----------
+    inside : ndarray, shape (n, 2)
+        Of the jaws from lip to rim, (r, z), m.
+    clearance : float
+        Between heap and jaws, m.
+    form : callable
+        From a fill to arrays of a grid's shape: its points' x and y, m, their distances r from the axis or the closing
+        line, the height of the smooth heap, m, and the share of its roughness.
+    """
+    reach, heights = np.maximum.accumulate(inside[:, 0]) - clearance, np.maximum.accumulate(inside[:, 1])
+
+    def make(cargo: str, rng: np.random.Generator) -> list[Part]:
+        material, made = cargo_material(cargo), []
+        for level in CARGO_LEVELS:
+            x, y, r, smooth, share = form(level)
+            crest = smooth + lumps(rng, r.shape, LUMPS_M[cargo]) * share
+            low = np.minimum(np.interp(r, reach, heights) + clearance, crest - 0.02)
+            mesh = heap(*(np.stack([x, y, z], axis=-1) for z in (crest, low)))
+            made.append(Part(f"cargo_{round(100 * level)}", mesh, material))
+        return made
+
+    return make
 
 
 def heap(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> trimesh.Trimesh:

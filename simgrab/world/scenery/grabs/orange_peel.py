@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import OrangePeel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design, Heaps
+from simgrab.world.scenery.grabs.design import Design, Heaps
 from simgrab.world.scenery.grabs.kit import Scale
 from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Part
-from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism, rod
+from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism
 
 MAX_JAW = np.radians(58.0)
 
@@ -65,12 +65,9 @@ class _Peel:
     def _roped(self) -> Design:
         crank = SliderCrank(self.hinge, self.head_pin, self.jaw_pin)
         (hx, hz), (px, pz) = self.hinge, self.head_pin
-        bodies = [
-            kit.body("head", self._head()),
-            kit.body(
-                "beam", kit.placed(self._beam(), (0, 0, hz)), "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True
-            ),
-        ]
+        beam = kit.placed(self._beam(), (0, 0, hz))
+        bodies = [kit.body("head", self._head())]
+        bodies.append(kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True))
         tine, bar = self._tine(), self._rod()
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"tine_{k}", tine, "beam", azimuth, (hx, 0.0), (hx, hz)))
@@ -84,11 +81,8 @@ class _Peel:
             return {"beam": state.beam_z - hz} | turns | {f"rod_{k}": state.arm_angle for k in range(count)}
 
         ropes = self._ends()
-        falls = [
-            ((x, y, self._sheave_z), (x, y, 0.11 * self.scale.z))
-            for x in (-self._sheave_r, self._sheave_r)
-            for y in self._sheave_y
-        ]
+        r, low = self._sheave_r, 0.11 * self.scale.z
+        falls = [((x, y, self._sheave_z), (x, y, low)) for x in (-r, r) for y in self._sheave_y]
         return kit.standing(
             bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
             closing=kit.closing(len(ropes)), falls=np.array(falls),
@@ -104,7 +98,7 @@ class _Peel:
         tine = self._tine()
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"tine_{k}", tine, "head", azimuth, (hx, hz), (hx, hz)))
-        barrel, piston = self._barrel(cylinder)
+        barrel, piston = kit.cylinder_parts(cylinder, 0.055 * self.scale.mean + 0.02, (0.8, 0.75), 0.05, MAX_JAW, 0.0)
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
             c, s = np.cos(azimuth), np.sin(azimuth)
@@ -147,7 +141,7 @@ class _Peel:
         half = 0.030 * s.mean + (0.02 if keys.shells == "open" else 0.0)
         eye, lug, thick = 0.075 * s.mean + 0.02, 0.06 * s.mean + 0.03, 0.02 + 0.006 * s.mean
         outside = kit.offset(self.curve, t)
-        spine = prism(kit.band(self.curve, t - 0.003, t + spine_h, 1), -half, half)
+        spine = kit.strip(self.curve, (t - 0.003, t + spine_h), (-half, half), 1)
         cheek = shapely.union_all(
             [
                 hull(circle(hx, hz, eye), circle(px, pz, lug)),
@@ -176,13 +170,8 @@ class _Peel:
             places = np.linspace(4, 13, ribs + 2)[1:-1].round().astype(int)
             parts.append(Part("belts", join(self._belt(int(i), 0.035 * s.mean) for i in places), BARE.body))
         if keys.markings:
-            parts.append(
-                Part(
-                    "mark",
-                    prism(kit.band(self.curve, t + spine_h - 0.002, t + spine_h + 0.006, 10, 14), -half, half),
-                    BARE.hazard,
-                )
-            )
+            mark = kit.strip(self.curve, (t + spine_h - 0.002, t + spine_h + 0.006), (-half, half), 10, 14)
+            parts.append(Part("mark", mark, BARE.hazard))
         return parts
 
     def _belt(self, index: int, height: float) -> trimesh.Trimesh:
@@ -205,67 +194,26 @@ class _Peel:
         """Cast tip on the lower end of a tine; with teeth it is longer and pointed."""
         reach = 5 if self.keys.teeth else 4
         line = self.curve[: reach + 1]
-        lower, upper = (
-            kit.offset(self.curve, -0.003)[: reach + 1],
-            kit.offset(self.curve, self.plate + height)[: reach + 1],
-        )
+        offsets = (-0.003, self.plate + height)
+        lower, upper = (kit.offset(self.curve, distance)[: reach + 1] for distance in offsets)
         share = np.linspace(0.25 if self.keys.teeth else 0.5, 1.0, reach + 1)[:, None]
         upper = lower + (upper - lower) * share
-        width = np.minimum(
-            half * (1.35 if self.keys.teeth else 1.2),
-            0.8 * np.maximum(line[:, 0], 0.012) * np.tan(np.pi / self.keys.tines),
-        )
+        room = 0.8 * np.maximum(line[:, 0], 0.012) * np.tan(np.pi / self.keys.tines)
+        width = np.minimum(half * (1.35 if self.keys.teeth else 1.2), room)
         low, high = (
-            np.stack(
-                [
-                    np.stack(
-                        [
-                            np.maximum(ring[:, 0], 0.012),
-                            side * width,
-                            np.maximum(ring[:, 1], 0.0 if ring is lower else 0.004),
-                        ],
-                        axis=-1,
-                    )
-                    for side in (-1, 1)
-                ],
-                axis=1,
-            )
-            for ring in (lower, upper)
-        )
+            np.stack([np.stack([np.maximum(ring[:, 0], 0.012), side * width, np.maximum(ring[:, 1], floor)], axis=-1)
+                      for side in (-1, 1)], axis=1)
+            for ring, floor in ((lower, 0.0), (upper, 0.004))
+        )  # fmt: skip
         return shapes.outward(kit.heap(high, low))
 
     def _rod(self) -> list[Part]:
         """Rod between head and tine, closed."""
         (ax, az), (px, pz), s = self.head_pin, self.tine_pin, self.scale.mean
         eye, half = 0.05 * s + 0.025, 0.022 * s + 0.012
-        bar = hull(circle(ax, az, 0.6 * eye), circle(px, pz, 0.6 * eye))
-        plate = prism(shapely.union_all([bar, circle(ax, az, eye), circle(px, pz, eye)]), -half, half)
+        plate = prism(kit.link(self.head_pin, self.tine_pin, eye, 0.6), -half, half)
         pins = join(pin(x, z, -half - 0.03, half + 0.03, 0.5 * eye, 0.012) for x, z in ((ax, az), (px, pz)))
         return [Part("rod", plate, BARE.body), Part("rod_pins", pins, BARE.dark)]
-
-    def _barrel(self, cylinder: Cylinder) -> tuple[list[Part], list[Part]]:
-        """Barrel and piston rod of a hydraulic cylinder, closed: fully out."""
-        start, end = np.array(cylinder.head_pin), np.array(self.tine_pin)
-        length, s = float(np.linalg.norm(end - start)), self.scale.mean
-        shortest = min(cylinder.length_m(j) for j in np.linspace(0, MAX_JAW, 30))
-
-        def at(share: float) -> tuple[float, float, float]:
-            r, z = start + share * (end - start)
-            return float(r), 0.0, float(z)
-
-        radius = 0.055 * s + 0.02
-        reach = min(0.8 * shortest, 0.75 * length) / length
-        tube = join(
-            [
-                rod(at(0.0), at(reach), radius, 14),
-                rod(at(reach - 0.05), at(reach), 1.12 * radius, 14),
-                pin(start[0], start[1], -1.3 * radius, 1.3 * radius, radius),
-            ]
-        )
-        stem = join(
-            [rod(at(0.3 * reach), at(1.0), 0.5 * radius, 12), pin(end[0], end[1], -radius, radius, 0.9 * radius)]
-        )
-        return [Part("barrel", tube, BARE.body)], [Part("piston", stem, BARE.lip)]
 
     # Head and lower block, round the axis.
 
@@ -293,39 +241,23 @@ class _Peel:
         low, high = (z * s.z for z in _CROWN)
         radius, thick = 0.40 * s.x, 0.03 + 0.008 * s.mean
         sides = 4 if keys.tines == 4 else 24
-        openings = (
-            []
-            if keys.drive == "hydraulic"
-            else [
-                shapely.box(-1.25 * self._sheave_r, y - 0.035, 1.25 * self._sheave_r, y + 0.035) for y in self._sheave_y
-            ]
-        )
-        deck = _ngon(radius, sides).difference(shapely.union_all(openings)) if openings else _ngon(radius, sides)
+        deck, reach = _ngon(radius, sides), 1.25 * self._sheave_r
+        if keys.drive == "ropes":
+            openings = [shapely.box(-reach, y - 0.035, reach, y + 0.035) for y in self._sheave_y]
+            deck = deck.difference(shapely.union_all(openings))
+        floor = _ngon(radius, sides).difference(_ngon(0.62 * radius, sides))
         ring = _ngon(0.93 * radius, sides).difference(_ngon(0.93 * radius - thick, sides))
         parts = [
             Part("deck", prism(deck, high - thick, high, "z"), BARE.body),
-            Part(
-                "floor",
-                prism(_ngon(radius, sides).difference(_ngon(0.62 * radius, sides)), low, low + thick, "z"),
-                BARE.body,
-            ),
+            Part("floor", prism(floor, low, low + thick, "z"), BARE.body),
             Part("drum", prism(ring, low, high, "z"), BARE.body),
             Part("head_lugs", self._lugs(), BARE.body),
         ]
-        ropes = self._ends()
         roped = keys.drive == "ropes"
         if keys.ropes == 1:
             parts.append(Part("shackle", kit.shackle(high, kit.shackle_radius(self.scale.mean)), BARE.dark))
         else:
-            closing = kit.closing(len(ropes)) if roped else ()
-            parts += [
-                Part(
-                    f"guide_{i}" if i in closing else f"socket_{i}",
-                    kit.guide(end, 0.40) if i in closing else kit.socket(end, 0.42),
-                    BARE.dark,
-                )
-                for i, end in enumerate(ropes)
-            ]
+            parts += kit.holders(self._ends(), roped, 0.40, 0.42)
         if roped:
             sheaves = join(shapes.sheave((0.0, y, self._sheave_z), self._sheave_r, 0.016) for y in self._sheave_y)
             shaft = pin(0.0, self._sheave_z, -0.30 * s.x, 0.30 * s.x, 0.04 + 0.01 * s.mean)
@@ -337,23 +269,14 @@ class _Peel:
         if keys.markings:
             at = 0.30 * radius
             if roped:
-                parts.append(
-                    kit.plate_part(
-                        "number",
-                        (-0.8 * at, -radius * 0.86, high - 0.002),
-                        (0.8 * at, -radius * 0.86 + 0.6 * at, high + 0.010),
-                    )
-                )
+                edge = -radius * 0.86
+                parts.append(kit.plate_part("number", (-0.8 * at, edge, high - 0.002),
+                                            (0.8 * at, edge + 0.6 * at, high + 0.010)))  # fmt: skip
             belt = _ngon(0.93 * radius + 0.008, sides).difference(_ngon(0.93 * radius - 0.01, sides))
-            parts.append(
-                Part("belt", prism(belt, low + 0.3 * (high - low), low + 0.7 * (high - low), "z"), BARE.hazard)
-            )
-        if keys.guards:
-            corners = [(0.97 * radius * np.cos(a), 0.97 * radius * np.sin(a)) for a in np.arange(8) * np.pi / 4]
-            parts.append(Part("rail", kit.rail(corners, high, 0.5), BARE.hazard))
-        if keys.ladder:
-            parts.append(Part("ladder", kit.ladder(0.0, 0.17, radius * 0.93 + 0.05, low - 0.05, high), BARE.hazard))
-        return parts
+            low_edge, high_edge = (low + share * (high - low) for share in (0.3, 0.7))
+            parts.append(Part("belt", prism(belt, low_edge, high_edge, "z"), BARE.hazard))
+        corners = [(0.97 * radius * np.cos(a), 0.97 * radius * np.sin(a)) for a in np.arange(8) * np.pi / 4]
+        return parts + kit.access(keys, corners, high, 0.5, (radius * 0.93 + 0.05, low - 0.05, high))
 
     def _lugs(self) -> trimesh.Trimesh:
         (ax, az), s = (self.head_pin if self.keys.drive == "ropes" else self._at(*_CYLINDER_HEAD_PIN)), self.scale
@@ -384,17 +307,13 @@ class _Peel:
             z = hz + 0.11 * s.z
             sheaves = join(shapes.sheave((0.0, y, z), self._sheave_r, 0.016) for y in self._sheave_y)
             shaft = pin(0.0, z, -0.29 * s.x, 0.29 * s.x, 0.04 + 0.01 * s.mean)
-            cheek = hull(
-                circle(0.0, z, 0.6 * self._sheave_r), shapely.box(-0.5 * radius, hz, 0.5 * radius, hz + 0.05 * s.z)
-            )
-            plates = join(
-                prism(cheek, y - 0.008, y + 0.008)
-                for y in (-0.29 * s.x, 0.29 * s.x, self._sheave_y[1] + 0.06, self._sheave_y[2] - 0.06)
-            )
+            foot = shapely.box(-0.5 * radius, hz, 0.5 * radius, hz + 0.05 * s.z)
+            cheek = hull(circle(0.0, z, 0.6 * self._sheave_r), foot)
+            places = (-0.29 * s.x, 0.29 * s.x, self._sheave_y[1] + 0.06, self._sheave_y[2] - 0.06)
             parts += [
                 Part("sheaves", sheaves, BARE.dark),
                 Part("shaft", shaft, BARE.dark),
-                Part("plates", plates, BARE.body),
+                Part("plates", join(prism(cheek, y - 0.008, y + 0.008) for y in places), BARE.body),
             ]
         return parts
 
@@ -407,21 +326,12 @@ class _Peel:
         x, y = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)  # a square on a disc
         rho = np.minimum(np.hypot(x, y), 1.0)
 
-        def make(cargo: str, rng: np.random.Generator) -> list[Part]:
-            made = []
-            for level in CARGO_LEVELS:
-                rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0))
-                shoulder = top * (0.28 + 0.62 * level ** (1 / 1.5))
-                edge = float(np.interp(shoulder, line[:, 1], line[:, 0])) - 2 * _CLEARANCE_M
-                r = edge * rho
-                floor = np.interp(r, np.maximum.accumulate(line[:, 0]) - _CLEARANCE_M, line[:, 1]) + _CLEARANCE_M
-                fade = 1 - rho**4
-                crest = shoulder + 0.16 * top * (1 - rho**1.7) + rough * fade
-                low = np.minimum(floor, crest - 0.02)
-                made.append(kit.heap(*(np.stack([edge * x, edge * y, z], axis=-1) for z in (crest, low))))
-            return kit.heap_parts(made, cargo)
+        def form(level: float) -> tuple[Array, ...]:
+            shoulder = top * (0.28 + 0.62 * level ** (1 / 1.5))
+            edge = float(np.interp(shoulder, line[:, 1], line[:, 0])) - 2 * _CLEARANCE_M
+            return edge * x, edge * y, edge * rho, shoulder + 0.16 * top * (1 - rho**1.7), 1 - rho**4
 
-        return make
+        return kit.heaps(line, _CLEARANCE_M, form)
 
 
 def _ngon(radius: float, sides: int) -> shapely.Polygon:

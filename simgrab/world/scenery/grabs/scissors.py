@@ -103,9 +103,8 @@ class _Scissors(Shells):
         w, top = self.curve[-1]
         thick = 0.015 + 0.010 * m
         foot = shapely.box(0.52 * w, 0.86 * top, 0.94 * w, 0.97 * top)
-        plate = shapely.union_all(
-            [hull(circle(px, pz, 0.13 * m), foot), hull(circle(px, pz, 0.12 * m), circle(ax, az, 0.08 * m))]
-        )
+        upper = hull(circle(px, pz, 0.12 * m), circle(ax, az, 0.08 * m))
+        plate = shapely.union_all([hull(circle(px, pz, 0.13 * m), foot), upper])
         hole = shapely.Polygon([(0.22 * w, 0.66 * pz + 0.34 * top), (0.62 * w, 1.02 * top), (0.78 * w, 1.02 * top)])
         plates = prism(plate.difference(hole.buffer(0.02 * m)), -thick, thick)
         tie = rod((0.86 * w, -self.half_y + self.plate, 0.98 * top), (0.86 * w, self.half_y - self.plate, 0.98 * top),
@@ -129,15 +128,9 @@ class _Scissors(Shells):
 
     def _link(self) -> list[Part]:
         """Return two links from the yoke to the outer lever's upper end, outside its plates."""
-        m, (ax, az), (hx, hz) = self.scale.mean, self.handle, self.head_pin
+        m = self.scale.mean
         eye, thick = 0.05 * m + 0.01, 0.010 + 0.006 * m
-        bar = prism(
-            shapely.union_all(
-                [hull(circle(ax, az, 0.6 * eye), circle(hx, hz, 0.6 * eye)), circle(ax, az, eye), circle(hx, hz, eye)]
-            ),
-            -thick,
-            thick,
-        )
+        bar = prism(kit.link(self.handle, self.head_pin, eye, 0.6), -thick, thick)
         return [Part("links", shapes.at_y(bar, *self._link_y), BARE.body)]
 
     @property
@@ -150,11 +143,8 @@ class _Scissors(Shells):
         at = self.crank.at(self.max_jaw).jaw_angle
         x, z = self.handle_pin
         half = abs(x * np.cos(at) + z * np.sin(at))
-        ropes = join(
-            rod((0.0, y, side * self.block_r), (half, y, side * self.block_r), 0.016, 8)
-            for y in self.rope_y
-            for side in (-1, 1)
-        )
+        places = [(y, side * self.block_r) for y in self.rope_y for side in (-1, 1)]
+        ropes = join(rod((0.0, y, z), (half, y, z), 0.016, 8) for y, z in places)
         return [Part("falls", ropes, BARE.dark)]
 
     def _pivot(self) -> list[Part]:
@@ -162,10 +152,8 @@ class _Scissors(Shells):
         reach = max(abs(y) for y in self.lever_y) + 0.10
         shaft = pin(x, z, -reach, reach, 0.07 * m, 0.03)
         collar = pin(x, z, -0.22 * self.scale.y, 0.22 * self.scale.y, 0.11 * m)
-        return [
-            Part("shaft", shaft, BARE.dark),
-            Part("collar", collar, BARE.hazard if self.keys.markings else BARE.body),
-        ]
+        coat = BARE.hazard if self.keys.markings else BARE.body
+        return [Part("shaft", shaft, BARE.dark), Part("collar", collar, coat)]
 
     # The yoke.
 
@@ -179,16 +167,11 @@ class _Scissors(Shells):
         x, reach = abs(self.head_pin[0]), max(self._link_y[0], -self._link_y[1]) + 0.08
         across = [block((side * x - 0.07 * s.x, -reach, low), (side * x + 0.07 * s.x, reach, high), 0.01)
                   for side in (-1, 1)]  # fmt: skip
-        along = [
-            block((-x, y - 0.08 * s.y, low + 0.01), (x, y + 0.08 * s.y, high - 0.004), 0.008)
-            for y in (-0.38 * s.y, 0.38 * s.y)
-        ]
+        wide, places = 0.08 * s.y, (-0.38 * s.y, 0.38 * s.y)
+        along = [block((-x, y - wide, low + 0.01), (x, y + wide, high - 0.004), 0.008) for y in places]
         eye, apart = 0.05 * m + 0.03, 0.014 + 0.008 * m
-        lug = prism(
-            hull(circle(-x, self.head_pin[1], eye), shapely.box(-x - 0.06 * s.x, low, -x + 0.06 * s.x, low + 0.03)),
-            -0.010,
-            0.010,
-        )
+        foot = shapely.box(-x - 0.06 * s.x, low, -x + 0.06 * s.x, low + 0.03)
+        lug = prism(hull(circle(-x, self.head_pin[1], eye), foot), -0.010, 0.010)
         one = shapes.at_y(lug, *(y + side * 2.2 * apart for y in self._link_y for side in (-1, 1)))
         pins = shapes.at_y(pin(*self.head_pin, -3.2 * apart, 3.2 * apart, 0.6 * eye), *self._link_y)
         parts = [
@@ -196,30 +179,12 @@ class _Scissors(Shells):
             Part("head_lugs", join([one, shapes.half_turn(one)]), BARE.body),
             Part("head_pins", join([pins, shapes.half_turn(pins)]), BARE.dark),
         ]
-        ropes = self._ends()
-        closing = kit.closing(len(ropes))
-        parts += [
-            Part(f"guide_{i}", kit.guide(end, 0.43), BARE.dark)
-            if i in closing
-            else Part(f"socket_{i}", kit.socket(end, 0.43), BARE.dark)
-            for i, end in enumerate(ropes)
-        ]
+        parts += kit.holders(self._ends(), True, 0.43, 0.43)
         if keys.markings:
-            plate = kit.plate_part(
-                "number", (-0.18 * s.x, -0.46 * s.y, high - 0.006), (0.18 * s.x, -0.36 * s.y, high + 0.010)
-            )
-            belts = [
-                block(
-                    (side * x - 0.072 * s.x, end * 0.85 * reach - 0.06, low + 0.02),
-                    (side * x + 0.072 * s.x, end * 0.85 * reach + 0.06, high + 0.003),
-                )
-                for side in (-1, 1)
-                for end in (-1, 1)
-            ]
+            ends = (-0.18 * s.x, -0.46 * s.y, high - 0.006), (0.18 * s.x, -0.36 * s.y, high + 0.010)
+            plate = kit.plate_part("number", *ends)
+            half, at = 0.072 * s.x, [(side * x, end * 0.85 * reach) for side in (-1, 1) for end in (-1, 1)]
+            belts = [block((a - half, b - 0.06, low + 0.02), (a + half, b + 0.06, high + 0.003)) for a, b in at]
             parts += [plate, Part("belts", join(belts), BARE.hazard)]
-        if keys.guards:
-            corners = [(sx * x, sy * reach) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-            parts.append(Part("rail", kit.rail(corners, high, 0.5), BARE.hazard))
-        if keys.ladder:
-            parts.append(Part("ladder", kit.ladder(0.0, 0.17, 0.46 * s.y + 0.05, low - 0.5 * s.z, high), BARE.hazard))
-        return parts
+        corners = [(sx * x, sy * reach) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        return parts + kit.access(keys, corners, high, 0.5, (0.46 * s.y + 0.05, low - 0.5 * s.z, high))

@@ -12,7 +12,7 @@ import trimesh
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import Clamshell, Scissors
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Heaps
+from simgrab.world.scenery.grabs.design import Body, Heaps
 from simgrab.world.scenery.grabs.kit import Scale
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
@@ -85,55 +85,40 @@ class Shells:
         """Return plates, ribs and lips of the outer shell."""
         keys, t, hl, m = self.keys, self.plate, self.half_y, self.scale.mean
         rib = 0.03 + 0.03 * m
+        inside = (-hl + t + 0.001, hl - t - 0.001)
         parts = [
-            self._wrap("back", prism(kit.band(self.curve, 0.0, t), -hl, hl)),
-            self._wrap(
-                "lining", prism(kit.band(self.curve, -0.006, -0.0005), -hl + t + 0.001, hl - t - 0.001), inside=True
-            ),
+            self._wrap("back", kit.strip(self.curve, (0.0, t), (-hl, hl))),
+            self._wrap("lining", kit.strip(self.curve, (-0.006, -0.0005), inside), inside=True),
             self._wrap("sides", self._sides()),
             Part("rim", self._rim(), BARE.body),
             Part("lips", self._shell_lips(), BARE.lip),
         ]
         count = round(9 * keys.plate_work)
         if count:
-            one = prism(kit.band(self.curve, t - 0.003, t + rib, 2, 20), -0.012, 0.012)
+            one = kit.strip(self.curve, (t - 0.003, t + rib), (-0.012, 0.012), 2, 20)
             parts.append(self._wrap("ribs", shapes.at_y(one, *np.linspace(-0.86 * hl, 0.86 * hl, count))))
         if keys.plate_work > 0.3:
-            parts.append(
-                Part(
-                    "belt",
-                    prism(kit.band(self.curve, t - 0.003, t + rib - 0.005, 12, 14), -hl + 0.005, hl - 0.005),
-                    BARE.body,
-                )
-            )
+            belt = kit.strip(self.curve, (t - 0.003, t + rib - 0.005), (-hl + 0.005, hl - 0.005), 12, 14)
+            parts.append(Part("belt", belt, BARE.body))
         if keys.top == "closed":
             parts.append(Part("roof", self._roof(), BARE.body))
         if keys.markings:
-            parts.append(
-                Part(
-                    "mark",
-                    prism(kit.band(self.curve, t - 0.002, t + 0.004, 15, 18), -0.95 * hl, -0.55 * hl),
-                    BARE.hazard,
-                )
-            )
+            mark = kit.strip(self.curve, (t - 0.002, t + 0.004), (-0.95 * hl, -0.55 * hl), 15, 18)
+            parts.append(Part("mark", mark, BARE.hazard))
         return parts
 
     def outline(self) -> shapely.Polygon:
         """Return the side plate's outline: back curve and upper edge."""
         w, top = self.curve[-1]
-        hollow = (
-            []
-            if self.keys.top == "closed"
-            else [(0.86 * w, 0.99 * top), (0.66 * w, 0.90 * top), (0.40 * w, 0.87 * top), (0.22 * w, 0.99 * top)]
-        )
+        hollow = [(0.86 * w, 0.99 * top), (0.66 * w, 0.90 * top), (0.40 * w, 0.87 * top), (0.22 * w, 0.99 * top)]
+        hollow = [] if self.keys.top == "closed" else hollow
         return shapely.Polygon([*map(tuple, self.curve), *hollow, (GAP_M, 0.99 * top)])
 
     def _sides(self) -> trimesh.Trimesh:
         outline, t, hl, m = self.outline(), self.plate, self.half_y, self.scale.mean
         pieces = [prism(outline, hl - t, hl)]
-        frame = outline.difference(outline.buffer(-0.06 * m - 0.02)).intersection(
-            shapely.box(0.0, 0.1 * self.scale.z, 9, 9)
-        )
+        above = shapely.box(0.0, 0.1 * self.scale.z, 9, 9)
+        frame = outline.difference(outline.buffer(-0.06 * m - 0.02)).intersection(above)
         pieces += [prism(part, hl - 0.001, hl + 0.016) for part in polygons(frame)]
         w, top = self.curve[-1]
         lines = [
@@ -149,9 +134,8 @@ class Shells:
     def _rim(self) -> trimesh.Trimesh:
         w, top = self.curve[-1]
         deep, out = 0.08 * self.scale.mean + 0.04, 0.03 * self.scale.mean + 0.02
-        return prism(
-            rounded(shapely.box(w - 0.01, top - deep, w + self.plate + out, top), 0.01), -self.half_y, self.half_y
-        )
+        section = rounded(shapely.box(w - 0.01, top - deep, w + self.plate + out, top), 0.01)
+        return prism(section, -self.half_y, self.half_y)
 
     def _roof(self) -> trimesh.Trimesh:
         """Roof from the rim to beside the beam."""
@@ -161,31 +145,23 @@ class Shells:
         edge = [(w, top - 0.002), (inner, ridge)]
         plate = shapely.LineString(edge).buffer(self.plate / 2, cap_style="flat")
         kerb = shapely.box(inner - 0.01, ridge - 0.02, inner + 0.02, ridge + 0.08)
-        return join(
-            [
-                prism(plate, -self.half_y + self.plate, self.half_y - self.plate),
-                prism(kerb, -self.half_y + self.plate, self.half_y - self.plate),
-            ]
-        )
+        half = self.half_y - self.plate
+        return join([prism(plate, -half, half), prism(kerb, -half, half)])
 
     def _shell_lips(self) -> trimesh.Trimesh:
         hl, m, keys = self.half_y, self.scale.mean, self.keys
-        lip = kit.band(self.curve, -0.008, self.plate + 0.018, 0, 5)
-        pieces = [prism(lip, -hl - 0.012, hl + 0.012)]
-        flank = shapely.LineString([(0.03 * m, 0.05 * m), (0.03 * m, 0.86 * self.curve[-1, 1])]).buffer(
-            0.028 * m + 0.004, cap_style="flat"
-        )
+        pieces = [kit.strip(self.curve, (-0.008, self.plate + 0.018), (-hl - 0.012, hl + 0.012), 0, 5)]
+        edge = shapely.LineString([(0.03 * m, 0.05 * m), (0.03 * m, 0.86 * self.curve[-1, 1])])
+        flank = edge.buffer(0.028 * m + 0.004, cap_style="flat")
         side = flank.intersection(shapely.box(GAP_M, 0, 9, 9))
         pieces.append(shapes.mirrored_y(prism(side, hl - self.plate - 0.006, hl + 0.02)))
         if keys.teeth:
             pitch = 2 * hl / keys.teeth
-            tooth = shapely.Polygon(
-                [(GAP_M, 0.10 * m), (GAP_M, -0.09 * m), (0.05 * m, -0.05 * m), (0.13 * m, 0.06 * m)]
-            )
+            outline = [(GAP_M, 0.10 * m), (GAP_M, -0.09 * m), (0.05 * m, -0.05 * m), (0.13 * m, 0.06 * m)]
+            tooth, half = shapely.Polygon(outline), 0.17 * pitch
             # The other shell's teeth come between: half a turn takes y to −y.
-            pieces += [
-                prism(tooth, y - 0.17 * pitch, y + 0.17 * pitch) for y in -hl + pitch * (np.arange(keys.teeth) + 0.25)
-            ]
+            places = -hl + pitch * (np.arange(keys.teeth) + 0.25)
+            pieces += [prism(tooth, y - half, y + half) for y in places]
         return join(pieces)
 
     def lips(self) -> dict[str, Array]:
@@ -196,33 +172,19 @@ class Shells:
 
     def heaps(self) -> Heaps:
         """Return what makes heaps in the closed shells."""
-        line, top = self.curve, float(self.curve[-1, 1])
+        top = float(self.curve[-1, 1])
         half_y = self.half_y - self.plate - _CLEARANCE_M
         u, v = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 37), indexing="ij")
         heaped = 0.0 if self.keys.top == "closed" else 1.0
 
-        def make(cargo: str, rng: np.random.Generator) -> list[Part]:
-            made = []
-            for level in CARGO_LEVELS:
-                rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0))
-                shoulder = top * (0.30 + 0.52 * level)
-                edge = float(np.interp(shoulder - 0.06 * top, line[:, 1], line[:, 0])) - 2.5 * _CLEARANCE_M
-                x = edge * u
-                floor = (
-                    np.interp(np.abs(x), np.maximum.accumulate(line[:, 0]) - _CLEARANCE_M, line[:, 1]) + _CLEARANCE_M
-                )
-                fade = (1 - u**4) * (1 - v**6)
-                crest = (
-                    shoulder
-                    + (0.06 + 0.08 * heaped) * top * (1 - np.abs(u) ** 1.6) * (1 - v**2)
-                    - 0.05 * top * np.abs(v) ** 3
-                )
-                crest = crest + rough * fade
-                low = np.minimum(floor, crest - 0.02)
-                made.append(kit.heap(*(np.stack([x, half_y * v, z], axis=-1) for z in (crest, low))))
-            return kit.heap_parts(made, cargo)
+        def form(level: float) -> tuple[Array, ...]:
+            shoulder = top * (0.30 + 0.52 * level)
+            edge = float(np.interp(shoulder - 0.06 * top, self.curve[:, 1], self.curve[:, 0])) - 2.5 * _CLEARANCE_M
+            dome = (0.06 + 0.08 * heaped) * top * (1 - np.abs(u) ** 1.6) * (1 - v**2)
+            smooth = shoulder + dome - 0.05 * top * np.abs(v) ** 3
+            return edge * u, half_y * v, np.abs(edge * u), smooth, (1 - u**4) * (1 - v**6)
 
-        return make
+        return kit.heaps(self.curve, _CLEARANCE_M, form)
 
 
 def polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.meshes.part import Material, Part
+from simgrab.world.scenery.meshes.part import Material, Part, Texture
 
 Picture = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 TILE_M = 1.7
-SHELL_SIZE = (2.4, 2.4)  # metres that the shell's texture spans: along the lip, and from lip to rim
 
 _DUST = {
     "coal": (0.10, 0.10, 0.105),
@@ -26,6 +25,11 @@ _DUST = {
     "bauxite": (0.58, 0.34, 0.22),
     "sulphur": (0.80, 0.72, 0.26),
 }
+_COATS = {
+    "body": (TILE_M, 0.25), "hazard": (0.8, 0.25), "plate": (1.0, 0.3), "dark": (0.6, 0.35), "shell": (1.0, 0.25),
+    "lining": (1.0, 0.3), "lip": (0.9, 0.6),
+}  # fmt: skip
+"""Side of a tile, m, and specular share of each of `Finish`'s materials."""
 _SIZE = 512
 
 
@@ -42,7 +46,7 @@ class Finish:
     dark : Material
         Greasy pins and sheaves.
     shell : Material
-        The shells' painted outside, which wears towards the lip; UVs span `SHELL_SIZE` once.
+        The shells' painted outside, which wears towards the lip; v runs from lip to rim.
     lining, lip : Material
         The shells' scoured inside (UVs as ``shell``); the bright cutting edges.
     """
@@ -88,13 +92,21 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     if cargo not in _DUST:
         raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
     shift = rng.integers(_SIZE, size=2)
-    if not textures.painting():
-        return Finish(**{field.name: Material(f"grab_{field.name}") for field in fields(Finish)})
-    return _mixed(paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))
+    mixed = partial(_mixed, paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))
+    return Finish(**{
+        name: Material(f"grab_{name}", texture=partial(_one, mixed, name), tile_m=tile_m, specular=specular,
+                       shininess=0.3)
+        for name, (tile_m, specular) in _COATS.items()
+    })  # fmt: skip
 
 
-@lru_cache(maxsize=4)  # of many worlds, one after the other, the grab looks the same
-def _mixed(paint: Colour, wear: float, residue: float, cargo: str, shift: tuple[int, int]) -> Finish:
+def _one(mixed: Callable[[], dict[str, Texture]], name: str) -> Texture:
+    return mixed()[name]
+
+
+@lru_cache(maxsize=8)  # of many worlds, one after the other, the grab looks the same
+def _mixed(paint: Colour, wear: float, residue: float, cargo: str, shift: tuple[int, int]) -> dict[str, Texture]:
+    """Paint the materials' textures, by the names of `Finish`."""
     masks = np.roll(_picture("wear"), shift, axis=(0, 1))
     lost, tone, dust = masks[..., 0], masks[..., 1], masks[..., 2]
     rust, bright, grease = (_picture(name) for name in ("rust", "worn_steel", "grease"))
@@ -109,15 +121,16 @@ def _mixed(paint: Colour, wear: float, residue: float, cargo: str, shift: tuple[
     shell = dusty.on(_worn(painted, lost, local, rust, bright))
     rubbed = np.clip(1.15 - 0.9 * height - 0.5 * tone, 0, 1)[..., None]
     lining = dusty.on(0.8 * (rubbed * bright + (1 - rubbed) * rust), 1.3)
-    return Finish(
-        body=_material("grab_body", body, TILE_M, 0.25),
-        hazard=_material("grab_hazard", stripes, 0.8, 0.25),
-        plate=_material("grab_plate", dusty.on(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5), 1.0, 0.3),
-        dark=_material("grab_dark", dusty.on(grease, 0.6), 0.6, 0.35),
-        shell=_material("grab_shell", shell, 1.0, 0.25),
-        lining=_material("grab_lining", lining, 1.0, 0.3),
-        lip=_material("grab_lip", dusty.on(1.12 * bright, 0.4), 0.9, 0.6),
-    )
+    pictures = {
+        "body": body,
+        "hazard": stripes,
+        "plate": dusty.on(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5),
+        "dark": dusty.on(grease, 0.6),
+        "shell": shell,
+        "lining": lining,
+        "lip": dusty.on(1.12 * bright, 0.4),
+    }
+    return {name: _texture(picture) for name, picture in pictures.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +199,7 @@ def _step(value: Picture, edge: Picture | float, width: float, *, below: bool = 
     return np.asarray(np.where(np.asarray(edge) >= 1.0, 0.0, rise))
 
 
-def _material(name: str, picture: Picture, tile_m: float, specular: float) -> Material:
+def _texture(picture: Picture) -> Texture:
     texture = np.clip(np.rint(picture * 255.0), 0, 255).astype(np.uint8)
     texture.setflags(write=False)
-    return Material(name, texture=texture, tile_m=tile_m, specular=specular, shininess=0.3)
+    return texture

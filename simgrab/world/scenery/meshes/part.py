@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -12,6 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 Texture = NDArray[np.uint8]
+Paint = Callable[[], Texture]
 Corners = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
 
@@ -27,7 +28,8 @@ class Material:
     rgba : tuple of 4 floats
         Colour, multiplied with the texture where there is one.
     texture : ndarray, shape (H, W, 3), uint8, or None
-        Repeats; its first row is the top of the picture (v = 1).
+        Repeats; its first row is the top of the picture (v = 1). Or a function that paints it, see `picture`, and
+        gives the same array each time.
     tile_m : float
         Side of one tile of the texture, metres, where UVs are metric (see `Part.uv`).
     specular, shininess, emission : float
@@ -36,11 +38,16 @@ class Material:
 
     name: str
     rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    texture: Texture | None = field(default=None, repr=False)
+    texture: Texture | Paint | None = field(default=None, repr=False)
     tile_m: float = 1.0
     specular: float = 0.2
     shininess: float = 0.2
     emission: float = 0.0
+
+    @property
+    def picture(self) -> Texture | None:
+        """The texture. It is painted when first asked for: shapes alone, such as a LiDAR sees, take little time."""
+        return self.texture() if callable(self.texture) else self.texture
 
 
 @dataclass(frozen=True, eq=False)

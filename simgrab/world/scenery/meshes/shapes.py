@@ -145,11 +145,6 @@ def mirrored_y(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return join([mesh, solid(vertices, np.asarray(mesh.faces)[:, ::-1])])
 
 
-def quarter_turn(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return the mesh turned by 90° about the z axis, x to y."""
-    return solid(np.asarray(mesh.vertices)[:, [1, 0, 2]] * (-1.0, 1.0, 1.0), mesh.faces)
-
-
 def half_turn(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Return the mesh turned by 180° about the z axis."""
     return solid(np.asarray(mesh.vertices) * (-1.0, -1.0, 1.0), mesh.faces)

@@ -10,7 +10,6 @@ from simgrab.world.scenery.places.hold import hold
 from simgrab.world.scenery.places.photo import photo
 from simgrab.world.scenery.places.plain import plain
 from simgrab.world.scenery.places.quay import quay
-from simgrab.world.scenery.places.random_place import random_place
 from simgrab.world.scenery.places.water import water
 
 
@@ -38,6 +37,8 @@ def build(place: Place, *, head_height: float, rng: np.random.Generator) -> list
         return plain(head_height=head_height)
     if isinstance(place, Photo):
         return photo(head_height=head_height)
-    if isinstance(place, RandomPlace):
+    if isinstance(place, RandomPlace):  # of training scenes alone
+        from simgrab.world.scenery.places.random_place import random_place
+
         return random_place(head_height=head_height, rng=rng)
     return water(place, head_height=head_height, rng=rng)

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import trimesh
 
-from simgrab.world.scenery.meshes.part import Material, Part
+from simgrab.world.scenery.meshes.part import Material, Paint, Part
 from simgrab.world.scenery.places import materials, shapes
-from simgrab.world.scenery.places.canvas import Canvas, Picture, cloud
-from simgrab.world.scenery.textures import load, painting
+from simgrab.world.scenery.places.canvas import Canvas, Picture, cloud, noise
+from simgrab.world.scenery.textures import load
 
 SIZE = 48.0  # side of the painted square, metres
 SLAB = 6.0
@@ -30,8 +30,8 @@ class Apron:
     Attributes
     ----------
     canvas : Canvas
-    far : ndarray
-        Picture of the apron before anything local was painted.
+    far : callable
+        Paints the apron before anything local was painted.
     edge_y : float
         The quay's edge, metres in the quay frame; water lies at smaller y.
     rails_y : tuple of 2 floats
@@ -39,37 +39,40 @@ class Apron:
     """
 
     canvas: Canvas
-    far: Picture
+    far: Paint
     edge_y: float
     rails_y: tuple[float, float]
 
 
-def slabs(pixels: int, rng: np.random.Generator) -> Picture:
+def slabs(pixels: int, rng: np.random.Generator) -> Paint:
     """Concrete slabs, each cut from another place of the concrete tile with a tone of its own."""
     tile = load("concrete")
     scale = pixels / SIZE * 12.0 / tile.shape[0]
-    tile = np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     n = round(SIZE / SLAB)
-    side = pixels // n
-    wrapped = np.tile(tile, (2, 2, 1))
-    picture = np.empty((pixels, pixels, 3), np.uint8)
-    for row in range(n):
-        for column in range(n):
-            y, x = rng.integers(0, tile.shape[0], 2) % (wrapped.shape[0] - side)
-            piece = np.rot90(wrapped[y : y + side, x : x + side], int(rng.integers(4)))
-            tone = rng.normal(0.97, 0.045) * (0.86 if rng.random() < 0.08 else 1.0)
-            warmth = rng.normal(0, 0.012)
-            if not painting():
-                continue
+    cuts = []
+    for _ in range(n * n):
+        at, turns = rng.integers(0, round(scale * tile.shape[0]), 2), int(rng.integers(4))
+        tone = rng.normal(0.97, 0.045) * (0.86 if rng.random() < 0.08 else 1.0)
+        cuts.append((at, turns, tone, rng.normal(0, 0.012)))
+    uneven = noise(rng, cells=6)
+
+    def paint() -> Picture:
+        small = np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        side = pixels // n
+        wrapped = np.tile(small, (2, 2, 1))
+        picture = np.empty((pixels, pixels, 3), np.uint8)
+        for number, (at, turns, tone, warmth) in enumerate(cuts):
+            y, x = at % (wrapped.shape[0] - side)
+            piece = np.rot90(wrapped[y : y + side, x : x + side], turns)
             gain = tone * np.array([1 + warmth, 1.0, 1 - warmth])
+            row, column = divmod(number, n)
             window = np.s_[row * side : (row + 1) * side, column * side : (column + 1) * side]
             lut = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
             picture[window] = cv2.LUT(np.ascontiguousarray(piece), lut[None])
-    uneven = cloud((256, 256), rng, cells=6)
-    if not painting():
-        return picture
-    broad = cv2.resize((225 + 60 * (uneven - 0.5)).astype(np.uint8), (pixels, pixels))
-    return np.asarray(cv2.multiply(picture, cv2.merge([broad] * 3), scale=1 / 230), np.uint8)
+        broad = cv2.resize((225 + 60 * (cloud((256, 256), uneven) - 0.5)).astype(np.uint8), (pixels, pixels))
+        return np.asarray(cv2.multiply(picture, cv2.merge([broad] * 3), scale=1 / 230), np.uint8)
+
+    return paint
 
 
 def joints(canvas: Canvas, rng: np.random.Generator) -> None:
@@ -102,7 +105,7 @@ def joints(canvas: Canvas, rng: np.random.Generator) -> None:
 
 def apron(edge_y: float, *, pixels: int, wear: float, rng: np.random.Generator) -> Apron:
     """Paint the apron that runs on along the quay: joints, rails' grooves, edge and lane lines, tracks, broad dirt."""
-    canvas = Canvas(slabs(pixels, rng), SIZE, rng=rng)
+    canvas = Canvas(slabs(pixels, rng), SIZE, pixels, rng=rng)
     joints(canvas, rng)
     half = SIZE / 2
     rails = (edge_y + 2.6, edge_y + 13.1)

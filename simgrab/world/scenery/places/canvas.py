@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import cache, partial, wraps
+from typing import Any, TypeVar, cast
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simgrab.world.scenery.textures import painting
+from simgrab.world.scenery.meshes.part import Paint
 
 Picture = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -14,37 +18,56 @@ Colour = tuple[int, int, int]
 COARSE = 2  # dirt and spill are kept at half the resolution: both are soft
 
 
-def cloud(
-    shape: tuple[int, int], rng: np.random.Generator, *, cells: float, octaves: int = 3, always: bool = False
-) -> Plane:
-    """Smooth noise in [0, 1], mean 0.5, that repeats seamlessly, with ``cells`` cells across in its coarsest octave.
+def noise(rng: np.random.Generator, *, cells: float, octaves: int = 3) -> list[Plane]:
+    """Draw what `cloud` makes smooth, with ``cells`` cells across in its coarsest octave."""
+    sides = [max(2, round(cells * 2**octave)) for octave in range(octaves)]
+    return [rng.random((n, n), dtype=np.float32) for n in sides]
 
-    Zeros where nothing is painted, unless ``always`` asks for it.
-    """
+
+def cloud(shape: tuple[int, int], drawn: Sequence[Plane]) -> Plane:
+    """Smooth noise in [0, 1], mean 0.5, that repeats seamlessly, of what `noise` has drawn."""
     total = np.zeros(shape, np.float32)
     weight, norm = 1.0, 0.0
-    for octave in range(octaves):
-        n = max(2, round(cells * 2**octave))
-        noise = rng.random((n, n), dtype=np.float32)
-        if not painting() and not always:
-            continue
-        small = np.pad(noise, 2, mode="wrap")
+    for octave in drawn:
+        n = len(octave)
+        small = np.pad(octave, 2, mode="wrap")
         step = [n / s for s in shape[::-1]]  # cells a pixel
         grid = np.array([[step[0], 0, 1.5 + step[0] / 2], [0, step[1], 1.5 + step[1] / 2]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         total += weight * cv2.warpAffine(cv2.GaussianBlur(small, (3, 3), 0.5), grid, shape[::-1], flags=flags)
         norm += weight
         weight *= 0.6
-    return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32) if norm else total
+    return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32)
 
 
-def blank(pixels: int) -> Picture:
-    """Square picture that shows nothing, for a place that is not painted."""
-    return np.zeros((pixels, pixels, 3), np.uint8)
+_Method = TypeVar("_Method", bound=Callable[..., None])
+_Scattered = tuple[tuple[int, int, int, int], list[Plane], Picture]
+"""The window of pixels that holds cargo, its unevenness and its grit."""
+
+
+def _later(paint: _Method) -> _Method:
+    """Keep the calls of a method, for when the picture is asked for."""
+
+    @wraps(paint)
+    def record(self: Canvas, *args: Any, **kwargs: Any) -> None:
+        self._strokes.append(partial(paint, self, *args, **kwargs))
+
+    return cast(_Method, record)
 
 
 class Canvas:
     """A square picture of level ground, seen from above, painted in metres.
+
+    Random numbers are drawn when a stroke is ordered. It is painted when the finished picture is asked for.
+
+    Parameters
+    ----------
+    base : callable
+        Paints what lies below all strokes, shape (pixels, pixels, 3).
+    size : float
+    pixels : int
+        Of a side.
+    rng : numpy.random.Generator
 
     Attributes
     ----------
@@ -54,15 +77,13 @@ class Canvas:
         Pixels a metre.
     """
 
-    def __init__(self, base: Picture, size: float, *, rng: np.random.Generator) -> None:
-        self.picture = base
+    def __init__(self, base: Paint, size: float, pixels: int, *, rng: np.random.Generator) -> None:
         self.size = size
-        self.per_m = len(base) / size
-        n = len(base) // COARSE
-        self._dirt = np.zeros((n, n), np.float32)  # optical depth of grime
+        self.per_m = pixels / size
+        n = pixels // COARSE
         self._spill = np.zeros((n, n), np.float32)  # cover by cargo, 0 to 1 and more
-        wear = cloud((n, n), rng, cells=n / 60, octaves=5)
-        self._wear = cv2.resize(wear, (len(base), len(base))) if painting() else wear
+        self._strokes: list[Callable[[], object]] = []
+        self._prepare(base, n, noise(rng, cells=n / 60, octaves=5))
         self._rng = rng
 
     def uv(self, xy: ArrayLike) -> NDArray[np.float64]:
@@ -76,10 +97,15 @@ class Canvas:
         p = np.atleast_2d(np.asarray(xy, float))
         return np.stack([p[:, 0] + self.size / 2, self.size / 2 - p[:, 1]], 1) * self.per_m * scale
 
+    @_later
+    def _prepare(self, base: Paint, n: int, wear: list[Plane]) -> None:
+        self.picture = base()
+        self._dirt = np.zeros((n, n), np.float32)  # optical depth of grime
+        self._wear = cv2.resize(cloud((n, n), wear), self.picture.shape[:2])
+
+    @_later
     def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4) -> None:
         """Fill a polygon (metres) with road paint; ``wear`` in [0, 1] is the share that has come off."""
-        if not painting():
-            return
         corners = self.pixels(outline)
         low = np.maximum(np.floor(corners.min(0)).astype(int) - 2, 0)
         high = np.minimum(np.ceil(corners.max(0)).astype(int) + 3, len(self.picture))
@@ -105,12 +131,11 @@ class Canvas:
         side *= width / 2 / np.linalg.norm(side)
         self.paint([a - side, b - side, b + side, a + side], colour, opacity=opacity, wear=wear)
 
+    @_later
     def text(
         self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float = 0.4
     ) -> None:
         """Stencil block letters centred at a point (metres); ``turned`` reads along y."""
-        if not painting():
-            return
         scale = height * self.per_m / 21
         (width, tall), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
         stroke = max(2, round(height * self.per_m * 0.13))
@@ -127,10 +152,9 @@ class Canvas:
         alpha = mask[..., None] / 255.0 * left[..., None]
         self.picture[window] = self.picture[window] * (1 - alpha) + np.array(colour) * alpha
 
+    @_later
     def grime(self, outline: ArrayLike, depth: float, *, blur: float) -> None:
         """Darken a polygon (metres) softly by an optical depth; ``blur`` is the width of its edge, metres."""
-        if not painting():
-            return
         corners = self.pixels(outline, 1 / COARSE)
         sigma = blur * self.per_m / COARSE
         margin = int(3 * sigma) + 2
@@ -144,9 +168,10 @@ class Canvas:
 
     def tracks(self, way: ArrayLike, depth: float, *, width: float = 0.45, gauge: float = 2.0) -> None:
         """Two tyre tracks along a polyline (metres)."""
-        broken = cloud((512, 512), self._rng, cells=14, octaves=2)
-        if not painting():
-            return
+        self._tracks(way, depth, width, gauge, noise(self._rng, cells=14, octaves=2))
+
+    @_later
+    def _tracks(self, way: ArrayLike, depth: float, width: float, gauge: float, broken: list[Plane]) -> None:
         points = np.asarray(way, float)
         along = np.gradient(points, axis=0)
         side = np.stack([-along[:, 1], along[:, 0]], 1) / np.linalg.norm(along, axis=1, keepdims=True)
@@ -156,7 +181,7 @@ class Canvas:
                 line = np.round(self.pixels(points + side * (offset + shift), 1 / COARSE) * 16).astype(np.int32)
                 thick = max(1, round(weight * self.per_m / COARSE))
                 cv2.polylines(mask, [line], False, 255 if weight < width else 150, thick, cv2.LINE_AA, 4)
-        patchy = cv2.resize(0.35 + 0.65 * broken, mask.shape)
+        patchy = cv2.resize(0.35 + 0.65 * cloud((512, 512), broken), mask.shape)
         self._dirt += cv2.GaussianBlur(mask, (0, 0), 1.2).astype(np.float32) * (depth / 255) * patchy
 
     def blot(self, at: ArrayLike, radius: float, depth: float) -> None:
@@ -173,19 +198,35 @@ class Canvas:
 
     def mottle(self, depth: float) -> None:
         """Darken everything unevenly: dust and damp at the scale of metres, up to an optical depth."""
+        self._mottle(depth, noise(self._rng, cells=9, octaves=5))
+
+    @_later
+    def _mottle(self, depth: float, drawn: list[Plane]) -> None:
         n = len(self._dirt) // 4
-        patchy = cloud((n, n), self._rng, cells=9, octaves=5)
-        if not painting():
-            return
+        patchy = cloud((n, n), drawn)
         self._dirt += cv2.resize(depth * np.clip((patchy - 0.42) * 2, 0, 1), self._dirt.shape[::-1])
 
-    def glance(self, pixels: int) -> Picture:
-        """Return the dirty picture so far at a lower resolution."""
-        if not painting():
-            return blank(pixels)
-        small = cv2.resize(self.picture, (pixels, pixels), interpolation=cv2.INTER_AREA)
-        dirt = cv2.resize(self._dirt, (pixels, pixels), interpolation=cv2.INTER_AREA)
-        return np.asarray(small * np.exp(-dirt[..., None]), np.uint8)
+    def glance(self, pixels: int) -> Paint:
+        """Return what paints the dirty picture so far at a lower resolution."""
+
+        @cache
+        def look() -> Picture:
+            small = cv2.resize(self.picture, (pixels, pixels), interpolation=cv2.INTER_AREA)
+            dirt = cv2.resize(self._dirt, (pixels, pixels), interpolation=cv2.INTER_AREA)
+            return np.asarray(small * np.exp(-dirt[..., None]), np.uint8)
+
+        def seen() -> Picture:
+            self._paint_strokes()
+            return look()
+
+        self._strokes.append(look)
+        return seen
+
+    def _paint_strokes(self) -> None:
+        """Paint what was ordered and is not painted yet."""
+        strokes, self._strokes = self._strokes, []
+        for stroke in strokes:
+            stroke()
 
     def spill(self, cover: NDArray[np.float64], low: ArrayLike, high: ArrayLike) -> None:
         """Strew cargo: ``cover`` (rows along −y, columns along x) stretched over a rectangle given in metres."""
@@ -201,29 +242,34 @@ class Canvas:
 
     def finish(
         self, cargo: Picture | None, cargo_per_m: float, *, tint: tuple[float, float, float] = (1, 1.04, 1.1)
+    ) -> Paint:
+        """Return what paints all, with dirt and cargo; ``cargo`` is a tile of ``cargo_per_m`` pixels a metre."""
+        scattered = None if cargo is None else self._scattered()
+        return cache(lambda: self._finished(cargo, cargo_per_m, tint, scattered))
+
+    def _finished(
+        self, cargo: Picture | None, cargo_per_m: float, tint: tuple[float, float, float], scattered: _Scattered | None
     ) -> Picture:
-        """Lay dirt and cargo on the picture; ``cargo`` is a seamless tile of ``cargo_per_m`` pixels a metre."""
-        n = len(self.picture)
-        if not painting():
-            if cargo is not None:
-                self._scattered()
-            return self.picture
+        self._paint_strokes()
+        base = self.picture
+        n = len(base)
         broken = cv2.resize(self._wear, self._dirt.shape[::-1])
         depth = cv2.convertScaleAbs(self._dirt * (0.45 + 1.1 * broken), alpha=100)
         lut = np.exp(-np.arange(256)[:, None] / 100 * np.array(tint)) * 255
         shade = cv2.LUT(cv2.merge([depth] * 3), lut.astype(np.uint8)[None])
         shade = cv2.resize(shade, (n, n))
-        picture = cv2.multiply(self.picture, shade, scale=1 / 255)
-        scattered = None if cargo is None else self._scattered()
+        picture = cv2.multiply(base, shade, scale=1 / 255)
+        del self.picture, self._dirt, self._wear  # a world keeps its textures, not what they were made of
         if cargo is None or scattered is None:
             return np.asarray(picture, np.uint8)
         tile = cv2.resize(
             cargo, None, fx=self.per_m / cargo_per_m, fy=self.per_m / cargo_per_m, interpolation=cv2.INTER_AREA
         )
-        (y0, y1, x0, x1), uneven, grit = scattered
+        (y0, y1, x0, x1), drawn, grit = scattered
         shape = (y1 - y0, x1 - x0)
         repeat = [-(-s // t) for s, t in zip(shape, tile.shape[:2], strict=True)]
         laid = np.tile(tile, (*repeat, 1))[: shape[0], : shape[1]]
+        uneven = cloud((shape[0] // 8, shape[1] // 8), drawn)
         uneven = cv2.resize((205 + 85 * (uneven - 0.5)).astype(np.uint8), shape[::-1])
         laid = cv2.multiply(laid, cv2.merge([uneven] * 3), scale=1 / 205)
         window = self._spill[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE]
@@ -235,13 +281,13 @@ class Canvas:
         picture[y0:y1, x0:x1] = cv2.blendLinear(np.ascontiguousarray(picture[y0:y1, x0:x1]), laid, 1 - alpha, alpha)
         return np.asarray(picture, np.uint8)
 
-    def _scattered(self) -> tuple[tuple[int, int, int, int], Plane, Picture] | None:
-        """Draw how cargo lies: the window of pixels that holds it, its unevenness and its grit; None without any."""
+    def _scattered(self) -> _Scattered | None:
+        """Draw how cargo lies; None without any."""
         if not self._spill.any():
             return None
         rows, columns = np.nonzero(self._spill.any(1))[0], np.nonzero(self._spill.any(0))[0]
         coarse = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
         y0, y1, x0, x1 = (COARSE * v for v in coarse)
-        uneven = cloud(((y1 - y0) // 8, (x1 - x0) // 8), self._rng, cells=9, octaves=4)
+        uneven = noise(self._rng, cells=9, octaves=4)
         grit = self._rng.integers(0, 256, (coarse[1] - coarse[0], coarse[3] - coarse[2]), np.uint8)
         return (y0, y1, x0, x1), uneven, grit

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
+
 import cv2
 import numpy as np
 import trimesh
@@ -9,9 +11,9 @@ import trimesh
 from simgrab.model.scenario import Hold
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import apron, materials, sea, shapes, ship
-from simgrab.world.scenery.places.canvas import Canvas, Picture, blank
+from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane
 from simgrab.world.scenery.places.heap import CARGOES, Cargo, Field, cones, dug, roughened, warped
-from simgrab.world.scenery.textures import load, painting
+from simgrab.world.scenery.textures import load
 
 LENGTH, BREADTH = 26.0, 31.6  # of the hold, metres
 SLOPE = (4.6, 4.4)  # lower wing tank: breadth and height, metres
@@ -50,16 +52,14 @@ def hold(place: Hold, *, head_height: float, rng: np.random.Generator) -> list[P
     return [p.moved(shapes.pose(0, 0, -head_height, yaw)) for p in placed]
 
 
-def _shaded(
-    texture: str, tint: tuple[float, float, float], rng: np.random.Generator, *, soiled: float, cargo: Cargo
-) -> Picture:
+def _shaded(texture: str, tint: tuple[float, float, float], blotch: Plane, *, soiled: float, cargo: Cargo) -> Picture:
     """Plating that goes dark with depth and is dusted by the cargo below the share ``soiled`` of its height."""
     rows, columns = 1024, 1024
     plates = load(texture).astype(np.float32) / 0.68 * np.array(tint, np.float32)
     down = np.linspace(0, 1, rows)[:, None]
     light = 1.15 - 0.35 * down
     dust = np.asarray(load(cargo.texture).reshape(-1, 3).mean(axis=0), np.float32)
-    blotch = cv2.resize(rng.random((24, 40), dtype=np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
+    blotch = np.asarray(cv2.resize(blotch, (columns, rows), interpolation=cv2.INTER_CUBIC), np.float32)
     cover = np.clip((down - (1 - soiled)) * 5 + 1.6 * (blotch - 0.5), 0, 1) * 0.65 + 0.15 * blotch
     picture = (plates * (1 - cover[..., None]) + dust * 1.25 * cover[..., None]) * light[..., None]
     return np.asarray(np.clip(picture, 0, 255), np.uint8)
@@ -69,8 +69,11 @@ def _walls(depth: float, place: Hold, rng: np.random.Generator) -> list[Part]:
     """Corrugated bulkheads on stools, ship's sides with frames, wing tanks above and below, ladders."""
     half_l, half_b, floor = LENGTH / 2, BREADTH / 2, -depth
     tint = ((0.40, 0.38, 0.35), (0.38, 0.30, 0.26), (0.36, 0.36, 0.33))[int(rng.integers(3))]
-    picture = _shaded("hullplate", tint, rng, soiled=0.25 + 0.6 * place.fill, cargo=CARGOES[place.cargo])
-    plate = Material("hold plating", texture=picture, specular=0.02)
+    shaded = partial(
+        _shaded, "hullplate", tint, rng.random((24, 40), dtype=np.float32), soiled=0.25 + 0.6 * place.fill,
+        cargo=CARGOES[place.cargo],
+    )  # fmt: skip
+    plate = Material("hold plating", texture=cache(shaded), specular=0.02)
     bulkheads, sides, frames = [], [], []
     for s in (-1, 1):
         bulkheads.append(_corrugated(s * half_l, floor + STOOL[1] - 0.02, -0.05))
@@ -182,12 +185,13 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     field = heap(place, cargo, depth, x, y, rng)
     tile = load("tanktop")
     scale = PIXELS / SIZE * 10.0 / tile.shape[0]
-    base = blank(PIXELS)
-    if painting():
-        small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+    def base() -> Picture:
+        small = np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
         repeat = -(-PIXELS // small.shape[0])
-        base = np.ascontiguousarray(np.tile(small, (repeat, repeat, 1))[:PIXELS, :PIXELS])
-    canvas = Canvas(base, SIZE, rng=rng)
+        return np.ascontiguousarray(np.tile(small, (repeat, repeat, 1))[:PIXELS, :PIXELS])
+
+    canvas = Canvas(base, SIZE, PIXELS, rng=rng)
     cover = np.clip((field + 0.30) / 0.32, 0, 1.3)[:, ::-1].T
     canvas.spill(cover, (-half_l, -half_b), (half_l, half_b))
     for s in (-1, 1):
@@ -203,9 +207,9 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
         )
     for _ in range(24):
         canvas.blot(rng.uniform(-12, 12, 2), float(rng.uniform(0.3, 1.6)), float(rng.uniform(0.1, 0.35)))
+    finished = canvas.finish(load(cargo.texture), 1024 / cargo.tile_m)
     # The eye of the camera opens to the hold; the renderer knows no light between walls.
-    picture = canvas.finish(load(cargo.texture), 1024 / cargo.tile_m)
-    picture = np.asarray(cv2.convertScaleAbs(picture, alpha=1.45), np.uint8) if painting() else picture
+    picture = cache(lambda: np.asarray(cv2.convertScaleAbs(finished(), alpha=1.45), np.uint8))
     dim = 1.0 - 0.22 * (1 - place.fill)  # less sky reaches the bottom of an empty hold
     material = Material("hold bottom", rgba=(dim, dim, dim, 1.0), texture=picture, specular=0.02)
     floor = shapes.box((-half_l, -half_b, -depth - 0.3), (half_l, half_b, -depth))

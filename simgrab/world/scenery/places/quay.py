@@ -9,7 +9,7 @@ import numpy as np
 from simgrab.model.scenario import Quay
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import apron, clutter, hopper, materials, sea, shapes, ship, truck
-from simgrab.world.scenery.places.canvas import cloud
+from simgrab.world.scenery.places.canvas import cloud, noise
 from simgrab.world.scenery.places.heap import CARGOES, Cargo, Field, pile
 from simgrab.world.scenery.textures import load
 
@@ -84,7 +84,7 @@ def _strew(site: apron.Apron, place: Quay, heap: _Heap, rng: np.random.Generator
     n = 512
     half = apron.SIZE / 2
     y, x = np.meshgrid(np.linspace(half, -half, n), np.linspace(-half, half, n), indexing="ij")
-    patchy = cloud((n, n), rng, cells=16, octaves=4, always=True)  # how far cargo lies decides what is drawn next
+    patchy = cloud((n, n), noise(rng, cells=16, octaves=4))
     out = np.hypot((x - heap.at[0]) / 1.4, y - heap.at[1])
     skirt = np.exp(-np.maximum(out - heap.foot, 0) / 1.6) * (place.pile_height_m > 0)
     along = np.clip((y - receiver_y) / (heap.at[1] - receiver_y), 0, 1)

@@ -6,6 +6,7 @@ Ground and solids may have any colour, and any of the bundled textures, those of
 from __future__ import annotations
 
 import colorsys
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -32,8 +33,8 @@ _TEXTURES = (
 
 def random_place(*, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Build the place, in the jib frame: level ground ``head_height`` metres below the rope exit, and what is on it."""
-    paint = np.random.default_rng(rng.integers(2**63))  # of its own, so that shapes are the same unpainted
-    picture = _picture(paint) if textures.painting() else np.zeros((1, 1, 3), np.uint8)
+    paint = np.random.default_rng(rng.integers(2**63))  # its own stream: shapes are the same whatever is painted
+    picture = cache(partial(_picture, *paint.spawn(1)))
     ground = Material("ground", texture=picture, tile_m=SPAN_M, specular=float(paint.uniform(0, 0.1)))
     parts = [Part("ground", slab(0.0), ground)]
     parts += [_standing(number, rng, paint) for number in range(int(rng.integers(0, _MOST_SOLIDS + 1)))]
@@ -157,7 +158,7 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
 def _coat(number: int, rng: np.random.Generator) -> Material:
     red, green, blue = (v / 255 for v in _rgb(rng))
     specular = float(rng.uniform(0, 0.5))
-    if rng.random() < 0.5 or not textures.painting():
+    if rng.random() < 0.5:
         return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), specular=specular)
     picture = cv2.resize(textures.load(str(rng.choice(_TEXTURES))), (256, 256), interpolation=cv2.INTER_AREA)
     red, green, blue = (0.4 + 0.6 * v for v in (red, green, blue))

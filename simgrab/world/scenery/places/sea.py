@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import shapes
-from simgrab.world.scenery.places.canvas import Picture, blank, cloud
-from simgrab.world.scenery.textures import load, painting
+from simgrab.world.scenery.places.canvas import Picture, Plane, cloud, noise
+from simgrab.world.scenery.textures import load
 
 SIZE, PIXELS, TILE = 48.0, 2048, 16.0  # metres, pixels, metres of the ripple tile
 FAR = 120.0
@@ -34,10 +36,18 @@ def sea(
         Walls along x at which foam and flotsam gather.
     rng : numpy.random.Generator
     """
-    plain = _ripples(chop, rng)
-    near = Material("water", texture=_foamed(plain, chop, foam_y, rng), specular=0.12, shininess=0.55)
-    far_picture = np.asarray(cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
-    far = Material("water far", texture=far_picture, specular=0.0)
+    shifts = rng.integers(0, round(PIXELS * TILE / SIZE), (2, 2))
+    ripples = noise(rng, cells=5, octaves=4), noise(rng, cells=4, octaves=4)
+    foam = noise(rng, cells=5, octaves=4), noise(rng, cells=60, octaves=4)
+
+    @cache
+    def pictures() -> tuple[Picture, Picture]:
+        plain = _ripples(chop, shifts, *ripples)
+        small = cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        return _foamed(plain, chop, foam_y, *foam), np.asarray(small, np.uint8)
+
+    near = Material("water", texture=lambda: pictures()[0], specular=0.12, shininess=0.55)
+    far = Material("water far", texture=lambda: pictures()[1], specular=0.0)
     half = SIZE / 2
     cuts = np.array([-FAR, -3 * half, -half, half, 3 * half, FAR])
     n = 61
@@ -67,19 +77,16 @@ def _sheet(name: str, x: shapes.Vector, y: shapes.Vector, field: shapes.Vector, 
     return Part(name, mesh, water, mesh.vertices[:, :2] / SIZE + 0.5)
 
 
-def _ripples(chop: float, rng: np.random.Generator) -> Picture:
+def _ripples(chop: float, shifts: NDArray[np.int64], windy: list[Plane], toned: list[Plane]) -> Picture:
     """Two ripple tiles crossed, with patches of wind and calm; seamless."""
     side = round(PIXELS * TILE / SIZE)
     tile = cv2.resize(load("water"), (side, side), interpolation=cv2.INTER_AREA)
     sheets = []
-    for turn in (0, 1):
-        row, column = (int(v) for v in rng.integers(0, side, 2))
-        one = np.roll(np.rot90(tile, turn), (row, column), (0, 1))
-        sheets.append(np.ascontiguousarray(np.tile(one, (4, 4, 1))[:PIXELS, :PIXELS]) if painting() else one)
-    wind, uneven = cloud((512, 512), rng, cells=5, octaves=4), cloud((256, 256), rng, cells=4, octaves=4)
-    if not painting():
-        return blank(PIXELS)
-    wind = cv2.resize(wind, (PIXELS, PIXELS))
+    for turn, (row, column) in enumerate(shifts):
+        one = np.roll(np.rot90(tile, turn), (int(row), int(column)), (0, 1))
+        sheets.append(np.ascontiguousarray(np.tile(one, (4, 4, 1))[:PIXELS, :PIXELS]))
+    uneven = cloud((256, 256), toned)
+    wind = cv2.resize(cloud((512, 512), windy), (PIXELS, PIXELS))
     share = np.clip(0.72 + 0.4 * (wind - 0.5), 0, 1)
     ripples = cv2.blendLinear(sheets[0], sheets[1], share, 1 - share)
     mean = np.full_like(ripples, tile.mean(axis=(0, 1)).astype(np.uint8))
@@ -89,12 +96,10 @@ def _ripples(chop: float, rng: np.random.Generator) -> Picture:
     return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / 215), np.uint8)
 
 
-def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], rng: np.random.Generator) -> Picture:
+def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], windy: list[Plane], laced: list[Plane]) -> Picture:
     """Lay threads of foam along the walls and, when it is rough, astray."""
-    wind, lace = cloud((512, 512), rng, cells=5, octaves=4), cloud((1024, 1024), rng, cells=60, octaves=4)
-    if not painting():
-        return picture
-    wind, lace = cv2.resize(wind, (PIXELS, PIXELS)), cv2.resize(lace, (PIXELS, PIXELS))
+    wind = cv2.resize(cloud((512, 512), windy), (PIXELS, PIXELS))
+    lace = cv2.resize(cloud((1024, 1024), laced), (PIXELS, PIXELS))
     threads = np.exp(-(((lace - 0.5) / 0.035) ** 2))
     row = SIZE / 2 - (np.arange(PIXELS) + 0.5) / PIXELS * SIZE
     near = np.zeros(PIXELS)

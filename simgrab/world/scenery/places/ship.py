@@ -6,7 +6,7 @@ Ship frame: x along the ship, y across, z up from the deck; the origin is the mi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -15,9 +15,9 @@ import trimesh
 
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import fittings, materials, shapes
-from simgrab.world.scenery.places.canvas import Canvas, Picture, blank, cloud
+from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane, cloud, noise
 from simgrab.world.scenery.places.heap import Cargo
-from simgrab.world.scenery.textures import load, painting
+from simgrab.world.scenery.textures import load
 
 SIZE = 48.0  # side of the painted square of deck, metres
 FAR = 100.0
@@ -58,14 +58,16 @@ def deck(
     tile = load("deck")
     scale = pixels / SIZE * 8.0 / tile.shape[0]
     tint = np.array(style.deck) / 0.68
-    uneven, base = cloud((256, 256), rng, cells=8, octaves=4), blank(pixels)
-    if painting():
+    uneven = noise(rng, cells=8, octaves=4)
+
+    def base() -> Picture:
         small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) * tint
         count = -(-pixels // len(small))
         plates = np.tile(small.astype(np.uint8), (count, count, 1))[:pixels, :pixels]
-        broad = cv2.resize((215 + 70 * (uneven - 0.5)).astype(np.uint8), (pixels, pixels))
-        base = cv2.multiply(plates, cv2.merge([broad] * 3), scale=1 / 220)
-    canvas = Canvas(base, SIZE, rng=rng)
+        broad = cv2.resize((215 + 70 * (cloud((256, 256), uneven) - 0.5)).astype(np.uint8), (pixels, pixels))
+        return np.asarray(cv2.multiply(plates, cv2.merge([broad] * 3), scale=1 / 220), np.uint8)
+
+    canvas = Canvas(base, SIZE, pixels, rng=rng)
     for centre in (-PITCH, 0.0, PITCH):
         foot = np.array(ring(0.5).exterior.coords) + (centre, 0)
         canvas.grime(foot, 0.9, blur=0.35)
@@ -99,7 +101,7 @@ def _scatter(canvas: Canvas, wear: float, rng: np.random.Generator) -> None:
     n = 384
     y, x = np.meshgrid(np.linspace(24, -24, n), np.linspace(-24, 24, n), indexing="ij")
     beyond = np.maximum(np.maximum(np.abs(x) - HATCH[0] / 2, np.abs(y) - HATCH[1] / 2), 0)
-    patchy = cloud((n, n), rng, cells=12, octaves=4, always=True)  # how far cargo lies decides what is drawn next
+    patchy = cloud((n, n), noise(rng, cells=12, octaves=4))
     towards = 0.55 + 0.45 * np.tanh(y / 4)
     cover = np.exp(-beyond / 2.2) * towards * np.clip((patchy - 0.42) * 3.2, 0, 1) * (0.4 + 0.7 * wear)
     cover[np.abs(y) > HALF_BEAM] = 0
@@ -195,7 +197,9 @@ def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[P
 def hull(style: Looks, waterline: float, *, rng: np.random.Generator) -> list[Part]:
     """Ship's sides from the deck's edge down to 2 m under water; ``waterline`` is the water's z in the ship frame."""
     foot = waterline - 2.0
-    skin = Material("hull side", texture=_side_picture(style, foot, waterline, rng), specular=0.06)
+    patchy, scrape = noise(rng, cells=40, octaves=3), rng.random((160, 12), dtype=np.float32)
+    side = cache(partial(_side_picture, style, foot, waterline, patchy, scrape))
+    skin = Material("hull side", texture=side, specular=0.06)
     parts = []
     cuts = [-FAR, -72.0, -24.0, 24.0, 72.0, FAR]
     for s in (-1, 1):
@@ -211,14 +215,11 @@ def hull(style: Looks, waterline: float, *, rng: np.random.Generator) -> list[Pa
     return [*parts, Part("gunwale", gunwale, materials.painted("gunwale paint", style.hull))]
 
 
-def _side_picture(style: Looks, foot: float, waterline: float, rng: np.random.Generator) -> Picture:
+def _side_picture(style: Looks, foot: float, waterline: float, drawn: list[Plane], scrape: Plane) -> Picture:
     """Plates, boot-topping, slime at the waterline, fender scrapes and draught marks; 48 m long, foot to gunwale."""
     height = 0.22 - foot
     rows, columns = 512, 2048
-    patchy = cloud((rows, columns), rng, cells=40, octaves=3)
-    scrape = rng.random((160, 12), dtype=np.float32)
-    if not painting():
-        return np.zeros((rows, columns, 3), np.uint8)
+    patchy = cloud((rows, columns), drawn)
     tile = cv2.resize(
         load("hullplate"), (round(columns * 10 / SIZE), round(rows * 10 / height)), interpolation=cv2.INTER_AREA
     )

@@ -21,9 +21,8 @@ from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
 from simgrab.world.scenery.grabs.assembled.head import head, middle, rope_ends
 from simgrab.world.scenery.grabs.assembled.jaws import jaw, strut, vessel
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import Body, Design, Heaps
 from simgrab.world.scenery.grabs.shells import GAP_M
-from simgrab.world.scenery.meshes.part import Part
 
 _SHAPES = 2**53  # distinct numbers from 0 to 1
 _CLEARANCE_M = 0.03
@@ -76,19 +75,12 @@ def _heaps(d: Dimensions) -> Heaps:
     along = d.half_y - 0.06
     r, z = np.maximum.accumulate(d.curve[:, 0]), np.maximum.accumulate(d.curve[:, 1])
 
-    def make(cargo: str, rng: np.random.Generator) -> list[Part]:
-        made = []
-        for level in CARGO_LEVELS:
-            shoulder = d.depth * (0.3 + 0.55 * level)
-            edge = float(np.interp(shoulder, z, r)) - 2.5 * _CLEARANCE_M
-            x, y = edge * u, (along if d.count == 2 else edge) * v
-            out = np.hypot(u, v) if d.count > 2 else np.maximum(np.abs(u), np.abs(v))
-            rho = np.hypot(x, y) if d.count > 2 else np.abs(x)
-            floor = np.interp(rho, r - _CLEARANCE_M, z) + _CLEARANCE_M
-            rough = kit.lumps(rng, u.shape, kit.LUMPS_M.get(cargo, 0.0)) * (1 - out**4)
-            crest = shoulder + 0.14 * d.depth * (1 - out**1.7) + rough
-            low = np.minimum(floor, crest - 0.02)
-            made.append(kit.heap(*(np.stack([x, y, at], axis=-1) for at in (crest, low))))
-        return kit.heap_parts(made, cargo)
+    def form(level: float) -> tuple[Array, ...]:
+        shoulder = d.depth * (0.3 + 0.55 * level)
+        edge = float(np.interp(shoulder, z, r)) - 2.5 * _CLEARANCE_M
+        x, y = edge * u, (along if d.count == 2 else edge) * v
+        out = np.hypot(u, v) if d.count > 2 else np.maximum(np.abs(u), np.abs(v))
+        rho = np.hypot(x, y) if d.count > 2 else np.abs(x)
+        return x, y, rho, shoulder + 0.14 * d.depth * (1 - out**1.7), 1 - out**4
 
-    return make
+    return kit.heaps(d.curve, _CLEARANCE_M, form)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ import trimesh
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import Assembled
 from simgrab.world.scenery.grabs import kit
+from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Material, Part
 
@@ -115,6 +117,19 @@ class Dimensions:
         # A single lever stands at one end: datasets that were rendered show it there.
         jaw_y = tuple(np.linspace(-1, 1, int(chance.rng.integers(1, 4))) * 0.8 * half_y)
         return cls(u, count, half, half_y, depth, hinge, head_z, head_half, plates, curve, jaw_y)
+
+    def turned(self, outline: Sequence[tuple[float, float]], sides: int) -> trimesh.Trimesh:
+        """Turn a closed outline (r, z), m, about the axis, and stretch it along y by ``half_y`` over ``half``.
+
+        Of four sides, each faces an axis.
+        """
+        mesh = trimesh.creation.revolve(np.array([*outline, outline[0]], float), sections=sides)
+        shapes.outward(mesh)
+        if sides == 4:
+            mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (0, 0, 1)))
+            mesh.apply_scale((2**0.5, 2**0.5, 1.0))
+        mesh.apply_scale((1.0, self.half_y / self.half, 1.0))
+        return shapes.solid(mesh.vertices, mesh.faces)
 
 
 def _curve(half: float, depth: float, chance: Chance) -> Array:

@@ -9,7 +9,6 @@ import trimesh
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
-from simgrab.world.scenery.grabs.assembled.turned import turned
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Part
@@ -93,7 +92,7 @@ def _body(d: Dimensions, chance: Chance) -> trimesh.Trimesh:
             return block((-x, -y, low), (x, y, high), 0.02)
         case 2:
             ring = [(0.01, low), (x, low), (x * chance.share(0.6, 1.0), high), (0.01, high)]
-            return turned(d, ring, int(chance.rng.choice([6, 8, 24])))
+            return d.turned(ring, int(chance.rng.choice([6, 8, 24])))
         case 3:
             slope = hull(shapely.box(-x, low, x, low + 0.05), shapely.box(-0.5 * x, high - 0.05, 0.5 * x, high))
             return prism(slope, -y, y)

@@ -12,7 +12,6 @@ import trimesh
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.assembled.dimensions import CURVE_POINTS, Chance, Dimensions
-from simgrab.world.scenery.grabs.assembled.turned import turned
 from simgrab.world.scenery.grabs.shells import GAP_M, polygons
 from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes
@@ -51,13 +50,13 @@ def vessel(d: Dimensions, chance: Chance) -> list[Part]:
     heights = np.concatenate([[0.0], heights, [d.depth]])
     heights = np.maximum.accumulate(heights + 0.01 * np.arange(len(heights)))
     radii = d.half * chance.rng.uniform(0.35, 1.0, len(heights))
-    parts = [chance.part("vessel", turned(d, [(0.01, 0.0), *zip(radii, heights, strict=True),
-                                                 (0.01, float(heights[-1]))], sides), BARE.shell)]  # fmt: skip
+    outline = [(0.01, 0.0), *zip(radii, heights, strict=True), (0.01, float(heights[-1]))]
+    parts = [chance.part("vessel", d.turned(outline, sides), BARE.shell)]
     for i in range(int(chance.rng.integers(0, 4))):
         z, high = chance.share(0.05, 0.9) * d.depth, d.size * chance.share(0.03, 0.15)
         r = float(np.interp(z + high / 2, heights, radii)) + d.size * chance.share(0.01, 0.1)
-        parts.append(chance.part(f"ring_{i}", turned(d, [(0.01, z), (r, z), (r, z + high), (0.01, z + high)],
-                                                           sides), BARE.hazard))  # fmt: skip
+        ring = d.turned([(0.01, z), (r, z), (r, z + high), (0.01, z + high)], sides)
+        parts.append(chance.part(f"ring_{i}", ring, BARE.hazard))
     return parts
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,31 +50,29 @@ class GltfMaterial:
         return np.stack([moved[:, 0], 1.0 - moved[:, 1]], axis=1)
 
 
+@dataclass
 class Materials:
     """The materials of a file, each made when it is first used.
 
-    Parameters
+    Attributes
     ----------
     content : mapping
         The file's JSON.
     picture : callable
         From the number of an image to its file; None where it is not there.
-
-    Attributes
-    ----------
     doubts, unread : dict
         Sentences on what is not shown, and names of what is left out, as keys in order.
     """
 
-    def __init__(self, content: Mapping[str, Any], picture: Callable[[int], bytes | None]) -> None:
-        self._content, self._picture = content, picture
-        self._made: dict[int, GltfMaterial] = {}
-        self.doubts: dict[str, None] = {}
-        self.unread: dict[str, None] = {}
+    content: Mapping[str, Any]
+    picture: Callable[[int], bytes | None]
+    doubts: dict[str, None] = field(default_factory=dict)
+    unread: dict[str, None] = field(default_factory=dict)
+    _made: dict[int, GltfMaterial] = field(default_factory=dict)
 
     def __getitem__(self, number: int) -> GltfMaterial:
         if number not in self._made:
-            self._made[number] = self._make(number, self._content["materials"][number])
+            self._made[number] = self._make(number, self.content["materials"][number])
         return self._made[number]
 
     def _make(self, number: int, material: Mapping[str, Any]) -> GltfMaterial:
@@ -106,24 +104,19 @@ class Materials:
 
     def _texture(self, texture: Mapping[str, Any], name: str) -> bytes | None:
         """Give the picture of a texture; None, with a doubt, where it is in a format that is not read."""
-        entry = self._content["textures"][texture["index"]]
+        entry = self.content["textures"][texture["index"]]
         found = entry.get("extensions", {})
         source = found.get("EXT_texture_webp", {}).get("source", entry.get("source"))
-        data = None if source is None else self._picture(source)
+        data = None if source is None else self.picture(source)
         kinds = [extensions.PICTURES[key] for key in found if key in extensions.PICTURES]
         kinds += ["KTX2"] if data is not None and data[1:4] == b"KTX" else []
         if kinds and (data is None or data[1:4] == b"KTX"):
             self.doubts[f"{name}: its texture is {kinds[0]}, which is not read: export it as PNG or JPEG."] = None
             return None
-        sampler = self._content.get("samplers", [])[entry["sampler"]] if "sampler" in entry else {}
+        sampler = self.content.get("samplers", [])[entry["sampler"]] if "sampler" in entry else {}
         if {sampler.get("wrapS", _REPEAT), sampler.get("wrapT", _REPEAT)} != {_REPEAT}:
             self.unread["wrapping of textures that is clamped or mirrored (they repeat)"] = None
         return data
-
-    @staticmethod
-    def tinted(material: GltfMaterial | None, linear: Array) -> Array:
-        """Multiply linear colours with a material's, and give display values."""
-        return np.asarray(encoded(linear * (1.0 if material is None else material.factor)))
 
 
 def _share(value: float) -> float:

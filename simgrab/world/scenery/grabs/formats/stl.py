@@ -1,4 +1,7 @@
-"""STL: binary with the colours of Magics or VisCAM, or text of one or several solids."""
+"""STL: binary with the colours of Magics or VisCAM, or text of one or several solids.
+
+trimesh 5.2 fails on names that hold keywords of the format, and on a text without its end.
+"""
 
 from __future__ import annotations
 
