@@ -15,7 +15,7 @@ import click
 from scripts.make_tables import DOCS
 from simgrab.cli import cli
 from simgrab.model.scenario import schema
-from simgrab.model.scenario.descriptions import unit_of
+from simgrab.model.scenario.base import unit_of
 
 _COLUMNS = 88
 _TAGS = ("model", "dist")

@@ -10,6 +10,11 @@ import pytest
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
 
+NAMELESS = """[...document.querySelectorAll("button, select, input")].filter((one) =>
+  !(one.getAttribute("aria-label") || one.labels?.[0]?.textContent.trim() || one.textContent.trim())
+).map((one) => one.outerHTML)"""
+"""Controls without a name for screen readers."""
+
 # What a reader sees: each figure with its size, whether the page fits a window and a phone, what screen readers lack.
 _PROBE = """<script>addEventListener("load", () => {
   %s

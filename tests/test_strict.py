@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -12,6 +12,8 @@ from simgrab.errors import CalibrationError, LayoutError, RunError, ScenarioErro
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.estimate.follow import Known
 from simgrab.io.strict import Checked, convert
+from simgrab.io.strict import _fields as types_of
+from simgrab.io.strict import _structs_of as structs_of
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.model import calibration, layouts, scenes
 from simgrab.model.distributions import Choice, Constant, Normal, Uniform
@@ -141,9 +143,8 @@ def with_one(wrong, table):
     tag = {about.tag_field: about.tag} if about.tag_field else {}
     for field in msgspec.structs.fields(table):
         yield tag | {field.name: wrong}
-        for part in get_args(field.type) or (field.type,):
-            if isinstance(part, type) and issubclass(part, msgspec.Struct):
-                yield from (tag | {field.name: inner} for inner in with_one(wrong, part))
+        for part in structs_of(types_of(table)[field.name]):
+            yield from (tag | {field.name: inner} for inner in with_one(wrong, part))
 
 
 @pytest.mark.parametrize("wrong", [50, 0.5, "x", [1, "x"], True, {"x": 1}], ids=str)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import os
-import pkgutil
 import signal
 import sys
 import traceback
@@ -16,38 +14,11 @@ import click
 
 from simgrab._version import __version__
 from simgrab.cli._signals import stoppable
+from simgrab.cli._verbs import Verbs
 from simgrab.errors import SimgrabError, first_line, memory_problem, shortened
 from simgrab.text import printable
 
 _INTERRUPTED = 128 + signal.SIGINT
-
-
-# Verbs of the rooms that can be taken away: each is a module in the room's folder `cli`.
-_OF_ROOMS = {
-    "bench": "simgrab.lab",
-    "browse": "simgrab.pages",
-    "match": "simgrab.match",
-    "paper": "simgrab.lab",
-    "stress": "simgrab.lab",
-    "studio": "simgrab.pages",
-    "train": "simgrab.training",
-}
-
-
-class Verbs(click.Group):
-    """Finds a verb in the module of its name, and imports no other."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002, D102
-        core = (module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
-        return sorted([*core, *(verb for verb, room in _OF_ROOMS.items() if importlib.util.find_spec(room))])
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: D102
-        if cmd_name not in self.list_commands(ctx):
-            return None
-        room = f"{_OF_ROOMS[cmd_name]}.cli" if cmd_name in _OF_ROOMS else __name__
-        command = importlib.import_module(f"{room}.{cmd_name}").command
-        assert isinstance(command, click.Command)
-        return command
 
 
 @click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})

@@ -67,4 +67,14 @@ class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from cli
 
 
 AUTO_WORKERS = _Automatic()
+detector_option = click.option(
+    "--detector",
+    "detector_name",
+    default="bundled",
+    show_default=True,
+    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
+)
+imu_option = click.option(
+    "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
+)
 cluster_option = click.option("--cluster", help="Ray cluster to work on: auto, ray://HOST:10001 or HOST:6379.")

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from simgrab.cli._options import FOLDER, PATH, WORKERS, cluster_option
+from simgrab.text import printable
 
 
 @click.command(name="check")
@@ -22,7 +23,7 @@ from simgrab.cli._options import FOLDER, PATH, WORKERS, cluster_option
 @cluster_option
 @click.option("--out", type=FOLDER, help="Folder of the results.  [default: runs/check-SUITE]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--quiet", is_flag=True, help="Print failures only.")
+@click.option("--quiet", is_flag=True, help="Print failures only; notes go to stderr.")
 def command(
     suite: str, instrument: str | None, baseline: Path | None, update: bool, seeds: int | None, seed: int | None,
     cache: Path | None, workers: int, cluster: str | None, out: Path | None, as_json: bool, quiet: bool,
@@ -52,6 +53,8 @@ def command(
         options = gate.Options(instrument, baseline, seed, cache or default(), workers, cluster, progress)
         result = gate.record(found, options, seeds) if update else gate.check(found, options)
     report.save(result, place)
+    for note in result.notes if quiet else ():
+        click.echo(printable(note), err=True)
     if as_json:
         click.echo(report.as_json(result))
     else:

@@ -8,22 +8,16 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FILE, PATH
+from simgrab.cli._options import FILE, PATH, detector_option
 from simgrab.text import printable
 
 
 @click.command(name="detect")
 @click.argument("source", type=PATH)
-@click.option(
-    "--detector",
-    "name",
-    default="bundled",
-    show_default=True,
-    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
-)
+@detector_option
 @click.option("--out", type=FILE, help="Table of detections, .parquet or .csv.")
 @click.option("--json", "as_json", is_flag=True, help="Print one line of JSON for each image: the row of the table.")
-def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
+def command(source: Path, detector_name: str, out: Path | None, as_json: bool) -> None:
     """Detect the grab in SOURCE: an image, a folder of images, or a dataset.
 
     The table has u_px, v_px, which `simgrab estimate` reads. `python -m scripts.score_detector` compares with labels.
@@ -34,7 +28,7 @@ def command(source: Path, name: str, out: Path | None, as_json: bool) -> None:
 
     if out:
         detections.check_table(out)
-    files, looks = detections.pictures(source), detector(name)
+    files, looks = detections.pictures(source), detector(detector_name)
     with bar("detecting", shown=not as_json and len(files) > 1) as progress:
         found = detections.detect_files(files, looks, progress)
     if found.note:

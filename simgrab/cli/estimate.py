@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FILE, PATH
+from simgrab.cli._options import FILE, PATH, imu_option
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
 from simgrab.text import printable
 
@@ -18,9 +18,7 @@ from simgrab.text import printable
 @click.option(
     "--estimator", type=click.Choice(list(ESTIMATORS)), help=f"[default: {DEFAULT}; with --imu inertial-fusion]"
 )
-@click.option(
-    "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
-)
+@imu_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
 @click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")
 @click.option("--no-figure", is_flag=True, help="Write no figure.")

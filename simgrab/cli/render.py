@@ -16,9 +16,6 @@ from simgrab.cli._scene import extension_options, load_scene, scene_options
 from simgrab.dataset.stores import is_url
 from simgrab.text import printable
 
-MANY_CLAMPED = 0.25
-"""Share of frames from which on clamping changes a distribution visibly."""
-
 
 @click.command(name="render")
 @scene_options
@@ -50,7 +47,7 @@ def command(
     from simgrab.dataset.pool import automatic
     from simgrab.dataset.render import render
     from simgrab.dataset.shards import frames_of
-    from simgrab.dataset.summary import Summary
+    from simgrab.dataset.summary import Summary, doubts
     from simgrab.dataset.video.render import VideoSummary, render_video
     from simgrab.judge.own_grab import doubts_of_axis
     from simgrab.model.scenario import Iid
@@ -94,13 +91,8 @@ def command(
             summary = render_video(
                 scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, **functions
             )
-    for key, count in (summary.clamped or {}).items():
-        if count > MANY_CLAMPED * summary.frames and not quiet:
-            click.echo(
-                f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
-                "the ends of what is possible: state a range that fits, or change the place or the grab",
-                err=True,
-            )
+    for doubt in () if quiet else doubts(summary):
+        click.echo(doubt, err=True)
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
@@ -108,9 +100,8 @@ def command(
         stdout().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
         click.echo(printable(how))
         if out is not None:
-            click.echo(
-                printable(f"preview: {out}/preview.jpg; labels: {out}/labels{'' if is_url(out) else '.parquet'}")
-            )
+            labels = "labels" if is_url(out) else "labels.parquet"
+            click.echo(printable(f"preview: {out}/preview.jpg; labels: {out}/{labels}"))
         if video is not None:
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import NEW_FOLDER, PATH
+from simgrab.cli._options import NEW_FOLDER, PATH, detector_option, imu_option
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.estimate import ESTIMATORS
 from simgrab.io.parse import shown
@@ -40,12 +40,7 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.argument("source")
 @click.option("--camera", type=PATH, help="Camera TOML.  [default: that beside or in SOURCE]")
 @click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the results.")
-@click.option(
-    "--detector",
-    default="bundled",
-    show_default=True,
-    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
-)
+@detector_option
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
 @click.option(
     "--estimator", type=click.Choice(list(ESTIMATORS)), help="[default: rope-aware; without a display mean-ray]"
@@ -56,9 +51,7 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
     help="Estimate the tilt from the first part, e.g. 300s, or all of a shorter record.  [default: the whole record]",
 )
 @click.option("--calibration", type=PATH, help="Use the tilt of another run: its tilt.toml.")
-@click.option(
-    "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
-)
+@imu_option
 @click.option("--live", is_flag=True, help="Update the estimate while frames arrive; always on for streams.")
 @click.option(
     "--rate",
@@ -71,7 +64,7 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
-    source: str, camera: Path | None, out: Path, detector: str, instrument: str | None, estimator: str | None,
+    source: str, camera: Path | None, out: Path, detector_name: str, instrument: str | None, estimator: str | None,
     calibrate: float | None, calibration: Path | None, imu: Path | None, live: bool, rate: float | None,
     no_video: bool, paper: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
@@ -93,7 +86,7 @@ def command(
 
     chosen: Instrument
     if instrument is not None:
-        if detector != BUNDLED or any((estimator, calibrate, calibration, imu, live)):
+        if detector_name != BUNDLED or any((estimator, calibrate, calibration, imu, live)):
             raise click.UsageError(
                 "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu or "
                 "--live."
@@ -102,7 +95,7 @@ def command(
         chosen = open_instrument(instrument)
     else:
         chosen = assemble(
-            detector=detector, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu
+            detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu
         )
     options = Options(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:

@@ -13,6 +13,9 @@ from simgrab.dataset.video.render import VideoSummary
 from simgrab.model.scenario import CLAMPABLE, Scenario
 from simgrab.model.truth import SPLITS, Row
 
+MANY_CLAMPED = 0.25
+"""Share of frames from which on clamping changes a distribution visibly."""
+
 
 class Seen(msgspec.Struct, frozen=True):
     """The columns of labels that a `Tally` needs."""
@@ -151,3 +154,13 @@ class Summary:
             clamped=tally.stated(scenario).get("clamped"),
             fingerprint=fingerprint,
         )
+
+
+def doubts(summary: Summary | VideoSummary) -> list[str]:
+    """Name the keys of the swing that were clamped in more than `MANY_CLAMPED` of the frames, and what to do."""
+    return [
+        f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
+        "the ends of what is possible: state a range that fits, or change the place or the grab"
+        for key, count in (summary.clamped or {}).items()
+        if count > MANY_CLAMPED * summary.frames
+    ]

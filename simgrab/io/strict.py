@@ -8,7 +8,7 @@ import re
 import types
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
@@ -17,6 +17,14 @@ from simgrab.io.parse import find_misfit, shown
 from simgrab.io.resources import suggestion
 
 T = TypeVar("T", bound=msgspec.Struct)
+
+
+def about(description: str, **limits: Any) -> msgspec.Meta:
+    """Describe a field, in its annotation, with the limits of its values as msgspec has them; the unit is its suffix.
+
+    The JSON schema of scenes, the reference of keys and the controls of the studio show the description.
+    """
+    return msgspec.Meta(description=description, **limits)
 
 
 class Checked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -88,7 +96,7 @@ def _fit(struct: Checked) -> None:
         try:
             fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
         except msgspec.ValidationError:  # NumPy's numbers and arrays are as good as Python's
-            plain = {name: _without_numpy(value) for name, value in plain.items()}
+            plain = without_numpy(plain)
             fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
     except msgspec.ValidationError as problem:
         raise _refusal(struct.error, *_read(problem, plain, type(struct))) from None
@@ -110,19 +118,23 @@ def _refuse_misfits(data: Mapping[str, Any], kind: type[msgspec.Struct]) -> None
 @functools.cache
 def _shadow(kind: type[msgspec.Struct]) -> type[msgspec.Struct]:
     """Make a type of the same fields which converts without calling ``__post_init__``."""
-    return msgspec.defstruct(kind.__name__, list(_fields(kind).items()))
+    return msgspec.defstruct(kind.__name__, [(field.name, field.type) for field in msgspec.structs.fields(kind)])
 
 
-def _without_numpy(value: Any) -> Any:
+def without_numpy(value: Any) -> Any:
+    """Turn NumPy's numbers and arrays into Python's, in tables and lists however deep."""
+    if isinstance(value, Mapping):
+        return {key: without_numpy(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):
-        return [_without_numpy(inner) for inner in value]
+        return [without_numpy(inner) for inner in value]
     return value.tolist() if hasattr(value, "tolist") else value
 
 
 @functools.cache
 def _fields(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """Types of a struct's fields by name."""
-    return {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
+    """Types of a struct's fields by name, without what `Annotated` adds to them."""
+    types = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    return {name: get_args(t)[0] if get_origin(t) is Annotated else t for name, t in types.items()}
 
 
 def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 import scipy
 
-from simgrab.io.strict import Checked
+from simgrab.io.strict import Checked, about
 from simgrab.model.geometry import Array
 
 MOST = 1e9
@@ -46,7 +46,7 @@ class Distribution(Checked, frozen=True, tag_field="dist"):
 class HalfNormal(Distribution, frozen=True, tag="half-normal"):
     """|N(0, scale²)|: the paper's distribution of α (section 4.3)."""
 
-    scale: NonNegative = 1.0
+    scale: Annotated[NonNegative, about("Standard deviation of the normal distribution.")] = 1.0
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
         return np.abs(rng.normal(0.0, self.scale, size))
@@ -64,8 +64,8 @@ class Rayleigh(Distribution, frozen=True, tag="rayleigh"):
     It is truncated to [0, high] where that is given.
     """
 
-    scale: NonNegative = 1.0
-    high: NonNegative | None = None
+    scale: Annotated[NonNegative, about("Standard deviation of each of the two components.")] = 1.0
+    high: Annotated[NonNegative | None, about("Upper end, where it is truncated.")] = None
 
     def check(self) -> None:  # noqa: D102
         if self.high is not None and self.high < 1e-3 * self.scale:
@@ -94,7 +94,7 @@ class Rayleigh(Distribution, frozen=True, tag="rayleigh"):
 class Exponential(Distribution, frozen=True, tag="exponential"):
     """Exponential distribution of the given mean: a heavy tail."""
 
-    mean: NonNegative = 1.0
+    mean: Annotated[NonNegative, about("Mean.")] = 1.0
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
         return np.asarray(rng.exponential(self.mean, size))
@@ -109,10 +109,10 @@ class Exponential(Distribution, frozen=True, tag="exponential"):
 class Normal(Distribution, frozen=True, tag="normal"):
     """Normal distribution, truncated to [low, high] where these are given."""
 
-    mean: Value = 0.0
-    sd: NonNegative = 1.0
-    low: Value | None = None
-    high: Value | None = None
+    mean: Annotated[Value, about("Mean before truncation.")] = 0.0
+    sd: Annotated[NonNegative, about("Standard deviation before truncation.")] = 1.0
+    low: Annotated[Value | None, about("Lower end, where it is truncated.")] = None
+    high: Annotated[Value | None, about("Upper end, where it is truncated.")] = None
 
     def check(self) -> None:  # noqa: D102
         low, high = self.support()
@@ -154,8 +154,8 @@ class Normal(Distribution, frozen=True, tag="normal"):
 class Uniform(Distribution, frozen=True, tag="uniform"):
     """Uniform on [low, high)."""
 
-    low: Value
-    high: Value
+    low: Annotated[Value, about("Lower end.")]
+    high: Annotated[Value, about("Upper end.")]
 
     def check(self) -> None:  # noqa: D102
         if self.low > self.high:
@@ -176,7 +176,7 @@ class Constant(Distribution, frozen=True, tag="constant"):
 
     of_number = "value"
 
-    value: Value
+    value: Annotated[Value, about("The value.")]
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: ARG002, D102
         return np.full(() if size is None else size, self.value)
@@ -191,8 +191,8 @@ class Constant(Distribution, frozen=True, tag="constant"):
 class Choice(Distribution, frozen=True, tag="choice"):
     """One of several values, with weights that need not sum to 1 (equal unless given)."""
 
-    values: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1, max_length=MOST_VALUES)]
-    weights: Weights = ()
+    values: Annotated[tuple[Value, ...], about("Values to choose from.", min_length=1, max_length=MOST_VALUES)]
+    weights: Annotated[Weights, about("Weights, which need not sum to 1; equal unless given.")] = ()
 
     def check(self) -> None:  # noqa: D102
         if self.weights and len(self.weights) != len(self.values):

@@ -18,7 +18,7 @@ from simgrab.errors import LayoutError
 from simgrab.io import resources
 from simgrab.io.parse import read_toml
 from simgrab.io.resources import ASSETS, suggestion
-from simgrab.io.strict import Checked, convert
+from simgrab.io.strict import Checked, about, convert
 
 Meta = msgspec.Meta
 MOST_PX = 65_536
@@ -45,9 +45,9 @@ class Clock(Checked, frozen=True):
 
     error = LayoutError
 
-    x_px: Place
-    y_px: Place
-    size_px: Place
+    x_px: Annotated[Place, about("Left end of its line.")]
+    y_px: Annotated[Place, about("Top of its line.")]
+    size_px: Annotated[Place, about("Height of its line.")]
 
     @property
     def cells(self) -> tuple[Rectangle, ...]:
@@ -61,32 +61,21 @@ class Clock(Checked, frozen=True):
 class Layout(Checked, frozen=True):
     """A digit layout, measured in one size of picture; `scaled` makes it that of another.
 
-    Attributes
-    ----------
-    width_px, height_px : int
-        The picture.
-    clock : Clock
-    digit_width_px, digit_height_px : int
-        A digit's cell: all eight are as large, so that a reader's crops are.
-    hoist_px, closing_px : tuple of 4 pairs of int
-        Top left corners of each number's digit cells, from left to right.
-    decimals : int
-        How many of a number's four digits are decimals of a metre: 2 makes it centimetres, up to 99.99 m.
-    point : bool
-        Whether a decimal point stands in the gap before the decimals.
+    All eight digits' cells are as large, so that a reader's crops are. With 2 decimals a number is centimetres, up to
+    99.99 m.
     """
 
     error = LayoutError
 
-    width_px: Side
-    height_px: Side
-    clock: Clock
-    digit_width_px: Place
-    digit_height_px: Place
-    hoist_px: FourCorners
-    closing_px: FourCorners
-    decimals: Annotated[int, Meta(ge=1, le=3)] = 2
-    point: bool = False
+    width_px: Annotated[Side, about("Width of the image in which the layout was measured.")]
+    height_px: Annotated[Side, about("Height of that image.")]
+    clock: Annotated[Clock, about("Place of the clock.")]
+    digit_width_px: Annotated[Place, about("Width of a digit's cell.")]
+    digit_height_px: Annotated[Place, about("Height of a digit's cell.")]
+    hoist_px: Annotated[FourCorners, about("Top left corners of the hoisting rope's four digits.")]
+    closing_px: Annotated[FourCorners, about("Top left corners of the closing rope's four digits.")]
+    decimals: Annotated[int, about("How many of the four digits are decimals of a metre.", ge=1, le=3)] = 2
+    point: Annotated[bool, about("Whether a decimal point stands before the decimals.")] = False
 
     def check(self) -> None:  # noqa: D102
         size, least = f"{self.width_px} x {self.height_px} px", LEAST_DIGIT_PX

@@ -10,14 +10,13 @@ from types import ModuleType
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from simgrab.errors import ScenarioError
 from simgrab.io import fonts, models, photographs, resources
 from simgrab.io.models import Model, copied
 from simgrab.io.parse import MOST_LEVELS, Refuse, find_misfit, parse_value, read_json, read_toml, shown
 from simgrab.io.resources import SCENES
-from simgrab.io.strict import convert
+from simgrab.io.strict import convert, without_numpy
 from simgrab.model.scenario import Scenario, merged, vary
 from simgrab.model.scenario import resized as resized
 from simgrab.model.scenario.factor import JOINT
@@ -71,7 +70,7 @@ def load(
         raise ScenarioError("", f"changes must be a mapping from dotted keys to values, got {type(changes).__name__}")
     change: dict[str, Any] = {}
     for key, value in (changes or {}).items():
-        change = merged(change, vary.nested(key, value.item() if isinstance(value, np.generic) else value))
+        change = merged(change, vary.nested(key, without_numpy(value)))
     if misfit := find_misfit(change):
         raise ScenarioError(*misfit)
     factors = change.get("vary")
@@ -225,9 +224,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
             left -= len(files[name])
         return _kind(table).of_files(table["file"], files, refuse)
 
-    scenario = convert(merged(Scenario().to_dict(), _with_models(data, copy)), Scenario)
-    vary.check(scenario)
-    return scenario
+    return of_data(data, copy)
 
 
 def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], Model]) -> Scenario:
@@ -243,7 +240,7 @@ def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse],
     ------
     ScenarioError
     """
-    scenario = convert(merged(Scenario().to_dict(), _with_models(data, read)), Scenario)
+    scenario = convert(merged(_defaults(), _with_models(data, read)), Scenario)
     vary.check(scenario)
     return scenario
 

@@ -23,6 +23,7 @@ from seconds import SECOND_RENDERERS
 
 from simgrab import __version__
 from simgrab.cli import cli, main
+from simgrab.cli._verbs import VERBS
 from simgrab.errors import SimgrabError, WorkerError
 from simgrab.judge import doctor
 from simgrab.judge.audit.second_renderer import choice, install_hint
@@ -116,14 +117,6 @@ def test_an_error_is_one_line_whatever_a_file_is_called(monkeypatch, capsys):
     said = capsys.readouterr().err
     assert r"no\nsuch\x1b[31m\xff.jpg" in said
     assert said.count("\n") == 1
-
-
-def test_main_turns_errors_into_status_2(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["simgrab", "scenes", "show", "nowhere"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.startswith("simgrab: no scene or file 'nowhere'")
 
 
 @pytest.mark.parametrize(
@@ -320,12 +313,6 @@ def test_scenes_lists_shows_and_describes():
     assert "$defs" in json.loads(run("scenes", "schema")[1])
 
 
-def test_size_is_that_of_the_function():
-    status, out, _ = run("scenes", "show", "calm-day", "--size", "640x360", "--json")
-    assert status == 0
-    assert json.loads(out) == scenes.resized(scenes.load("calm-day"), 640, 360).to_dict()
-
-
 def test_version():
     assert run("--version")[:2] == (0, f"simgrab, version {__version__}\n")
     done = subprocess.run([sys.executable, "-m", "simgrab", "--version"], capture_output=True, text=True, check=True)
@@ -399,11 +386,14 @@ def test_doctor_says_how_to_install_a_second_renderer(monkeypatch):
     assert f"second renderer  none, audits stay incomplete: no second renderer is installed; {install_hint()}" in out
 
 
-def test_help_names_every_verb():
-    out = run("--help")[1]
-    for verb in ("audit", "doctor", "render", "scenes"):
-        assert f"  {verb} " in out
+def test_every_command_is_in_the_list_and_one_of_an_absent_room_is_none(monkeypatch):
+    listed = run("--help")[1]
+    for verb in VERBS:
+        assert f"  {verb} " in listed
         assert run(verb, "--help")[0] == 0
+    monkeypatch.setitem(VERBS, "doctor", ("simgrab.no_such_room.doctor:command", "Gone."))
+    assert "doctor" not in run("--help")[1]
+    assert "No such command 'doctor'" in run("doctor")[2]
 
 
 def complete(kind, **words):

@@ -47,7 +47,9 @@ def wait_for(path, process):
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("number", STATUS)
+@pytest.mark.parametrize(
+    "number", [pytest.param(one, marks=[] if one == signal.SIGINT else pytest.mark.slow) for one in STATUS]
+)
 def test_a_signal_ends_a_command_as_an_interrupt_does(tmp_path, number):
     process = start(tmp_path)
     process.send_signal(number)
@@ -58,6 +60,7 @@ def test_a_signal_ends_a_command_as_an_interrupt_does(tmp_path, number):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "clean", "cleaning"]
 
 
+@pytest.mark.slow
 def test_a_second_signal_ends_it_at_once(tmp_path):
     process = start(tmp_path, cleaning=600)
     process.send_signal(signal.SIGINT)
@@ -117,6 +120,7 @@ def test_a_signal_while_the_end_is_reported_gives_no_traceback(step, end):
     assert done.returncode == {"_report": 143, "_drop_unprintable": 0}[step]
 
 
+@pytest.mark.slow
 def test_what_was_ignored_stays_ignored(tmp_path):
     ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
     process = start(tmp_path, code=ignoring + WAITS)

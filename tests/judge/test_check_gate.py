@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
+import click
 import cv2
 import msgspec
 import numpy as np
@@ -390,6 +391,14 @@ def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
     cases = ElementTree.parse(tmp_path / "out" / "junit.xml").findall(".//testcase")
     assert len(cases) == len(told["verdicts"])
     assert {c.get("classname") for c in cases} == {"simgrab.small", "simgrab.small.swing"}
+
+
+def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypatch):
+    said, echo = [], click.echo
+    monkeypatch.setattr(click, "echo", lambda line, err=False: said.append(line) if err else echo(line))
+    record = ("--update-baseline", "--seeds", "1", "--baseline", tmp_path / "new", "--quiet")
+    assert shell("--instrument", "pipelines:sound", *record) == (0, "")
+    assert said == [f"recorded over 1 seeds in {tmp_path / 'new'}"]
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):

@@ -79,7 +79,7 @@ def test_the_address_with_the_token_gives_a_cookie_that_only_this_page_sends(add
     assert answer.status == 200
     cookie, *rules = answer.headers["set-cookie"].split("; ")
     assert cookie == f"simgrab-{address.port}={address.token}"
-    assert sorted(rules) == ["HttpOnly", "Path=/", "SameSite=Strict"]
+    assert sorted(map(str.lower, rules)) == ["httponly", "path=/", "samesite=strict"]
     assert address.token.encode() not in answer.body
     assert ask(address, "/", token=None, headers={"Cookie": cookie}).status == 200
     assert reached == [("GET", "/", 0)]
@@ -211,20 +211,10 @@ def test_the_token_is_in_no_command_line(monkeypatch):
 def test_files_of_pages_hold_no_script_of_their_own_and_load_nothing_from_elsewhere():
     for name, asset in assets.read(*Path(assets.__file__).parents[2].glob("*/static")).items():
         text = asset.content.decode()
-        for forbidden in (
-            "innerHTML",
-            "outerHTML",
-            "insertAdjacentHTML",
-            "document.write",
-            "eval(",
-            "Function(",
-            "style=",
-        ):
-            assert forbidden not in text, name
-        assert "https://" not in text
-        assert {"http://www.w3.org/2000/svg"} >= {word for word in text.replace('"', " ").split() if "http:" in word}, (
-            name
-        )
+        forbidden = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|Function\(|style=|https://"
+        assert not re.search(forbidden, text), name
+        addresses = {word for word in text.replace('"', " ").split() if "http:" in word}
+        assert addresses <= {"http://www.w3.org/2000/svg"}, name
         if name.endswith(".html"):
             assert text.count("<script") == text.count('<script src="/static/')
             assert not re.search(r"\son\w+=", text)

@@ -7,23 +7,17 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FOLDER, PATH
+from simgrab.cli._options import FOLDER, PATH, detector_option
 
 
 @click.command(name="match")
 @click.argument("videos", type=PATH, nargs=-1, required=True, metavar="VIDEO...")
 @click.option("--out", type=FOLDER, default=Path("matched"), show_default=True, help="Folder for scene and page.")
-@click.option(
-    "--detector",
-    "name",
-    default="bundled",
-    show_default=True,
-    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
-)
+@detector_option
 @click.option("--night", is_flag=True, help="They were recorded at night, by floodlights: footage does not show it.")
 @click.option("--compare/--no-compare", default=True, show_default=True, help="Render the scene, and write the page.")
 @click.option("--json", "as_json", is_flag=True, help="Print the quantities as JSON.")
-def command(videos: tuple[Path, ...], out: Path, name: str, night: bool, compare: bool, as_json: bool) -> None:
+def command(videos: tuple[Path, ...], out: Path, detector_name: str, night: bool, compare: bool, as_json: bool) -> None:
     """Measure what VIDEO... show of their camera, and write a scene that looks alike.
 
     Writes two scenes for `simgrab render`: matched.toml, a clip, and training.toml, worlds to train a detector on.
@@ -36,7 +30,7 @@ def command(videos: tuple[Path, ...], out: Path, name: str, night: bool, compare
     from simgrab.match import scene as matching
     from simgrab.reports.terminal import cell, table
 
-    matched = matching.match(videos, detector(name), night=night, compare=compare)
+    matched = matching.match(videos, detector(detector_name), night=night, compare=compare)
     matched.save(out)
     rows = matched.theirs.rows()
     console = Console()

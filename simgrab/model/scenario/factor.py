@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.io.parse import shown
 from simgrab.io.strict import Checked
 from simgrab.model.distributions import MOST_VALUES, AnyDistribution, Choice, Weights
-from simgrab.model.scenario.base import Meta
+from simgrab.model.scenario.base import about
 
 JOINT = "+"  # between keys that are drawn together
 
@@ -21,9 +21,9 @@ class OneOf(Checked, frozen=True, tag_field="dist", tag="one-of"):
     ``names`` are what labels call the values; without them labels hold the values themselves.
     """
 
-    values: Annotated[tuple[Any, ...], Meta(min_length=1, max_length=MOST_VALUES)]
-    weights: Weights = ()
-    names: Annotated[tuple[str, ...], Meta(max_length=MOST_VALUES)] = ()
+    values: Annotated[tuple[Any, ...], about("Values of any kind.", min_length=1, max_length=MOST_VALUES)]
+    weights: Annotated[Weights, about("Weights, which need not sum to 1; equal unless given.")] = ()
+    names: Annotated[tuple[str, ...], about("What labels call the values.", max_length=MOST_VALUES)] = ()
 
     def check(self) -> None:  # noqa: D102
         for what, given in (("weights", self.weights), ("names", self.names)):

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from types import ModuleType
+from typing import Annotated, ClassVar, Literal
 
 from simgrab.errors import ScenarioError
 from simgrab.io import models
-from simgrab.model.scenario.base import Cargo, Meta, Share, Strict, Tagged
+from simgrab.model.scenario.base import Cargo, File, Meta, OfFile, Rgb, Sha256, Share, Strict, Tagged, about
 
 Point = tuple[float, float, float]
 Ratio = Annotated[float, Meta(ge=0.75, le=1.35)]
+Shells = Literal["closed", "half", "open"]
+Profile = Literal["round", "angular"]
+Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
+Mass = Annotated[float, Meta(ge=50, le=200_000)]
+DragArea = Annotated[float, Meta(ge=0, le=500)]
 
 
 class Looks(Tagged, frozen=True):
-    """What all grabs have. ``wear`` and ``residue`` go from 0 (new, clean) to 1."""
+    """What all grabs have."""
 
-    paint_rgb: tuple[Share, Share, Share] = (0.86, 0.52, 0.07)
-    wear: Share = 0.4
-    residue: Share = 0.3
-    cargo: Cargo = "coal"
+    paint_rgb: Annotated[Rgb, about("Colour of the paint: red, green and blue from 0 to 1.")] = (0.86, 0.52, 0.07)
+    wear: Annotated[Share, about("Worn paint and rust: 0 is new.")] = 0.4
+    residue: Annotated[Share, about("Cargo that sticks to the grab: 0 is clean.")] = 0.3
+    cargo: Annotated[Cargo, about("Cargo that the grab holds and that sticks to it.")] = "coal"
 
 
 class FourRope(Looks, frozen=True, tag="four-rope"):
@@ -30,21 +35,20 @@ class FourRope(Looks, frozen=True, tag="four-rope"):
 class Shaped(Looks, frozen=True):
     """What all parametric grabs have.
 
-    ``volume_m3`` is what the closed grab holds. ``width`` (across the closing line), ``length`` (along it) and
-    ``height`` are relative to the usual proportions of its kind: they are scaled together, so that the volume stays.
-    ``plate_work`` goes from 0 (smooth) to 1 (many ribs and stiffeners).
+    ``width``, ``length`` and ``height`` are relative to the kind's usual proportions, and are scaled together so that
+    the volume stays.
     """
 
-    volume_m3: Annotated[float, Meta(ge=3, le=20)] = 6.0
-    width: Ratio = 1.0
-    length: Ratio = 1.0
-    height: Ratio = 1.0
-    ropes: Literal[1, 2, 4] = 4
-    plate_work: Share = 0.5
-    teeth: Annotated[int, Meta(ge=0, le=12)] = 0
-    ladder: bool = False
-    guards: bool = False
-    markings: bool = True
+    volume_m3: Annotated[float, about("What the closed grab holds.", ge=3, le=20)] = 6.0
+    width: Annotated[Ratio, about("Size across the closing line over the kind's usual one; the volume stays.")] = 1.0
+    length: Annotated[Ratio, about("Size along the closing line over the kind's usual one; the volume stays.")] = 1.0
+    height: Annotated[Ratio, about("Height over the kind's usual one; the volume stays.")] = 1.0
+    ropes: Annotated[Literal[1, 2, 4], about("Number of ropes that the grab hangs on.")] = 4
+    plate_work: Annotated[Share, about("Ribs and stiffeners on the plates: 0 is smooth.")] = 0.5
+    teeth: Annotated[int, about("Number of teeth on the cutting edges.", ge=0, le=12)] = 0
+    ladder: Annotated[bool, about("Whether a ladder is mounted on the head.")] = False
+    guards: Annotated[bool, about("Whether guard rails stand on the head.")] = False
+    markings: Annotated[bool, about("Whether markings are painted on the grab.")] = True
 
 
 class OrangePeel(Shaped, frozen=True, tag="orange-peel"):
@@ -55,9 +59,9 @@ class OrangePeel(Shaped, frozen=True, tag="orange-peel"):
     ropes, or ``drive = "hydraulic"``.
     """
 
-    tines: Literal[3, 4, 5, 6, 8] = 6
-    shells: Literal["closed", "half", "open"] = "closed"
-    drive: Literal["ropes", "hydraulic"] = "ropes"
+    tines: Annotated[Literal[3, 4, 5, 6, 8], about("Number of tines.")] = 6
+    shells: Annotated[Shells, about("How much of the bowl the tines' plates close.")] = "closed"
+    drive: Annotated[Literal["ropes", "hydraulic"], about("What closes the jaws.")] = "ropes"
 
     def check(self) -> None:  # noqa: D102
         check_ropes(self.ropes, self.drive)
@@ -70,11 +74,11 @@ class Clamshell(Shaped, frozen=True, tag="clamshell"):
     head; a single rope hangs on a hook block, and a latch inside the grab works the jaws.
     """
 
-    top: Literal["open", "closed"] = "open"
-    profile: Literal["round", "angular"] = "round"
-    arms: Literal[2, 4] = 4
-    head: Literal["frame", "block", "round"] = "frame"
-    drive: Literal["ropes", "hydraulic"] = "ropes"
+    top: Annotated[Literal["open", "closed"], about("Whether roofs close the shells from above.")] = "open"
+    profile: Annotated[Profile, about("Shape of the shells' backs, seen along the closing line.")] = "round"
+    arms: Annotated[Literal[2, 4], about("Number of arms between shells and head.")] = 4
+    head: Annotated[Literal["frame", "block", "round"], about("Kind of head.")] = "frame"
+    drive: Annotated[Literal["ropes", "hydraulic"], about("What closes the jaws.")] = "ropes"
 
 
 class Scissors(Shaped, frozen=True, tag="scissors"):
@@ -83,8 +87,8 @@ class Scissors(Shaped, frozen=True, tag="scissors"):
     It needs two or four ropes.
     """
 
-    top: Literal["open", "closed"] = "open"
-    profile: Literal["round", "angular"] = "round"
+    top: Annotated[Literal["open", "closed"], about("Whether roofs close the shells from above.")] = "open"
+    profile: Annotated[Profile, about("Shape of the shells' backs, seen along the closing line.")] = "round"
 
     def check(self) -> None:  # noqa: D102
         check_ropes(self.ropes, "ropes")
@@ -102,9 +106,9 @@ class Assembled(Looks, frozen=True, tag="assembled"):
     Every ``shape`` gives another one. ``volume_m3`` scales its size; it is not what the grab holds.
     """
 
-    shape: Share = 0.5
-    volume_m3: Annotated[float, Meta(ge=3, le=20)] = 6.0
-    ropes: Literal[1, 2, 4] = 4
+    shape: Annotated[Share, about("Selects the shape; every value gives another one.")] = 0.5
+    volume_m3: Annotated[float, about("Scales the size; it is not what the grab holds.", ge=3, le=20)] = 6.0
+    ropes: Annotated[Literal[1, 2, 4], about("Number of ropes that the grab hangs on.")] = 4
 
 
 class Jaw(Strict, frozen=True):
@@ -114,12 +118,12 @@ class Jaw(Strict, frozen=True):
     ``stroke_m``. ``lips_m`` are ends of its cutting edge, which become keypoints.
     """
 
-    node: Annotated[str, Meta(min_length=1, max_length=200)]
-    hinge_m: Point = (0.0, 0.0, 0.0)
-    axis: Point = (0.0, 1.0, 0.0)
-    open_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
-    stroke_m: float = 0.0
-    lips_m: Annotated[tuple[Point, ...], Meta(max_length=4)] = ()
+    node: Annotated[str, about("Node of the file, with all below it.", min_length=1, max_length=200)]
+    hinge_m: Annotated[Point, about("Point on the axis.")] = (0.0, 0.0, 0.0)
+    axis: Annotated[Point, about("Direction of the axis.")] = (0.0, 1.0, 0.0)
+    open_deg: Annotated[float, about("Rotation from closed to open, right-handed.", ge=-180, le=180)] = 0.0
+    stroke_m: Annotated[float, about("Travel along the axis from closed to open.")] = 0.0
+    lips_m: Annotated[tuple[Point, ...], about("Ends of its cutting edge, as keypoints.", max_length=4)] = ()
 
     def check(self) -> None:  # noqa: D102
         if (self.open_deg == 0) == (self.stroke_m == 0):
@@ -128,50 +132,33 @@ class Jaw(Strict, frozen=True):
             raise ScenarioError("axis", "must be a direction, not zero")
 
 
-class Mesh(Looks, frozen=True, kw_only=True, tag="mesh"):
+class Mesh(OfFile, Looks, frozen=True, kw_only=True, tag="mesh"):
     """A user's own grab, closed and empty, from a file: GLB, glTF, OBJ, PLY or STL.
 
-    A scene file names it by its path, absolute or from the scene file's folder. ``scale`` gives metres a unit, ``up``
-    the file's axis that points up (``"auto"``: y in glTF, z in others), ``yaw_deg`` a turn about it. All points are
-    then in metres, z up, from the file's origin. ``centre_m`` is the grab's centre A: by default on the ropes' axis at
-    half the height.
-    ``rope_ends_m`` are where the ropes end, by default at the top of the middle. ``mass_kg`` and ``drag_area_m2`` (drag
-    coefficient times area) are estimated from the shape unless given. With ``finish = "paint"``, or where the file has
-    no colours, the grab is painted as others are. Jaws open together, each in proportion; they need a file with named
-    nodes.
+    With ``scale``, ``up`` and ``yaw_deg`` applied, all points are in metres, z up, from the file's origin. With
+    ``finish = "paint"``, or where the file has no colours, the grab is painted as others are. Jaws open together, each
+    in proportion; they need a file with named nodes.
     """
 
-    file: Annotated[str, Meta(min_length=1, max_length=4096)]
-    sha256: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
-    scale: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
-    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
-    yaw_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
-    centre_m: Point | None = None
-    ropes: Literal[1, 2, 4] = 4
-    rope_ends_m: tuple[Point, ...] = ()
-    lips_m: Annotated[tuple[Point, ...], Meta(max_length=4)] = ()
-    mass_kg: Annotated[float, Meta(ge=50, le=200_000)] | None = None
-    drag_area_m2: Annotated[float, Meta(ge=0, le=500)] | None = None
-    finish: Literal["file", "paint"] = "file"
-    jaws: Annotated[tuple[Jaw, ...], Meta(max_length=16)] = ()
+    reader: ClassVar[ModuleType] = models
 
-    @classmethod
-    def of(cls, path: str | Path, **keys: Any) -> Mesh:
-        """Read a model; ``keys`` are the other fields.
-
-        Raises
-        ------
-        ScenarioError
-            If it cannot be read, or the keys do not fit.
-        """
-        model = models.read(path, lambda problem: ScenarioError("file", problem))
-        return cls(file=model.name, sha256=model.sha256, **keys)
+    file: Annotated[File, about("GLB, glTF, OBJ, PLY or STL file; its path is absolute or from the scene's folder.")]
+    sha256: Sha256 = ""
+    scale: Annotated[float, about("Metres per unit of the file.", gt=0, le=1e6)] = 1.0
+    up: Annotated[Up, about("Axis of the file that points up; auto is y in glTF and GLB, z in others.")] = "auto"
+    yaw_deg: Annotated[float, about("Turn about the vertical.", ge=-360, le=360)] = 0.0
+    centre_m: Annotated[Point | None, about("Grab centre A; by default on the ropes' axis, at half the height.")] = None
+    ropes: Annotated[Literal[1, 2, 4], about("Number of ropes that the grab hangs on.")] = 4
+    rope_ends_m: Annotated[tuple[Point, ...], about("Where the ropes end; by default at the top of the middle.")] = ()
+    lips_m: Annotated[tuple[Point, ...], about("Ends of the cutting edges, as keypoints.", max_length=4)] = ()
+    mass_kg: Annotated[Mass | None, about("Mass; by default estimated from the shape.")] = None
+    drag_area_m2: Annotated[DragArea | None, about("Drag coefficient times area; by default from the shape.")] = None
+    finish: Annotated[Literal["file", "paint"], about("Colours of the file, or paint as on other grabs.")] = "file"
+    jaws: Annotated[tuple[Jaw, ...], about("Moving parts.", max_length=16)] = ()
 
     def check(self) -> None:
         """Refuse what does not fit together."""
-        # A scene of a stranger becomes such a table too: no file is opened here.
-        if not self.sha256 or Path(self.file).name != self.file:
-            raise ScenarioError("file", "a model is read by simgrab.load, from a scene file, or by Mesh.of")
+        self.check_read(self.file, self.sha256)
         if self.rope_ends_m and len(self.rope_ends_m) != self.ropes:
             raise ScenarioError("rope_ends_m", f"{len(self.rope_ends_m)} points for {self.ropes} ropes")
         if sum(map(len, (self.lips_m, *(jaw.lips_m for jaw in self.jaws)))) > 4:

@@ -8,19 +8,19 @@ from typing import Annotated, Literal
 
 from simgrab.model import layouts
 from simgrab.model.layouts import Layout
-from simgrab.model.scenario.base import Meta, Share, Strict
+from simgrab.model.scenario.base import Share, Strict, about
 from simgrab.model.scenario.font import BundledFont, Font
 
 
 class Image(Strict, frozen=True):
     """How frames are drawn and stored."""
 
-    format: Literal["jpeg", "png"] = "jpeg"
-    quality: Annotated[int, Meta(ge=1, le=100)] = 95
-    samples: Literal[0, 2, 4, 8] = 4
-    shadow_map_px: Literal[0, 1024, 2048, 4096, 8192] = 4096
-    ids: bool = False
-    depth: bool = False
+    format: Annotated[Literal["jpeg", "png"], about("File format of the images.")] = "jpeg"
+    quality: Annotated[int, about("JPEG quality.", ge=1, le=100)] = 95
+    samples: Annotated[Literal[0, 2, 4, 8], about("Samples per pixel for antialiasing; 0 is none.")] = 4
+    shadow_map_px: Annotated[Literal[0, 1024, 2048, 4096, 8192], about("Side of the shadow map; 0: none.")] = 4096
+    ids: Annotated[bool, about("Whether to store what each pixel shows.")] = False
+    depth: Annotated[bool, about("Whether to store the depth of each pixel.")] = False
 
     @property
     def stores_buffers(self) -> bool:
@@ -35,8 +35,8 @@ class Shutter(Strict, frozen=True):
     at which the row exposes that shows the grab centre. Independent frames stand still.
     """
 
-    exposure_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.0
-    rolling_s: Annotated[float, Meta(ge=0, le=0.1)] = 0.0
+    exposure_s: Annotated[float, about("Exposure time of each row.", ge=0, le=0.5)] = 0.0
+    rolling_s: Annotated[float, about("Time from the first row's exposure to the last row's.", ge=0, le=0.1)] = 0.0
 
     @property
     def open_s(self) -> float:
@@ -47,21 +47,19 @@ class Shutter(Strict, frozen=True):
 class Clip(Strict, frozen=True):
     """Time and the video: how frames follow each other, and what coding and network do to them.
 
-    A scenario's ``frames`` are cut into clips of ``clip_frames``, each with a motion of its own; 0 makes it one. The
-    camera takes frame k of a clip at k / ``frame_rate_hz``. A share ``drop_share`` of the frames is lost and leaves a
-    gap. Of the others a share ``repeat_share`` comes too late to be coded: the picture last sent is sent again in its
-    place. ``jitter_ms`` is the standard deviation of the time stamps, of which none overtakes the one before. The first
-    frame of a clip is always sent, at time 0. ``bit_rate_mbit_s`` is kept but for a buffer of two seconds; every
-    ``gop_frames`` pictures begin with a key frame.
+    Each clip has a motion of its own, and the camera takes its frame k at k / ``frame_rate_hz``. Frames that are
+    repeated come too late to be coded: the picture last sent is sent again in their place. No time stamp overtakes the
+    one before, and the first frame of a clip is always sent, at time 0. The bit rate is kept but for a buffer of two
+    seconds.
     """
 
-    frame_rate_hz: Annotated[float, Meta(ge=0.01, le=120)] = 9.0
-    clip_frames: Annotated[int, Meta(ge=0, le=10_000_000)] = 0
-    bit_rate_mbit_s: Annotated[float, Meta(gt=0, le=200)] = 4.0
-    gop_frames: Annotated[int, Meta(ge=1, le=1000)] = 50
-    drop_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
-    repeat_share: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
-    jitter_ms: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    frame_rate_hz: Annotated[float, about("Frames per second.", ge=0.01, le=120)] = 9.0
+    clip_frames: Annotated[int, about("Frames of a clip; 0 makes all frames one clip.", ge=0, le=10_000_000)] = 0
+    bit_rate_mbit_s: Annotated[float, about("Bit rate of the video.", gt=0, le=200)] = 4.0
+    gop_frames: Annotated[int, about("Frames from one key frame to the next.", ge=1, le=1000)] = 50
+    drop_share: Annotated[float, about("Share of frames that are lost and leave a gap.", ge=0, le=0.9)] = 0.0
+    repeat_share: Annotated[float, about("Share of the others that repeat the previous image.", ge=0, le=0.9)] = 0.0
+    jitter_ms: Annotated[float, about("Standard deviation of the time stamps.", ge=0, le=1000)] = 0.0
 
     def count(self, frames: int) -> int:
         """Return the number of clips that so many frames make."""
@@ -80,20 +78,16 @@ class Clip(Strict, frozen=True):
 class Display(Strict, frozen=True):
     """The on-screen display: clock, and the rope lengths as the crane's controller knows them.
 
-    ``layout`` is a bundled layout's name or a layout's own table; "none" shows nothing. The controller refreshes the
-    numbers ``refresh_hz`` times a second with values ``lag_s`` old; the picture is read out over ``readout_s``, and a
-    refresh that falls in between tears it. The lengths shown are |OA|, and that plus what the closing rope pays out to
-    open the jaws, each less ``constant_m``. The clock shows ``start`` when time begins. ``font`` is that of the
-    lengths; the clock keeps the bundled one.
+    The lengths shown are |OA|, and that plus what the closing rope pays out to open the jaws, each less ``constant_m``.
     """
 
-    layout: str | Layout = "none"
-    start: str = "2022-01-26T14:05:37"
-    lag_s: Annotated[float, Meta(ge=0, le=10)] = 0.5
-    refresh_hz: Annotated[float, Meta(gt=0, le=100)] = 5.0
-    readout_s: Annotated[float, Meta(ge=0, le=100)] = 0.03
-    constant_m: Annotated[float, Meta(ge=-10, le=10)] = 2.5
-    font: Font = BundledFont()
+    layout: Annotated[str | Layout, about("Name of a bundled layout, a layout's own table, or none.")] = "none"
+    start: Annotated[str, about("Local date and time of the clock at time 0.")] = "2022-01-26T14:05:37"
+    lag_s: Annotated[float, about("How old the displayed lengths are.", ge=0, le=10)] = 0.5
+    refresh_hz: Annotated[float, about("Refresh rate of the lengths.", gt=0, le=100)] = 5.0
+    readout_s: Annotated[float, about("Time to read out the image; a refresh tears the display.", ge=0, le=100)] = 0.03
+    constant_m: Annotated[float, about("How much too short the displayed lengths are.", ge=-10, le=10)] = 2.5
+    font: Annotated[Font, about("Font of the rope lengths; the clock keeps the bundled one.")] = BundledFont()
 
     def check(self) -> None:  # noqa: D102
         if isinstance(self.layout, str) and self.layout not in ("none", *layouts.names()):
@@ -128,15 +122,15 @@ class Display(Strict, frozen=True):
 class Labels(Strict, frozen=True):
     """Which frames get a detection box: those that show at least this fraction of the grab's silhouette."""
 
-    least_visible_fraction: Share = 0.1
+    least_visible_fraction: Annotated[Share, about("Least visible fraction of the grab for a detection box.")] = 0.1
 
 
 class Splits(Strict, frozen=True):
     """Shares of the seeded draw into train, val and test."""
 
-    train: Share = 0.8
-    val: Share = 0.1
-    test: Share = 0.1
+    train: Annotated[Share, about("Share of the training split.")] = 0.8
+    val: Annotated[Share, about("Share of the validation split.")] = 0.1
+    test: Annotated[Share, about("Share of the test split. The three sum to 1.")] = 0.1
 
     def check(self) -> None:  # noqa: D102
         if not math.isclose(self.train + self.val + self.test, 1.0, abs_tol=1e-9):

@@ -47,7 +47,8 @@ def resized(scenario: Scenario, width_px: int, height_px: int) -> Scenario:
     (548.27, 548.27)
     """
     change = _Change(scenario.camera, operator.index(width_px), operator.index(height_px))
-    data = scenario.to_dict()
+    sharpens = any("optics.sharpening" in name for name in scenario.vary)  # else a default, which is not scaled
+    data = msgspec.to_builtins(scenario) if sharpens else scenario.to_dict()
     factors = {name: change.factor(name, factor) for name, factor in data.pop("vary").items()}
     result = convert({**change.value("", data), "vary": factors}, Scenario)
     vary.check(result)

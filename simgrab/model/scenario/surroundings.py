@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Literal
+from types import ModuleType
+from typing import Annotated, ClassVar, Literal
 
-from simgrab.errors import ScenarioError
 from simgrab.io import photographs
-from simgrab.model.scenario.base import Cargo, Meta, Share, Strict, Tagged
+from simgrab.model.scenario.base import Azimuth, Cargo, File, OfFile, Sha256, Share, Strict, Tagged, about
 
 
 class Jib(Strict, frozen=True):
@@ -18,11 +17,11 @@ class Jib(Strict, frozen=True):
     crane whose camera sees none of its head.
     """
 
-    head_height_m: Annotated[float, Meta(ge=22, le=35)] = 28.0
-    head: Literal["portal", "none"] = "portal"
-    rope_spread_x_m: Annotated[float, Meta(ge=0.2, le=0.8)] = 0.45
-    rope_spread_y_m: Annotated[float, Meta(ge=0.5, le=1.2)] = 1.1
-    rope_diameter_mm: Annotated[float, Meta(ge=16, le=50)] = 32.0
+    head_height_m: Annotated[float, about("Height of the rope exit O above the quay.", ge=22, le=35)] = 28.0
+    head: Annotated[Literal["portal", "none"], about("Whether the steel of the jib head is there.")] = "portal"
+    rope_spread_x_m: Annotated[float, about("Distance between rope exits, outboard.", ge=0.2, le=0.8)] = 0.45
+    rope_spread_y_m: Annotated[float, about("Distance between rope exits, sideways.", ge=0.5, le=1.2)] = 1.1
+    rope_diameter_mm: Annotated[float, about("Diameter of the ropes.", ge=16, le=50)] = 32.0
 
 
 class Plain(Tagged, frozen=True, tag="plain"):
@@ -36,58 +35,45 @@ class RandomPlace(Tagged, frozen=True, tag="random"):
 class Quay(Tagged, frozen=True, tag="quay"):
     """Quay apron: rails, markings, a bulk pile, and a hopper or truck to dump into."""
 
-    cargo: Cargo = "coal"
-    receiver: Literal["hopper", "truck", "none"] = "hopper"
-    pile_height_m: Annotated[float, Meta(ge=0, le=5)] = 2.5
-    wear: Share = 0.5
+    cargo: Annotated[Cargo, about("Bulk cargo in the place.")] = "coal"
+    receiver: Annotated[Literal["hopper", "truck", "none"], about("What the cargo is dumped into.")] = "hopper"
+    pile_height_m: Annotated[float, about("Height of the bulk pile; 0 is none.", ge=0, le=5)] = 2.5
+    wear: Annotated[Share, about("Age of the place: 0 is new.")] = 0.5
 
 
 class Hold(Tagged, frozen=True, tag="hold"):
     """A bulk carrier's hold: coaming, frames, tank top, and a heap that fills it by ``fill``."""
 
-    cargo: Cargo = "coal"
-    fill: Share = 0.4
-    depth_m: Annotated[float, Meta(ge=12, le=18)] = 15.0
-    wear: Share = 0.5
+    cargo: Annotated[Cargo, about("Bulk cargo in the place.")] = "coal"
+    fill: Annotated[Share, about("How full the hold is.")] = 0.4
+    depth_m: Annotated[float, about("Depth of the hold.", ge=12, le=18)] = 15.0
+    wear: Annotated[Share, about("Age of the place: 0 is new.")] = 0.5
 
 
 class Water(Tagged, frozen=True, tag="water"):
     """Water beside the hull, with the quay wall opposite."""
 
-    freeboard_m: Annotated[float, Meta(ge=2, le=8)] = 4.0
-    quay_height_m: Annotated[float, Meta(ge=1.5, le=6)] = 3.0
-    chop: Share = 0.3
+    freeboard_m: Annotated[float, about("Height of the ship's deck above the water.", ge=2, le=8)] = 4.0
+    quay_height_m: Annotated[float, about("Height of the quay above the water.", ge=1.5, le=6)] = 3.0
+    chop: Annotated[Share, about("Waves: 0 is calm.")] = 0.3
 
 
-class Photo(Tagged, frozen=True, kw_only=True, tag="photo"):
+class Photo(OfFile, Tagged, frozen=True, kw_only=True, tag="photo"):
     """What the camera sees below the jib, from a photograph, a folder of photographs, or a video.
 
-    A scene file names the file or folder by its path, absolute or from the scene file's folder. A photograph fills
-    the picture as it is: it is scaled and cut to the picture's size, and not warped. It hides ground as level as
-    ``plain``, on which the grab casts its shadow. The scene's light falls on grab, ropes and jib head alone. Of a
-    folder, each independent frame, or each clip, shows a random photograph. A video begins with each clip, goes on
-    frame by frame, and repeats.
+    A photograph fills the picture as it is: it is scaled and cut to the picture's size, and not warped. It hides ground
+    as level as ``plain``, on which the grab casts its shadow. The scene's light falls on grab, ropes and jib head
+    alone. Of a folder, each independent frame, or each clip, shows a random photograph. A video begins with each clip,
+    goes on frame by frame, and repeats.
     """
 
-    file: Annotated[str, Meta(min_length=1, max_length=4096)]
-    sha256: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
+    reader: ClassVar[ModuleType] = photographs
 
-    @classmethod
-    def of(cls, path: str | Path) -> Photo:
-        """Read photographs or a video.
+    file: Annotated[File, about("Photograph, video or folder of photographs; absolute or from the scene's folder.")]
+    sha256: Sha256 = ""
 
-        Raises
-        ------
-        ScenarioError
-            If they cannot be read.
-        """
-        model = photographs.read(path, lambda problem: ScenarioError("file", problem))
-        return cls(file=model.name, sha256=model.sha256)
-
-    def check(self) -> None:
-        """Refuse a file that was not read: a scene of a stranger becomes such a table too."""
-        if not self.sha256 or Path(self.file).name != self.file:
-            raise ScenarioError("file", "it is read by simgrab.load, from a scene file, or by Photo.of")
+    def check(self) -> None:  # noqa: D102
+        self.check_read(self.file, self.sha256)
 
 
 Place = Quay | Hold | Water | Plain | RandomPlace | Photo
@@ -100,22 +86,18 @@ class Clutter(Strict, frozen=True):
     Each is of one of ``kinds``, and of random size and proportions where its kind has any.
     """
 
-    other_grabs: Annotated[int, Meta(ge=0, le=4)] = 0
-    kinds: Annotated[tuple[Kind, ...], Meta(min_length=1)] = ("four-rope",)
+    other_grabs: Annotated[int, about("Number of parked grabs, as many as find level ground.", ge=0, le=4)] = 0
+    kinds: Annotated[tuple[Kind, ...], about("Kinds that are drawn.", min_length=1)] = ("four-rope",)
 
 
 class Light(Strict, frozen=True):
-    """Sun, sky, and at night the jib's floodlights, each relative to a clear day at the same exposure.
+    """Sun, sky, and at night the jib's floodlights, each relative to a clear day at the same exposure."""
 
-    ``floodlights`` is their light on a surface 28 m straight below. Azimuth as all azimuths: counter-clockwise from x,
-    seen from above.
-    """
-
-    sun_elevation_deg: Annotated[float, Meta(ge=10, le=90)] = 48.0
-    sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 130.0
-    sun: Annotated[float, Meta(ge=0, le=2)] = 1.0
-    sky: Annotated[float, Meta(ge=0, le=2)] = 0.85
-    floodlights: Annotated[float, Meta(ge=0, le=2)] = 0.0
+    sun_elevation_deg: Annotated[float, about("Elevation of the sun.", ge=10, le=90)] = 48.0
+    sun_azimuth_deg: Annotated[Azimuth, about("Azimuth of the sun, from outboard.")] = 130.0
+    sun: Annotated[float, about("Light of the sun, relative to a clear day.", ge=0, le=2)] = 1.0
+    sky: Annotated[float, about("Light of the sky, relative to a clear day.", ge=0, le=2)] = 0.85
+    floodlights: Annotated[float, about("Light of the jib's floodlights 28 m below; needs sun = 0.", ge=0, le=2)] = 0.0
 
     def check(self) -> None:  # noqa: D102
         if self.sun == 0 and self.sky == 0 and self.floodlights == 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from simgrab.model.scenario.base import Meta, Share, Strict, Tagged
+from simgrab.model.scenario.base import Share, Strict, Tagged, about
 
 
 class Waves(Strict, frozen=True):
@@ -14,16 +14,16 @@ class Waves(Strict, frozen=True):
     swing itself excites them, and a horizontal acceleration of the rope exits, white up to ``bandwidth_hz``.
     """
 
-    modes: Annotated[int, Meta(ge=0, le=20)] = 0
-    damping: Annotated[float, Meta(gt=0, le=0.5)] = 0.01
-    exit_rms_m_s2: Annotated[float, Meta(ge=0, le=10)] = 0.05
-    bandwidth_hz: Annotated[float, Meta(gt=0, le=10)] = 5.0
+    modes: Annotated[int, about("Number of string modes; 0 is none.", ge=0, le=20)] = 0
+    damping: Annotated[float, about("Share of each mode's critical damping.", gt=0, le=0.5)] = 0.01
+    exit_rms_m_s2: Annotated[float, about("RMS of the exits' acceleration along x and y, each.", ge=0, le=10)] = 0.05
+    bandwidth_hz: Annotated[float, about("Frequency up to which it is white noise.", gt=0, le=10)] = 5.0
 
 
 class Hanging(Tagged, frozen=True):
     """What all suspensions have."""
 
-    waves: Waves = Waves()
+    waves: Annotated[Waves, about("Transverse waves of the ropes, for sensors on the rope.")] = Waves()
 
 
 class OneBody(Hanging, frozen=True, tag="one-body"):
@@ -38,16 +38,16 @@ class FourRopes(Hanging, frozen=True, tag="four-rope"):
     that converge downwards.
     """
 
-    tilt_ratio: Annotated[float, Meta(ge=-0.5, le=1)] = 0.0
+    tilt_ratio: Annotated[float, about("Lean of the head over that of its ropes: 0 stays level.", ge=-0.5, le=1)] = 0.0
 
 
 class DoublePendulum(Hanging, frozen=True, tag="double-pendulum"):
     """The grab is a second pendulum: it turns freely about the middle of its rope ends, as below a single hook.
 
-    ``damping`` is that of the grab against the ropes, as a share of the critical one. It needs physics.
+    It needs physics.
     """
 
-    damping: Share = 0.02
+    damping: Annotated[Share, about("Damping of the grab against the ropes, as a share of critical damping.")] = 0.02
 
 
 Suspension = OneBody | FourRopes | DoublePendulum

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from simgrab.errors import ScenarioError
-from simgrab.io.strict import convert, of_another_kind
+from simgrab.io.strict import convert, of_another_kind, without_numpy
 from simgrab.model.rng import stream
 from simgrab.model.scenario.factor import JOINT, OneOf, draw, trials
 from simgrab.model.scenario.whole import Scenario, merged
@@ -77,7 +77,7 @@ def variant(
         drawn = {key: value for key, value in drawn.items() if key in kept or JOINT in key}
         made = _changed(scenario, kept)
         if randomiser is not None:
-            by, further = "the randomiser", _plain(randomiser(made))
+            by, further = "the randomiser", _storable(randomiser(made))
             made = _changed(made, further)
             drawn = {key: value for key, value in drawn.items() if key not in further} | further
     except ScenarioError as problem:
@@ -101,15 +101,12 @@ def _laid(scenario: Scenario, change: Mapping[str, Any]) -> dict[str, Any]:
     return data
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn NumPy's numbers and arrays into Python's, as a file would have them."""
-
-    def python(value: Any) -> Any:
-        if hasattr(value, "tolist"):
-            return value.tolist()
-        raise ScenarioError("", f"{type(value).__name__} cannot be stored in a file")
-
-    return dict(msgspec.to_builtins(dict(values), enc_hook=python))
+def _storable(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Give a function's values as a file would have them."""
+    try:
+        return dict(msgspec.to_builtins(without_numpy(values)))
+    except TypeError as problem:
+        raise ScenarioError("", f"cannot be stored in a file: {problem}") from None
 
 
 def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:
@@ -205,7 +202,7 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
         if isinstance(value, Mapping) and value:
             yield from _leaves(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key}", _without_numpy(value)
+            yield f"{prefix}{key}", value
 
 
 def _fits(part: str, fixed: Collection[str], data: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
@@ -272,11 +269,7 @@ def _toml(value: Any) -> str:
 def _at(data: Any, key: str) -> Any:
     for step in key.split("."):
         data = data.get(step) if isinstance(data, Mapping) else None
-    return _without_numpy(data)
-
-
-def _without_numpy(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    return data
 
 
 def _by_key(name: str, value: Any) -> dict[str, Any]:

@@ -17,11 +17,10 @@ from simgrab.io import models
 from simgrab.model.distributions import Constant, Distribution
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.layouts import Layout
-from simgrab.model.scenario.base import Meta, Strict
+from simgrab.model.scenario.base import Meta, Strict, about
 from simgrab.model.scenario.camera import Camera
-from simgrab.model.scenario.descriptions import describe
 from simgrab.model.scenario.factor import JOINT, Factor, OneOf
-from simgrab.model.scenario.font import BundledFont, FontFile
+from simgrab.model.scenario.font import FontFile
 from simgrab.model.scenario.grab import FourRope, Grab, Mesh
 from simgrab.model.scenario.markers import Markers
 from simgrab.model.scenario.optics import Optics
@@ -32,11 +31,15 @@ from simgrab.model.scenario.suspension import DoublePendulum, OneBody, Suspensio
 from simgrab.model.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
 from simgrab.model.scenario.weather import Weather
 
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
 MOST_DAYS = 366
 """Of simulated motion in a dataset."""
 MOST_SENSORS = 32
-_LATER: dict[str, Any] = {"suspension": OneBody(), "markers": Markers(), "sensors": {}}
-"""Keys that scenarios did not always have, with their defaults."""
+_WHERE_SET = (
+    ("", "suspension"), ("", "markers"), ("", "sensors"), ("display", "font"), ("optics", "sharpening"),
+    ("optics", "white_balance"),
+)  # fmt: skip
+"""Keys by table that are written, and digested, only where they are not as by default."""
 _SENSOR_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")  # a folder of the dataset
 
 
@@ -46,34 +49,37 @@ class Scenario(Strict, frozen=True):
     ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
     that only some kinds of a table have is left out where another kind was drawn.
 
-    ``sensors`` are those beside the camera, by name, ``suspension`` is how the grab hangs on its ropes, and ``markers``
-    what is mounted for a method to look at. A scenario in which these, or the display's font, are as by default is
-    written, and has the digest, as if there were no such keys.
+    Some keys are written, and digested, only where they are not as by default: the first-level ones ``sensors``,
+    ``suspension`` and ``markers``, the display's font, and the optics' sharpening and white balance.
     """
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "custom"
-    description: Annotated[str, Meta(max_length=10_000)] = ""
-    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
-    frames: Annotated[int, Meta(ge=1, le=10_000_000)] = 64
-    camera: Camera = Camera()
-    swing: Iid | Dynamic = Iid()
-    grab: Grab = FourRope()
-    jib: Jib = Jib()
-    place: Place = Quay()
-    clutter: Clutter = Clutter()
-    light: Light = Light()
-    optics: Optics = Optics()
-    weather: Weather = Weather()
-    image: Image = Image()
-    shutter: Shutter = Shutter()
-    clip: Clip = Clip()
-    display: Display = Display()
-    labels: Labels = Labels()
-    splits: Splits = Splits()
-    suspension: Suspension = OneBody()
-    markers: Markers = Markers()
-    sensors: dict[str, MotionSensor] = msgspec.field(default_factory=dict)
-    vary: dict[str, Factor] = msgspec.field(default_factory=dict)
+    name: Annotated[Name, about("Name of the scene; the default output folder is runs/NAME.")] = "custom"
+    description: Annotated[str, about("One sentence on what the scene shows.", max_length=10_000)] = ""
+    seed: Annotated[int, about("Seed of all random draws.", ge=0, le=2**53)] = 0
+    frames: Annotated[int, about("Number of frames.", ge=1, le=10_000_000)] = 64
+    camera: Annotated[Camera, about("The surveillance camera at the jib head.")] = Camera()
+    swing: Annotated[Iid | Dynamic, about("How the grab swings: independent draws, or physics.")] = Iid()
+    grab: Annotated[Grab, about("The grab: its kind, shape and looks.")] = FourRope()
+    jib: Annotated[Jib, about("The jib head and its ropes.")] = Jib()
+    place: Annotated[Place, about("What lies below the grab.")] = Quay()
+    clutter: Annotated[Clutter, about("Parked grabs of other cranes.")] = Clutter()
+    light: Annotated[Light, about("Sun, sky and floodlights.")] = Light()
+    optics: Annotated[Optics, about("Lens, exposure and sensor effects.")] = Optics()
+    weather: Annotated[Weather, about("Fog, rain, snow, dust, wet ground and the cover glass.")] = Weather()
+    image: Annotated[Image, about("How frames are rendered and stored.")] = Image()
+    shutter: Annotated[Shutter, about("Exposure time and rolling shutter.")] = Shutter()
+    clip: Annotated[Clip, about("Frame rate, clips, and video coding.")] = Clip()
+    display: Annotated[Display, about("The on-screen display: clock and rope lengths.")] = Display()
+    labels: Annotated[Labels, about("Which frames get a detection box.")] = Labels()
+    splits: Annotated[Splits, about("Shares of train, val and test.")] = Splits()
+    suspension: Annotated[Suspension, about("How the grab hangs on its ropes.")] = OneBody()
+    markers: Annotated[Markers, about("What is mounted for a method to look at.")] = Markers()
+    sensors: Annotated[dict[str, MotionSensor], about("Sensors beside the camera, by name; they need physics.")] = (
+        msgspec.field(default_factory=dict)
+    )
+    vary: Annotated[
+        dict[str, Factor], about("Keys that are drawn for each clip, each from a distribution or a choice.")
+    ] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102
         if isinstance(self.swing, Iid):
@@ -162,34 +168,23 @@ class Scenario(Strict, frozen=True):
 
     def digest(self) -> str:
         """SHA-256 of the canonical JSON of everything in the scenario."""
-        return hashlib.sha256(self._encoded(order="deterministic")).hexdigest()
+        return hashlib.sha256(msgspec.json.encode(self._stated("deterministic"))).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as `from_dict` takes it."""
-        return dict(msgspec.json.decode(self._encoded()))
+        return dict(msgspec.json.decode(msgspec.json.encode(self._stated(None))))
 
-    def _encoded(self, order: Literal["deterministic"] | None = None) -> bytes:
-        """JSON of all fields in their order; later ones only where they are set, which keeps older digests."""
-
-        def encoded(fields: Mapping[str, Any]) -> msgspec.Raw:
-            each = {name: msgspec.Raw(msgspec.json.encode(value, order=order)) for name, value in fields.items()}
-            return msgspec.Raw(msgspec.json.encode(each))
-
-        fields = msgspec.structs.asdict(self)
-        fields = {name: value for name, value in fields.items() if name not in _LATER or value != _LATER[name]}
-        if self.display.font == BundledFont():
-            fields["display"] = encoded({k: v for k, v in msgspec.structs.asdict(self.display).items() if k != "font"})
-        optics = msgspec.structs.asdict(self.optics)
-        if not self.optics.sharpening.amount and not any("optics.sharpening" in keys for keys in self.vary):
-            del optics["sharpening"]
-        if self.optics.white_balance == Optics().white_balance:
-            del optics["white_balance"]
-        fields["optics"] = encoded(optics)
-        return bytes(encoded(fields))
+    def _stated(self, order: Literal["deterministic"] | None) -> dict[str, Any]:
+        plain, usual = (msgspec.to_builtins(scenario, order=order) for scenario in (self, Scenario()))
+        for table, key in _WHERE_SET:
+            own, default = (data[table] if table else data for data in (plain, usual))
+            if own[key] == default[key]:
+                del own[key]
+        return dict(plain)
 
     def to_toml(self) -> str:
         """Return a scene file with every key filled in."""
-        return tomli_w.dumps(_without_none(self.to_dict()))
+        return tomli_w.dumps(without_none(self.to_dict()))
 
 
 def _unpickled(fields: tuple[Any, ...], known: Iterable[tuple[str, dict[str, bytes]]]) -> Scenario:
@@ -212,11 +207,11 @@ def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
                 yield from _models(value.values())
 
 
-def _without_none(value: Any) -> Any:
-    """TOML knows no null: an absent key says the same."""
+def without_none(value: Any) -> Any:
+    """Leave out what is null in tables, however deep: TOML knows no null, and an absent key says the same."""
     if isinstance(value, dict):
-        return {k: _without_none(v) for k, v in value.items() if v is not None}
-    return value
+        return {key: without_none(inner) for key, inner in value.items() if inner is not None}
+    return [without_none(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _within(key: str, law: Distribution, low: float, high: float) -> None:
@@ -237,13 +232,15 @@ def _check_lens(intrinsics: Intrinsics) -> None:
 
 def schema() -> dict[str, Any]:
     """JSON schema of a scenario file, for editors."""
-    return describe(_open_base(msgspec.json.schema(Scenario)))
-
-
-def _open_base(schema: dict[str, Any]) -> dict[str, Any]:
-    properties = schema["$defs"]["Scenario"]["properties"]
-    properties["base"] = {"type": "string"}
-    return _with_numbers(schema)
+    schema = msgspec.json.schema(Scenario)
+    tables = schema["$defs"]
+    tables["Scenario"]["properties"]["base"] = {
+        "description": "Bundled scene that this file departs from.", "type": "string",
+    }  # fmt: skip
+    for tag, table in ((tag, table.get("properties", {})) for tag in ("model", "dist") for table in tables.values()):
+        if tag in table:
+            table[tag]["description"] = "Selects this kind."
+    return dict(_with_numbers(schema))
 
 
 def _with_numbers(schema: Any) -> Any:
@@ -268,6 +265,17 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
         else:
             result[key] = value
     return result
+
+
+def difference(base: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the change that `merged` lays over ``base`` to get ``whole``; what is null or missing there is left out."""
+    kept = {}
+    for key, value in whole.items():
+        old = base.get(key)
+        if value is not None and value != old:
+            alike = isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value)
+            kept[key] = difference(old, value) if alike else without_none(value)  # type: ignore[arg-type]
+    return kept
 
 
 def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:

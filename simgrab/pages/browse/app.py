@@ -1,4 +1,4 @@
-"""What the page asks for, and what it gets: see `routes`."""
+"""What the page asks for, and what it gets: see `Browser.app`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import base64
 import binascii
 import secrets
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,13 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import Route
 
 from simgrab.errors import SimgrabError
 from simgrab.pages.browse import pictures
 from simgrab.pages.browse.exporting import FORMATS, Exports
 from simgrab.pages.browse.subject import Subject, overlay
 from simgrab.pages.outlines import outline
-from simgrab.pages.server import assets
+from simgrab.pages.server.application import Endpoint, application, json
 from simgrab.text import printable
 
 STATIC = Path(__file__).with_name("static")
@@ -62,21 +60,13 @@ class Browser:
 
     def __init__(self, subject: Subject) -> None:
         self.subject, self.exports = subject, Exports(subject)
-        self._tiles, self._assets = pictures.Tiles(subject.pictures), assets.read(STATIC)
+        self._tiles = pictures.Tiles(subject.content)
         self._session, self._tracing = secrets.token_hex(4), threading.BoundedSemaphore(2)
 
     @property
     def app(self) -> Starlette:
-        """The ASGI application."""
-        made = Starlette(routes=self.routes(), exception_handlers={SimgrabError: _refused, HTTPException: _no})
-        made.router.redirect_slashes = False
-        return made
-
-    def routes(self) -> list[Route]:
-        """Name what can be asked for. Frames and columns are named by numbers, files of the page by their names."""
-        each: dict[str, Callable[[Request], Response]] = {
-            "/": lambda _: self._asset("index.html"),
-            "/static/{name}": lambda request: self._asset(request.path_params["name"]),
+        """The ASGI application. Frames and columns are named by numbers."""
+        read: dict[str, Endpoint] = {
             "/api/summary": self.summary,
             "/api/columns/{column}": self.column,
             "/api/columns/{column}/matches": self.matches,
@@ -84,16 +74,15 @@ class Browser:
             "/api/frames/{row}": self.frame,
             "/api/frames/{row}/tile": self.tile,
             "/api/frames/{row}/picture": self.picture,
-            "/api/export": lambda _: _json(self.exports.state),
+            "/api/export": lambda _: json(self.exports.state),
         }
-        found = [Route(path, endpoint, methods=["GET"]) for path, endpoint in each.items()]
-        return [*found, Route("/api/export", self.export, methods=["POST"])]
+        return application(STATIC, "index.html", read, {"/api/export": self.export})
 
     def summary(self, _: Request) -> Response:
         """Give what is browsed, and its columns."""
         s = self.subject
         names = [column.name for column in s.columns]
-        return _json({
+        return json({
             "name": printable(s.name), "kind": s.kind, "rows": len(s), "notes": [printable(note) for note in s.notes],
             "columns": [column.about() for column in s.columns], "session": self._session,
             "order": {"column": s.order.column, "descending": s.order.descending},
@@ -123,7 +112,7 @@ class Browser:
         if len(asked) > MOST_OVERLAYS:
             raise HTTPException(404)
         masks = request.query_params.get("masks") == "1"
-        return _json([self._overlay(_number(text, len(self.subject)), masks=masks) for text in asked if text])
+        return json([self._overlay(_number(text, len(self.subject)), masks=masks) for text in asked if text])
 
     def _overlay(self, row: int, *, masks: bool, width_px: int = pictures.TILE_WIDTH_PX) -> dict[str, Any]:
         return overlay(self.subject, row, self._outline(row, width_px) if masks else None)
@@ -131,7 +120,7 @@ class Browser:
     def _outline(self, row: int, width_px: int) -> list[list[float]] | None:
         """Trace a row's mask; None where there is none that fits the picture."""
         try:
-            known, coded = self.subject.truths.row(row), self.subject.truths.mask(row)
+            known, coded = self.subject.row(row), self.subject.mask(row)
             if known is None or coded is None:
                 return None
             with self._tracing:
@@ -144,7 +133,7 @@ class Browser:
         row = _number(request.path_params["row"], len(self.subject))
         plain = self.subject.values(row)
         values = [_shown(plain[column.name]) for column in self.subject.columns]
-        return _json({"overlay": self._overlay(row, masks=True, width_px=1920), "values": values})
+        return json({"overlay": self._overlay(row, masks=True, width_px=1920), "values": values})
 
     def tile(self, request: Request) -> Response:
         """Give a row's picture, small."""
@@ -154,7 +143,7 @@ class Browser:
     def picture(self, request: Request) -> Response:
         """Give a row's picture."""
         row = _number(request.path_params["row"], len(self.subject))
-        data, kind = pictures.shown(self.subject.pictures.content(row), f"row {row}")
+        data, kind = pictures.shown(self.subject.content(row), f"row {row}")
         return Response(data, media_type=kind, headers=_KEPT)
 
     async def export(self, request: Request) -> Response:
@@ -163,14 +152,8 @@ class Browser:
             wanted = msgspec.json.decode(await request.body(), type=Wanted)
             rows = _selected(wanted.rows, len(self.subject))
         except (msgspec.MsgspecError, ValueError) as problem:  # binascii's is a ValueError
-            return _json({"error": f"the request cannot be read: {printable(problem)}"}, 400)
-        return _json(self.exports.start(rows, wanted.out, wanted.format))
-
-    def _asset(self, name: str) -> Response:
-        asset = self._assets.get(name)
-        if asset is None:
-            raise HTTPException(404)
-        return Response(asset.content, media_type=asset.kind)
+            return json({"error": f"the request cannot be read: {printable(problem)}"}, 400)
+        return json(self.exports.start(rows, wanted.out, wanted.format))
 
 
 def _number(text: str, count: int) -> int:
@@ -193,16 +176,3 @@ def _selected(text: str, count: int) -> NDArray[np.int64]:
 
 def _shown(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
-
-
-def _json(data: Any, status: int = 200) -> Response:
-    return Response(msgspec.json.encode(data), status, media_type="application/json")
-
-
-def _refused(_: Request, problem: Exception) -> Response:
-    return _json({"error": str(problem)}, 422)
-
-
-def _no(_: Request, problem: Exception) -> Response:
-    assert isinstance(problem, HTTPException)
-    return _json({"error": printable(problem.detail)}, problem.status_code)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,24 +70,6 @@ class LabelTable:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Finished(LabelTable):
-    masks: IndexedMasks
-
-    def mask(self, row: int) -> Coded | None:
-        return self.masks.coded(self.known(row))
-
-
-@dataclass(frozen=True, eq=False)
-class _Unfinished(LabelTable):
-    """Rows of an unfinished dataset; ``masks`` by row."""
-
-    masks: tuple[Coded, ...]
-
-    def mask(self, row: int) -> Coded | None:
-        return self.masks[row]
-
-
 def open(path: Path) -> Subject:
     """Open a dataset to browse it.
 
@@ -132,7 +115,8 @@ def read_labels(path: Path) -> tuple[pa.Table, Dataset, tuple[str, ...]]:
 
 def _finished(path: Path) -> Subject:
     table, whole, notes = read_labels(path)
-    return _subject(path, _Finished(path, table, IndexedMasks(path)), whole.least_visible_fraction, notes, whole)
+    labels, masks = LabelTable(path, table), IndexedMasks(path)
+    return _subject(labels, lambda row: masks.coded(labels.known(row)), whole.least_visible_fraction, notes, whole)
 
 
 class _Record(msgspec.Struct, frozen=True):
@@ -164,7 +148,7 @@ def _unfinished(path: Path) -> Subject:
     table = pa.Table.from_pylist([msgspec.structs.asdict(row) for row in rows], schema=labels_schema())
     notes = [f"unfinished: {len(rows)} of {total} frames of {name} are there; simgrab render --resume goes on"]
     notes += [f"{damaged} records are damaged and not shown"] if damaged else []
-    return _subject(path, _Unfinished(path, table, tuple(masks)), least, tuple(notes), None)
+    return _subject(LabelTable(path, table), masks.__getitem__, least, tuple(notes), None)
 
 
 def _cast(table: pa.Table, path: Path) -> pa.Table:
@@ -187,12 +171,13 @@ def _cast(table: pa.Table, path: Path) -> pa.Table:
 
 
 def _subject(
-    path: Path, found: _Finished | _Unfinished, least: float, notes: tuple[str, ...], whole: Dataset | None
+    labels: LabelTable, mask: Callable[[int], Coded | None], least: float, notes: tuple[str, ...], whole: Dataset | None
 ) -> Subject:
-    table = with_derived(found.table, least)
+    table = with_derived(labels.table, least)
     return Subject(
-        str(path), "dataset", notes, table, found, found, Order("frame"), (*SHOWN, *factors(table)), found.table, whole
-    )
+        str(labels.path), "dataset", notes, table, labels.content, labels.row, mask, Order("frame"),
+        (*SHOWN, *factors(table)), labels.table, whole,
+    )  # fmt: skip
 
 
 def with_derived(table: pa.Table, least: float) -> pa.Table:

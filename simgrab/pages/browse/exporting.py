@@ -120,14 +120,12 @@ class Exports:
             export(part(self._subject, rows), path, format=format, progress=progress, part=True)
         except _Ended:
             return
-        except SimgrabError as problem:
-            self._fail(path, str(problem))
         except Exception as problem:
-            self._fail(path, memory_problem(problem) or f"{type(problem).__name__}: {problem}")
-            if memory_problem(problem) is None:
+            known = str(problem) if isinstance(problem, SimgrabError) else memory_problem(problem)
+            self.state = State(
+                "failed", 0, 0, printable(path), printable(known or f"{type(problem).__name__}: {problem}")
+            )
+            if known is None:
                 raise
         else:
             self.state = State("done", len(rows), len(rows), printable(path))
-
-    def _fail(self, path: Path, why: str) -> None:
-        self.state = State("failed", 0, 0, printable(path), printable(why))

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from simgrab.io import pictures
-from simgrab.pages.browse.subject import Pictures
 
 TILE_WIDTH_PX = 320
 MOST_KEPT_BYTES = 48 * 2**20
@@ -63,11 +62,12 @@ class Tiles:
 
     Parameters
     ----------
-    source : Pictures
+    content : callable
+        Reads a row's picture file.
     """
 
-    def __init__(self, source: Pictures) -> None:
-        self._source, self._kept = source, Kept[int]()
+    def __init__(self, content: Callable[[int], bytes]) -> None:
+        self._content, self._kept = content, Kept[int]()
         self._turn = threading.BoundedSemaphore(_AT_ONCE)
 
     def tile(self, row: int) -> bytes:
@@ -82,7 +82,7 @@ class Tiles:
 
     def _made(self, row: int) -> bytes:
         with self._turn:
-            data = self._source.content(row)
+            data = self._content(row)
             picture = pictures.decode(data, f"row {row}", _mode(data))
             if picture.shape[1] > TILE_WIDTH_PX:
                 height = max(round(picture.shape[0] * TILE_WIDTH_PX / picture.shape[1]), 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from simgrab.dataset.datasets import Dataset
 from simgrab.dataset.tables import labels_schema
-from simgrab.errors import DatasetError, RunError, first_line
+from simgrab.errors import DatasetError, PictureError, RunError, first_line
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
 from simgrab.instrument.source import Files, open_source
@@ -27,7 +28,7 @@ from simgrab.model.truth import Row
 from simgrab.pages.browse import columns, dataset
 from simgrab.pages.browse.dataset import LabelTable
 from simgrab.pages.browse.masks import IndexedMasks
-from simgrab.pages.browse.subject import NoPictures, NoTruths, Order, Pictures, Subject, Truths, converted
+from simgrab.pages.browse.subject import Order, Subject, converted
 from simgrab.pages.browse.videos import VideoPictures
 
 ANNOTATED = "annotated.mp4"
@@ -111,11 +112,11 @@ def open(path: Path, source: Path | None) -> Subject:
         notes.append("without the truth: give --source with the dataset or video that was measured to see errors")
     else:
         table = _with_truth(table, known)
-    shown: Truths = known or NoTruths()
     order = Order("frame") if known is None else Order("abs_error_deg", descending=True)
     size = run.calibration.width_px, run.calibration.height_px
     return Subject(
-        str(path), "run", tuple(notes), table, _pictures(run, path, source, known), shown, order,
+        str(path), "run", tuple(notes), table, _contents(run, path, source, known),
+        known.row if known else _nothing, known.mask if known else _nothing, order,
         (*SHOWN, *dataset.factors(table, PREFIX)),
         None if known is None else known.table, None if known is None else known.dataset, size,
     )  # fmt: skip
@@ -189,36 +190,43 @@ def _with_truth(table: pa.Table, known: _Known) -> pa.Table:
     return table
 
 
-def _pictures(run: Run, path: Path, source: Path | None, known: _Known | None) -> Pictures:
+def _nothing(row: int) -> None:
+    """Give what is known of a row where there is no truth."""
+
+
+def _contents(run: Run, path: Path, source: Path | None, known: _Known | None) -> Callable[[int], bytes]:
     """Find where a run's pictures are: in its source, or else in its annotated video."""
     if known is not None and known.labels is not None:
-        return known
+        return known.content
     if source is not None:
         opened = open_source(source)
         if isinstance(opened, Video) and run.time is not None:
-            return VideoPictures(source, run.time.tolist())
+            return VideoPictures(source, run.time.tolist()).content
         if isinstance(opened, Files):
-            return _FilePictures(opened, run.names)
+            return _in_folder(opened, run.names)
         raise RunError(f"{source}: not the source of the run on {run.source}")
     if is_file(path / ANNOTATED, DatasetError):
         first = next((i for i, m in enumerate(run.measurements) if m.status != "lost"), 0)
         count = len(run.measurements)
         times = np.arange(count) / _UNTIMED_HZ if run.time is None else run.time
-        return VideoPictures(path / ANNOTATED, (times - times[first]).tolist())
-    return NoPictures("the run has no annotated video; give --source with what was measured")
+        return VideoPictures(path / ANNOTATED, (times - times[first]).tolist()).content
+
+    def refuse(row: int) -> bytes:
+        raise PictureError(f"row {row}", "the run has no annotated video; give --source with what was measured")
+
+    return refuse
 
 
-class _FilePictures:
-    """Pictures of a folder, by the names that the run has for them."""
+def _in_folder(source: Files, names: tuple[str, ...]) -> Callable[[int], bytes]:
+    """Read pictures of a folder by the names that the run has for them, as they were measured."""
+    known = {str(path.relative_to(source.root)): path for path in source.files}
 
-    def __init__(self, source: Files, names: tuple[str, ...]) -> None:
-        known = {str(path.relative_to(source.root)): path for path in source.files}
-        self._paths, self._bits = [known.get(name) for name in names], source.bits
-
-    def content(self, row: int) -> bytes:
-        path = self._paths[row]
+    def content(row: int) -> bytes:
+        path = known.get(names[row])
         if path is None:
             raise RunError(f"row {row}: the source has no picture of it")
-        if self._bits:  # as it was measured
-            return pictures.encode(pictures.read(path, cv2.IMREAD_COLOR, self._bits), "png")
+        if source.bits:
+            return pictures.encode(pictures.read(path, cv2.IMREAD_COLOR, source.bits), "png")
         return read_bytes(path, RunError, most_bytes=pictures.MOST_BYTES)
+
+    return content

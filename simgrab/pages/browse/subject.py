@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,28 +14,11 @@ from numpy.typing import NDArray
 
 from simgrab.dataset.datasets import Dataset
 from simgrab.dataset.overlay import marks
-from simgrab.errors import DatasetError, PictureError, SimgrabError, first_line
+from simgrab.errors import DatasetError, SimgrabError, first_line
 from simgrab.model.masks import Coded
 from simgrab.model.truth import Row
 from simgrab.pages.browse import columns
 from simgrab.pages.browse.columns import Column
-
-
-class Pictures(Protocol):
-    """Pictures of rows, by the row's number. Whatever cannot be read raises a `SimgrabError`."""
-
-    def content(self, row: int) -> bytes:
-        """Read a row's picture, a JPEG or PNG file, or another that OpenCV reads."""
-
-
-class Truths(Protocol):
-    """What is known of rows, by the row's number."""
-
-    def row(self, row: int) -> Row | None:
-        """Give a row's labels; None where there are none."""
-
-    def mask(self, row: int) -> Coded | None:
-        """Give a row's mask; None where there is none."""
 
 
 class Measured(msgspec.Struct, frozen=True):
@@ -67,8 +50,11 @@ class Subject:
         What the user is to know: that it is unfinished, what is missing.
     table : pyarrow.Table
         A row for each frame.
-    pictures : Pictures
-    truths : Truths
+    content : callable
+        Reads a row's picture, by the row's number: a JPEG or PNG file, or another that OpenCV reads. What cannot be
+        read raises a `SimgrabError`.
+    row, mask : callable
+        Give a row's labels and its mask; None where there are none.
     order : Order
     shown : tuple of str
         Columns whose histograms are shown first, as far as there are such.
@@ -84,8 +70,9 @@ class Subject:
     kind: str
     notes: tuple[str, ...]
     table: pa.Table
-    pictures: Pictures
-    truths: Truths
+    content: Callable[[int], bytes]
+    row: Callable[[int], Row | None]
+    mask: Callable[[int], Coded | None]
     order: Order
     shown: tuple[str, ...]
     labels: pa.Table | None = None
@@ -133,7 +120,7 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
     outline : sequence of polygons u0, v0, u1, v1 …, optional
         Of the mask.
     """
-    known = subject.truths.row(row)
+    known = subject.row(row)
     width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)
     drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}
     if known is not None:
@@ -141,29 +128,6 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
     if (measured := subject.measured(row)) is not None:
         drawn["measured"] = msgspec.to_builtins(measured)
     return drawn
-
-
-class NoPictures:
-    """Stands in where there are no pictures; says why."""
-
-    def __init__(self, why: str) -> None:
-        self._why = why
-
-    def content(self, row: int) -> bytes:
-        """Refuse."""
-        raise PictureError(f"row {row}", self._why)
-
-
-class NoTruths:
-    """Stands in where nothing is known."""
-
-    def row(self, row: int) -> None:  # noqa: ARG002
-        """Give nothing."""
-        return
-
-    def mask(self, row: int) -> None:  # noqa: ARG002
-        """Give nothing."""
-        return
 
 
 def part(subject: Subject, rows: NDArray[np.int64]) -> Dataset:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import signal
-from contextlib import suppress
 from pathlib import Path
 
 import click
 
 from simgrab.cli._options import PATH
+from simgrab.pages.cli._pages import page_options, show
 from simgrab.text import printable
 
 
 @click.command(name="browse")
 @click.argument("path", type=PATH)
 @click.option("--source", type=PATH, help="Dataset, video or folder of images that a run measured.")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Port of 127.0.0.1.  [default: one that is free]"
-)
-@click.option("--no-open", is_flag=True, help="Print the address only; open no browser.")
+@page_options
 def command(path: Path, source: Path | None, port: int, no_open: bool) -> None:
     """Look through PATH, a dataset or the folder of `run`, in the browser of this machine.
 
@@ -34,8 +30,4 @@ def command(path: Path, source: Path | None, port: int, no_open: bool) -> None:
     subject = browse.open(path, source)
     for note in subject.notes:
         click.echo(printable(f"note: {note}"), err=True)
-    with suppress(KeyboardInterrupt), browse.serving(subject, port) as address:
-        click.echo(printable(f"{len(subject)} frames of {path}: {address.url}"))
-        click.echo("Ctrl-C ends it", err=True)
-        with local.opened(address, wanted=not no_open):
-            signal.pause()
+    show(f"{len(subject)} frames of {path}", browse.serving(subject, port), opens=not no_open)

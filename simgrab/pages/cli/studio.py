@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import signal
-from contextlib import suppress
-
 import click
 
+from simgrab.pages.cli._pages import page_options, show
 from simgrab.text import printable
 
 
 @click.command(name="studio")
 @click.argument("scene", default="quay-day")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Port of 127.0.0.1.  [default: one that is free]"
-)
-@click.option("--no-open", is_flag=True, help="Print the address only; open no browser.")
+@page_options
 def command(scene: str, port: int, no_open: bool) -> None:
     """Edit SCENE in the browser of this machine, beside its frames and their labels.
 
@@ -29,8 +24,4 @@ def command(scene: str, port: int, no_open: bool) -> None:
 
     documents = studio.open(scene)
     click.echo(printable(f"rendering the first frame of {scene} …"), err=True)
-    with suppress(KeyboardInterrupt), studio.serving(documents, port) as address:
-        click.echo(printable(f"{scene}: {address.url}"))
-        click.echo("Ctrl-C ends it", err=True)
-        with local.opened(address, wanted=not no_open):
-            signal.pause()
+    show(scene, studio.serving(documents, port), opens=not no_open)

@@ -18,14 +18,17 @@ from __future__ import annotations
 import hmac
 from http import HTTPStatus
 from typing import TYPE_CHECKING
-from urllib.parse import parse_qs
 
+from starlette.datastructures import MutableHeaders
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+
+from simgrab.pages.server import HOST
 from simgrab.pages.server.assets import ENTER
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-HOST = "127.0.0.1"
 MOST_BODY_BYTES = 2 * 2**20
 """Of a request: a bit for each of 10 million rows, as base64, takes 1.6 MiB."""
 
@@ -61,86 +64,73 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:
-        self._app, self._token = app, token.encode()
-        self._hosts = {f"{name}:{port}".encode() for name in (HOST, "localhost")}
-        self._cookie = f"simgrab-{port}".encode()  # a cookie is sent to every port of a host
+        self._app, self._token = app, token
+        self._hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
+        self._cookie = f"simgrab-{port}"  # a cookie is sent to every port of a host
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
         if scope["type"] != "http":  # neither a WebSocket nor what starts and ends a server
             return
+        request, answer = Request(scope, receive), self._app
         try:
-            if await self._enters(scope, send):
-                return
-            self._check(scope)
-            body = await _body(scope, receive)
-        except RefusedError as refusal:
-            await _answer(send, refusal.status, f"simgrab: {refusal.line}\n".encode(), "text/plain; charset=utf-8")
+            self._check_host(request)
+            if scope["path"] == "/" and scope["method"] == "GET" and (given := request.query_params.getlist("token")):
+                answer = self._entered(given[0])
+            else:
+                self._check(request)
+                receive = _given(await _body(request), receive)
+        except ClientDisconnect:
             return
-        await self._app(scope, _given(body, receive), _headed(send))
+        except RefusedError as refusal:
+            answer = PlainTextResponse(f"simgrab: {refusal.line}\n", refusal.status, {"connection": "close"})
+        await answer(scope, receive, _headed(send))
 
-    async def _enters(self, scope: Scope, send: Send) -> bool:
+    def _entered(self, token: str) -> Response:
         """Answer the address that holds the token: with the cookie, and a page that goes on without the token.
 
         The page goes on by itself, as a redirection would not: where another page led to it, a browser would not send
         the cookie with the redirected request.
         """
-        given = parse_qs(scope["query_string"]).get(b"token", [])
-        if scope["path"] != "/" or scope["method"] != "GET" or not given:
-            return False
-        self._check_host(scope)
-        if not hmac.compare_digest(given[0], self._token):
+        if not self._is_token(token):
             raise RefusedError(HTTPStatus.FORBIDDEN, "the address holds another token than the command printed")
-        cookie = b"%s=%s; Path=/; HttpOnly; SameSite=Strict" % (self._cookie, self._token)
-        await _answer(send, HTTPStatus.OK, ENTER, "text/html; charset=utf-8", [(b"set-cookie", cookie)])
-        return True
+        answer = HTMLResponse(ENTER, headers={"connection": "close"})
+        answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        return answer
 
-    def _check(self, scope: Scope) -> None:
-        self._check_host(scope)
-        method = scope["method"]
-        if method not in (*_READING, *_WRITING):
-            raise RefusedError(HTTPStatus.METHOD_NOT_ALLOWED, f"{method} is not used here")
-        if not self._has_token(scope):
+    def _check(self, request: Request) -> None:
+        if request.method not in (*_READING, *_WRITING):
+            raise RefusedError(HTTPStatus.METHOD_NOT_ALLOWED, f"{request.method} is not used here")
+        given = [value.removeprefix("Bearer ") for value in request.headers.getlist("authorization")]
+        if not any(map(self._is_token, [*given, request.cookies.get(self._cookie, "")])):
             raise RefusedError(HTTPStatus.FORBIDDEN, "open the address that the command printed: it holds a token")
-        if any(site not in (b"same-origin", b"none") for site in _values(scope, b"sec-fetch-site")):
+        if any(site not in ("same-origin", "none") for site in request.headers.getlist("sec-fetch-site")):
             raise RefusedError(HTTPStatus.FORBIDDEN, "another page asked")
-        host = _values(scope, b"host")[0]
-        if method in _WRITING and _values(scope, b"origin") != [b"http://" + host]:
+        origin = f"http://{request.headers['host']}"
+        if request.method in _WRITING and request.headers.getlist("origin") != [origin]:
             raise RefusedError(HTTPStatus.FORBIDDEN, "only this page may change something: the Origin is another one")
 
-    def _check_host(self, scope: Scope) -> None:
-        hosts = _values(scope, b"host")
+    def _check_host(self, request: Request) -> None:
+        hosts = request.headers.getlist("host")
         if len(hosts) != 1 or hosts[0] not in self._hosts:
             raise RefusedError(HTTPStatus.MISDIRECTED_REQUEST, "the request is for another host")
 
-    def _has_token(self, scope: Scope) -> bool:
-        given = [value.removeprefix(b"Bearer ") for value in _values(scope, b"authorization")]
-        for value in _values(scope, b"cookie"):
-            pairs = (part.strip().partition(b"=") for part in value.split(b";"))
-            given += [content for name, _, content in pairs if name == self._cookie]
-        return any(hmac.compare_digest(one, self._token) for one in given)
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token.encode())
 
 
-def _values(scope: Scope, name: bytes) -> list[bytes]:
-    return [value for key, value in scope["headers"] if key.lower() == name]
-
-
-async def _body(scope: Scope, receive: Receive) -> bytes:
+async def _body(request: Request) -> bytes:
     """Read the body, of `MOST_BODY_BYTES` at most."""
     refusal = RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a request has at most {MOST_BODY_BYTES} bytes")
-    stated = _values(scope, b"content-length")
+    stated = request.headers.getlist("content-length")
     if any(not value.isdigit() or int(value) > MOST_BODY_BYTES for value in stated):
         raise refusal
-    parts, size, more = list[bytes](), 0, True
-    while more:
-        message = await receive()
-        part = message.get("body", b"")
-        parts.append(part)
-        size += len(part)
-        more = message.get("more_body", False)
-        if size > MOST_BODY_BYTES:
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_BODY_BYTES:
             raise refusal
-    return b"".join(parts)
+    return bytes(body)
 
 
 def _given(body: bytes, receive: Receive) -> Receive:
@@ -160,20 +150,9 @@ def _headed(send: Send) -> Send:
 
     async def send_headed(message: Message) -> None:
         if message["type"] == "http.response.start":
-            headers = [(key, value) for key, value in message.get("headers", []) if key.decode() not in _HEADERS]
-            headers += [(key.encode(), value.encode()) for key, value in _HEADERS.items()]
-            if all(key != b"cache-control" for key, _ in headers):
-                headers.append((b"cache-control", b"no-store"))
-            message = {**message, "headers": headers}
+            headers = MutableHeaders(scope=message)
+            headers.update(_HEADERS)
+            headers.setdefault("cache-control", "no-store")
         await send(message)
 
     return send_headed
-
-
-async def _answer(
-    send: Send, status: HTTPStatus, body: bytes, kind: str, more: list[tuple[bytes, bytes]] | None = None
-) -> None:
-    headers = [(b"content-type", kind.encode()), (b"content-length", b"%d" % len(body)), (b"connection", b"close")]
-    sent = _headed(send)
-    await sent({"type": "http.response.start", "status": status.value, "headers": headers + (more or [])})
-    await sent({"type": "http.response.body", "body": body})

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simgrab.errors import ServerError, first_line
-from simgrab.pages.server.guard import HOST, Guard
+from simgrab.pages.server import HOST
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
@@ -81,6 +81,8 @@ def serving(app: ASGIApp, port: int = 0) -> Iterator[Address]:
         If the port cannot be used.
     """
     import uvicorn
+
+    from simgrab.pages.server.guard import Guard
 
     with contextlib.closing(_listening(port)) as listener:
         address = Address(listener.getsockname()[1], secrets.token_urlsafe(_TOKEN_BYTES))

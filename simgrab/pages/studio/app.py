@@ -1,10 +1,9 @@
-"""What the page asks for, and what it gets: see `Studio.routes`."""
+"""What the page asks for, and what it gets: see `Studio.app`."""
 
 from __future__ import annotations
 
 import asyncio
 import struct
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,14 +13,13 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import Route
 
-from simgrab.errors import ScenarioError, SimgrabError, memory_problem, shortened
+from simgrab.errors import ScenarioError
 from simgrab.io.parse import parse_json
 from simgrab.model import layouts
 from simgrab.model.scenario import Scenario, schema
-from simgrab.model.scenario.descriptions import unit_of
-from simgrab.pages.server import assets
+from simgrab.model.scenario.base import unit_of
+from simgrab.pages.server.application import application, json
 from simgrab.pages.studio.commands import command
 from simgrab.pages.studio.documents import Documents, ExistsError
 from simgrab.pages.studio.measuring import DETECTORS, Measuring
@@ -72,36 +70,20 @@ class Studio:
 
     def __init__(self, documents: Documents, rendering: Rendering) -> None:
         self._documents, self._rendering = documents, rendering
-        self._measuring, self._assets = Measuring(), assets.read(STATIC)
+        self._measuring = Measuring()
         self._parsed: list[tuple[bytes, Scenario]] = []
 
     @property
     def app(self) -> Starlette:
-        """The ASGI application."""
-        handlers: Any = {
-            SimgrabError: _refused, MemoryError: _refused, HTTPException: _no, SupersededError: _superseded,
+        """The ASGI application. Scenes are sent whole."""
+        asked = {
+            "/api/frame": self.frame, "/api/measure": self.measure, "/api/toml": self.toml,
+            "/api/command": self.command, "/api/save": self.save,
         }  # fmt: skip
-        made = Starlette(routes=self.routes(), exception_handlers=handlers)
-        made.router.redirect_slashes = False
-        return made
-
-    def routes(self) -> list[Route]:
-        """Name what can be asked for. Files of the page are named by their names; scenes are sent whole."""
-        read: dict[str, Callable[[Request], Response]] = {
-            "/": lambda _: self._asset("studio.html"),
-            "/static/{name}": lambda request: self._asset(request.path_params["name"]),
-            "/api/start": self.start,
-            "/api/open": self.open,
-        }
-        asked: dict[str, Callable[[Request], Awaitable[Response]]] = {
-            "/api/frame": self.frame,
-            "/api/measure": self.measure,
-            "/api/toml": self.toml,
-            "/api/command": self.command,
-            "/api/save": self.save,
-        }
-        found = [Route(path, endpoint, methods=["GET"]) for path, endpoint in read.items()]
-        return [*found, *(Route(path, endpoint, methods=["POST"]) for path, endpoint in asked.items())]
+        return application(
+            STATIC, "studio.html", {"/api/start": self.start, "/api/open": self.open}, asked,
+            {SupersededError: lambda _, __: json({"error": "superseded"}, 409)},
+        )  # fmt: skip
 
     def start(self, _: Request) -> Response:
         """Give the scene to begin with, and what the controls are made of."""
@@ -110,7 +92,7 @@ class Studio:
         for table in whole["$defs"].values():
             for key, value in table.get("properties", {}).items():
                 value["unit"] = unit_of(key)
-        return _json({
+        return json({
             "origin": printable(documents.origin), "scene": _plain(documents.start),
             "default": _plain(Scenario()), "schema": whole, "scenes": list(map(printable, documents.names())),
             "layouts": ["none", *layouts.names()], "detectors": DETECTORS, "root": printable(documents.root),
@@ -118,7 +100,7 @@ class Studio:
 
     def open(self, request: Request) -> Response:
         """Give another scene, by its name."""
-        return _json(_plain(self._documents.open(request.query_params.get("scene", ""))))
+        return json(_plain(self._documents.open(request.query_params.get("scene", ""))))
 
     async def frame(self, request: Request) -> Response:
         """Render a frame: four bytes with the length of a JSON text, big-endian, that text, and a picture file."""
@@ -140,7 +122,7 @@ class Studio:
                 lambda number: self._rendering.stored(asked.side, Wish(scenario, number)),
             )  # fmt: skip
 
-        return _json(await run_in_threadpool(measured))
+        return json(await run_in_threadpool(measured))
 
     async def toml(self, request: Request) -> Response:
         """Give the scene as a file."""
@@ -150,7 +132,7 @@ class Studio:
     async def command(self, request: Request) -> Response:
         """Give the command that renders the same; null where there is none."""
         _, scenario = await self._asked(request)
-        return _json({"command": await run_in_threadpool(command, self._documents.origin, scenario)})
+        return json({"command": await run_in_threadpool(command, self._documents.origin, scenario)})
 
     async def save(self, request: Request) -> Response:
         """Save the scene below the folder."""
@@ -158,8 +140,8 @@ class Studio:
         try:
             path = await run_in_threadpool(self._documents.save, scenario, asked.path, replace=asked.replace)
         except ExistsError as problem:
-            return _json({"error": str(problem), "exists": True}, 409)
-        return _json({"path": printable(path)})
+            return json({"error": str(problem), "exists": True}, 409)
+        return json({"path": printable(path)})
 
     async def _asked(self, request: Request) -> tuple[Asked, Scenario]:
         """Read a request, and the scene in it."""
@@ -178,12 +160,6 @@ class Studio:
         self._parsed = [(text, made), *self._parsed][:_KEPT]
         return made
 
-    def _asset(self, name: str) -> Response:
-        asset = self._assets.get(name)
-        if asset is None:
-            raise HTTPException(404)
-        return Response(asset.content, media_type=asset.kind)
-
 
 _KEPT = 4  # scenes: two of each side
 
@@ -191,24 +167,3 @@ _KEPT = 4  # scenes: two of each side
 def _plain(scenario: Scenario) -> dict[str, Any]:
     """Give a scene's plain data, those included that a file leaves out by default."""
     return dict(msgspec.to_builtins(scenario))
-
-
-def _json(data: Any, status: int = 200) -> Response:
-    return Response(msgspec.json.encode(data), status, media_type="application/json")
-
-
-def _refused(_: Request, problem: Exception) -> Response:
-    if isinstance(problem, ScenarioError):
-        given = {"key": printable(problem.key), "problem": shortened(printable(problem.problem))}
-    else:
-        given = {"key": "", "problem": memory_problem(problem) or str(problem)}
-    return _json({"error": memory_problem(problem) or str(problem)} | given, 422)
-
-
-def _superseded(_: Request, __: Exception) -> Response:
-    return _json({"error": "superseded"}, 409)
-
-
-def _no(_: Request, problem: Exception) -> Response:
-    assert isinstance(problem, HTTPException)
-    return _json({"error": printable(problem.detail)}, problem.status_code)

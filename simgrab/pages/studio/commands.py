@@ -11,12 +11,9 @@ from typing import Any
 from simgrab.errors import SimgrabError
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.whole import difference
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-
-
-class _InexpressibleError(Exception):
-    """A change that ``--set`` cannot make."""
 
 
 def command(origin: str, scenario: Scenario) -> str | None:
@@ -37,32 +34,21 @@ def command(origin: str, scenario: Scenario) -> str | None:
     """
     try:
         old = scenes.load(origin)
-        assignments = [f"{key}={_toml(value)}" for key, value in _changes(old.to_dict(), scenario.to_dict())]
+        changes = _dotted(difference(old.to_dict(), scenario.to_dict()))
+        assignments = [f"{key}={_toml(value)}" for key, value in changes]
         again = scenes.load(origin, scenes.parse_changes(assignments))
-    except (_InexpressibleError, SimgrabError):
+    except SimgrabError:
         return None
     if again.digest() != scenario.digest():
         return None
     return shlex.join(["simgrab", "render", origin, *(part for one in assignments for part in ("--set", one))])
 
 
-def _changes(old: Mapping[str, Any], new: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Give the dotted keys that differ, with their new values."""
-    if any(key not in new or new[key] is None for key in old if old[key] is not None):
-        raise _InexpressibleError
-    for key, value in new.items():
-        before = old.get(key)
-        if value == before:
-            continue
-        if not _BARE.fullmatch(key):
-            raise _InexpressibleError
-        tables = isinstance(value, Mapping) and isinstance(before, Mapping)
-        if above == "" and key == "vary":  # its keys have dots
-            yield key, {name: one for name, one in value.items() if one != (before or {}).get(name)}
-        elif tables and all(value.get(tag) == before.get(tag) for tag in ("model", "dist")):  # type: ignore[union-attr]
-            yield from _changes(before, value, f"{above}{key}.")  # type: ignore[arg-type]
-        else:
-            yield f"{above}{key}", value
+def _dotted(change: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Give the dotted keys of a change with their values, which are tables where these are of another kind."""
+    for key, value in change.items():
+        whole = f"{above}{key}" == "vary" or not isinstance(value, Mapping) or bool({"model", "dist"} & set(value))
+        yield from [(f"{above}{key}", value)] if whole else _dotted(value, f"{above}{key}.")
 
 
 def _toml(value: Any) -> str:

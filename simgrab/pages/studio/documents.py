@@ -23,6 +23,7 @@ from simgrab.io.models import Model
 from simgrab.io.parse import Refuse, is_file, read_toml
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.whole import difference
 
 MOST_LISTED = 200
 """Scene files of a folder."""
@@ -129,7 +130,7 @@ class Documents:
         ScenarioError
             If a file that it names is not known here.
         """
-        written = _without_defaults(scenario.to_dict(), Scenario().to_dict())
+        written = difference(Scenario().to_dict(), scenario.to_dict())
         if scenario.models:
             written = self._placed(written, (folder or self.folder or self.root).resolve())
         return tomli_w.dumps(written)
@@ -193,23 +194,3 @@ class Documents:
         if path.suffix != ".toml" or any(part.startswith(".") for part in path.parts):
             raise ScenarioError("", "name a scene file that ends in .toml, below the folder; no part begins with a dot")
         return models.inside(self.root, name, lambda _: ScenarioError("", f"the file must lie below {self.root}"))
-
-
-def _without_defaults(value: dict[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    """Leave out of plain data what a scene file gets anyway. TOML knows no null: an absent key says the same."""
-    kept = {}
-    for key, inner in value.items():
-        before = default.get(key)
-        if inner == before or inner is None:
-            continue
-        tables = isinstance(inner, dict) and isinstance(before, dict)
-        alike = tables and all(inner.get(tag) == before.get(tag) for tag in ("model", "dist"))  # type: ignore[union-attr]
-        kept[key] = _without_defaults(inner, before) if alike else _without_none(inner)  # type: ignore[arg-type]
-    return kept
-
-
-def _without_none(value: Any) -> Any:
-    """Leave out what is null in tables, however deep."""
-    if isinstance(value, dict):
-        return {key: _without_none(inner) for key, inner in value.items() if inner is not None}
-    return [_without_none(inner) for inner in value] if isinstance(value, list) else value

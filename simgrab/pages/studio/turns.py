@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar("T")
-
-_SECONDS_TO_END = 10.0
 
 
 class SupersededError(Exception):
     """Something newer was asked for before this was begun."""
 
 
-@dataclass(order=True)
-class _Waiting:
+class _Waiting(NamedTuple):
     rank: int
-    number: int
-    work: Callable[[], Any] = field(compare=False)
-    future: Future[Any] = field(compare=False)
+    work: Callable[[], Any]
+    future: Future[Any]
 
 
 class Turns:
@@ -36,10 +30,8 @@ class Turns:
     """
 
     def __init__(self, last: Callable[[], object]) -> None:
-        self._last, self._count = last, itertools.count()
-        self._waiting, self._changed, self._ends = dict[str, _Waiting](), threading.Condition(), False
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._last, self._thread = last, ThreadPoolExecutor(1)
+        self._waiting, self._lock, self._ended = dict[str, _Waiting](), threading.Lock(), False
 
     def ask(self, asker: str, work: Callable[[], T], rank: int = 0) -> Future[T]:
         """Have work done, in place of what waits for the same asker, which then raises `SupersededError`.
@@ -49,54 +41,43 @@ class Turns:
         asker : str
         work : callable
         rank : int
-            What has the lowest goes first; within a rank, what was asked for first.
+            What has the lowest goes first; within a rank, who asked first, also where it has asked again since.
         """
         future: Future[T] = Future()
-        with self._changed:
-            if self._ends:
+        with self._lock:
+            if self._ended:
                 future.set_exception(SupersededError())
                 return future
-            before = self._waiting.pop(asker, None)
-            # An asker that repeats keeps its place in the queue.
-            number = before.number if before and before.rank == rank else next(self._count)
-            self._waiting[asker] = _Waiting(rank, number, work, future)
-            self._changed.notify()
-        if before:
+            before = self._waiting.get(asker)
+            self._waiting[asker] = _Waiting(rank, work, future)
+            if before is None:
+                self._thread.submit(self._do_next)
+        if before is not None:
             _drop(before.future)
         return future
 
     def end(self) -> None:
         """Drop what waits, finish what is being done, and end the thread."""
-        with self._changed:
-            self._ends = True
-            left = list(self._waiting.values())
+        with self._lock:
+            self._ended, left = True, list(self._waiting.values())
             self._waiting.clear()
-            self._changed.notify()
         for one in left:
             _drop(one.future)
-        self._thread.join(_SECONDS_TO_END)
-
-    def _run(self) -> None:
-        while (one := self._next()) is not None:
-            if not one.future.set_running_or_notify_cancel():  # its asker has gone
-                continue
-            try:
-                result = one.work()
-            except BaseException as problem:
-                one.future.set_exception(problem)
-            else:
-                one.future.set_result(result)
         with contextlib.suppress(Exception):
-            self._last()
+            self._thread.submit(self._last).result()
+        self._thread.shutdown()
 
-    def _next(self) -> _Waiting | None:
-        with self._changed:
-            while not self._waiting and not self._ends:
-                self._changed.wait()
-            if self._ends:
-                return None
-            asker = min(self._waiting, key=lambda name: self._waiting[name])
-            return self._waiting.pop(asker)
+    def _do_next(self) -> None:
+        with self._lock:
+            if not self._waiting:
+                return
+            one = self._waiting.pop(min(self._waiting, key=lambda asker: self._waiting[asker].rank))
+        if not one.future.set_running_or_notify_cancel():  # its asker has gone
+            return
+        try:
+            one.future.set_result(one.work())
+        except BaseException as problem:
+            one.future.set_exception(problem)
 
 
 def _drop(future: Future[Any]) -> None:

@@ -6,39 +6,25 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from simgrab.cli._progress import bars
+from simgrab.cli import _progress
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from simgrab.training.loop import Report
 
 
-class Board:
-    """A bar for each step of the work, and a line for each epoch."""
-
-    def __init__(self, bars: Progress) -> None:
-        self._bars = bars
-
-    def step(self, name: str) -> Callable[[int, int], None]:
-        """Begin a step; gives what takes how much is done and how much there is."""
-        task = self._bars.add_task(name, total=None, rate="")
-
-        def progress(done: int, total: int) -> None:
-            self._bars.update(task, completed=done, total=total)
-
-        return progress
+class Board(_progress.Board):
+    """A bar for each step of the work, and of a training a line for each epoch."""
 
     def training(self, name: str) -> Callable[[Report], None]:
         """Begin a training; gives what takes its reports."""
-        task = self._bars.add_task(f"training {name}", total=None, rate="")
+        task = self.bars.add_task(f"training {name}", total=None, rate="")
 
         def report(now: Report) -> None:
             done, total = (now.epoch - 1) * now.steps + now.step, now.epochs * now.steps
-            self._bars.update(task, completed=done, total=total, rate=f"{now.examples_per_s:.0f} a second")
+            self.bars.update(task, completed=done, total=total, rate=f"{now.examples_per_s:.0f} a second")
             if now.figures:
                 figures = "  ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in now.figures.items())
-                self._bars.console.print(f"{name} epoch {now.epoch}/{now.epochs}  loss {now.loss:.4f}  {figures}")
+                self.bars.console.print(f"{name} epoch {now.epoch}/{now.epochs}  loss {now.loss:.4f}  {figures}")
 
         return report
 
@@ -46,5 +32,5 @@ class Board:
 @contextmanager
 def board(*, shown: bool) -> Iterator[Board]:
     """Show the progress of trainings."""
-    with bars(shown=shown) as shows:
-        yield Board(shows)
+    with _progress.board(shown=shown) as shows:
+        yield Board(shows.bars)

@@ -27,18 +27,19 @@ def command() -> None:
 
 
 def _training(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of every training of the detector's networks."""
-    options = (
-        click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda."),
-        click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores."),
-        click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]"),
-        click.option("--resume", is_flag=True, help="Continue an interrupted training."),
-        click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON."),
+    """Add the options of every training."""
+    for option in (
         click.option("--quiet", is_flag=True, help="Print errors only."),
-    )
-    for option in reversed(options):
+        click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON."),
+        click.option("--resume", is_flag=True, help="Continue an interrupted training."),
+        click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda."),
+    ):
         function = option(function)
     return function
+
+
+threads_option = click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores.")
+half_option = click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: as the hardware allows]")
 
 
 def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
@@ -67,20 +68,14 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
     type=PATH,
     help="Your own grab: a model, or a scene file with it. Frames of it are rendered into OUT-frames.",
 )
-@click.option(
-    "--scene",
-    help="A scene, such as training.toml of `match`. Frames of it are rendered into OUT-frames.",
-)
+@click.option("--scene", help="A scene, such as training.toml of `match`. Frames of it are rendered into OUT-frames.")
 @click.option(
     "--frames",
     type=click.IntRange(40, 1_000_000),
     help="Frames of --grab or --scene.  [default: 960 of --grab, else the scene's own]",
 )
 @click.option(
-    "--hard",
-    type=PATH,
-    multiple=True,
-    help="Dataset of negative examples for the last network; may be repeated.",
+    "--hard", type=PATH, multiple=True, help="Dataset of negative examples for the last network; may be repeated."
 )
 @click.option(
     "--also",
@@ -114,6 +109,8 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
 @click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the others]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
+@threads_option
+@half_option
 @_training
 def detector(
     datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: str | None, frames: int | None,
@@ -131,16 +128,15 @@ def detector(
     from simgrab.training import need_torch
     from simgrab.training.folder import CURVE, TRACES, check
 
-    if grab is not None and scene is not None:
-        raise click.UsageError("give --grab or --scene, not both")
-    if not (datasets or grab or scene):
-        raise click.UsageError("give DATASETS, --grab or --scene")
-    if frames is not None and not (grab or scene):
-        raise click.UsageError("--frames belongs to --grab and --scene")
-    if counts and not also:
-        raise click.UsageError("--learning-curve belongs to --also")
-    if grab_classes and not (also or real):
-        raise click.UsageError("--grab-class belongs to --also and --real")
+    for wrong, problem in (
+        (grab is not None and scene is not None, "give --grab or --scene, not both"),
+        (not (datasets or grab or scene), "give DATASETS, --grab or --scene"),
+        (frames is not None and not (grab or scene), "--frames belongs to --grab and --scene"),
+        (counts and not also, "--learning-curve belongs to --also"),
+        (grab_classes and not (also or real), "--grab-class belongs to --also and --real"),
+    ):
+        if wrong:
+            raise click.UsageError(problem)
     # Before torch is imported, which takes seconds.
     check(out, resume=resume, traces=CURVE if counts else TRACES)
     need_torch()
@@ -166,10 +162,7 @@ def detector(
             Bundled(begin)
         for dataset in (*datasets, *hard):
             read(dataset)
-        datasets = (
-            *datasets,
-            _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows),
-        )
+        datasets = (*datasets, _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows))
     chosen = functools.partial(
         recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
         patience=patience, device=device, threads=threads,
@@ -248,6 +241,8 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
 @click.option("--quick", is_flag=True, help="A third of the time.")
 @click.option("--epochs", type=int, help="Epochs.  [default: 12, or 4 with --quick]")
 @click.option("--batch", default=32, show_default=True, help="Batch size.")
+@threads_option
+@half_option
 @_training
 def verify(
     datasets: tuple[Path, ...], out: Path, start: str, seed: int, quick: bool, epochs: int | None, batch: int,
@@ -282,11 +277,8 @@ def verify(
 @click.option("--epochs", type=int, help="Epochs.  [default: 20, or 6 with --quick]")
 @click.option("--batch", default=128, show_default=True, help="Batch size.")
 @click.option("--patience", default=8, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
-@click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda.")
 @click.option("--threads", default=1, show_default=True, help="torch threads; the weights depend on it.")
-@click.option("--resume", is_flag=True, help="Continue an interrupted training.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-@click.option("--quiet", is_flag=True, help="Print errors only.")
+@_training
 def reader(
     datasets: tuple[Path, ...], out: Path, seed: int, quick: bool, epochs: int | None, batch: int, patience: int,
     device: str, threads: int, resume: bool, as_json: bool, quiet: bool,

@@ -3,11 +3,7 @@
 import base64
 import itertools
 import json
-import os
-import re
 import shutil
-import signal
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +15,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,7 +23,6 @@ from films import film, picture
 from http_requests import ask
 
 import simgrab
-from simgrab.cli import cli
 from simgrab.errors import DatasetError, SimgrabError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run import runs
@@ -42,7 +36,7 @@ from simgrab.pages.browse import browse, columns, dataset, masks
 from simgrab.pages.browse.exporting import Exports
 from simgrab.pages.browse.masks import IndexedMasks
 from simgrab.pages.browse.pictures import Kept
-from simgrab.pages.browse.run import _FilePictures
+from simgrab.pages.browse.run import _in_folder
 from simgrab.pages.browse.videos import VideoPictures
 
 HOSTILE = "<script>document.title=1<b>"
@@ -156,14 +150,8 @@ def test_a_column_of_texts_is_searched(address, summary, labels):
 
 
 def test_factors_become_columns():
-    texts = [
-        '{"weather": "fog", "camera.beta_deg": 1.5}',
-        '{"camera.beta_deg": 2, "list": [1]}',
-        "",
-        "no JSON",
-        None,
-        "[1]",
-    ]
+    full = ['{"weather": "fog", "camera.beta_deg": 1.5}', '{"camera.beta_deg": 2, "list": [1]}']
+    texts = [*full, "", "no JSON", None, "[1]"]
     found = dict(columns.expanded(pa.chunked_array([pa.array(texts, pa.string())]), "v."))
     assert {name: values.to_pylist() for name, values in found.items()} == {
         "v.camera.beta_deg": [1.5, 2.0, None, None, None, None],
@@ -284,15 +272,8 @@ def test_nothing_is_exported_into_what_is_browsed(address, data, tmp_path):
     link.symlink_to(data)
     (tmp_path / "taken").mkdir()
     good = {"rows": selection([1], 12), "out": str(tmp_path / "out"), "format": "yolo"}
-    for place in (
-        data / "new",
-        link / "new",
-        data / "images" / ".." / "a" / "b",
-        data,
-        tmp_path / "taken",
-        "s3://a/b",
-        "",
-    ):
+    inside = (data, data / "new", link / "new", data / "images" / ".." / "a" / "b")
+    for place in (*inside, tmp_path / "taken", "s3://a/b", ""):
         answer = export(address, good | {"out": str(place)})
         assert answer.status == 422
         assert answer.json["error"].isprintable()
@@ -371,15 +352,8 @@ def test_a_run_without_its_source_shows_what_it_measured(ran, tmp_path):
     assert "--source" in subject.notes[0]
     with browse.serving(subject) as address:
         assert ask(address, "/api/frames/0/tile").status == 422
-        assert (
-            ask(
-                address,
-                "/api/export",
-                "POST",
-                body=json.dumps({"rows": selection([1], 12), "out": str(tmp_path / "x"), "format": "yolo"}).encode(),
-            ).status
-            == 422
-        )
+        wanted = {"rows": selection([1], 12), "out": str(tmp_path / "x"), "format": "yolo"}
+        assert export(address, wanted).status == 422
     with pytest.raises(SimgrabError, match="does not belong to this run"):
         browse.open(path, about["source"])
 
@@ -408,7 +382,7 @@ def test_pictures_of_fewer_bits_are_shown_as_they_were_measured(tmp_path):
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture(i).astype(np.uint16) << 4)
     source = open_source(tmp_path)
-    found = pictures.decode(_FilePictures(source, ("0.png", "1.png", "2.png")).content(1), "frame")
+    found = pictures.decode(_in_folder(source, ("0.png", "1.png", "2.png"))(1), "frame")
     np.testing.assert_array_equal(found, list(source)[1].picture)
 
 
@@ -475,34 +449,3 @@ def test_what_cannot_be_browsed_is_named(data, tmp_path):
     assert "frames must increase" in line(path)
     (path / "manifest.json").unlink()
     assert "it has no manifest.json" in line(path)
-
-
-def test_the_command_prints_the_address_and_ends_at_an_interrupt(data, monkeypatch):
-    asked = []
-
-    def interrupted():
-        asked.append("")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(signal, "pause", interrupted)
-    result = CliRunner().invoke(cli, ["browse", str(data), "--no-open"])
-    assert asked
-    assert result.exit_code == 0
-    assert re.fullmatch(
-        rf"12 frames of {re.escape(str(data))}: http://127\.0\.0\.1:\d+/\?token=[\w-]+\n", result.stdout
-    )
-    taken = CliRunner().invoke(cli, ["browse", str(data / "labels.parquet")])
-    assert "it is a file" in str(taken.exception)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_without_a_word(data, number):
-    command = [sys.executable, "-m", "simgrab", "browse", str(data), "--no-open"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        line = process.stdout.readline()
-        assert line.startswith(f"12 frames of {data}: http://127.0.0.1:")
-        os.kill(process.pid, number)
-        _, said = process.communicate(timeout=30)
-    assert process.returncode in (0, 128 + number)
-    assert "Traceback" not in said

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from browser import needs_chromium
+from browser import NAMELESS, needs_chromium
 
 from scripts.chromium import page
 from simgrab.model import scenes
@@ -348,10 +348,7 @@ def test_frames_play_beside_another_seed_and_the_instrument_measures(shown):
 def test_names_are_text_and_every_control_has_a_name(shown):
     assert shown.evaluate('document.getElementById("about").textContent') == HOSTILE
     assert shown.evaluate('document.querySelectorAll("h1 *, #about *, script:not([src]), img").length') == 0
-    nameless = """[...document.querySelectorAll("button, select, input")].filter((one) =>
-      !(one.getAttribute("aria-label") || one.labels?.[0]?.textContent.trim() || one.textContent.trim())
-    ).map((one) => one.outerHTML)"""
-    assert shown.evaluate(nameless) == []
+    assert shown.evaluate(NAMELESS) == []
     ids = shown.evaluate('[...document.querySelectorAll("[id]")].map((one) => one.id)')
     assert len(ids) == len(set(ids))
 
