@@ -95,12 +95,12 @@ def renders(folder, there, **where):
     scene = simgrab.load("quay-day", {"frames": 4, "image.samples": 0}, size=(480, 270))
     render(scene, (folder / f"{there}-shards").as_uri(), shard_frames=2, **where)
     if importlib.util.find_spec("simgrab.lab"):
-        from simgrab.lab.stress import catalogue, work
+        from simgrab.lab.stress import catalogue, laboratory
         from simgrab.lab.stress.study import quickened
 
         study = msgspec.structs.replace(quickened(catalogue.load(catalogue.names()[0])), replications=2)
-        with work.worker_pool(1, **where) as pool:
-            tables = sorted(pool.map(partial(work.made, study), work.parts(study)))
+        with laboratory.worker_pool(1, **where) as pool:
+            tables = sorted(pool.map(partial(laboratory.made, study), laboratory.parts(study)))
         (folder / f"{there}-stress").write_bytes(b"".join(tables))
 
 

@@ -26,7 +26,7 @@ from simgrab.judge.check import baseline, suite
 from simgrab.judge.evaluate import truths
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.table import tables
-from simgrab.lab.stress import catalogue, fidelities
+from simgrab.lab.stress import catalogue, geometric
 from simgrab.lab.stress.study import quickened
 from simgrab.model import calibration, layouts, scenes
 from simgrab.model.calibration import Calibration
@@ -145,12 +145,7 @@ def study(target: Path, _corpus: Path) -> None:
     found = quickened(catalogue.load(target))
     given = {key: value for key, value in found.given.items() if key != "n"}
     short = msgspec.structs.replace(found, n=20, given=given)
-    if (
-        short.kind == "estimators"
-        and short.depth == fidelities.GEOMETRIC.name
-        and all(s.axis != "n" for s in short.axes)
-    ):
-        geometric = fidelities.GEOMETRIC
+    if short.kind == "estimators" and short.depth == "geometric" and all(s.axis != "n" for s in short.axes):
         geometric.draw(geometric.settle(short, short.points[0]), short.seed, [0])
 
 

@@ -119,7 +119,7 @@ def together(parts: Sequence[Appearance]) -> Appearance:
     return replace(
         best(lambda one: one.level),
         noise=noisy.noise,
-        blur=best(lambda one: one.blur.diameter).blur,
+        blur=best(lambda one: one.blur).blur,
         sharpness=best(lambda one: one.sharpness.overshoot).sharpness,
         vignetting=best(lambda one: one.vignetting).vignetting,
         display=max(bright, key=lambda one: one.display.read).display,
@@ -133,8 +133,8 @@ def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
     optics: dict[str, Any] = {}
     if seen.vignetting.value is not None:
         optics["vignetting_stops"] = _rounded(min(seen.vignetting.value, 8.0))
-    if seen.blur.diameter.value is not None:
-        optics["defocus_px"] = _rounded(min(seen.blur.diameter.value, MOST_BLUR_PX))
+    if seen.blur.value is not None:
+        optics["defocus_px"] = _rounded(min(seen.blur.value, MOST_BLUR_PX))
     if seen.grey:
         optics["night_mode"] = "on"
     optics |= _sharpening(seen)
@@ -182,8 +182,8 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
     drawn = dict[str, tuple[float, float]]()
     if seen.vignetting.known:
         drawn["optics.vignetting_stops"] = (min(seen.vignetting.low, 8.0), min(seen.vignetting.high, 8.0))
-    if seen.blur.diameter.known:
-        drawn["optics.defocus_px"] = (max(seen.blur.diameter.low, 0.0), min(seen.blur.diameter.high, MOST_BLUR_PX))
+    if seen.blur.known:
+        drawn["optics.defocus_px"] = (max(seen.blur.low, 0.0), min(seen.blur.high, MOST_BLUR_PX))
     if seen.level.value:
         low, high = seen.level.value / LEVEL_SPREAD, seen.level.value * LEVEL_SPREAD
         drawn["optics.exposure.target_level"] = (min(max(low, 0.01), 0.7), min(max(high, 0.012), 0.9))

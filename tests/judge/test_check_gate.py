@@ -23,7 +23,7 @@ import simgrab
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
-from simgrab.judge.check import baseline, cache, constant, gate, golden, report, suite
+from simgrab.judge.check import baseline, cache, gate, golden, report, suite, trial
 from simgrab.judge.check.gate import Options
 
 # Limits so wide that only the baseline can tell.
@@ -162,7 +162,7 @@ def test_what_the_baseline_has_too_few_values_for_is_told(place, tmp_path):
     told = check(place, baseline=tmp_path, seed=2)
     assert told.passed
     assert "compared with limits only" in told.notes[0]
-    assert "swing angle.overall.rmse_deg" in told.notes[0]
+    assert "angle.overall.rmse_deg" in told.notes[0]
     same = check(place, baseline=tmp_path)  # the very frames that were recorded
     assert "compared with limits only" not in " ".join(same.notes)
 
@@ -177,7 +177,9 @@ def test_limits_that_a_constant_answer_meets_are_named(place):
     true = np.array([row.alpha_deg for row in dataset.rows])
 
     def warned(**limits):
-        return constant.warning("swing", dataset, {f"angle.overall.{k}": suite.Limit(**v) for k, v in limits.items()})
+        return trial.constant_answer(
+            "swing", dataset, {f"angle.overall.{k}": suite.Limit(**v) for k, v in limits.items()}
+        )
 
     least = true.std()  # of the errors of the best constant answer, which is the mean
     assert warned(rmse_deg={"upper": 1.01 * least})
@@ -222,11 +224,17 @@ def quits(_):
 
 
 MEASURED = Measurement(status="ok", alpha=0.1)
+
+
+def telling(**fields):
+    return lambda frames: [Measurement(**{"status": "ok", "alpha": 0.1} | fields) for _ in frames]
+
+
 ACTS = {
     "raises": (raises, "ZeroDivisionError: division by zero"),
     "quits": (quits, "SystemExit: no licence"),
     "gives nothing": (lambda _: None, "TypeError"),
-    "gives too few": (lambda _: [Measurement(status="ok", alpha=0.1)], "measurements of"),
+    "gives too few": (lambda _: [MEASURED], "measurements of"),
     "never ends": (
         lambda frames: itertools.chain((MEASURED for _ in frames), itertools.repeat(MEASURED)),
         "more than 16 measurements of 16 frames",
@@ -237,33 +245,15 @@ ACTS = {
         "requested frame 0 after",
     ),
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
-    "gives a text": (lambda frames: [Measurement(status="ok", alpha="0.1") for _ in frames], "frame 0: alpha"),
-    "gives nan": (lambda frames: [Measurement(status="ok", alpha=float("nan")) for _ in frames], "frame 0: alpha"),
-    "gives a centre of nan": (
-        lambda frames: [Measurement(status="ok", alpha=0.1, centre=(float("nan"), 1.0)) for _ in frames],
-        "centre: (nan, 1.0) is not finite",
-    ),
-    "gives a sure danger": (
-        lambda frames: [Measurement(status="ok", alpha=0.1, danger=1.5) for _ in frames],
-        "frame 0: danger",
-    ),
-    "gives an interval upside down": (
-        lambda frames: [Measurement(status="ok", alpha=0.1, alpha_low=0.2, alpha_high=0.1) for _ in frames],
-        "alpha_low: 0.2 rad is above",
-    ),
-    "gives one number of two": (
-        lambda frames: [Measurement(status="ok", alpha=0.1, rope_text="0615") for _ in frames],
-        "got '0615'",
-    ),
-    "gives degrees": (lambda frames: [Measurement(status="ok", alpha=5.0) for _ in frames], "5 rad is beyond"),
-    "gives a box upside down": (
-        lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 9.0, 5.0, 4.0)) for _ in frames],
-        "y0 < y1 are required",
-    ),
-    "gives a bad box": (
-        lambda frames: [Measurement(status="ok", alpha=0.1, box=(1.0, 2.0)) for _ in frames],
-        "frame 0: box",
-    ),
+    "gives a text": (telling(alpha="0.1"), "frame 0: alpha"),
+    "gives nan": (telling(alpha=float("nan")), "frame 0: alpha"),
+    "gives a centre of nan": (telling(centre=(float("nan"), 1.0)), "centre: (nan, 1.0) is not finite"),
+    "gives a sure danger": (telling(danger=1.5), "frame 0: danger"),
+    "gives an interval upside down": (telling(alpha_low=0.2, alpha_high=0.1), "alpha_low: 0.2 rad is above"),
+    "gives one number of two": (telling(rope_text="0615"), "got '0615'"),
+    "gives degrees": (telling(alpha=5.0), "5 rad is beyond"),
+    "gives a box upside down": (telling(box=(1.0, 9.0, 5.0, 4.0)), "y0 < y1 are required"),
+    "gives a bad box": (telling(box=(1.0, 2.0)), "frame 0: box"),
 }
 
 
@@ -276,10 +266,8 @@ def test_an_instrument_that_breaks_is_a_failure_told_in_one_line(place, act):
 
 
 def test_numbers_of_numpy_are_numbers(place):
-    def act(frames):
-        box, centre = np.array([1.0, 2.0, 3.0, 4.0]), (np.float32(2), np.float64(3))
-        return [Measurement(status="ok", alpha=np.float32(0.1), box=box, centre=centre) for _ in frames]
-
+    box, centre = np.array([1.0, 2.0, 3.0, 4.0]), (np.float32(2), np.float64(3))
+    act = telling(alpha=np.float32(0.1), box=box, centre=centre)
     assert "instrument" not in failed(check(place, Broken(act), baseline=None))
 
 
@@ -303,6 +291,19 @@ def test_a_dataset_is_drawn_once_and_again_when_its_pictures_changed(place):
     cache.rendered(scenario, place / "cache")
     assert manifest.stat().st_mtime_ns != before
     assert picture.read_bytes() == bytes_before
+
+
+def test_the_cache_goes_by_the_code_that_draws_alone(tmp_path, monkeypatch):
+    """A page, an instrument or a judge changes no pixel; the world, a label and a scene's key may."""
+    monkeypatch.setattr(cache, "PACKAGE", tmp_path)
+    digests = []
+    for name in ("text.py", "studio/app.py", "pages/html.py", "judge/audit.py", "studio/static/page.js", "cli/run.py",
+                 "world/scene.py", "labels/truth.py", "scenario/swing.py"):  # fmt: skip
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("pass")
+        digests.append(cache._drawing_code.__wrapped__())
+    assert len(set(digests[:6])) == 1
+    assert len(set(digests)) == 4
 
 
 def test_a_check_killed_while_it_clears_its_cache_goes_on(place, monkeypatch):
@@ -340,21 +341,23 @@ def without_grab(picture):
     return picture
 
 
-def test_golden_frames_are_compared_by_hash_or_by_likeness(place, tmp_path):
-    same_renderer = altered(place, tmp_path, lambda picture: picture)
-    assert same_renderer.status == "failed"
-    assert "rendered by the same renderer" in same_renderer.message
-    assert same_renderer.difference.shape == (270, 3 * 480, 3)
-    assert altered(place, tmp_path, lambda picture: picture, drawn_by="another").status == "passed"
-    assert altered(place, tmp_path, without_grab, drawn_by="another").status == "failed"
-    assert "out of date" in altered(place, tmp_path, lambda picture: picture, digest="another").message
-    assert "size" in altered(place, tmp_path, lambda p: p[:200], drawn_by="another").message
+def test_golden_frames_are_compared_by_hash_or_by_likeness(place, tmp_path, monkeypatch):
+    def status(change, **keys):
+        verdict, difference = altered(place, tmp_path, change, **keys)
+        assert difference is None or (verdict.status, difference.shape) == ("failed", (270, 3 * 480, 3))
+        return verdict.status, verdict.message
 
+    def unchanged(picture):
+        return picture
 
-def test_golden_frames_of_another_kind_of_cpu_are_compared_by_likeness(place, tmp_path, monkeypatch):
+    assert "rendered by the same renderer" in status(unchanged)[1]
+    assert status(unchanged, drawn_by="another")[0] == "passed"
+    assert status(without_grab, drawn_by="another")[0] == "failed"
+    assert "out of date" in status(unchanged, digest="another")[1]
+    assert "size" in status(lambda p: p[:200], drawn_by="another")[1]
     monkeypatch.setattr(golden, "cpu_features", lambda: {"numpy": ("another",)})
-    assert altered(place, tmp_path, lambda picture: picture).status == "passed"
-    assert altered(place, tmp_path, without_grab).status == "failed"
+    assert status(unchanged)[0] == "passed"
+    assert status(without_grab)[0] == "failed"
 
 
 @pytest.fixture

@@ -60,29 +60,16 @@ BAD = {
     "no scenes": ({"scenes": {}}, "a suite needs scenes"),
     "unknown scene": (scene(scene="quay-dya"), "scenes.calm: no scene or file 'quay-dya' (did you mean 'quay-day'?)"),
     "unknown change": (scene(changes={"camera.betta_deg": 1}), "scenes.calm: camera.betta_deg: unknown key"),
-    "table as a change": (scene(changes={"camera.mount": {"model": "loose"}}), "scenes.calm: camera.mount.model"),
     "seed as a change": (scene(changes={"seed": 1}), "set it as scenes.calm.seed or at the top of the suite"),
     "frames as a change": ({"changes": {"frames": 1}}, "frames: set it as scenes.calm.frames"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
-    "unknown key of a limit": (
-        {"limits": {"a.b": {"uper": 2}}},
-        "limits.a.b.uper: unknown key (did you mean 'upper'?)",
-    ),
     "unknown metric": (
         {"limits": {"angle.overall.rmse_dge": {"upper": 1}}},
         "limits: no metric 'angle.overall.rmse_dge' (did you mean 'angle.overall.rmse_deg'?)",
     ),
-    "unknown metric of a scene": (
-        scene(limits={"angle.by_weather.calm-day.rms": {"upper": 1}}),
-        "scenes.calm.limits: no metric",
-    ),
-    "negative slack": ({"limits": {"a": {"upper": 2, "slack": -1}}}, "limits.a.slack"),
-    "nan": ({"limits": {"a": {"upper": float("nan")}}}, "must be a finite number"),
     "golden frame beyond": (scene(golden=[4]), "scenes.calm.golden: no frame 4 among 4"),
     "camera that varies": (scene(scene="training", frames=16), "scenes.calm: vary.camera"),
-    "no frames": (scene(frames=0), "scenes.calm.frames"),
-    "negative seed": ({"seed": -1}, "seed"),
 }
 
 

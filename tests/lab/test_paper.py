@@ -50,8 +50,8 @@ def test_the_study_measures_what_it_says(study):
     assert refused[12] == 60
     assert max(s.apart for s in study.starts if s.start_deg <= 9) < 1e-9
     for n in SMALL.frames:
-        assert study.median[n].rmse_beta < study.known[n].rmse_beta
-        assert study.estimated[n].rmse_beta == pytest.approx(study.known[n].rmse_beta, rel=0.05)
+        assert study.median[n].beta.rms < study.known[n].beta.rms
+        assert study.estimated[n].beta.rms == pytest.approx(study.known[n].beta.rms, rel=0.05)
 
 
 def test_convergence_does_not_depend_on_the_last_bit():

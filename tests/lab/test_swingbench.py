@@ -61,6 +61,11 @@ def test_the_nightly_clips_have_every_weather_and_every_pair_of_mount_and_offset
     assert sum(c.swing == "alarm" for c in clips) == 6
     assert set(clips) < set(season.full())
     assert len(set(season.full())) == 144
+    for clip in season.full():
+        scene = Season(seed=0).scenario(clip)
+        assert scene.camera.offset_y_m == season.OFFSETS_M[clip.offset]
+        assert type(scene.camera.mount).__name__.lower().startswith(clip.mount)
+        assert scene.display_layout is not None
 
 
 def test_tilt_and_seed_of_a_clip_follow_from_the_seasons_seed():
@@ -72,24 +77,12 @@ def test_tilt_and_seed_of_a_clip_follow_from_the_seasons_seed():
     assert season.LEAST_TILT_DEG <= same.camera.beta_deg <= season.MOST_TILT_DEG
 
 
-def test_every_clip_is_a_scenario_as_its_name_says():
-    for clip in season.full():
-        scene = Season(seed=0).scenario(clip)
-        assert scene.camera.offset_y_m == season.OFFSETS_M[clip.offset]
-        assert type(scene.camera.mount).__name__.lower().startswith(clip.mount)
-        assert scene.display_layout is not None
-
-
 def test_the_commitment_binds_to_everything_that_a_season_is():
     one = Season("autumn", seed=5, salt="a")
     changes = ({"seed": 6}, {"salt": "b"}, {"frames": 541}, {"subset": "full"}, {"width_px": 1920}, {"name": "winter"})
-    others = [msgspec.structs.replace(one, **change) for change in changes]
-    assert len({season.commitment for season in (one, *others)}) == 7
-
-
-def test_a_season_without_sensors_has_the_commitment_that_it_had_before_there_were_any():
-    assert Season().commitment == "5ab75c881399c521c3a559c87c939dbb861fa978b9fa12c4bf0cb4ba5feaf237"
-    assert Season(sensors=("imu",)).commitment not in (Season().commitment, Season(sensors=("lidar",)).commitment)
+    others = [msgspec.structs.replace(one, **change) for change in (*changes, {"sensors": ("imu",)})]
+    assert len({season.commitment for season in (one, *others)}) == 8
+    assert Season().commitment == "5ab75c881399c521c3a559c87c939dbb861fa978b9fa12c4bf0cb4ba5feaf237"  # is published
 
 
 def test_sensors_change_no_scenario_of_a_picture_and_their_errors_follow_from_the_seasons_seed():
@@ -133,21 +126,14 @@ def test_the_truth_scores_everything_and_the_others_made_from_it_what_they_must(
     assert truth.figures["average_recall"].value > last.figures["average_recall"].value > expected
 
 
-def test_recall_is_the_mean_over_thresholds():
-    # 0.4° is within 0.5, 0.75, 1, 1.5 and 2 of the eight thresholds.
-    assert recall(off_by(0.4).clips["a"], TARGETS[0]) == pytest.approx(5 / 8)
-    # On a threshold it counts as within, whatever the rounding of the file.
-    assert recall(off_by(0.5).clips["a"], TARGETS[0]) == pytest.approx(5 / 8)
-
-
-def test_frames_without_an_angle_are_within_no_threshold_and_those_without_a_grab_do_not_count():
+def test_recall_is_the_mean_over_thresholds_of_the_frames_with_a_grab():
+    # 0.4° is within 0.5, 0.75, 1, 1.5 and 2 of the eight thresholds; on one it counts, whatever the file rounds to.
+    assert recall(off_by(0.4).clips["a"], TARGETS[0]) == recall(off_by(0.5).clips["a"], TARGETS[0]) == 5 / 8
     truth = sanity(TARGETS, "open")[0].clips["a"]
-    alpha = truth.alpha.copy()
-    alpha[:45] = np.nan
+    alpha = np.where(np.arange(90) < 45, np.nan, truth.alpha)
     half = Answers(truth.status, alpha, alpha, alpha, truth.seconds)
     assert recall(half, TARGETS[0]) == pytest.approx(0.5)
-    unknown = Target("a", TARGETS[0].times, np.where(np.arange(90) < 45, np.nan, TARGETS[0].alpha))
-    assert recall(half, unknown) == 1
+    assert recall(half, Target("a", TARGETS[0].times, np.where(np.isnan(alpha), np.nan, TARGETS[0].alpha))) == 1
 
 
 def test_errors_coverage_and_time():
@@ -176,19 +162,13 @@ def test_an_entry_that_is_better_in_some_clips_alone_shares_the_rank():
     assert [s.rank for s in found] == [1, 1]
 
 
-def test_tracks_are_ranked_apart():
+def test_ranks_follow_the_average_recall_within_a_track():
     tracks = ("picture", "picture+rope", "picture+rope+imu", "picture+lidar")
     entries = [Entry(About(track, track, "open"), off_by(0.05 + i).clips) for i, track in enumerate(tracks)]
+    entries += [off_by(error, name=f"{error}") for error in (0.15, 0.25, 0.4)]
     found = [s for s in score(entries[::-1], TARGETS) if not s.sanity]
-    assert [(s.about.method, s.rank) for s in found] == [(track, 1) for track in tracks]
-
-
-def test_ranks_follow_the_average_recall():
-    entries = [off_by(error, name=f"{error}") for error in (0.05, 0.15, 0.25, 0.4, 0.6, 0.9)]
-    found = [s for s in score(entries, TARGETS) if not s.sanity]
-    assert [s.rank for s in found] == [1, 2, 3, 4, 5, 6]
-    recalls = [s.figures["average_recall"].value for s in found]
-    assert recalls == sorted(recalls, reverse=True)
+    ranked = [("picture", 1), ("0.15", 2), ("0.25", 3), ("0.4", 4), *((track, 1) for track in tracks[1:])]
+    assert [(s.about.method, s.rank) for s in found] == ranked
 
 
 def test_clips_without_a_grab_are_not_scored():
@@ -217,17 +197,11 @@ def test_alarms_that_are_due_missed_false_and_late():
     assert high["alarms_false"].value > 0
 
 
-def test_scores_are_the_same_to_the_last_digit():
-    entries = [off_by(0.3), off_by(0.6, name="other")]
-    texts = {board.table(score(entries, TARGETS), Season()) for _ in range(2)}
-    assert len(texts) == 1
-    rows = list(csv.DictReader(texts.pop().splitlines()))
-    assert [row["method"] for row in rows] == ["method", "other", "truth", "last value", "constant 0°"]
-
-
 def test_a_report_is_the_page_of_the_scores_and_needs_their_file_alone(tmp_path):
     scores = score([off_by(0.3), off_by(0.6, name="<i>")], TARGETS[1:3])
     board.save(scores, Season(), csv_file=tmp_path / "a.csv", page=tmp_path / "a.html")
+    again = score([off_by(0.3), off_by(0.6, name="<i>")], TARGETS[1:3])
+    assert (tmp_path / "a.csv").read_text() == board.table(again, Season())
     board.save_page([board.read(tmp_path / "a.csv")], tmp_path / "b.html")
     page = (tmp_path / "b.html").read_text()
     assert page == (tmp_path / "a.html").read_text()
@@ -248,10 +222,6 @@ def test_a_report_is_the_page_of_the_scores_and_needs_their_file_alone(tmp_path)
         ("\n".join([header, f"{first},", *others]), "row 1 must have"),
         (text.replace("open", "autumn", 1), one_of),
         (text.replace(Season().commitment, "0" * 64, 1), one_of),
-        (
-            "\n".join([header, ",".join([*cells[: place + 1], "nan", *cells[place + 2 :]])]),
-            "average_recall must be fin",
-        ),
         ("\n".join([header, ",".join([*cells[:-1], "inf"])]), "ms_per_frame_high must be finite, got 'inf'"),
     ):
         (tmp_path / "bad.csv").write_text(bad)
@@ -291,29 +261,20 @@ def edited(line, column, text):
     return edit
 
 
-def less(lines):
-    lines[5] = lines[5].rsplit(",", 1)[0]
-
-
 BAD = {
     "a header in another order": (edited(0, 0, "frame"), "line 1: the header must be clip,frame"),
-    "a column less": (less, "line 6: 6 columns"),
     "another clip": (edited(3, 0, "b"), "line 4: clip 'b' in the file of 'a'"),
     "a frame twice": (edited(4, 1, "2"), "line 5: frame '2'; 3 is due"),
-    "a frame missing": (lambda lines: lines.pop(9), "line 10: frame '9'; 8 is due"),
     "the end missing": (lambda lines: lines.pop(), "89 frames; the clip has 90"),
     "a frame too many": (lambda lines: lines.append("a,90,ok,1,,,0"), "only 90 frames"),
     "an unknown status": (edited(2, 2, "fine"), "line 3: status 'fine'"),
     "not a number": (edited(2, 3, "one"), "alpha_deg must be a number or empty, got 'one'"),
-    "NaN": (edited(2, 3, "nan"), "alpha_deg must be finite"),
     "infinity": (edited(2, 5, "inf"), "high_deg must be finite"),
     "ok without an angle": (edited(2, 3, ""), "alpha_deg is required"),
     "an angle though missed": (edited(3, 3, "1.0"), "alpha_deg is required with status ok, and empty otherwise"),
-    "below 0": (edited(2, 3, "-1"), "between 0 and 90"),
     "half an interval": (edited(2, 4, ""), "both be given"),
     "an interval upside down": (edited(2, 4, "80"), "is above high_deg"),
     "a negative time": (edited(2, 6, "-0.1"), "time_s must be 0 or more"),
-    "no time": (edited(2, 6, ""), "time_s must be 0 or more"),
     "an open quote": (lambda lines: lines.append('"a'), "line 92: unexpected end of data"),
 }
 
@@ -340,12 +301,7 @@ def test_all_problems_of_an_entry_are_listed(tmp_path):
     (folder / "entry.json").write_text('{"method": "m", "track": "lidar", "season": "open"}')
     found = entry.problems(folder, OPEN)
     assert len(found) == 4
-    for words in (
-        "any of 'rope', 'imu', 'encoders', 'cameras', 'lidar' joined with + in this order; got 'lidar'",
-        "notes.txt: not a file",
-        "UTF-8",
-        "a.csv",
-    ):
+    for words in ("joined with + in this order; got 'lidar'", "notes.txt: not a file", "UTF-8", "a.csv"):
         assert any(words in problem for problem in found)
     other = entered(tmp_path / "other")
     autumn = msgspec.structs.replace(OPEN, name="autumn")
@@ -423,27 +379,9 @@ def test_a_method_is_given_the_sensors_of_its_track(sensed, tmp_path):
     assert not (tmp_path / "g").exists()
 
 
-def nan(lines):
-    lines[7] = lines[7].rsplit(",", 1)[0] + ",nan"
-
-
-def jump(lines):
-    lines[200:] = [f"{10_000_000 * i}," + line.partition(",")[2] for i, line in enumerate(lines[200:], 150)]
-
-
-def pause(lines):
-    del lines[200:260]
-
-
 HOSTILE = {
-    "NaN": (nan, "row 7: a finite number is needed"),
-    "a clock that jumps back": (jump, "row 200: must increase, got 1.500000 s after 1.980000 s"),
-    "rows missing": (pause, "the sensor is silent for 0.61 s at 1.98 s"),
+    "rows missing": (lambda lines: lines.__delitem__(slice(200, 260)), "the sensor is silent for 0.61 s at 1.98 s"),
     "an empty file": (list.clear, "it is not valid CSV"),
-    "half a file": (
-        lambda lines: lines.__delitem__(slice(150, None)),
-        "the sensor's readings last from 0.00 to 1.48 s",
-    ),
     "text": (lambda lines: lines.append("9999999999,a,b,c,d,e,f"), "holds something that is not a number"),
 }
 
@@ -493,9 +431,7 @@ def test_without_the_rope_length_in_the_track_no_display_is_read(sensed, tmp_pat
     ("instrument", "track", "words"),
     [
         (Pipeline(Middle(), Middle()), "picture+imu", "inertial-fusion needs the rope's length on the display"),
-        (Pipeline(Middle(), None), "picture+rope+imu", "inertial-fusion needs the rope's length on the display"),
         (Pipeline(Middle(), Middle(), RopeAware()), "picture", "rope-aware needs the rope's length on the display"),
-        (Pipeline(Middle(), Middle(), RopeAware()), "picture+rope+imu", "with an inertial sensor nothing else"),
         (Pipeline(Middle(), Middle()), "picture+rope+lidar", "uses the sensor imu0; there are: lidar0"),
         (Still(), "picture+lidar", "still takes no sensors"),
     ],
@@ -509,12 +445,6 @@ def test_inputs_that_an_instrument_cannot_use_are_refused_before_the_first_clip(
     path.write_text(json.dumps(json.loads(path.read_text()) | {"sensors": ["imu", "lidar"]}))
     with pytest.raises((BenchError, InstrumentError), match=words):
         entry.run(sensed, tmp_path / "e", instrument, track)
-    assert opened == []
-
-
-def test_a_name_that_is_too_long_is_refused_before_the_first_clip(sensed, tmp_path, monkeypatch):
-    opened = []
-    monkeypatch.setattr(entry, "open_source", opened.append)
     with pytest.raises(BenchError, match="method: must be a text of length <= 100"):
         entry.run(sensed, tmp_path / "e", Still(), "picture", method="m" * 101)
     assert opened == []
@@ -610,22 +540,8 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
     monkeypatch.setattr(season, "nightly", lambda: season.full()[:1])
     monkeypatch.setattr("simgrab.lab.bench.files.MOST_ATTEMPTS", 1)
     place, out = str(tmp_path / "season"), tmp_path / "entry"
-    prepare = [
-        "bench",
-        "prepare",
-        "--out",
-        place,
-        "--frames",
-        "3",
-        "--size",
-        "480x270",
-        "--workers",
-        "1",
-        "--sensors",
-        "imu",
-        "--seed",
-        "4",
-    ]
+    prepare = ["bench", "prepare", "--out", place]
+    prepare += ["--frames", "3", "--size", "480x270", "--workers", "1", "--sensors", "imu", "--seed", "4"]
 
     def call(*arguments, status=0):
         result = CliRunner().invoke(cli, [str(a) for a in arguments])
@@ -669,10 +585,7 @@ def test_a_season_from_the_command_line(tmp_path, monkeypatch):
     (tmp_path / "secret").rename(tmp_path / "season" / "truth")
     call("bench", "score", place, out, "--out", tmp_path / "s.csv", "--page", tmp_path / "s.html")
     rows = list(csv.DictReader((tmp_path / "s.csv").read_text().splitlines()))
-    assert [(row["method"], row["answered"]) for row in rows[:2]] == [
-        ("still", "1.000000000"),
-        ("truth", "1.000000000"),
-    ]
+    assert [(row["method"], float(row["answered"])) for row in rows[:2]] == [("still", 1.0), ("truth", 1.0)]
     assert "SwingBench" in (tmp_path / "s.html").read_text()
     call("bench", "report", tmp_path / "s.csv", "--out", tmp_path / "r.html")
     assert (tmp_path / "r.html").read_text() == (tmp_path / "s.html").read_text()

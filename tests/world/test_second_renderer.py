@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import slow_but
+from scripts.second_renderers import Comparison, compare
 from seconds import SECOND_RENDERERS, needs_embree
 
-from scripts.second_renderers import Comparison, compare
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer import choice, install_hint, open_second_renderer
 from simgrab.model import rng

@@ -155,8 +155,8 @@ def _manifest_proof(data: _Dataset) -> Proof:
     for key in sorted({*copy, *known} - {"renderer", "files", "manifest_digest", "clamped"}):
         for dotted, a, b in _leaves(key, known.get(key), copy.get(key)):
             found.expect(a == b, f"manifest.json, {dotted}", f"{a!r}, but labels.parquet was written for {b!r}")
-    files = known.get("files")
-    found.expect(isinstance(files, dict) and set(files) >= TABLES, "manifest.json, files", "a table is missing")
+    files, wanted = known.get("files"), TABLES | {tables.metadata_name(row.split) for row in data.rows}
+    found.expect(isinstance(files, dict) and set(files) >= wanted, "manifest.json, files", "a table is missing")
     found.expect(known.get("digest") == data.scenario.digest(), "manifest.json, digest", "not that of its scenario")
     found.expect(
         known.get("manifest_digest") == manifest.digest(known), "manifest.json, manifest_digest",
@@ -189,7 +189,7 @@ def _manifest_proof(data: _Dataset) -> Proof:
 def _refuse_strangers(found: Findings, data: _Dataset) -> None:
     """Pictures and labels that no row knows of: a trainer would take them up."""
     stems = {f"{row.split}/{row.frame:06d}" for row in data.rows}
-    known = _metadata_names(data)
+    known = {tables.metadata_name(row.split) for row in data.rows}
     for folder in ("images", "labels", "ids", "depth"):
         for file in sorted((data.path / folder).rglob("*")):
             stem = str(file.relative_to(data.path / folder).with_suffix(""))
@@ -293,16 +293,10 @@ def _compare_exports(
             found.expect(annotation.get(key) == expected[key], f"frame {row.frame}, COCO {key}", "not that of this row")
 
 
-def _metadata_names(data: _Dataset) -> list[str]:
-    """Tables for ``imagefolder``, which a dataset of earlier versions lacks."""
-    files = data.manifest.get("files")
-    return [name for name in map(tables.metadata_name, SPLITS) if isinstance(files, dict) and name in files]
-
-
 def _compare_metadata(found: Findings, data: _Dataset) -> None:
     """Compare ``metadata.csv`` of each split with the rows, line by line."""
-    for name in _metadata_names(data):
-        split, file = Path(name).parent.name, data.path / name
+    for split in sorted({row.split for row in data.rows}):
+        file = data.path / (name := tables.metadata_name(split))
         lines = file.read_bytes().split(b"\n") if file.is_file() else []
         frames = ["header", *(f"frame {row.frame}" for row in data.rows if row.split == split), "end"]
         expected = tables.metadata(data.rows, split).split(b"\n")

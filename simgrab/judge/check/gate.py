@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,11 +17,11 @@ from simgrab.instrument.run.subject import checked, open_instrument
 from simgrab.io.destination import check_folder, writing
 from simgrab.io.files import write
 from simgrab.judge.check import baseline as base
-from simgrab.judge.check import cache, constant, golden
+from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
-from simgrab.judge.check.trial import Trial, trial
+from simgrab.judge.check.trial import Trial, constant_answer, trial
 from simgrab.judge.check.verdicts import Verdict, of_trial
 from simgrab.text import printable
 
@@ -92,21 +92,7 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
-    if recorded is not None and (blind := _uncompared(scenes)):
-        notes = (*notes, f"compared with limits only, because the baseline has too few values: {', '.join(blind)}")
-    notes += tuple(filter(None, (outcome.warning for outcome in scenes.values())))
-    notes += tuple(
-        f"{name}: nothing is judged, because it has no limits"
-        for name in scenes
-        if not (suite.limits_of(name) or suite.scenes[name].golden)
-    )
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
-
-
-def _uncompared(scenes: Mapping[str, Outcome]) -> list[str]:
-    """Metrics for which there was nothing in the baseline to compare with."""
-    verdicts = [v for outcome in scenes.values() for v in outcome.verdicts]
-    return [f"{v.scene} {v.what}" for v in verdicts if v.limit and v.value is not None and v.reference is None]
 
 
 def record(suite: Suite, options: Options | None = None, seeds: int | None = None) -> Report:
@@ -194,19 +180,23 @@ def _scene(
     suite: Suite, name: str, seed: int, instrument: Instrument, recorded: Baseline | None, folder: Path,
     options: Options,
 ) -> Outcome:  # fmt: skip
-    begun = time.perf_counter()
+    begun, limits, frames = time.perf_counter(), suite.limits_of(name), suite.scenes[name].golden
     dataset = _dataset(suite, name, seed, options)
     found = trial(dataset, instrument)
-    verdicts = of_trial(name, found, suite.limits_of(name), recorded, base.ends(suite))
-    frames = suite.scenes[name].golden if seed == suite.seed else ()
-    looks = [golden.look(name, frame, dataset, folder, suite.least_ssim) for frame in frames]
-    verdicts += [
-        Verdict(scene=name, what=f"golden frame {one.frame}", status=one.status, value=one.ssim, message=one.message)
-        for one in looks
-    ]
-    pictures = {f"{name}-{one.frame:06d}.png": one.difference for one in looks if one.difference is not None}
-    warning = constant.warning(name, dataset, suite.limits_of(name))
-    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, warning)
+    verdicts, notes, pictures = of_trial(name, found, limits, recorded, base.ends(suite)), [], {}
+    if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
+        why = "because the baseline has too few values"
+        notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
+    if warning := constant_answer(name, dataset, limits):
+        notes.append(warning)
+    if not (limits or frames):
+        notes.append(f"{name}: nothing is judged, because it has no limits")
+    for frame in frames if seed == suite.seed else ():
+        verdict, difference = golden.look(name, frame, dataset, folder, suite.least_ssim)
+        verdicts.append(verdict)
+        if difference is not None:
+            pictures[f"{name}-{frame:06d}.png"] = difference
+    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, tuple(notes))
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: Options) -> Dataset:

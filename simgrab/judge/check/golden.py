@@ -12,9 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -26,13 +24,13 @@ from simgrab.errors import DatasetError, PictureError, SuiteError
 from simgrab.io.parse import read_json
 from simgrab.io.pictures import read as read_picture
 from simgrab.io.strict import convert
+from simgrab.judge.check.verdicts import Status, Verdict
 from simgrab.judge.doctor import cpu_features
 from simgrab.model.truth import Row
 
 FILE = "golden.json"
 TILES = 8
 Picture = NDArray[np.uint8]
-Status = Literal["passed", "failed", "skipped"]
 
 
 class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,29 +52,6 @@ class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sha256: str
     digest: str
     drawn_by: str
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """How a frame compares with its golden picture.
-
-    Attributes
-    ----------
-    frame : int
-    status : str
-        ``"passed"``, ``"failed"``, or ``"skipped"`` where none was recorded.
-    message : str
-    ssim : float or None
-        Of the least like tile; None where the files are the same, or cannot be compared.
-    difference : ndarray of uint8, shape (height, 3 width, 3), or None
-        Golden picture, frame, and four times their difference, side by side, RGB; where it failed.
-    """
-
-    frame: int
-    status: Status
-    message: str
-    ssim: float | None = None
-    difference: Picture | None = None
 
 
 def keep(datasets: dict[str, Dataset], frames: dict[str, tuple[int, ...]]) -> tuple[dict[str, Kept], dict[str, bytes]]:
@@ -113,35 +88,44 @@ def _refusal(problem: str) -> SuiteError:
     return SuiteError(f"{problem}; record them again with --update-baseline")
 
 
-def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: float) -> Look:
+def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: float) -> tuple[Verdict, Picture | None]:
     """Compare a frame of a scene with its golden picture.
+
+    Returns
+    -------
+    verdict : Verdict
+        Its value is the SSIM of the least like tile; None where the files are the same, or cannot be compared.
+    difference : ndarray of uint8, shape (height, 3 width, 3), or None
+        Golden picture, frame, and four times their difference, side by side, RGB; where it failed.
 
     Raises
     ------
     SuiteError
         If the golden picture cannot be read.
     """
+
+    def verdict(status: Status, message: str, ssim: float | None = None) -> Verdict:
+        return Verdict(scene=name, what=f"golden frame {frame}", status=status, value=ssim, message=message)
+
     kept = load(folder).get(f"{name}/{frame}")
     row = _row(dataset, frame)
     if kept is None:
-        return Look(frame, "skipped", "not recorded yet")
-    if kept.digest != dataset.data.scenario_digest:
-        now = dataset.data.scenario_digest[:12]
-        return Look(frame, "failed", f"out of date: recorded for the scenario {kept.digest[:12]}, and this is {now}")
+        return verdict("skipped", "not recorded yet"), None
+    if kept.digest != (now := dataset.data.scenario_digest):
+        why = f"out of date: recorded for the scenario {kept.digest[:12]}, and this is {now[:12]}"
+        return verdict("failed", why), None
     if kept.sha256 == row.image_sha256:
-        return Look(frame, "passed", "the same to the byte")
+        return verdict("passed", "the same to the byte"), None
     golden, picture = _read(folder / kept.file), _read(dataset.image(row))
     if golden.shape != picture.shape:
-        return Look(frame, "failed", f"of another size than recorded: {picture.shape} for {golden.shape}")
-    least = likeness(golden, picture)
-    compared = Look(frame, "passed", f"lowest SSIM of a tile {least:.3f}, at least {least_ssim:g} is required", least)
+        return verdict("failed", f"of another size than recorded: {picture.shape} for {golden.shape}"), None
+    least, beside = likeness(golden, picture), _beside(golden, picture)
     if kept.drawn_by == drawn_by(dataset):
-        compared = replace(
-            compared, status="failed", message=f"changed, although rendered by the same renderer (SSIM {least:.3f})"
-        )
-    elif least < least_ssim:
-        compared = replace(compared, status="failed")
-    return compared if compared.status == "passed" else replace(compared, difference=_beside(golden, picture))
+        return verdict("failed", f"changed, although rendered by the same renderer (SSIM {least:.3f})", least), beside
+    message = f"lowest SSIM of a tile {least:.3f}, at least {least_ssim:g} is required"
+    if least < least_ssim:
+        return verdict("failed", message, least), beside
+    return verdict("passed", message, least), None
 
 
 def likeness(a: Picture, b: Picture) -> float:

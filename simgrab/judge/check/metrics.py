@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
+from typing import get_type_hints
+
+import msgspec
+
 from simgrab.io.resources import suggestion
+from simgrab.judge.evaluate import values
 from simgrab.judge.evaluate.detection import ROPE_BINS_M
 
-_ERRORS = ("frames", "bias_deg", "rmse_deg", "p95_deg", "max_deg")
 _MEAN = ("mean_px", "se_px", "mean_share")
-_PARTS: dict[str, tuple[str, ...]] = {
-    "frames": ("all", "known", "ok", "missed", "unread", "lost", "refused"),
-    "detection": (
-        "frames", "labelled", "empty", "map50_95", "map50", "recall", "longest_miss", "false_boxes", "false_share",
-        "labelled_worlds", "missed_worlds", "empty_worlds", "false_worlds", "jitter_px",
-    ),
-    "detection.centre": (
+
+
+def _numbers(kind: type[msgspec.Struct]) -> list[str]:
+    """Fields of a struct that hold one number, or none."""
+    hints = get_type_hints(kind)
+    return [name for name, hint in hints.items() if hint in (int, float, int | None, float | None)]
+
+
+_ERRORS = _numbers(values.Errors)
+_PARTS: dict[str, list[str]] = {
+    "frames": _numbers(values.Frames), "detection": _numbers(values.Detections),
+    "detection.centre": [
         "frames", "median_px", "p95_px", "median_share", "median_of_diagonal", "p95_of_diagonal", "width_px",
         *(f"{way}_{name}" for way in ("u", "v", "radial", "box_radial") for name in _MEAN),
-    ),
-    "detection.coverage": ("centre",),
-    **{
-        f"reading.{what}_{how}": ("count", "of", "value")
-        for what in ("digits", "frames", "torn") for how in ("right", "refused")
-    },
-    "reading": ("jumps",),
-    "reading.length": ("frames", "median_m", "p95_m", "max_m"),
-    "angle.overall": _ERRORS, "angle.above_8_deg": _ERRORS,
-    **{f"angle.by_rope.{name}": _ERRORS for name in ROPE_BINS_M},
-    "interval": ("frames", "share", "width_deg"),
-    "alarm": ("events", "sure", "missed", "reported", "false", "already_on", "median_delay", "precision", "recall"),
+    ],
+    "detection.coverage": ["centre"],
+    **{f"reading.{name}": _numbers(values.Share) for name, kind in get_type_hints(values.Score).items()
+       if kind is values.Share},
+    "reading": ["jumps"], "reading.length": _numbers(values.Lengths),
+    **{f"angle.{name}": _ERRORS for name in ("overall", "above_8_deg", *(f"by_rope.{name}" for name in ROPE_BINS_M))},
+    "interval": _numbers(values.Coverage), "alarm": _numbers(values.Alarms),
     "budget.drawn": _ERRORS, "budget.run": _ERRORS,
 }  # fmt: skip
 NAMES = frozenset(f"{part}.{name}" for part, names in _PARTS.items() for name in names)

@@ -35,15 +35,15 @@ class Outcome:
         Until its frames were there, measured and evaluated.
     pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
         Of golden frames that differ, by file name; RGB.
-    warning : str
-        What its limits do not catch.
+    notes : tuple of str
+        What there was nothing to compare with, and what limits do not catch.
     """
 
     verdicts: tuple[Verdict, ...]
     metrics: Metrics
     seconds: float
     pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
-    warning: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,8 @@ class Report:
     seed : int
     general : tuple of Verdict
         Of the suite as a whole.
-    notes : tuple of str
-        What there was nothing to compare with, what limits do not catch, or what was recorded.
+    of_suite : tuple of str
+        Notes on the suite as a whole: that there is no baseline, or what was recorded.
     scenes : mapping of str to Outcome
     """
 
@@ -65,13 +65,18 @@ class Report:
     instrument: str
     seed: int
     general: tuple[Verdict, ...] = ()
-    notes: tuple[str, ...] = ()
+    of_suite: tuple[str, ...] = ()
     scenes: Mapping[str, Outcome] = field(default_factory=dict)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Of the suite as a whole, then of each scene."""
         return self.general + tuple(v for scene in self.scenes.values() for v in scene.verdicts)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Of the suite as a whole, then of each scene."""
+        return self.of_suite + tuple(note for scene in self.scenes.values() for note in scene.notes)
 
     @property
     def passed(self) -> bool:

@@ -13,6 +13,8 @@ from simgrab.judge.check.metrics import unknown
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import Metrics, Trial
 
+Status = Literal["passed", "failed", "skipped"]
+
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was checked.
@@ -37,7 +39,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     scene: str
     what: str
-    status: Literal["passed", "failed", "skipped"]
+    status: Status
     value: float | None = None
     limit: str = ""
     reference: float | None = None

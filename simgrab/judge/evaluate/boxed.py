@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from pycocotools.cocoeval import COCOeval
 
-from simgrab.judge.evaluate.detection import Boxes, average_precision, matched
-from simgrab.judge.evaluate.intervals import LEVEL, clopper_pearson
+from simgrab.judge.evaluate import detection
+from simgrab.judge.evaluate.detection import Boxes, matched
+from simgrab.judge.evaluate.intervals import LEVEL
 from simgrab.model.records.observations import Detection
 from simgrab.model.rng import stream
 from simgrab.model.truth import Boxed
@@ -54,35 +55,22 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
     videos: dict[str, list[BoxedCase]] = {}
     for case in some:
         videos.setdefault(case.truth.video, []).append(case)
-    counts = {video: _counts(cases) for video, cases in sorted(videos.items())}
-    whole = _counts(some)
-    labelled, empty = whole["labelled"], whole["empty"]
-    return {
-        "frames": len(some),
+    counts = {
+        video: {
+            "frames": len(cases),
+            "labelled": sum(case.labelled for case in cases),
+            "hits": sum(case.hit for case in cases),
+            "empty": sum(case.empty for case in cases),
+            "false_boxes": sum(case.false for case in cases),
+        }
+        for video, cases in sorted(videos.items())
+    }
+    return detection.shares(some) | {
         "videos": len(videos),
-        "labelled": labelled,
-        "empty": empty,
-        **average_precision(some),
         "map50_95_interval": _resampled(list(videos.values()), resamples),
-        "recall": whole["hits"] / labelled if labelled else None,
-        "recall_interval": clopper_pearson(whole["hits"], labelled),
         "missed_videos": sum(one["hits"] < one["labelled"] for one in counts.values()),
-        "false_boxes": whole["false_boxes"],
-        "false_share": whole["false_boxes"] / empty if empty else None,
-        "false_interval": clopper_pearson(whole["false_boxes"], empty),
         "false_videos": sum(one["false_boxes"] > 0 for one in counts.values()),
         "by_video": counts,
-    }
-
-
-def _counts(some: Sequence[BoxedCase]) -> dict[str, int]:
-    empty = [case for case in some if case.empty]
-    return {
-        "frames": len(some),
-        "labelled": len(some) - len(empty),
-        "hits": sum(case.hit for case in some),
-        "empty": len(empty),
-        "false_boxes": sum(case.detection.found for case in empty),
     }
 
 

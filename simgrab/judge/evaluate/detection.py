@@ -44,6 +44,11 @@ class Boxes:
         return self.truth.box_x0_px is None
 
     @property
+    def false(self) -> bool:
+        """Whether a box was output of nothing."""
+        return self.empty and self.detection.found
+
+    @property
     def hit(self) -> bool:
         """Whether the labelled grab was found where it is (IoU of at least 0.5)."""
         found = self.detection.box
@@ -135,25 +140,32 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
         there is nothing to count.
     """
     labelled = [case for case in some if case.labelled]
-    empty = [case for case in some if case.empty]
-    hits, false = [case for case in labelled if case.hit], [case for case in empty if case.detection.found]
-    return {
-        "frames": len(some),
-        "labelled": len(labelled),
-        "empty": len(empty),
-        **average_precision([case for case in some if case.labelled or case.empty]),
-        "recall": len(hits) / len(labelled) if labelled else None,
-        "recall_interval": clopper_pearson(len(hits), len(labelled)),
+    return shares(some) | {
         "labelled_worlds": _worlds(labelled),
         "missed_worlds": _worlds([case for case in labelled if not case.hit]),
         "longest_miss": longest_miss(labelled),
-        "false_boxes": len(false),
-        "false_share": len(false) / len(empty) if empty else None,
-        "false_interval": clopper_pearson(len(false), len(empty)),
-        "empty_worlds": _worlds(empty),
-        "false_worlds": _worlds(false),
+        "empty_worlds": _worlds([case for case in some if case.empty]),
+        "false_worlds": _worlds([case for case in some if case.false]),
         "centre": centre_errors([case for case in labelled if case.hits]),
-        "coverage": coverage(hits),
+        "coverage": coverage([case for case in labelled if case.hit]),
+    }
+
+
+def shares(some: Sequence[Boxes]) -> dict[str, Any]:
+    """Count frames, hits and false boxes, with shares, their intervals and the average precision; see `figures`."""
+    labelled, empty, hits, false = (
+        sum(getattr(case, kind) for case in some) for kind in ("labelled", "empty", "hit", "false")
+    )
+    return {
+        "frames": len(some),
+        "labelled": labelled,
+        "empty": empty,
+        **average_precision([case for case in some if case.labelled or case.empty]),
+        "recall": hits / labelled if labelled else None,
+        "recall_interval": clopper_pearson(hits, labelled),
+        "false_boxes": false,
+        "false_share": false / empty if empty else None,
+        "false_interval": clopper_pearson(false, empty),
     }
 
 

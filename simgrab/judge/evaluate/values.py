@@ -92,8 +92,31 @@ class Lengths(msgspec.Struct, frozen=True):
     max_m: float | None
 
 
-class Readings(msgspec.Struct, frozen=True):
-    """Digits and frames read from the display; see `simgrab.judge.evaluate.reading.Score`."""
+class Wrong(msgspec.Struct, frozen=True):
+    """A frame read wrong: its name and group, what the display shows, and what was read."""
+
+    frame: str
+    group: str
+    shows: str
+    read: str
+
+
+class Score(msgspec.Struct, frozen=True):
+    """How the displays of a group of frames were read. All but the torn ones' shares are of frames that are whole.
+
+    Attributes
+    ----------
+    group : str
+    digits_right, digits_refused : Share
+        Of digits that were read, those that are what the display shows; of all digits.
+    frames_right, frames_refused : Share
+        Of frames that were read, those with every number right that was read; of all frames, those of which the hoist
+        rope's number was not read.
+    torn_right, torn_refused : Share
+        Of torn frames: each number that was read is that above or that below; refused. The rest were read as a mixture.
+    wrong : list of Wrong
+        Every frame read wrong, torn or whole.
+    """
 
     group: str
     digits_right: Share
@@ -102,7 +125,12 @@ class Readings(msgspec.Struct, frozen=True):
     frames_refused: Share
     torn_right: Share
     torn_refused: Share
-    wrong: list[dict[str, Any]]
+    wrong: list[Wrong]
+
+
+class Readings(Score, frozen=True):
+    """Digits and frames read from the display, jumps of the length, and its errors."""
+
     jumps: int
     length: Lengths
 
@@ -185,27 +213,13 @@ class Evaluation(msgspec.Struct, frozen=True):
             raise KeyError(part)
         return msgspec.to_builtins(getattr(self, part))
 
-    def keys(self) -> tuple[str, ...]:
-        """Names of the parts."""
-        return self.__struct_fields__
-
     def __iter__(self) -> Iterator[str]:
-        return iter(self.keys())
+        return iter(self.__struct_fields__)
 
     def __len__(self) -> int:
-        return len(self.keys())
+        return len(self.__struct_fields__)
 
-    def get(self, part: str, default: Any = None) -> Any:
-        """Plain data of a part, or the default where there is no part of this name."""
-        return self[part] if part in self.keys() else default
-
-    def values(self) -> list[Any]:
-        """Plain data of the parts."""
-        return [self[name] for name in self]
-
-    def items(self) -> list[tuple[str, Any]]:
-        """Names of the parts, each with its plain data."""
-        return [(name, self[name]) for name in self]
+    get, keys, values, items = Mapping.get, Mapping.keys, Mapping.values, Mapping.items
 
 
 Mapping.register(Evaluation)

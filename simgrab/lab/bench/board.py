@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -74,27 +73,12 @@ _FIXED = ("season", "commitment", "scorer", "rank", "method", "track", "sanity",
 _COLUMNS = (*_FIXED, *(f"{name}{end}" for name in _FIGURES for end in ("", "_low", "_high")))
 
 
-@dataclass(frozen=True)
-class Board:
-    """Scores of one season.
+Board = tuple[str, Sequence[Score]]  # its title, and the scores
 
-    Attributes
-    ----------
-    season, scorer : str
-        Name of the season, and version of the scorer.
-    scores : tuple of Score
-        At least one.
-    """
 
-    season: str
-    scorer: str
-    scores: tuple[Score, ...]
-
-    @property
-    def title(self) -> str:
-        """What was scored, and by what."""
-        one = self.scores[0]
-        return f"Season {self.season}: {one.clips} clips, {one.frames} frames, scorer {self.scorer}"
+def _board(season: str, scorer: str, scores: Sequence[Score]) -> Board:
+    one = scores[0]
+    return f"Season {season}: {one.clips} clips, {one.frames} frames, scorer {scorer}", scores
 
 
 def table(scores: Sequence[Score], season: Season) -> str:
@@ -103,9 +87,8 @@ def table(scores: Sequence[Score], season: Season) -> str:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(_COLUMNS)
     for one in scores:
-        ends = [
-            v for name in _FIGURES for v in (one.figures[name].value, one.figures[name].low, one.figures[name].high)
-        ]
+        figures = (one.figures[name] for name in _FIGURES)
+        ends = [v for figure in figures for v in (figure.value, figure.low, figure.high)]
         out.writerow(
             [season.name, season.commitment, SCORER, one.rank, one.about.method, one.about.track, int(one.sanity)]
             + [one.clips, one.frames]
@@ -115,7 +98,7 @@ def table(scores: Sequence[Score], season: Season) -> str:
 
 
 def read(path: Path) -> Board:
-    """Read scores from a CSV file that `table` made.
+    """Read the scores of a season from a CSV file that `table` made.
 
     Raises
     ------
@@ -132,22 +115,20 @@ def read(path: Path) -> Board:
                 raise ValueError(f"row {count} must have {len(_COLUMNS)} cells")
         if len({(row["season"], row["commitment"], row["scorer"]) for row in found}) != 1:
             raise ValueError("its rows must be of one season, one commitment and one scorer")
-        scores = tuple(_parsed(row) for row in found)
+        scores = [_parsed(row) for row in found]
     except (ValueError, csv.Error) as problem:
         raise BenchError(f"{path}: not scores of simgrab bench ({first_line(problem)})") from None
-    return Board(found[0]["season"], found[0]["scorer"], scores)
+    return _board(found[0]["season"], found[0]["scorer"], scores)
 
 
 def _parsed(row: dict[str, str]) -> Score:
-    figures = {
-        name: Figure(
-            *(number(row[cell], cell) if row[cell] else None for cell in (name, f"{name}_low", f"{name}_high"))
-        )
-        for name in _FIGURES
-    }
+    figures = {}
+    for name in _FIGURES:
+        cells = (name, f"{name}_low", f"{name}_high")
+        figures[name] = Figure(*(number(row[cell], cell) if row[cell] else None for cell in cells))
     about = About(row["method"], row["track"], row["season"])
-    sanity = bool(int(row["sanity"]))
-    return Score(about, int(row["frames"]), int(row["clips"]), figures, sanity, np.empty(0), int(row["rank"]))
+    clips, frames, rank = (int(row[name]) for name in ("clips", "frames", "rank"))
+    return Score(about, frames, clips, figures, bool(int(row["sanity"])), np.empty(0), rank)
 
 
 def save(scores: Sequence[Score], season: Season, *, csv_file: Path | None, page: Path | None) -> None:
@@ -156,13 +137,13 @@ def save(scores: Sequence[Score], season: Season, *, csv_file: Path | None, page
         with writing(csv_file, BenchError):
             write(csv_file, table(scores, season).encode())
     if page is not None:
-        save_page([Board(season.name, SCORER, tuple(scores))], page)
+        save_page([_board(season.name, SCORER, scores)], page)
 
 
 def save_page(boards: Sequence[Board], page: Path) -> None:
     """Write the leaderboard of some seasons as one HTML page."""
     from simgrab.reports import html
 
-    shown = [(board.title, rows(board.scores)) for board in boards]
+    shown = [(title, rows(scores)) for title, scores in boards]
     with writing(page, BenchError):
         write(page, html.page("bench.html", head=HEAD, boards=shown, note=NOTE).encode())

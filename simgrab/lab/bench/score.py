@@ -5,7 +5,7 @@ A change to any figure raises `SCORER`: scores of different versions are not com
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -114,34 +114,43 @@ def recall(answers: Answers, target: Target) -> float:
 
 
 def _score(entry: Entry, targets: Sequence[Target], *, sanity: bool) -> Score:
-    each = [entry.clips[target.clip] for target in targets]
-    recalls = np.array([recall(answers, target) for answers, target in zip(each, targets, strict=True)])
+    pairs = [(entry.clips[target.clip], target) for target in targets]
     samples = _resampled(len(targets))
-    figures = {"average_recall": _with_interval(recalls.mean(), recalls[samples].mean(axis=1))}
-    figures |= _of_clips(
-        "answered", [a.ok[t.counts].astype(float) for a, t in zip(each, targets, strict=True)], np.mean, samples
-    )
-    errors = [np.rad2deg(a.alpha - t.alpha)[a.ok & t.counts] for a, t in zip(each, targets, strict=True)]
-    near = [
-        np.rad2deg(a.alpha - t.alpha)[a.ok & t.counts & _near(np.rad2deg(t.alpha))]
-        for a, t in zip(each, targets, strict=True)
-    ]
-    figures |= _of_clips("rmse_deg", errors, lambda e: np.sqrt(np.mean(e**2)), samples)
-    figures |= _of_clips("p95_deg", errors, lambda e: np.quantile(np.abs(e), 0.95), samples)
-    figures |= _of_clips("at_10_deg", near, np.mean, samples)
-    figures |= _of_clips("coverage", [_covers(a, t) for a, t in zip(each, targets, strict=True)], np.mean, samples)
-    widths = [np.rad2deg(a.high - a.low)[np.isfinite(a.low) & t.counts] for a, t in zip(each, targets, strict=True)]
-    figures |= _of_clips("width_deg", widths, np.mean, samples)
-    figures |= _alarms(each, targets)
-    seconds = np.concatenate([a.seconds for a in each])
-    figures["ms_per_frame"] = Figure(float(np.median(seconds)) * 1e3 if len(seconds) else None)
+    recalls = np.array([recall(*pair) for pair in pairs])
+
+    def over(statistic: Callable[[Array], Any], of: Callable[[Answers, Target], Array]) -> Figure:
+        """Figure of all clips' values together, with its interval over clips."""
+        values = [of(*pair) for pair in pairs]
+        if not sum(map(len, values)):
+            return Figure(None)
+        resampled = (np.concatenate([values[i] for i in some]) for some in samples.tolist())
+        return _figure(statistic(np.concatenate(values)), [statistic(each) for each in resampled if len(each)])
+
+    seconds = np.concatenate([answers.seconds for answers, _ in pairs])
+    figures = {
+        "average_recall": _figure(recalls.mean(), recalls[samples].mean(axis=1)),
+        "answered": over(np.mean, lambda a, t: a.ok[t.counts].astype(float)),
+        "rmse_deg": over(lambda off: np.sqrt(np.mean(off**2)), _errors),
+        "p95_deg": over(lambda off: np.quantile(np.abs(off), 0.95), _errors),
+        "at_10_deg": over(np.mean, _errors_near_danger),
+        "coverage": over(np.mean, _covers),
+        "width_deg": over(np.mean, lambda a, t: np.rad2deg(a.high - a.low)[np.isfinite(a.low) & t.counts]),
+        **_alarms(pairs),
+        "ms_per_frame": Figure(float(np.median(seconds)) * 1e3 if len(seconds) else None),
+    }
     frames = sum(int(target.counts.sum()) for target in targets)
     return Score(entry.about, frames, len(targets), figures, sanity, recalls)
 
 
-def _near(alpha_deg: Array) -> Any:
+def _errors(answers: Answers, target: Target) -> Array:
+    """Errors of the frames with an angle, degrees."""
+    return np.rad2deg(answers.alpha - target.alpha)[answers.ok & target.counts]
+
+
+def _errors_near_danger(answers: Answers, target: Target) -> Array:
     low, high = NEAR_DANGER_DEG
-    return (alpha_deg >= low) & (alpha_deg <= high)
+    near = (np.rad2deg(target.alpha) >= low) & (np.rad2deg(target.alpha) <= high)
+    return np.rad2deg(answers.alpha - target.alpha)[answers.ok & target.counts & near]
 
 
 def _covers(answers: Answers, target: Target) -> Array:
@@ -152,11 +161,11 @@ def _covers(answers: Answers, target: Target) -> Array:
     return inside[known].astype(float)
 
 
-def _alarms(each: Sequence[Answers], targets: Sequence[Target]) -> dict[str, Figure]:
+def _alarms(pairs: Sequence[tuple[Answers, Target]]) -> dict[str, Figure]:
     due = missed = false = 0
     delays = list[int]()
     rule = Rule()
-    for answers, target in zip(each, targets, strict=True):
+    for answers, target in pairs:
         measured = answers.measurements
         found = swings.alarms(target.times, measured, events(target.times, measured, rule), target.alpha, rule)
         due, missed, false = due + found["sure"], missed + found["missed"], false + found["false"]
@@ -174,15 +183,7 @@ def _resampled(clips: int) -> Any:
     return np.random.default_rng(SEED).integers(clips, size=(REPLICATIONS, clips))
 
 
-def _of_clips(name: str, values: Sequence[Array], of: Any, samples: Any) -> dict[str, Figure]:
-    """Figure of all clips' values together, with its interval over clips."""
-    if not sum(map(len, values)):
-        return {name: Figure(None)}
-    resampled = (np.concatenate([values[i] for i in some]) for some in samples.tolist())
-    return {name: _with_interval(of(np.concatenate(values)), np.array([of(each) for each in resampled if len(each)]))}
-
-
-def _with_interval(value: float, resampled: Array) -> Figure:
+def _figure(value: float, resampled: Sequence[float] | Array) -> Figure:
     low, high = np.quantile(resampled, (0.025, 0.975))
     return Figure(float(value), float(low), float(high))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
 from pathlib import Path
 
 import click
@@ -33,7 +32,7 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
 
     console = stdout()
     study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
-    console.print(table(map(astuple, rows(study)), ("section", "", "published", "measured", "")))
+    console.print(table(rows(study), ("section", "", "published", "measured", "")))
     console.print("Contradictions within the text of the paper:")
     for section, text in INCONSISTENT:
         console.print(f"  {section}: {text}", markup=False)

@@ -50,7 +50,7 @@ def command(
     if study is not None or everything or replay is not None:
         check_folder(out, StressError)
         sys.path.insert(0, str(Path.cwd()))  # an estimator of one's own lies where one works
-    from simgrab.lab.stress import catalogue, fidelities
+    from simgrab.lab.stress import catalogue
     from simgrab.lab.stress.study import Study, quickened
 
     changes = {k: v for k, v in {"n": n, "replications": replications, "seed": seed}.items() if v is not None}
@@ -67,12 +67,10 @@ def command(
     elif everything or study is not None:
         from simgrab.runtime import machine
 
-        chosen = [
-            load(name) for name in (catalogue.of(depth or fidelities.GEOMETRIC.name) if everything else [str(study)])
-        ]
+        chosen = [load(name) for name in (catalogue.of(depth or "geometric") if everything else [str(study)])]
         _run(chosen, out, machine.cores() if workers is None else workers, cluster, resume, as_json, quiet)
     else:
-        _list({name: catalogue.load(name).title for name in catalogue.names()}, as_json)
+        _list(catalogue.titles(), as_json)
 
 
 def _list(titles: dict[str, str], as_json: bool) -> None:

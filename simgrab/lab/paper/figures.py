@@ -6,10 +6,11 @@ import numpy as np
 
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.lab.paper.paper import PaperStudy
+from simgrab.lab.stress.figures import COLOURS
 from simgrab.model.geometry import Array
 from simgrab.reports.plots import Axes, Figure, MultipleLocator
 
-BLUE, ORANGE, GREEN, GREY = "#1f5a8a", "#c8551b", "#3b7d4f", "#8a8f94"
+BLUE, ORANGE, GREEN, _, GREY, _, _ = COLOURS
 ROUNDING = 1e-14  # an arccosine at a few degrees knows no more; smaller differences are drawn as this
 
 
@@ -104,7 +105,7 @@ def _rivals(study: PaperStudy) -> Figure:
     )
     for label, spreads, color, style in series:
         n = list(spreads)
-        left.loglog(n, [np.rad2deg(s.rmse_beta) for s in spreads.values()], style, color=color, ms=4.5, label=label)
+        left.loglog(n, [np.rad2deg(s.beta.rms) for s in spreads.values()], style, color=color, ms=4.5, label=label)
         if label != "iteration, axis known":
             size = [np.rad2deg(np.sqrt(np.mean(s.azimuth_error**2))) for s in spreads.values()]
             right.loglog(n, size, style, color=color, ms=4.5, label=label)

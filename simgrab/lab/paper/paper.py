@@ -11,6 +11,7 @@ import numpy as np
 
 from simgrab.instrument.estimate import Estimator, GeometricMedian, MeanRay, PaperIteration
 from simgrab.lab.paper.law import AXIS_DIRECTION, camera, draw
+from simgrab.lab.stress.summary import Figure, figure
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates
 
@@ -21,74 +22,43 @@ LIMIT = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION, epsilon=1e-1
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Section 4.4's own; the text gives no grid of n.
-
-    Attributes
-    ----------
-    h : float
-        Pixels.
-    beta, sigma : float
-        Radians.
-    replications : int
-        M.
-    frames : tuple of int
-        n.
-    convergence_frames : int
-        n of the studies of convergence, start values and time.
-    starts_deg : tuple of float
-        Values of β⁽⁰⁾.
-    seed : int
-    """
+    """Section 4.4's own, in radians and pixels; the text gives no grid of n."""
 
     h: float = 1600.0
     beta: float = float(np.deg2rad(5.0))
     sigma: float = float(np.deg2rad(2.0))
-    replications: int = 1000
-    frames: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
-    convergence_frames: int = 1000
-    starts_deg: tuple[float, ...] = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9.5, 10, 10.5, 11, 12)
+    replications: int = 1000  # M
+    frames: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000, 5000)  # n
+    convergence_frames: int = 1000  # n of the studies of convergence, start values and time
+    starts_deg: tuple[float, ...] = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9.5, 10, 10.5, 11, 12)  # values of β⁽⁰⁾
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Errors of one estimator at one n.
+    """Errors of one estimator at one n, shape (k,) each, of the k records that were not refused."""
 
-    Attributes
-    ----------
-    beta_error : ndarray, shape (k,)
-        β̂ − β, radians, of the k records that were not refused.
-    sigma2_error : ndarray, shape (k,)
-        σ̂²/σ² − 1.
-    azimuth_error : ndarray, shape (k,)
-        Of the 0-degree line, radians.
-    refused : int
-    cover_beta, cover_sigma : float
-        Share of the i.i.d. 95 % intervals that hold the truth.
-    """
-
-    beta_error: Array
-    sigma2_error: Array
-    azimuth_error: Array
+    beta_error: Array  # β̂ − β, radians
+    sigma2_error: Array  # σ̂²/σ² − 1
+    azimuth_error: Array  # of the 0-degree line, radians
     refused: int
-    cover_beta: float
+    cover_beta: float  # share of the i.i.d. 95 % intervals that hold the truth
     cover_sigma: float
 
     @property
-    def rmse_beta(self) -> float:
-        """Root mean square error of β̂, radians."""
-        return float(np.sqrt(np.mean(self.beta_error**2)))
+    def beta(self) -> Figure:
+        """Figures of the error of β̂, radians."""
+        return figure(self.beta_error)
 
     @property
-    def rmse_sigma2(self) -> float:
-        """Root mean square relative error of σ̂²."""
-        return float(np.sqrt(np.mean(self.sigma2_error**2)))
+    def sigma2(self) -> Figure:
+        """Figures of the relative error of σ̂²."""
+        return figure(self.sigma2_error)
 
     @property
-    def standard_error(self) -> float:
-        """Monte Carlo standard error of `rmse_beta`, radians."""
-        square = self.beta_error**2
-        return float(square.std() / np.sqrt(len(square)) / (2 * max(self.rmse_beta, 1e-300)))
+    def beta_deg(self) -> str:
+        """Root mean square error of β̂ with its Monte Carlo standard error, degrees, as text."""
+        return f"{np.rad2deg(self.beta.rms):.4f} ± {np.rad2deg(self.beta.rms_se):.4f}"
 
 
 @dataclass(frozen=True)
@@ -103,44 +73,26 @@ class Start:
 
 @dataclass(frozen=True)
 class PaperStudy:
-    r"""Everything the study measured.
-
-    Attributes
-    ----------
-    settings : PaperSettings
-    known, estimated, mean_ray, median : dict of int to Spread
-        By n: the iteration with the axis known, with it estimated, and two rivals that need no axis.
-    slope_beta, slope_sigma2 : float
-        Of log RMSE against log n, axis known.
-    beta_steps, sigma2_steps : ndarray, shape (M, T + 1)
-        \|β⁽ᵗ⁾ − β̂\| and \|σ²⁽ᵗ⁾/σ̂² − 1\| from the limit β̂, σ̂²; NaN beyond the last.
-    iterations : dict of int to int
-        How many records took so many.
-    last_beta_step, last_sigma2_step : float
-        Medians of the last steps, the second relative.
-    starts : tuple of Start
-    single_s, batch_s : float
-        Seconds a replication of 3,699 frames takes, by itself and in a batch.
-    mean_cos, expected_cos : float
-        Both sides of eq (3).
-    """
+    """Everything the study measured."""
 
     settings: PaperSettings
+    # By n: the iteration with the axis known, with it estimated, and two rivals that need no axis.
     known: dict[int, Spread]
     estimated: dict[int, Spread]
     mean_ray: dict[int, Spread]
     median: dict[int, Spread]
-    slope_beta: float
+    slope_beta: float  # of log RMSE against log n, axis known
     slope_sigma2: float
+    # |β⁽ᵗ⁾ − β̂| and |σ²⁽ᵗ⁾/σ̂² − 1| from the limit β̂, σ̂², shape (M, T + 1); NaN beyond the last.
     beta_steps: Array
     sigma2_steps: Array
-    iterations: dict[int, int]
-    last_beta_step: float
+    iterations: dict[int, int]  # how many records took so many
+    last_beta_step: float  # medians of the last steps, the second relative
     last_sigma2_step: float
     starts: tuple[Start, ...]
-    single_s: float
+    single_s: float  # seconds a replication of 3,699 frames takes, by itself and in a batch
     batch_s: float
-    mean_cos: float
+    mean_cos: float  # both sides of eq (3)
     expected_cos: float
 
 
@@ -169,9 +121,7 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
     pixels, alpha = _draw(settings, "convergence", settings.convergence_frames)
     run = rivals["known"].batch(pixels, camera(settings.h))
     beta_steps, sigma2_steps = _steps(run, LIMIT.batch(pixels, camera(settings.h)))
-    counts = Counter(int(t) for t in run.diagnostics["iterations"][run.ok])
-    last = np.asarray(run.diagnostics["iterations"][run.ok], int)
-    rows = np.flatnonzero(run.ok)
+    rows, last = np.flatnonzero(run.ok), np.asarray(run.diagnostics["iterations"][run.ok], int)
     betas, sigma2s = run.diagnostics["beta_history"], run.diagnostics["sigma2_history"]
     tell("time")
     single, batch = _times(settings)
@@ -179,11 +129,11 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
     return PaperStudy(
         settings=settings,
         **spreads,
-        slope_beta=_slope({n: s.rmse_beta for n, s in spreads["known"].items()}),
-        slope_sigma2=_slope({n: s.rmse_sigma2 for n, s in spreads["known"].items()}),
+        slope_beta=_slope({n: s.beta.rms for n, s in spreads["known"].items()}),
+        slope_sigma2=_slope({n: s.sigma2.rms for n, s in spreads["known"].items()}),
         beta_steps=beta_steps,
         sigma2_steps=sigma2_steps,
-        iterations=dict(sorted(counts.items())),
+        iterations=dict(sorted(Counter(last.tolist()).items())),
         last_beta_step=float(np.median(np.abs(betas[rows, last] - betas[rows, last - 1]))),
         last_sigma2_step=float(np.median(np.abs(sigma2s[rows, last] / sigma2s[rows, last - 1] - 1))),
         starts=tuple(_start(settings, pixels, run, s) for s in settings.starts_deg),

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import astuple
+from collections.abc import Callable
 from pathlib import Path
-
-import numpy as np
 
 from simgrab.errors import RunError
 from simgrab.io.destination import check_folder
@@ -15,7 +12,6 @@ from simgrab.lab.paper import figures as paper_figures
 from simgrab.lab.paper.paper import PaperSettings, PaperStudy, study
 from simgrab.lab.paper.table import INCONSISTENT, rows
 from simgrab.reports import html
-from simgrab.reports.plots import Figure
 
 
 def run(
@@ -45,19 +41,12 @@ def run(
         for ending in ("svg", "png"):
             with drafted(folder / f"{name}.{ending}") as draft:
                 figure.savefig(draft, format=ending, dpi=130)
-    write(folder / "paper.html", _page(found, figures))
-    return found
-
-
-def _page(study: PaperStudy, figures: Mapping[str, Figure]) -> str:
-    return html.page(
-        "paper.html",
-        settings=study.settings,
-        figures=figures,
-        estimators=_estimators(study),
-        published=[astuple(row) for row in rows(study)],
+    page = html.page(
+        "paper.html", settings=found.settings, figures=figures, estimators=_estimators(found), published=rows(found),
         inconsistent=INCONSISTENT,
-    )
+    )  # fmt: skip
+    write(folder / "paper.html", page)
+    return found
 
 
 def _estimators(study: PaperStudy) -> list[tuple[str, ...]]:
@@ -71,8 +60,8 @@ def _estimators(study: PaperStudy) -> list[tuple[str, ...]]:
         (
             name,
             str(n),
-            f"{np.rad2deg(spread.rmse_beta):.4f} ± {np.rad2deg(spread.standard_error):.4f}",
-            f"{100 * spread.rmse_sigma2:.2f}",
+            spread.beta_deg,
+            f"{100 * spread.sigma2.rms:.2f}",
             f"{spread.refused} of {spread.refused + len(spread.beta_error)}",
             f"{100 * spread.cover_beta:.1f}",
             f"{100 * spread.cover_sigma:.1f}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from simgrab.model.geometry import (
 )
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """One number: where it stands, what it is, as published, as measured, and what to think of it."""
 
     section: str
@@ -105,9 +104,9 @@ def _of_section_4_4(study: PaperStudy) -> list[Row]:
                 "4.4",
                 f"RMSE of β̂ at n = {n} (deg)",
                 "box plot only",
-                f"{np.rad2deg(spread.rmse_beta):.4f} ± {np.rad2deg(spread.standard_error):.4f}",
-                f"axis estimated {np.rad2deg(study.estimated[n].rmse_beta):.4f}; geometric median "
-                f"{np.rad2deg(study.median[n].rmse_beta):.4f}",
+                spread.beta_deg,
+                f"axis estimated {np.rad2deg(study.estimated[n].beta.rms):.4f}; geometric median "
+                f"{np.rad2deg(study.median[n].beta.rms):.4f}",
             )
         )
     result.append(Row("4.4", "records refused, start 0", "not mentioned", f"{refused} of {m * len(study.known)}"))
@@ -122,7 +121,10 @@ def _of_section_4_5(study: PaperStudy) -> list[Row]:
         ("snow at night, 2 min", 1080, 3.005, 3.020, 7),
         ("snow and wind by day, 3 min", 1620, 4.221, 3.177, 9),
     ):
-        pixels, alpha = _drawn(study, name, n, beta, sigma)
+        pixels, alpha = draw(
+            study.settings.seed, name, min(study.settings.replications, 200), n,
+            beta=np.deg2rad(beta), sigma=np.deg2rad(sigma), h=1644.82,
+        )  # fmt: skip
         found = PaperIteration().batch(pixels, camera(1644.82))
         counts = found.diagnostics["iterations"][found.ok]
         most = f"{int(np.median(counts))} (from {int(counts.min())} to {int(counts.max())})" if counts.size else "none"
@@ -145,11 +147,6 @@ def _of_section_4_5(study: PaperStudy) -> list[Row]:
         Row("4.5", "estimation in all (s)", "2.878", f"{study.single_s:.4f}", "3,699 frames, without detection")
     )
     return result
-
-
-def _drawn(study: PaperStudy, name: str, n: int, beta: float, sigma: float) -> tuple[Array, Array]:
-    many = min(study.settings.replications, 200)
-    return draw(study.settings.seed, name, many, n, beta=np.deg2rad(beta), sigma=np.deg2rad(sigma), h=1644.82)
 
 
 def _of_video(pixels: Array, alpha: Array) -> list[Row]:

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Annotated, Any
 
-from simgrab.lab.stress import parameters
-from simgrab.lab.stress.parameters import DEG, Parameter, Value
-from simgrab.lab.stress.situation import Situation
-from simgrab.model.geometry import STANDARD_GRAVITY
+import msgspec
 
+from simgrab.errors import StressError
+from simgrab.lab.stress import laws
+from simgrab.lab.stress.laws import LAWS
+from simgrab.lab.stress.situation import KNOWN_OFFSET_SD_M, Situation
+from simgrab.model import scenes
+from simgrab.model.distributions import HalfNormal
+from simgrab.model.geometry import STANDARD_GRAVITY, Distortion, vertical_direction
+from simgrab.model.scenario import Dynamic
+
+MOST = 1e9
+Value = Annotated[float, msgspec.Meta(ge=-MOST, le=MOST)] | str
+DEG = math.pi / 180
+_MIDDLE_ROPE_M = 21.5
 # A grab of 10.5 t with Cd·A = 10 m² in air of 1.2 kg/m³, and a jib of 25 m.
 _LEAN_PER_WIND2 = 0.5 * 1.2 * 10.0 / (10_500 * STANDARD_GRAVITY)  # rad per (m/s)²
 _LEAN_PER_RPM2 = (2 * math.pi / 60) ** 2 * 25.0 / STANDARD_GRAVITY
 _PITCH_PER_M = 2 * DEG  # of a camera bolted to the fly-jib that luffs
+
+Change = Callable[[Situation, Any], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -27,112 +41,170 @@ class Axis:
     name, unit, description : str
         ``unit`` is empty for names and pure numbers; ``description`` is one line for the report.
     holds : float or str or None
-        Value at which the assumption holds; None where it always does.
-    apply : callable
-        Situation and value → situation.
+        Value at which the assumption holds, a name where values are names; None where it always does.
+    change : callable
+        Situation and value → fields of the situation that change.
+    low, high : float
+        Between which values lie that are numbers.
     key : str
         Scenario key that does the same, through which every fidelity reaches the axis; empty where only the geometric
-        fidelity does. Then `apply` is not used.
+        fidelity does. Then `change` is not used.
     """
 
     name: str
     unit: str
     description: str
     holds: Value | None
-    apply: Parameter
+    change: Change = lambda _situation, _value: {}
+    low: float = -math.inf
+    high: float = math.inf
     key: str = ""
+
+    def apply(self, situation: Situation, value: Value) -> Situation:
+        """Turn the assumption up; raises `StressError` where a value cannot be."""
+        if isinstance(value, str) and not isinstance(self.holds, str):
+            raise StressError(f"{self.name}: takes numbers, got {value!r}")
+        if not isinstance(value, str) and not self.low <= value <= self.high:
+            raise StressError(f"{self.name}: must lie in [{self.low:g}, {self.high:g}], got {value:g}")
+        return replace(situation, **self.change(situation, value))
 
 
 def _field(
-    name: str, unit: str, description: str, part: str, field: str, *,
-    scale: float = 1.0, low: float = -math.inf, high: float = math.inf, holds: float = 0.0, **also: object,
+    name: str, unit: str, description: str, field: str, low: float = -math.inf, high: float = math.inf, *,
+    scale: float = 1.0, **also: object,
 ) -> Axis:  # fmt: skip
-    """Make an axis that sets one field of a situation, and ``also`` others of the same part."""
-
-    def apply(situation: Situation, value: Value) -> Situation:
-        number = parameters.number(name, value, low, high)
-        return situation.having(part, **{field: scale * number}, **(also if number != holds else {}))
-
-    return Axis(name, unit, description, holds, apply)
+    """Make an axis that sets a field of a situation, and ``also`` others where its value is not 0."""
+    return Axis(name, unit, description, 0.0, lambda _, v: {field: scale * v} | (also if v else {}), low, high)
 
 
-def _keyed(name: str, unit: str, description: str, key: str, holds: float | None) -> Axis:
-    return Axis(name, unit, description, holds, lambda situation, _: situation, key)
+def _law(_: Situation, name: Value) -> dict[str, Any]:
+    if name not in LAWS:
+        raise StressError(f"alpha-law: unknown distribution {name!r}; one of: {', '.join(LAWS)}")
+    return {"law": LAWS[str(name)]}
 
 
-def _ar_of(name: str, description: str, towards: float, axial: bool = False) -> Axis:
-    return _field(name, "κ", description, "swing", "kappa", low=0, high=100, towards=towards, axial=axial)
+def _motion(_: Situation, name: Value) -> dict[str, Any]:
+    if name == "independent":
+        return {}
+    if name not in scenes.names() or not _moves(str(name)):
+        moving = filter(_moves, scenes.names())
+        raise StressError(f"motion: no moving scene {name!r}; one of: independent, {', '.join(moving)}")
+    return {"motion": name}
+
+
+@functools.cache
+def _moves(scene: str) -> bool:
+    return isinstance(scenes.load(scene).swing, Dynamic)
+
+
+def _mount(situation: Situation, name: Value) -> dict[str, Any]:
+    if name not in ("fixed", "levelled", "rigid"):
+        raise StressError(f"mount: unknown mount {name!r}; one of: fixed, levelled, rigid")
+    return {} if name == "fixed" else {"motion": situation.motion or "work-cycles", "mount": name}
+
+
+def _leaning(part: int, scale: Callable[[float], float]) -> Change:
+    """Lean the rope along (0) or across (1) the tilt, by ``scale(value)`` rad."""
+    return lambda s, v: {"lean": tuple(lean + scale(v) if i == part else lean for i, lean in enumerate(s.lean))}
+
+
+def _offset(*way: float) -> Change:
+    """Move the camera. The instrument gets the unmoved position, with the displacement as its uncertainty."""
+
+    def change(situation: Situation, value: float) -> dict[str, Any]:
+        offset = tuple(old + step * value for old, step in zip(situation.offset, way, strict=True))
+        sd = max(KNOWN_OFFSET_SD_M, *map(abs, offset))
+        return {"offset": offset, "nominal": msgspec.structs.replace(situation.nominal, offset_sd_m=sd)}
+
+    return change
+
+
+def _offset_known(situation: Situation, value: float) -> dict[str, Any]:
+    """Move the camera along the tilt; the instrument gets the position."""
+    (x, y, z), a = situation.nominal.offset_m, situation.azimuth
+    there = (x + value * math.cos(a), y + value * math.sin(a), z)
+    return {"nominal": msgspec.structs.replace(situation.nominal, offset_m=there)}
+
+
+def _focal(situation: Situation, value: float) -> dict[str, Any]:
+    focal_px = situation.nominal.focal_length_px * (1 + value / 100)
+    return {"nominal": msgspec.structs.replace(situation.nominal, focal_length_px=focal_px)}
+
+
+def _principal(along: float, across: float) -> Change:
+    """Move the principal point along and across the tilt's direction in the picture, clockwise from its x axis."""
+
+    def change(situation: Situation, value: float) -> dict[str, Any]:
+        lens, direction = situation.lens, float(vertical_direction(situation.azimuth, situation.roll))
+        a, b, c, s = along * value, across * value, math.cos(direction), math.sin(direction)
+        return {"lens": replace(lens, cx_px=lens.cx_px + a * c - b * s, cy_px=lens.cy_px + a * s + b * c)}
+
+    return change
 
 
 _ALL = (
     # What the paper assumes of the swing
-    Axis("alpha-law", "", "distribution of α", "half-normal", parameters.law),
-    Axis("alpha-student", "", "tail of α: 1/degrees of freedom of Student's t", 0.0, parameters.student),
-    Axis("alpha-bursts", "", "share of idle frames, the others swinging five times as far", 0.0, parameters.bursts),
-    _ar_of("gamma-towards", "swing prefers the direction of the tilt (von Mises)", 0.0),
-    _ar_of("gamma-across", "swing prefers one side of the tilt (von Mises)", math.pi / 2),
-    _ar_of("gamma-axial", "swing prefers the line of the tilt, both ways (axial von Mises)", 0.0, axial=True),
-    _field("gamma-ellipse", "", "flatness of the ellipse of the swing, long along the tilt", "swing", "flatness",
-           low=0, high=1),
-    _field("gamma-alpha", "", "swing towards the tilt is larger: α grows with 1 + c·cosγ", "swing", "unevenness",
-           low=-1, high=1),
-    Axis("ar1", "", "correlation of successive frames, half-normal α", 0.0, parameters.correlated),
-    _field("memory", "s", "decay time (1/e) of a forced pendulum's swing", "swing", "memory_s", low=0),
-    Axis("motion", "", "motion of the grab: simulated physics in place of independent frames", "independent",
-         parameters.motion),
-    Axis("lean-along", "deg", "mean lean of the rope along the tilt", 0.0,
-         parameters.leaning("lean-along", 0, lambda v: v * DEG)),
-    Axis("lean-across", "deg", "mean lean of the rope across the tilt", 0.0,
-         parameters.leaning("lean-across", 1, lambda v: v * DEG)),
+    Axis("alpha-law", "", "distribution of α", "half-normal", _law),
+    Axis("alpha-student", "", "tail of α: 1/degrees of freedom of Student's t", 0.0,
+         lambda _, v: {"law": laws.student(1 / v)} if v else {}, 0, 0.45),
+    Axis("alpha-bursts", "", "share of idle frames, the others swinging five times as far", 0.0,
+         lambda _, v: {"law": laws.bursts(v)} if v else {}, 0, 0.99),
+    _field("gamma-towards", "κ", "swing prefers the direction of the tilt (von Mises)", "kappa", 0, 100),
+    _field("gamma-across", "κ", "swing prefers one side of the tilt (von Mises)", "kappa", 0, 100,
+           towards=math.pi / 2),
+    _field("gamma-axial", "κ", "swing prefers the line of the tilt, both ways (axial von Mises)", "kappa", 0, 100,
+           axial=True),
+    _field("gamma-ellipse", "", "flatness of the ellipse of the swing, long along the tilt", "flatness", 0, 1),
+    _field("gamma-alpha", "", "swing towards the tilt is larger: α grows with 1 + c·cosγ", "unevenness", -1, 1),
+    Axis("ar1", "", "correlation of successive frames, half-normal α", 0.0,
+         lambda _, v: {"law": laws.of(HalfNormal()), "correlation": v}, 0, 0.9999),
+    _field("memory", "s", "decay time (1/e) of a forced pendulum's swing", "memory_s", 0),
+    Axis("motion", "", "motion of the grab: simulated physics in place of independent frames", "independent", _motion),
+    Axis("lean-along", "deg", "mean lean of the rope along the tilt", 0.0, _leaning(0, lambda v: v * DEG)),
+    Axis("lean-across", "deg", "mean lean of the rope across the tilt", 0.0, _leaning(1, lambda v: v * DEG)),
     Axis("wind", "m/s", "steady wind along the tilt: the grab leans by drag over weight", 0.0,
-         parameters.leaning("wind", 0, lambda v: _LEAN_PER_WIND2 * v * v)),
+         _leaning(0, lambda v: _LEAN_PER_WIND2 * v * v)),
     Axis("slewing", "rpm", "steady slewing at 25 m: the grab leans outboard along the tilt", 0.0,
-         parameters.leaning("slewing", 0, lambda v: _LEAN_PER_RPM2 * v * v)),
-    _keyed("sigma", "deg", "σ, the size of the swing", "swing.alpha.sigma_deg", 2.0),
+         _leaning(0, lambda v: _LEAN_PER_RPM2 * v * v)),
+    Axis("sigma", "deg", "σ, the size of the swing", 2.0, key="swing.alpha.sigma_deg"),
     # What it assumes of the camera
-    _keyed("beta", "deg", "β, the tilt of the camera", "camera.beta_deg", 5.0),
-    Axis("offset-along", "m", "camera beside the rope exit, along the tilt", 0.0, parameters.offset("offset-along", 0)),
-    Axis("offset-across", "m", "camera beside the rope exit, across the tilt", 0.0,
-         parameters.offset("offset-across", 1)),
-    Axis("offset-below", "m", "camera below the rope exit", 0.0, parameters.offset("offset-below", 2, -1)),
+    Axis("beta", "deg", "β, the tilt of the camera", 5.0, key="camera.beta_deg"),
+    Axis("offset-along", "m", "camera beside the rope exit, along the tilt", 0.0, _offset(1, 0, 0), -3, 3),
+    Axis("offset-across", "m", "camera beside the rope exit, across the tilt", 0.0, _offset(0, 1, 0), -3, 3),
+    Axis("offset-below", "m", "camera below the rope exit", 0.0, _offset(0, 0, -1), -3, 3),
     Axis("offset-known", "m", "camera beside the rope exit along the tilt, with the offset stated in its file", 0.0,
-         parameters.nominal),
-    Axis("mount", "", "what the camera hangs on while the crane works in cycles", "fixed", parameters.mount),
-    _field("luffing", "m", "range of luffing, with which a rigid camera pitches 2° a metre", "attitude", "luffing",
-           scale=_PITCH_PER_M, low=0),
+         _offset_known, -3, 3),
+    Axis("mount", "", "what the camera hangs on while the crane works in cycles", "fixed", _mount),
+    _field("luffing", "m", "range of luffing, with which a rigid camera pitches 2° a metre", "luffing", 0,
+           scale=_PITCH_PER_M),
     _field("levelling", "m/s²", "sideways acceleration of the jib that a levelled camera mistakes for gravity",
-           "attitude", "levelling", scale=1 / STANDARD_GRAVITY, low=0),
-    _field("vibration", "deg", "vibration of the camera, each component", "attitude", "tremble", scale=DEG, low=0),
-    Axis("focal", "%", "focal length stated too long", 0.0, parameters.focal),
-    Axis("principal-along", "px", "principal point off, along the tilt", 0.0,
-         parameters.principal("principal-along", 0)),
-    Axis("principal-across", "px", "principal point off, across the tilt", 0.0,
-         parameters.principal("principal-across", 1)),
-    Axis("distortion", "k1", "lens distortion ignored", 0.0, parameters.distortion),
-    Axis("roll", "deg", "camera rolled, unknown to the instrument", 0.0, parameters.roll),
+           "levelling", 0, scale=1 / STANDARD_GRAVITY),
+    _field("vibration", "deg", "vibration of the camera, each component", "tremble", 0, scale=DEG),
+    Axis("focal", "%", "focal length stated too long", 0.0, _focal, -50, 50),
+    Axis("principal-along", "px", "principal point off, along the tilt", 0.0, _principal(1, 0)),
+    Axis("principal-across", "px", "principal point off, across the tilt", 0.0, _principal(0, 1)),
+    Axis("distortion", "k1", "lens distortion ignored", 0.0,
+         lambda s, v: {"lens": replace(s.lens, distortion=Distortion(k1=v))}, -1, 1),
+    Axis("roll", "deg", "camera rolled, unknown to the instrument", 0.0, lambda s, v: {"roll": s.roll + DEG * v}),
     # What it assumes of the record
-    _keyed("n", "frames", "n, the number of frames", "frames", None),
-    _field("noise", "px", "Gaussian noise of each pixel coordinate", "observation", "noise_px", low=0),
-    _field("noise-heavy", "px", "noise of Student's t with 3 degrees of freedom", "observation", "heavy_px", low=0),
-    _field("noise-slow", "px", "noise with a correlation time of 10 s", "observation", "slow_px", low=0),
-    _field("outliers", "", "share of frames with a false detection in place of the grab", "observation", "outliers",
-           low=0, high=1),
-    _field("box-centre", "", "from the grab's centre (0) to the centre of its box (1)", "observation", "box_centre",
-           low=0, high=1),
-    _field("missing", "", "share of frames without a detection", "observation", "missing", low=0, high=1),
-    _field("missing-far", "", "share missed at α = 10°, the hazard growing with α", "observation", "missing_far",
-           low=0, high=0.999),
-    Axis("edge", "", "1: grabs outside the image are missed", 0.0,
-         lambda s, v: s.having("observation", bounded=bool(parameters.number("edge", v, 0, 1)))),
+    Axis("n", "frames", "n, the number of frames", None, key="frames"),
+    _field("noise", "px", "Gaussian noise of each pixel coordinate", "noise_px", 0),
+    _field("noise-heavy", "px", "noise of Student's t with 3 degrees of freedom", "heavy_px", 0),
+    _field("noise-slow", "px", "noise with a correlation time of 10 s", "slow_px", 0),
+    _field("outliers", "", "share of frames with a false detection in place of the grab", "outliers", 0, 1),
+    _field("box-centre", "", "from the grab's centre (0) to the centre of its box (1)", "box_centre", 0, 1),
+    _field("missing", "", "share of frames without a detection", "missing", 0, 1),
+    _field("missing-far", "", "share missed at α = 10°, the hazard growing with α", "missing_far", 0, 0.999),
+    Axis("edge", "", "1: grabs outside the image are missed", 0.0, lambda _, v: {"bounded": bool(v)}, 0, 1),
     # The rope, of which the paper makes no use
-    Axis("rope", "m", "rope of one length", None, parameters.rope),
-    Axis("rope-range", "m", "range of the rope's length about 21.5 m", None, parameters.rope_range),
-    _field("rope-bias", "m", "rope length reported too long", "rope", "bias_m"),
-    _field("rope-lag", "s", "rope length reported late, with a hoist cycle of 75 s", "rope", "lag_s", low=0,
-           hoisting=True),
-    _field("rope-misread", "", "share of frames whose rope length is misread", "rope", "misread", low=0, high=1),
+    Axis("rope", "m", "rope of one length", None, lambda _, v: {"rope_m": (v, v)}, 6, 45),
+    Axis("rope-range", "m", "range of the rope's length about 21.5 m", None,
+         lambda _, v: {"rope_m": (_MIDDLE_ROPE_M - v / 2, _MIDDLE_ROPE_M + v / 2)}, 0, 27),
+    _field("rope-bias", "m", "rope length reported too long", "rope_bias_m"),
+    _field("rope-lag", "s", "rope length reported late, with a hoist cycle of 75 s", "rope_lag_s", 0, hoisting=True),
+    _field("rope-misread", "", "share of frames whose rope length is misread", "rope_misread", 0, 1),
     # The judge's own check
-    _field("planted", "deg", "tilt that is hidden from the truth: a fault that must be detected", "attitude", "planted",
+    _field("planted", "deg", "tilt that is hidden from the truth: a fault that must be detected", "planted",
            scale=DEG),
 )  # fmt: skip
 

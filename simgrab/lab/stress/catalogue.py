@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from simgrab.errors import StressError
@@ -11,14 +12,35 @@ from simgrab.io import resources
 from simgrab.io.parse import read_toml
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert
-from simgrab.lab.stress import estimators, fidelities
+from simgrab.lab.stress import convergence, estimators, geometric, rendered, score
 from simgrab.lab.stress.axes import AXES
 from simgrab.lab.stress.study import Study
 
 STUDIES = SCENES / "studies"
-Fidelity = fidelities.Fidelity[Any]
 MAP_AXES = ("alpha-law", "n", "beta", "sigma")
 """Axes of a map of convergence."""
+
+
+DEPTHS: Mapping[str, Any] = MappingProxyType({"geometric": geometric, "rendered": rendered})
+"""How far a replication goes from truth to angles, by name: modules with the same functions.
+
+``settle(study, point)`` makes what every replication at a point is drawn from, or raises `StressError`; ``draw(that,
+seed, trials)`` gives `Records`, each replication by its number alone; ``together(that)`` says how many may be drawn at
+once; ``show(that, seed, trial)`` gives one and its picture, if any; ``made_with()`` names what else numbers depend on.
+``KEYS`` are the scene's keys that reach it. Axes that are no key reach the geometric depth alone.
+"""
+
+
+def depth_of(name: str) -> Any:
+    """Find a depth; raises `StressError` naming what there is."""
+    if name not in DEPTHS:
+        raise StressError(f"unknown depth {name!r}; one of: {', '.join(DEPTHS)}")
+    return DEPTHS[name]
+
+
+def columns(kind: str) -> tuple[str, ...]:
+    """Numbers of a row of a study of this kind."""
+    return tuple(score.COLUMNS if kind == "estimators" else convergence.COLUMNS)
 
 
 def names() -> list[str]:
@@ -26,10 +48,15 @@ def names() -> list[str]:
     return resources.names(STUDIES)
 
 
-def of(fidelity: str) -> list[str]:
-    """Names of the bundled studies of a fidelity; raises `StressError` naming the fidelities."""
-    fidelities.find(fidelity)
-    return [name for name in names() if _unchecked(STUDIES / f"{name}.toml").depth == fidelity]
+def titles() -> dict[str, str]:
+    """Titles of the bundled studies by name, which are not checked."""
+    return {name: _unchecked(STUDIES / f"{name}.toml").title for name in names()}
+
+
+def of(depth: str) -> list[str]:
+    """Names of the bundled studies of a depth; raises `StressError` naming the depths."""
+    depth_of(depth)
+    return [name for name in names() if _unchecked(STUDIES / f"{name}.toml").depth == depth]
 
 
 def load(study: str | Path) -> Study:
@@ -62,24 +89,29 @@ def read(data: Mapping[str, object]) -> Study:
 
 def check(study: Study) -> None:
     """Refuse a study that cannot be, before anything is drawn; raises `StressError`."""
-    fidelity = fidelities.find(study.depth)
+    depth = depth_of(study.depth)
+    axes = ", ".join(_reaching(study.depth))
+    valid = f"valid at depth {study.depth!r}: {axes}, or a key of the scene: {', '.join(depth.KEYS)}"
     most = 2 if study.kind == "estimators" else 4
     if not 1 <= len(study.axes) <= most:
-        raise StressError(f"axes: takes 1 to {most} of them, got {len(study.axes)}; {_valid_axes(fidelity)}")
+        raise StressError(f"axes: takes 1 to {most} of them, got {len(study.axes)}; {valid}")
     if study.kind == "convergence" and tuple(s.axis for s in study.axes) != MAP_AXES:
         raise StressError(f"axes: a convergence map has these, in this order: {', '.join(MAP_AXES)}")
     for i, sweep in enumerate(study.axes):
         if not sweep.values:
             raise StressError(
-                f"axes.{i}.values: {sweep.axis!r} has no values; give some, or take another axis, "
-                f"{_valid_axes(fidelity)}"
+                f"axes.{i}.values: {sweep.axis!r} has no values; give some, or take another axis, {valid}"
             )
         if len(set(sweep.values)) < len(sweep.values):
             raise StressError(f"axes.{i}.values: {sweep.axis!r} has a value twice")
-    for name in study.given:
-        _check_axis(f"given.{name}", name, fidelity)
-    for i, sweep in enumerate(study.axes):
-        _check_axis(f"axes.{i}.axis", sweep.axis, fidelity)
+    used = {f"given.{name}": name for name in study.given}
+    for where, name in (used | {f"axes.{i}.axis": s.axis for i, s in enumerate(study.axes)}).items():
+        if name in AXES and name not in _reaching(study.depth):
+            raise StressError(f"{where}: {name!r}: is not available at this depth; {valid}")
+        if name not in AXES and not any(f"{name}.".startswith(f"{key}.") for key in depth.KEYS):
+            what = "is not available at this depth" if "." in name else "unknown axis"
+            hint = resources.suggestion(name, [*AXES, *depth.KEYS])
+            raise StressError(f"{where}: {name!r}: {what}{hint}; {valid}")
     if not study.estimators:
         raise StressError("estimators: give at least one")
     for name in (*study.estimators, *study.fewer, *study.consistent):
@@ -88,29 +120,18 @@ def check(study: Study) -> None:
         if name not in study.estimators:
             raise StressError(f"{name!r} has limits but is not in estimators: {', '.join(study.estimators)}")
     for point in study.points:
-        fidelity.settle(study, point)
+        depth.settle(study, point)
     for key, points in (("holds", [study.holds] if study.holds else []), ("accept", [a.at for a in study.accept])):
         for point in points:
             if point not in study.points:
-                raise StressError(f"{key}: {list(point)} is not a combination of axis values; one of: {_points(study)}")
+                there = ", ".join(str(list(point)) for point in study.points)
+                raise StressError(f"{key}: {list(point)} is not a combination of axis values; one of: {there}")
+    quantities = ("refused", *columns(study.kind))
     for accept in study.accept:
-        valid = ("refused", *fidelities.columns(study.kind))
-        if accept.quantity not in valid:
-            raise StressError(f"accept: unknown quantity {accept.quantity!r}; one of: {', '.join(valid)}")
+        if accept.quantity not in quantities:
+            raise StressError(f"accept: unknown quantity {accept.quantity!r}; one of: {', '.join(quantities)}")
 
 
-def _points(study: Study) -> str:
-    return ", ".join(str(list(point)) for point in study.points)
-
-
-def _valid_axes(fidelity: Fidelity) -> str:
-    axes, keys = ", ".join(fidelity.axes()), ", ".join(fidelity.keys)
-    return f"valid at depth {fidelity.name!r}: {axes}, or a key of the scene: {keys}"
-
-
-def _check_axis(where: str, name: str, fidelity: Fidelity) -> None:
-    known = name in fidelity.axes() if name in AXES else any(f"{name}.".startswith(f"{key}.") for key in fidelity.keys)
-    if not known:
-        hint = "" if name in AXES else resources.suggestion(name, [*AXES, *fidelity.keys])
-        what = "is not available at this depth" if name in AXES or "." in name else "unknown axis"
-        raise StressError(f"{where}: {name!r}: {what}{hint}; {_valid_axes(fidelity)}")
+def _reaching(depth: str) -> list[str]:
+    """Names of the axes that reach a depth."""
+    return [axis.name for axis in AXES.values() if axis.key or depth == "geometric"]

@@ -81,11 +81,9 @@ def _measured(fixed: Estimates, records: Records) -> Array:
 
 def linearised(fixed: Estimates, records: Records) -> Array:
     """T′(β*) = cotβ*·mean(x·α/sinα), shape (M,); x is the swing along the line, away from the axis."""
-    parts = []
-    done = 0
+    parts, done = [], 0
     for frames in groups(records.pixels, None, None, records.calibration):
-        some = slice(done, done + len(frames.count))
-        done = some.stop
+        some = slice(done, done := done + len(frames.count))
         beta, azimuth = fixed.beta[some], fixed.tilt_azimuth[some]
         with np.errstate(invalid="ignore"):
             x, y, z = np.moveaxis(tangent_basis(beta, azimuth) @ frames.rays, 1, 0)

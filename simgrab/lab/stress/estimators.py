@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.errors import StressError
 from simgrab.instrument.estimate import ESTIMATORS, Estimator
@@ -115,32 +114,20 @@ def _known(estimator: Estimating, records: Records) -> tuple[Array, Array]:
 def stacked(name: str, each: Sequence[Estimate], frames: int) -> Estimates:
     """Put estimates of single records together; diagnostics, which may differ in kind, are left out."""
 
-    def column(values: Sequence[Any], shape: tuple[int, ...] = ()) -> NDArray[Any]:
+    def column(of: Sequence[Any], field: str, *shape: int) -> Array:
+        values = (getattr(one, field, None) for one in of)
         return np.array([np.full(shape, np.nan) if v is None else v for v in values], float)
-
-    kinds = max((e.intervals for e in each), key=len, default=())
 
     def interval(kind: Intervals) -> Intervals:
         own = [next((i for i in e.intervals if i.kind == kind.kind), None) for e in each]
+        ends = column(own, "beta", 2), column(own, "sigma", 2), column(own, "alpha", frames, 2)
+        return Intervals(kind.kind, kind.level, *ends, kind.blocks, kind.note)
 
-        def ends(field: str, shape: tuple[int, ...]) -> Array:
-            return column([getattr(i, field) if i else None for i in own], shape)
-
-        both = ends("beta", (2,)), ends("sigma", (2,)), ends("alpha", (frames, 2))
-        return Intervals(kind.kind, kind.level, *both, kind.blocks, kind.note)
-
-    offset = [e.offset for e in each]
-    beta, azimuth, sigma = (column([getattr(e, field) for e in each]) for field in ("beta", "tilt_azimuth", "sigma"))
+    kinds = max((e.intervals for e in each), key=len, default=())
+    offset = None if all(e.offset is None for e in each) else column(each, "offset", 3)
     return Estimates(
-        name,
-        np.array([e.ok for e in each], bool),
-        np.array([e.reason for e in each], str),
-        np.array([e.frames for e in each], np.int64),
-        beta,
-        azimuth,
-        sigma,
-        column([e.alpha for e in each], (frames,)),
-        None if all(o is None for o in offset) else column(offset, (3,)),
-        tuple(interval(kind) for kind in kinds),
-        {},
-    )
+        name, np.array([e.ok for e in each], bool), np.array([e.reason for e in each], str),
+        np.array([e.frames for e in each], np.int64), column(each, "beta"), column(each, "tilt_azimuth"),
+        column(each, "sigma"), column(each, "alpha", frames), offset,
+        tuple(interval(kind) for kind in kinds), {},
+    )  # fmt: skip

@@ -1,16 +1,23 @@
-"""Run studies into a folder: in parallel, taken up again after any interruption, in bounded memory."""
+"""Run studies into a folder: in parallel, taken up again after any interruption, in bounded memory.
+
+The work is cut into parts, shared among processes; each part is written once and whole.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import io
 import json
 import shutil
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
+import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
@@ -20,19 +27,118 @@ from simgrab.io import parquet
 from simgrab.io.destination import check_folder, locked_folder, writing
 from simgrab.io.files import drafted, write
 from simgrab.io.parse import read_json
-from simgrab.lab.stress import fidelities
+from simgrab.lab.stress import convergence, estimators, score
+from simgrab.lab.stress.catalogue import columns, depth_of
+from simgrab.lab.stress.records import Records
 from simgrab.lab.stress.study import Study
-from simgrab.lab.stress.summary import Finding, Moments, Summary, Verdict, judge
-from simgrab.lab.stress.work import Part, check_workers, made, parts, schema, worker_pool
+from simgrab.lab.stress.summary import Finding, Summary, Verdict, judge
+from simgrab.runtime.cluster import ClusterPool, open_pool
+from simgrab.runtime.processes import Pool
 
 _SAME = {
     "digest": "its settings differ",
     "simgrab": "made by another version",
     "made_with": "made by another renderer, or detected with other weights",
 }
+MOST_SLOW_TRIALS = 4
+# One thread a process: more would only get in each other's way.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Progress = Callable[[int, int], None]
 STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
+
+
+@dataclass(frozen=True)
+class Part:
+    """Replications ``first`` to ``last`` − 1 at one point of a study."""
+
+    point: int
+    first: int
+    last: int
+
+    @property
+    def file(self) -> str:
+        """Name of its table."""
+        return f"{self.point:04d}-{self.first:08d}-{self.last:08d}.parquet"
+
+
+def parts(study: Study) -> list[Part]:
+    """Split a study into parts that may be drawn together; parts with slow estimators are smaller."""
+    depth = depth_of(study.depth)
+    slow_until = max((study.trials_of(name) for name in study.fewer if name in study.estimators), default=0)
+    result = []
+    for index, point in enumerate(study.points):
+        together = depth.together(depth.settle(study, point))
+        first = 0
+        while first < study.replications:
+            step = min(together, MOST_SLOW_TRIALS) if first < slow_until else together
+            last = min(first + step, study.replications)
+            result.append(Part(index, first, last))
+            first = last
+    return result
+
+
+def make(study: Study, part: Part) -> pa.Table:
+    """Draw, estimate and score the replications of a part: one row for each of them and each estimator."""
+    point, depth = study.points[part.point], depth_of(study.depth)
+    here = depth.settle(study, point)
+    records = depth.draw(here, study.seed, range(part.first, part.last))
+    fields = schema(study)
+    place = {s.axis: str(v) if isinstance(v, str) else v for s, v in zip(study.axes, point, strict=True)}
+    tables = [fields.empty_table()]
+    for name in study.estimators:
+        last = min(part.last, study.trials_of(name) if study.kind == "estimators" else part.last)
+        if last <= part.first:
+            continue
+        trials = range(part.first, last)
+        some = records if last == part.last else depth.draw(here, study.seed, trials)
+        whole = {key: [value] * len(trials) for key, value in (place | {"estimator": name}).items()}
+        data = {**whole, "trial": np.array(trials), **scored(study, name, some)}
+        arrays = [pa.array(data[f.name], f.type, from_pandas=pa.types.is_floating(f.type)) for f in fields]
+        tables.append(pa.table(arrays, schema=fields))
+    return pa.concat_tables(tables)
+
+
+def scored(study: Study, estimator: str, records: Records) -> dict[str, np.ndarray]:
+    """Estimate from M records and judge: `columns`, ``status`` and ``reason``, shape (M,) each."""
+    if study.kind == "convergence":
+        return convergence.trace(records)
+    return score.score(estimators.run(estimator, records), records)
+
+
+def schema(study: Study) -> pa.Schema:
+    """Columns of a study's rows."""
+    fields = [(s.axis, pa.string() if any(isinstance(v, str) for v in s.values) else pa.float64()) for s in study.axes]
+    fields += [("trial", pa.int64()), ("estimator", pa.string()), ("status", pa.string()), ("reason", pa.string())]
+    return pa.schema(fields + [(name, pa.float64()) for name in columns(study.kind)])
+
+
+def made(study: Study, part: Part) -> bytes:
+    """Make a part; gives the bytes of its table."""
+    sink = io.BytesIO()
+    pq.write_table(make(study, part), sink)
+    return sink.getvalue()
+
+
+def worker_pool(workers: int, cluster: str | None = None) -> Pool | ClusterPool:
+    """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
+
+    Parameters
+    ----------
+    workers : int
+    cluster : str, optional
+        Address of a Ray cluster, whose processes they are then.
+
+    Raises
+    ------
+    StressError
+        If there are none.
+    ClusterError
+        If there is no such cluster.
+    """
+    if workers < 1:
+        raise StressError(f"workers must be 1 or more, got {workers}")
+    return open_pool(workers, cluster, environment=dict.fromkeys(_THREADS, "1"))
 
 
 def run(
@@ -72,38 +178,25 @@ def run(
     ClusterError
         If there is no such cluster, or its machines have other versions.
     """
-    check_workers(workers)
-    folder = Path(out)
-    check_folder(folder, StressError)
-    with locked_folder(folder, StressError):
-        return _run(studies, folder, workers, cluster, resume=resume, progress=progress)
-
-
-def _run(
-    studies: Sequence[Study],
-    folder: Path,
-    workers: int,
-    cluster: str | None,
-    *,
-    resume: bool,
-    progress: Progress | None,
-) -> list[Finding]:
     from simgrab.lab.stress import page
 
-    missing: list[tuple[Study, Path, Part]] = []
-    with writing(folder, StressError):
-        for study in studies:
-            missing += _open(study, folder / study.name, resume=resume)
-    total = sum(len(study.points) * study.replications for study in studies)
-    done = total - sum(part.last - part.first for _, _, part in missing)
-    if progress:
-        progress(done, total)
-    with contextlib.ExitStack() as pools:
+    folder = Path(out)
+    check_folder(folder, StressError)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(locked_folder(folder, StressError))
         here = makers = worker_pool(workers)
-        pools.enter_context(here)
+        stack.enter_context(here)
+        missing: list[tuple[Study, Path, Part]] = []
+        with writing(folder, StressError):
+            for study in studies:
+                missing += _open(study, folder / study.name, resume=resume)
+        total = sum(len(study.points) * study.replications for study in studies)
+        done = total - sum(part.last - part.first for _, _, part in missing)
+        if progress:
+            progress(done, total)
         if cluster is not None:
             makers = worker_pool(workers, cluster)
-            pools.enter_context(makers)
+            stack.enter_context(makers)
         for file, data, count in makers.map(_made, missing, name=_named):
             with writing(folder, StressError):
                 write(file, data)
@@ -133,35 +226,30 @@ def _made(job: tuple[Study, Path, Part]) -> tuple[Path, bytes, int]:
     return path / PARTIAL / part.file, made(study, part), part.last - part.first
 
 
-def _identity(study: Study) -> dict[str, Any]:
-    made_with = fidelities.find(study.depth).made_with()
-    return {
-        "simgrab": __version__, "made_with": made_with, "digest": study.digest, "study": msgspec.to_builtins(study),
-    }  # fmt: skip
-
-
 def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, Part]]:
     """Claim a study's folder; gives the parts that remain to be made."""
-    identity = path / STUDY
-    if identity.exists():
-        known = read_json(identity, StressError)
-        if not isinstance(known, dict):
-            raise StressError(f"{identity} is not a study that simgrab wrote; choose another --out")
-        if not resume:
-            advice = "continue with --resume, or choose" if (path / PARTIAL).exists() else "choose"
-            raise StressError(f"{path} holds a study already; {advice} another --out")
-        mine = _identity(study)
-        changed = [why for key, why in _SAME.items() if known.get(key, "") != mine[key]]
-        if changed:
-            what = changed[0]
-            raise StressError(f"{path} holds another study ({what}); --resume needs the same, or choose another --out")
+    file = path / STUDY
+    known = read_json(file, StressError) if file.exists() else None
+    if known is not None and not isinstance(known, dict):
+        raise StressError(f"{file} is not a study that simgrab wrote; choose another --out")
+    if known is not None and not resume:
+        advice = "continue with --resume, or choose" if (path / PARTIAL).exists() else "choose"
+        raise StressError(f"{path} holds a study already; {advice} another --out")
+    if known is None and path.exists() and any(path.iterdir()):
+        raise StressError(f"{path} contains something other than a study; choose another --out")
+    mine: dict[str, Any] = {
+        "simgrab": __version__, "made_with": depth_of(study.depth).made_with(), "digest": study.digest,
+        "study": msgspec.to_builtins(study),
+    }  # fmt: skip
+    if known is not None:
+        if changed := [why for key, why in _SAME.items() if known.get(key, "") != mine[key]]:
+            why = f"{path} holds another study ({changed[0]})"
+            raise StressError(f"{why}; --resume needs the same, or choose another --out")
         if (path / SUMMARY).exists():  # it comes last
             shutil.rmtree(path / PARTIAL, ignore_errors=True)
             return []
-    elif path.exists() and any(path.iterdir()):
-        raise StressError(f"{path} contains something other than a study; choose another --out")
     (path / PARTIAL).mkdir(parents=True, exist_ok=True)
-    write(identity, json.dumps(_identity(study), indent=1, ensure_ascii=False))
+    write(file, json.dumps(mine, indent=1, ensure_ascii=False))
     return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]
 
 
@@ -177,16 +265,16 @@ def _finish(out: Path, study: Study) -> None:
 
 
 def _summed(study: Study, path: Path) -> Summary:
-    moments = Moments(study, fidelities.columns(study.kind))
+    summary = Summary(study, columns(study.kind))
     for table in parquet.groups(path / TRIALS):
-        moments.add(table)
-    return moments.summary()
+        summary.add(table)
+    return summary
 
 
 def read(path: Path, study: Study) -> Finding:
     """Read a finished study."""
     summary = _summed(study, path)
-    return Finding(path, summary, tuple(judge(summary)))
+    return Finding(summary, tuple(judge(summary)))
 
 
 def failures(findings: Iterable[Finding]) -> list[Verdict]:

@@ -1,83 +1,72 @@
-"""Distributions of α besides the scenario's own: heavier and lighter tails than the paper's half-normal."""
+"""Distributions of α: heavier and lighter tails than the paper's half-normal."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated
 
 import numpy as np
 
 from simgrab.model.distributions import Distribution, Exponential, HalfNormal, Rayleigh
 from simgrab.model.geometry import Array
-from simgrab.model.scenario.base import Meta
 
 
-class Student(Distribution, frozen=True, tag="student"):
+@dataclass(frozen=True)
+class Law:
+    """A distribution of α, of which only the shape matters: σ scales it.
+
+    Attributes
+    ----------
+    sample : callable
+        Generator and number of values → values, shape (n,).
+    rms : float
+        √E[α²].
+    kurtosis : float
+        E[α⁴]/E[α²]², on which the paper's iteration depends.
+    """
+
+    sample: Callable[[np.random.Generator, int], Array]
+    rms: float
+    kurtosis: float = math.nan
+
+
+def of(distribution: Distribution, kurtosis: float = math.nan) -> Law:
+    """Make a law of a scenario's distribution."""
+    return Law(distribution.sample, distribution.rms(), kurtosis)
+
+
+def student(degrees: float = 5.0) -> Law:
     """Size of Student's t: tails so heavy that the fourth moment is infinite up to 4 degrees of freedom."""
-
-    degrees: Annotated[float, Meta(gt=2)] = 5.0
-
-    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
-        return np.abs(rng.standard_t(self.degrees, size))
-
-    def rms(self) -> float:  # noqa: D102
-        return math.sqrt(self.degrees / (self.degrees - 2))
-
-    def support(self) -> tuple[float, float]:  # noqa: D102
-        return 0.0, math.inf
+    kurtosis = 3 * (degrees - 2) / (degrees - 4) if degrees > 4 else math.inf
+    return Law(lambda rng, n: np.abs(rng.standard_t(degrees, n)), math.sqrt(degrees / (degrees - 2)), kurtosis)
 
 
-class Bursts(Distribution, frozen=True, tag="bursts"):
-    """A share ``idle`` of the frames swings half-normally, the others ``ratio`` times as far."""
+def bursts(idle: float = 0.8, ratio: float = 5.0) -> Law:
+    """Swing half-normally in a share ``idle`` of the frames, and ``ratio`` times as far in the others."""
+    square = idle + (1 - idle) * ratio**2
 
-    idle: Annotated[float, Meta(ge=0, lt=1)] = 0.8
-    ratio: Annotated[float, Meta(ge=1)] = 5.0
+    def sample(rng: np.random.Generator, n: int) -> Array:
+        scale = np.where(rng.random(n) < idle, 1.0, ratio)
+        return np.asarray(np.abs(rng.normal(size=n)) * scale)
 
-    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
-        scale = np.where(rng.random(size) < self.idle, 1.0, self.ratio)
-        return np.asarray(np.abs(rng.normal(size=size)) * scale)
-
-    def rms(self) -> float:  # noqa: D102
-        return math.sqrt(self.idle + (1 - self.idle) * self.ratio**2)
-
-    def support(self) -> tuple[float, float]:  # noqa: D102
-        return 0.0, math.inf
+    return Law(sample, math.sqrt(square), 3 * (idle + (1 - idle) * ratio**4) / square**2)
 
 
-class Harmonic(Distribution, frozen=True, tag="harmonic"):
+def harmonic() -> Law:
     """|sin φ|, φ uniform: a swing of constant amplitude through the vertical, seen at any time."""
-
-    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
-        return np.abs(np.sin(2 * np.pi * rng.random(size)))
-
-    def rms(self) -> float:  # noqa: D102
-        return math.sqrt(0.5)
-
-    def support(self) -> tuple[float, float]:  # noqa: D102
-        return 0.0, 1.0
+    return Law(lambda rng, n: np.abs(np.sin(2 * np.pi * rng.random(n))), math.sqrt(0.5), 1.5)
 
 
 LAWS = MappingProxyType(
     {
-        "half-normal": HalfNormal(),
-        "rayleigh": Rayleigh(),
-        "exponential": Exponential(),
-        "student": Student(),
-        "bursts": Bursts(),
-        "harmonic": Harmonic(),
+        "half-normal": of(HalfNormal(), 3.0),
+        "rayleigh": of(Rayleigh(), 2.0),
+        "exponential": of(Exponential(), 6.0),
+        "student": student(),
+        "bursts": bursts(),
+        "harmonic": harmonic(),
     }
 )
-"""Distribution of α by name; only its shape matters, σ scales it."""
-
-KURTOSIS = MappingProxyType(
-    {
-        "half-normal": 3.0,
-        "rayleigh": 2.0,
-        "exponential": 6.0,
-        "student": 9.0,
-        "bursts": 3 * (0.8 + 0.2 * 5.0**4) / (0.8 + 0.2 * 5.0**2) ** 2,
-        "harmonic": 1.5,
-    }
-)
-"""E[α⁴]/E[α²]² of each, on which the paper's iteration depends."""
+"""Law of α by name."""

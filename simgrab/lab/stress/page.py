@@ -8,14 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from simgrab.instrument.estimate import ZeroTilt
 from simgrab.io import files
-from simgrab.lab.stress import convergence_figures, figures
+from simgrab.lab.stress import figures
 from simgrab.lab.stress.score import MARGIN_DEG
-from simgrab.lab.stress.study import Study
-from simgrab.lab.stress.summary import Finding, Summary
+from simgrab.lab.stress.study import Study, place
+from simgrab.lab.stress.summary import Figure, Finding, Point, Summary
 from simgrab.reports.html import page, svg
 
 HALF_REFUSED = 0.5
+# Curve, its column and statistic, factor and unit, and the key of which the largest is the worst.
+_CURVES: tuple[tuple[str, str, str, float, str, Callable[[Figure], float]], ...] = (
+    ("bias of β̂", "beta_error_deg", "mean", 1, "°", lambda f: abs(f.mean)),
+    ("RMSE of β̂", "beta_error_deg", "rms", 1, "°", lambda f: f.rms),
+    ("95 % interval of β covers it", "cover_beta", "mean", 100, " %", lambda f: -f.mean),
+    ("95 % interval of σ covers it", "cover_sigma", "mean", 100, " %", lambda f: -f.mean),
+    ("records refused", "refused", "mean", 100, " %", lambda f: f.mean),
+    ("α̂ at a true 10° in the worst direction", "alpha10_most_deg", "mean", 1, "°", lambda f: f.mean),
+    ("swings of 11° missed", "miss", "mean", 100, " %", lambda f: f.mean),
+    ("swings of 9° that set off the alarm", "false_alarm", "mean", 100, " %", lambda f: f.mean),
+)
 
 Share = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
@@ -82,15 +94,54 @@ def _section(finding: Finding) -> dict[str, Any]:
     if study.fewer:
         lead += "; " + ", ".join(f"{k}: {v} replications" for k, v in study.fewer.items())
     if study.kind == "convergence":
-        figure = convergence_figures.draw(summary)
-        drawn = [("", svg(figure, study.name, study.title), convergence_figures.sentences(summary))]
+        drawn = [("", svg(figures.convergence(summary), study.name, study.title), list[str]())]
     else:
         drawn = [
             (
                 title,
                 svg(figures.draw(summary, points), f"{study.name}-{i}", title or study.title),
-                [sentence(summary, points) for sentence in figures.SENTENCES],
+                sentences(summary, points),
             )
             for i, (title, points) in enumerate(figures.slices(summary))
         ]
     return {"name": study.name, "title": study.title, "lead": lead, "figures": drawn}
+
+
+def rivals(summary: Summary) -> list[str]:
+    """Estimators worth a word: all, but for the one that corrects nothing."""
+    return [name for name in summary.study.estimators if name != ZeroTilt.name] or list(summary.study.estimators)
+
+
+def extreme(
+    summary: Summary, points: Sequence[Point], column: str, key: Callable[[Figure], float]
+) -> tuple[Figure, str, Point] | None:
+    """Find the estimator and the point with the largest ``key`` of a column."""
+    found = [
+        (figure, name, point)
+        for name in rivals(summary)
+        for point in points
+        if (figure := summary.at(point, name, column)).count
+    ]
+    return max(found, key=lambda f: key(f[0]), default=None)
+
+
+def sentences(summary: Summary, points: Sequence[Point]) -> list[str]:
+    """Say of each curve where it is worst, and which estimator's worst is mildest."""
+    told = []
+    for name, column, statistic, factor, unit, key in _CURVES:
+        found = extreme(summary, points, column, key)
+        if found is None:
+            continue
+        figure, worst, point = found
+        value, error = (factor * number for number in figure.statistic(statistic))
+        text = f"{name}: at worst {value:.4g} ± {error:.2g}{unit} ({worst}, {place(summary.study, point)})"
+        mildest = {}  # of those that do not refuse a tenth
+        for rival in rivals(summary):
+            figures = [f for p in points if (f := summary.at(p, rival, column)).count]
+            if figures and all(summary.at(p, rival, "refused").mean <= 0.1 for p in points):
+                mildest[rival] = max(figures, key=key)
+        best = min(mildest, key=lambda rival: key(mildest[rival]), default=worst)
+        if best != worst and column != "refused":
+            text += f"; of {best} {factor * mildest[best].statistic(statistic)[0]:.4g}{unit}"
+        told.append(f"{text}.")
+    return told or ["No record was solved."]

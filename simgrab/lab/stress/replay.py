@@ -16,11 +16,13 @@ from simgrab.instrument.estimate.frames import gravity, mount_from_camera
 from simgrab.io.destination import check_file, writing
 from simgrab.io.files import drafted, write
 from simgrab.io.parse import shown
-from simgrab.lab.stress import convergence, estimators, fidelities, score
+from simgrab.lab.stress import estimators
+from simgrab.lab.stress.axes import Value
+from simgrab.lab.stress.catalogue import depth_of
 from simgrab.lab.stress.figures import COLOURS
-from simgrab.lab.stress.parameters import Value
+from simgrab.lab.stress.laboratory import scored
 from simgrab.lab.stress.records import Picture, Records
-from simgrab.lab.stress.study import Study
+from simgrab.lab.stress.study import Study, place
 from simgrab.model.geometry import camera_rotation
 from simgrab.model.records.estimates import Estimates
 from simgrab.reports.plots import Figure
@@ -59,21 +61,20 @@ class Replay:
             "study": self.study.name,
             "at": {s.axis: v for s, v in zip(self.study.axes, self.point, strict=True)},
             "trial": self.trial,
-            "estimators": {
-                name: {**row, "diagnostics": {k: _plain(v[0]) for k, v in self.found[name].diagnostics.items()}}
-                for name, row in self.rows.items()
-            },
+            "estimators": {name: {**row, "diagnostics": self._diagnostics(name)} for name, row in self.rows.items()},
         }
 
     def as_text(self) -> str:
         """Lines for a person."""
-        place = ", ".join(f"{s.axis} = {v}" for s, v in zip(self.study.axes, self.point, strict=True))
-        lines = [f"{self.study.name}, {place}, replication {self.trial}"]
+        lines = [f"{self.study.name}, {place(self.study, self.point)}, replication {self.trial}"]
         for name, row in self.rows.items():
             lines.append(f"{name}: {row['status']}" + (f", {row['reason']}" if row["reason"] else ""))
-            lines += [f"  {k:20s} {_short(v)}" for k, v in row.items() if isinstance(v, float)]
-            lines += [f"  {k:20s} {_short(_plain(v[0]))}" for k, v in self.found[name].diagnostics.items()]
+            numbers = {k: v for k, v in row.items() if isinstance(v, float)} | self._diagnostics(name)
+            lines += [f"  {k:20s} {_short(v)}" for k, v in numbers.items()]
         return "\n".join(lines)
+
+    def _diagnostics(self, name: str) -> dict[str, Any]:
+        return {k: _plain(v[0]) for k, v in self.found[name].diagnostics.items()}
 
 
 def parse_trial(study: Study, text: str) -> int:
@@ -96,25 +97,19 @@ def parse_point(study: Study, at: Sequence[str]) -> tuple[Value, ...]:
 
 
 def _same(text: str, value: Value) -> bool:
-    if isinstance(value, str):
-        return text == value
     try:
-        return float(text) == value
+        return text == value or float(text) == value
     except ValueError:
         return False
 
 
 def replay(study: Study, trial: int, point: tuple[Value, ...]) -> Replay:
     """Make one replication again; its numbers are those of the whole run."""
-    fidelity = fidelities.find(study.depth)
-    records, sheet = fidelity.show(fidelity.settle(study, point), study.seed, trial)
-    found, rows = {}, {}
-    for name in study.estimators:
-        if trial >= study.trials_of(name):
-            continue
-        found[name] = estimators.run(name, records)
-        columns = convergence.trace(records) if study.kind == "convergence" else score.score(found[name], records)
-        rows[name] = {key: _plain(values[0]) for key, values in columns.items()}
+    depth = depth_of(study.depth)
+    records, sheet = depth.show(depth.settle(study, point), study.seed, trial)
+    names = [name for name in study.estimators if trial < study.trials_of(name)]
+    found = {name: estimators.run(name, records) for name in names}
+    rows = {name: {k: _plain(v[0]) for k, v in scored(study, name, records).items()} for name in names}
     return Replay(study, point, trial, records, found, rows, sheet)
 
 
@@ -138,8 +133,7 @@ def draw(again: Replay) -> Figure:
     k = records.calibration.intrinsics
     figure = Figure(figsize=(12, 5), layout="constrained")
     left, right = figure.subplots(1, 2)
-    u, v = records.pixels[0].T
-    left.plot(u, v, ".", ms=2, color="#b9bfc4", label="grab")
+    left.plot(*records.pixels[0].T, ".", ms=2, color="#b9bfc4", label="grab")
     left.plot(k.cx_px, k.cy_px, "+", ms=12, color="#1c2126", label="C′, as stated")
     rotation = camera_rotation(records.beta, records.azimuth, np.deg2rad(records.calibration.roll_deg))
     left.plot(*k.project(rotation.T @ (0.0, 0.0, -1.0)), "x", ms=12, mew=2, color="#1c2126", label="G′, true")

@@ -49,8 +49,7 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
     dict of str to ndarray, shape (M,)
         `COLUMNS`, ``status`` and ``reason``.
     """
-    swing = np.rad2deg(found.alpha - records.alpha)
-    swing[~found.ok] = np.nan
+    swing = np.where(found.ok[:, None], np.rad2deg(found.alpha - records.alpha), np.nan)
     probe = np.rad2deg(probe_alpha(found, records) - PROBE_ALPHA)
     nothing = np.full(len(found), np.nan)
     own = found.intervals[0] if found.intervals else None
@@ -61,6 +60,9 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
             return nothing
         inside = ((ends[..., 0] <= truth) & (truth <= ends[..., 1])).astype(float)
         return np.where(np.isfinite(ends).all(axis=-1), inside, np.nan)
+
+    def beyond(side: int) -> Array:
+        return np.where(np.isfinite(probe), (side * probe > MARGIN_DEG).astype(float), np.nan)
 
     def row_mean(values: Array) -> Array:
         count = np.isfinite(values).sum(axis=-1)
@@ -80,8 +82,8 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         "alpha10_error_deg": row_mean(probe),
         "alpha10_rms_deg": np.sqrt(row_mean(probe**2)),
         "alpha10_most_deg": most(probe),
-        "miss": row_mean(_beyond(probe, -1)),
-        "false_alarm": row_mean(_beyond(probe, 1)),
+        "miss": row_mean(beyond(-1)),
+        "false_alarm": row_mean(beyond(1)),
         "cover_beta": held(own.beta if own else None, records.beta),
         "cover_sigma": held(own.sigma if own else None, records.sigma),
         "cover_alpha": row_mean(held(own.alpha, records.alpha)) if own and own.alpha is not None else nothing,
@@ -90,17 +92,8 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         "used": found.frames / records.alpha.shape[-1],
         "iterations": np.asarray(iterations, float),
     }
-    for values in numbers.values():
-        values[~found.ok] = np.nan
-    return {
-        "status": np.where(found.ok, "ok", "refused"),
-        "reason": found.reason,
-        **{name: np.asarray(numbers[name], float) for name in COLUMNS},
-    }
-
-
-def _beyond(errors: Array, side: int) -> Array:
-    return np.where(np.isfinite(errors), (side * errors > MARGIN_DEG).astype(float), np.nan)
+    known = {name: np.where(found.ok, numbers[name], np.nan) for name in COLUMNS}
+    return {"status": np.where(found.ok, "ok", "refused"), "reason": found.reason, **known}
 
 
 def probe_alpha(found: Estimates, records: Records) -> Array:

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from simgrab.errors import SimgrabError, StressError
-from simgrab.lab.stress.axes import AXES, Axis
-from simgrab.lab.stress.parameters import Value
+from simgrab.lab.stress import situation as situations
+from simgrab.lab.stress.axes import AXES, Axis, Value
 from simgrab.lab.stress.situation import Situation
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
@@ -25,8 +25,6 @@ Statistic = Literal["mean", "rms", "z"]
 
 QUICK_FRAMES, QUICK_REPLICATIONS, QUICK_PHYSICS, QUICK_MAP = 500, 30, 3, 4
 QUICK_PICTURES, QUICK_RECORDS = 10, 2
-
-
 MOST_POINTS, MOST_REPLICATIONS = 10_000, 10_000_000
 
 
@@ -66,7 +64,7 @@ class Study(Strict, frozen=True):
     kind : str
         ``"estimators"``, or ``"convergence"``: how the paper's iteration gets to its end.
     depth : str
-        How far a record goes from truth to angles: see `simgrab.lab.stress.fidelities`.
+        How far a record goes from truth to angles: ``"geometric"`` or ``"rendered"``.
     base : str
         Scene that it departs from.
     given : dict
@@ -134,7 +132,16 @@ class Study(Strict, frozen=True):
 
 def axis_of(name: str) -> Axis:
     """Find an axis, or make one of a key of the scene."""
-    return AXES.get(name) or Axis(name, "", f"the scene's {name}", None, lambda s, _: s, key=name)
+    return AXES.get(name) or Axis(name, "", f"the scene's {name}", None, key=name)
+
+
+def place(study: Study, point: tuple[Value, ...]) -> str:
+    """Name a point: its axes with values and units."""
+    pairs = zip(study.axes, point, strict=True)
+    return ", ".join(
+        f"{s.axis} = {v}" if isinstance(v, str) else f"{s.axis} = {v:g} {axis_of(s.axis).unit}".rstrip()
+        for s, v in pairs
+    )
 
 
 @functools.lru_cache(maxsize=256)
@@ -153,7 +160,7 @@ def _whole(value: Value) -> Value | int:
 
 @functools.lru_cache(maxsize=256)
 def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
-    result = Situation.of(_scenario(base, settings))
+    result = situations.of(_scenario(base, settings))
     for name, value in settings:
         axis = axis_of(name)
         if not axis.key:
@@ -173,25 +180,20 @@ def situation(study: Study, point: tuple[Value, ...]) -> Situation:
 
 def quickened(study: Study) -> Study:
     """Make a study so small that it takes seconds. Its numbers are rough, and slow estimators are left out."""
-    axes = tuple(_shorter(s) for s in study.axes)
-    kept = tuple(name for name in study.estimators if name not in study.fewer)
-    points = set(itertools.product(*(s.values for s in axes)))
+    kept = tuple(name for name in study.estimators if name not in study.fewer) or study.estimators
+    short = msgspec.structs.replace(study, axes=tuple(map(_shorter, study.axes)), estimators=kept, fewer={})
     if study.depth == "rendered":  # so few pictures keep to no limits
-        return msgspec.structs.replace(
-            study, axes=axes, estimators=kept or study.estimators, fewer={}, n=QUICK_PICTURES,
-            replications=QUICK_RECORDS, holds=(), consistent=(), accept=(),
-        )  # fmt: skip
-    slow = any(s.axis in ("motion", "mount") for s in axes) or {"motion", "mount"} & set(study.given)
+        few = {"n": QUICK_PICTURES, "replications": QUICK_RECORDS}
+        return msgspec.structs.replace(short, **few, holds=(), consistent=(), accept=())
+    slow = {"motion", "mount"} & {*study.given, *(s.axis for s in study.axes)}
     many = QUICK_MAP if study.kind == "convergence" else QUICK_PHYSICS if slow else QUICK_REPLICATIONS
+    points = set(short.points)
     return msgspec.structs.replace(
-        study,
-        axes=axes,
-        estimators=kept or study.estimators,
-        fewer={},
+        short,
         n=min(study.n, QUICK_FRAMES),
         replications=min(study.replications, many),
         holds=study.holds if study.holds in points else (),
-        consistent=tuple(name for name in study.consistent if name in (kept or study.estimators)),
+        consistent=tuple(name for name in study.consistent if name in kept),
         accept=tuple(a for a in study.accept if a.at in points and a.estimator in kept and a.statistic != "rms"),
     )
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from simgrab.lab.stress.parameters import Value
-from simgrab.lab.stress.study import Accept, Study
+from simgrab.lab.stress.axes import Value
+from simgrab.lab.stress.study import Accept, Study, place
 from simgrab.model.geometry import Array
 
 Point = tuple[Value, ...]
@@ -47,36 +46,9 @@ class Figure:
 NOTHING = Figure(0, math.nan, math.nan, math.nan, math.nan)
 
 
-@dataclass
-class Moments:
-    """Counts and sums of powers 1, 2 and 4 of some columns, by point and estimator: all that is kept of a study."""
-
-    study: Study
-    columns: tuple[str, ...]
-    sums: dict[tuple[Point, str], Array] = field(default_factory=dict)  # (columns + 1, 4); the last is `refused`
-
-    def add(self, table: pa.Table) -> None:
-        """Take the rows of a part, which are all of one point."""
-        if not table.num_rows:
-            return
-        point = tuple(table[s.axis][0].as_py() for s in self.study.axes)
-        for name in self.study.estimators:
-            rows = table.filter(pc.equal(table["estimator"], name))
-            if not rows.num_rows:
-                continue
-            refused = (rows["status"].to_numpy(zero_copy_only=False) != "ok").astype(float)
-            values = [np.asarray(rows[c].to_numpy(zero_copy_only=False), float) for c in self.columns]
-            sums = np.array([_powers(v) for v in (*values, refused)])
-            self.sums[point, name] = self.sums.get((point, name), 0) + sums
-
-    def summary(self) -> Summary:
-        """Close the books."""
-        figures = {
-            (point, name, column): _figure(sums)
-            for (point, name), rows in self.sums.items()
-            for column, sums in zip((*self.columns, "refused"), rows, strict=True)
-        }
-        return Summary(self.study, self.columns, figures)
+def figure(values: Array) -> Figure:
+    """Sum up values, those left out that are not finite."""
+    return _figure(np.array(_powers(values)))
 
 
 def _powers(values: Array) -> tuple[float, float, float, float]:
@@ -96,25 +68,42 @@ def _figure(sums: Array) -> Figure:
     return Figure(int(count), mean, mean_se, rms, rms_se)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Summary:
-    """Figures by point, estimator and column (``refused`` among them)."""
+    """Figures of a study by point, estimator and column (``refused`` among them), of rows that are added in parts.
+
+    Only counts and sums of powers 1, 2 and 4 are kept.
+    """
 
     study: Study
     columns: tuple[str, ...]
-    figures: dict[tuple[Point, str, str], Figure]
+    sums: dict[tuple[Point, str], Array] = field(default_factory=dict)  # (columns + 1, 4); the last is `refused`
+
+    def add(self, table: pa.Table) -> None:
+        """Take the rows of a part, which are all of one point."""
+        if not table.num_rows:
+            return
+        point = tuple(table[s.axis][0].as_py() for s in self.study.axes)
+        for name in self.study.estimators:
+            rows = table.filter(pc.equal(table["estimator"], name))
+            if not rows.num_rows:
+                continue
+            refused = (rows["status"].to_numpy(zero_copy_only=False) != "ok").astype(float)
+            values = [np.asarray(rows[c].to_numpy(zero_copy_only=False), float) for c in self.columns]
+            self.sums[point, name] = self.sums.get((point, name), 0) + np.array([*map(_powers, (*values, refused))])
 
     def at(self, point: Point, estimator: str, column: str) -> Figure:
-        """Find a figure; an empty one where the estimator was not tried."""
-        return self.figures.get((point, estimator, column), NOTHING)
+        """Give a figure; an empty one where the estimator was not tried."""
+        sums = self.sums.get((point, estimator))
+        return NOTHING if sums is None else _figure(sums[(*self.columns, "refused").index(column)])
 
     def table(self) -> pa.Table:
         """One row a figure."""
         rows: list[dict[str, Any]] = []
-        for (point, name, column), f in self.figures.items():
+        for point, name in self.sums:
             place = {s.axis: v for s, v in zip(self.study.axes, point, strict=True)}
-            numbers = {"mean": f.mean, "mean_se": f.mean_se, "rms": f.rms, "rms_se": f.rms_se}
-            rows.append({**place, "estimator": name, "quantity": column, "count": f.count, **numbers})
+            for column in (*self.columns, "refused"):
+                rows.append({**place, "estimator": name, "quantity": column, **asdict(self.at(point, name, column))})
         return pa.Table.from_pylist(rows)
 
 
@@ -146,8 +135,8 @@ def _accepted(summary: Summary, accept: Accept) -> Verdict:
     high = math.inf if accept.high is None else accept.high
     limits = f"at least {low:g}" if accept.high is None else f"at most {high:g}" if accept.low is None else ""
     limits = limits or f"from {low:g} to {high:g}"
-    where = ", ".join(f"{s.axis} = {_plain(v)}" for s, v in zip(summary.study.axes, accept.at, strict=True))
-    text = f"{accept.estimator}, {where}: {accept.statistic} of {accept.quantity} {limits}"
+    where = f"{accept.estimator}, {place(summary.study, accept.at)}"
+    text = f"{where}: {accept.statistic} of {accept.quantity} {limits}"
     if accept.says:
         text += f" ({accept.says})"
     passed = figure.count > 0 and value + reach >= low and value - reach <= high
@@ -169,19 +158,9 @@ def _consistent(summary: Summary, name: str) -> Iterator[Verdict]:
         yield Verdict(study.name, text, f"{100 * f.mean:.1f} ± {100 * f.mean_se:.1f} %", bool(passed))
 
 
-def _plain(value: Value) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
-
-
 @dataclass(frozen=True)
 class Finding:
-    """A finished study: its folder, figures, and how they stand against its limits."""
+    """A finished study: its figures, and how they stand against its limits."""
 
-    path: Path
     summary: Summary
     verdicts: tuple[Verdict, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every limit is met."""
-        return all(verdict.passed for verdict in self.verdicts)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from simgrab.lab.stress.situation import Situation, Swing
+from simgrab.lab.stress.situation import Situation
 from simgrab.model import scenes
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 from simgrab.model.rng import stream
@@ -77,18 +77,17 @@ class Motion:
 
 def draw(situation: Situation, draws: Draws) -> Motion:
     """Draw the truth of replications."""
-    if situation.swing.motion:
+    if situation.motion:
         return _physics(situation, draws)
-    swing = situation.swing
     x, y = _vectors(situation, draws)
-    if swing.flatness:
-        minor = 1 - swing.flatness
+    if situation.flatness:
+        minor = 1 - situation.flatness
         size = math.sqrt(2 / (1 + minor * minor))
         x, y = size * x, size * minor * y
-    if any(swing.lean):
-        x, y = x + swing.lean[0], y + swing.lean[1]
-    sigma = math.hypot(swing.sigma, *swing.lean)
-    azimuth = np.arctan2(y, x) + situation.attitude.azimuth
+    if any(situation.lean):
+        x, y = x + situation.lean[0], y + situation.lean[1]
+    sigma = math.hypot(situation.sigma, *situation.lean)
+    azimuth = np.arctan2(y, x) + situation.azimuth
     return Motion(np.hypot(x, y), azimuth, _rope(situation, draws, 0.0), None, np.full(len(x), sigma))
 
 
@@ -111,39 +110,32 @@ def ring(draws: Draws, motion: Motion, alpha: float, azimuth: float) -> Motion:
     return Motion(np.full(shape, alpha), around, rope, tilt, motion.sigma)
 
 
-def _vectors(situation: Situation, draws: Draws) -> tuple[Array, Array]:
+def _vectors(s: Situation, draws: Draws) -> tuple[Array, Array]:
     """Swing along and across the tilt, shape (M, n) each, of length α."""
-    swing = situation.swing
-    if swing.memory_s:
-        both = _forced(draws, swing.memory_s, 1 / situation.rate_hz) * (swing.sigma / math.sqrt(2))
+    if s.memory_s:
+        both = _forced(draws, s.memory_s, 1 / s.rate_hz) * (s.sigma / math.sqrt(2))
         return both[:, 0], both[:, 1]
-    if swing.correlation:
-        alpha, gamma = _correlated(draws, swing)
+    if s.correlation:  # α = σ|Z| with Z of first order, and γ whose unit vector has the same correlation
+        alpha = s.sigma * np.abs(draws.wandering("alpha", s.correlation)[:, 0])
+        steps = draws.normal("gamma.steps")[:, 0] * math.sqrt(-2 * math.log(s.correlation))
+        steps[:, 0] = 2 * np.pi * draws.uniform("gamma")[:, 0]
+        gamma = np.cumsum(steps, axis=-1)
     else:
-        scale = swing.sigma / swing.law.rms()
-        alpha = np.abs(draws.of("alpha", lambda rng: swing.law.sample(rng, draws.frames))) * scale
-        gamma = _direction(draws, swing)
-    if swing.unevenness:
-        alpha = alpha * (1 + swing.unevenness * np.cos(gamma)) / math.sqrt(1 + swing.unevenness**2 / 2)
+        scale = s.sigma / s.law.rms
+        alpha = np.abs(draws.of("alpha", lambda rng: s.law.sample(rng, draws.frames))) * scale
+        gamma = _direction(s, draws)
+    if s.unevenness:
+        alpha = alpha * (1 + s.unevenness * np.cos(gamma)) / math.sqrt(1 + s.unevenness**2 / 2)
     return alpha * np.cos(gamma), alpha * np.sin(gamma)
 
 
-def _direction(draws: Draws, swing: Swing) -> Array:
-    if not swing.kappa:
+def _direction(s: Situation, draws: Draws) -> Array:
+    if not s.kappa:
         return 2 * np.pi * draws.uniform("gamma")
-    gamma = draws.of("gamma", lambda rng: rng.vonmises(0.0, swing.kappa, draws.frames))
-    if swing.axial:
+    gamma = draws.of("gamma", lambda rng: rng.vonmises(0.0, s.kappa, draws.frames))
+    if s.axial:
         gamma = gamma / 2 + np.pi * (draws.uniform("gamma.side") < 0.5)
-    return gamma + swing.towards
-
-
-def _correlated(draws: Draws, swing: Swing) -> tuple[Array, Array]:
-    """α = σ|Z| with Z of first order, and γ whose unit vector has the same correlation."""
-    keep = swing.correlation
-    alpha = swing.sigma * np.abs(draws.wandering("alpha", keep)[:, 0])
-    steps = draws.normal("gamma.steps")[:, 0] * math.sqrt(-2 * math.log(keep))
-    steps[:, 0] = 2 * np.pi * draws.uniform("gamma")[:, 0]
-    return alpha, np.cumsum(steps, axis=-1)
+    return gamma + s.towards
 
 
 def _forced(draws: Draws, memory_s: float, step_s: float) -> Array:
@@ -165,48 +157,48 @@ def _forced(draws: Draws, memory_s: float, step_s: float) -> Array:
 
 
 def _rope(situation: Situation, draws: Draws, late_s: float) -> Array:
-    rope = situation.rope
-    if rope.low == rope.high:
-        return np.full((len(draws.trials), draws.frames), rope.low)
-    if rope.hoisting:
+    low, high = situation.rope_m
+    if low == high:
+        return np.full((len(draws.trials), draws.frames), low)
+    if situation.hoisting:
         phase = draws.of("rope.phase", lambda rng: rng.random(1))
         turn = (np.arange(draws.frames) / situation.rate_hz - late_s) / ROPE_CYCLE_S + phase
         share = np.abs(2 * (turn % 1.0) - 1)
     else:
         share = draws.uniform("rope")
-    return np.asarray(rope.low + (rope.high - rope.low) * share)
+    return np.asarray(low + (high - low) * share)
 
 
 def reported_rope(situation: Situation, draws: Draws, rope: Array) -> Array:
     """Length of the rope as reported to the instrument, shape (M, n), from the true one."""
-    law = situation.rope
-    if law.lag_s and not situation.swing.motion:
-        rope = _rope(situation, draws, law.lag_s)
-    elif law.lag_s:
-        rope = np.concatenate([rope[:, :1].repeat(late := round(law.lag_s * situation.rate_hz), 1), rope], axis=1)
+    late_s, (low, high) = situation.rope_lag_s, situation.rope_m
+    if late_s and not situation.motion:
+        rope = _rope(situation, draws, late_s)
+    elif late_s:
+        rope = np.concatenate([rope[:, :1].repeat(late := round(late_s * situation.rate_hz), 1), rope], axis=1)
         rope = rope[:, : rope.shape[1] - late]
-    if law.misread:
-        anything = law.low + (law.high - law.low) * draws.uniform("rope.misread")
-        rope = np.where(draws.uniform("rope.misread.when") < law.misread, anything, rope)
-    return np.maximum(rope + law.bias_m, 0.1) if law.bias_m else rope
+    if situation.rope_misread:
+        anything = low + (high - low) * draws.uniform("rope.misread")
+        rope = np.where(draws.uniform("rope.misread.when") < situation.rope_misread, anything, rope)
+    return np.maximum(rope + situation.rope_bias_m, 0.1) if situation.rope_bias_m else rope
 
 
 def _physics(situation: Situation, draws: Draws) -> Motion:
     """Let the world move grab and camera: replication k is clip k of the scene."""
     from simgrab.world.trajectory.clip import ClipMotion
 
-    attitude, frames = situation.attitude, draws.frames
+    frames = draws.frames
     scenario = scenes.load(
-        situation.swing.motion,
+        situation.motion,
         {
             "seed": draws.seed,
             "frames": frames * (max(draws.trials) + 1),
             "clip.clip_frames": frames,
             "clip.frame_rate_hz": situation.rate_hz,
-            "camera.beta_deg": math.degrees(attitude.beta),
-            "camera.tilt_azimuth_deg": math.degrees(attitude.azimuth),
-            "camera.roll_deg": math.degrees(attitude.roll),
-            "camera.mount": {"model": situation.swing.mount},
+            "camera.beta_deg": math.degrees(situation.beta),
+            "camera.tilt_azimuth_deg": math.degrees(situation.azimuth),
+            "camera.roll_deg": math.degrees(situation.roll),
+            "camera.mount": {"model": situation.mount},
             "display.layout": "none",
             "shutter": {"exposure_s": 0.0, "rolling_s": 0.0},
         },
@@ -221,5 +213,5 @@ def _physics(situation: Situation, draws: Draws) -> Motion:
         ]
     )
     alpha, azimuth, rope = np.moveaxis(rows[..., :3], -1, 0)
-    tilt = None if situation.swing.mount == "fixed" else np.ascontiguousarray(rows[..., 3:].swapaxes(1, 2))
+    tilt = None if situation.mount == "fixed" else np.ascontiguousarray(rows[..., 3:].swapaxes(1, 2))
     return Motion(alpha, azimuth, rope, tilt, np.sqrt(np.mean(alpha**2, axis=-1)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgrab.instrument.detect import Detector
-from simgrab.match.footage.blur import Blur, blur
+from simgrab.match.footage.blur import blur
 from simgrab.match.footage.display import Display, display
 from simgrab.match.footage.footage import Footage, to_linear
 from simgrab.match.footage.grab import Grab, grab
@@ -19,7 +19,12 @@ from simgrab.match.footage.still import still
 
 DARK = 4.0  # levels: a picture whose brightest parts are below shows nothing
 _FLOODLIGHTS = "at night floodlights make the same falloff"
-_PATTERN = "the scene's own texture looks the same while the camera stands still"
+_BLACK = "the picture is black"
+_NEVER = (  # fixed pattern, tone curve, and share of the picture that weather hides
+    "the scene's own texture looks the same while the camera stands still",
+    "nothing of known brightness is in it",
+    "haze and rain look like pale surroundings without a clear view to compare",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +39,14 @@ class Appearance:
     dark : bool
         Whether it is black.
     noise : Noise
-    blur : Blur
+    blur : Quantity
+        Diameter of the circle of confusion.
     sharpness : Sharpness
     vignetting : Quantity
     level : Quantity
         Mean luminance in linear light, white being 1.
     cast : tuple of 2 Quantity
         Red over green and blue over green of the mean, linear: the colour of light and surroundings together.
-    pattern, hidden, tone : Quantity
-        Fixed pattern, share of the picture that weather hides, and tone curve.
     display : Display
     grab : Grab
     still : float
@@ -53,14 +57,11 @@ class Appearance:
     grey: bool
     dark: bool
     noise: Noise
-    blur: Blur
+    blur: Quantity
     sharpness: Sharpness
     vignetting: Quantity
     level: Quantity
     cast: tuple[Quantity, Quantity]
-    pattern: Quantity
-    hidden: Quantity
-    tone: Quantity
     display: Display
     grab: Grab
     still: float
@@ -75,6 +76,7 @@ class Appearance:
             "distance of key frames": _stated(footage.gop_frames, "frames", "only one key frame was read"),
             "quantiser step": _stated(footage.quantiser, "levels", f"{footage.codec} states none"),
         }
+        never = [unknown(_BLACK if self.dark else why).text() for why in _NEVER]
         layout = self.display.layout
         digits = f"not determined by this footage: {self.display.reason}"
         if layout:
@@ -86,14 +88,14 @@ class Appearance:
             ("grey picture", "yes" if self.grey else "no"),
             ("shot noise, variance per light", self.noise.gain.text()),
             ("read noise, of white", self.noise.read.text()),
-            ("fixed pattern", self.pattern.text()),
-            ("blur, circle of confusion", self.blur.diameter.text()),
+            ("fixed pattern", never[0]),
+            ("blur, circle of confusion", self.blur.text()),
             ("overshoot at edges", self.sharpness.overshoot.text()),
             ("vignetting at the corner", self.vignetting.text()),
             ("mean luminance, linear", self.level.text()),
             ("red over green", self.cast[0].text()), ("blue over green", self.cast[1].text()),
-            ("tone curve", self.tone.text()),
-            ("share hidden by weather", self.hidden.text()),
+            ("tone curve", never[1]),
+            ("share hidden by weather", never[2]),
             ("display's digits", digits),
             ("share of frames with a grab", self.grab.found.text()),
             ("longer side of the grab", self.grab.size_px.text()),
@@ -112,19 +114,14 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
     night : bool
         Whether it was recorded by floodlights, which pixels do not show: their falloff is like that of a lens.
     """
-    black = "the picture is black"
     dark = float(np.quantile(footage.luma, 0.999)) < DARK
     grey = footage.grey
-    hidden = unknown(black if dark else "haze and rain look like pale surroundings without a clear view to compare")
-    tone = unknown(black if dark else "nothing of known brightness is in it")
-    pattern = unknown(black if dark else _PATTERN, "%")
     if dark:
-        none = unknown(black)
+        none, px = unknown(_BLACK), unknown(_BLACK, "px")
         return Appearance(
-            footage, grey, True, Noise(none, none, None), Blur(unknown(black, "px"), np.zeros(0)),
-            Sharpness(unknown(black, "%")), unknown(black, "stops"), none, (none, none), pattern, hidden, tone,
-            Display(None, black, 0.0),
-            Grab(exact(0.0), unknown(black, "px"), unknown(black, "°"), None, np.zeros((0, 4))), 0.0,
+            footage, grey, True, Noise(none, none, None), px, Sharpness(unknown(_BLACK, "%")),
+            unknown(_BLACK, "stops"), none, (none, none), Display(None, _BLACK, 0.0),
+            Grab(exact(0.0), px, unknown(_BLACK, "°"), None, np.zeros((0, 4))), 0.0,
         )  # fmt: skip
     standing = still(footage)
     shown = display(footage)
@@ -138,7 +135,7 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
         unknown(_FLOODLIGHTS, "stops")
         if night
         else vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
-        *_means(footage), pattern, hidden, tone, shown, found, standing.share if standing else 0.0,
+        *_means(footage), shown, found, standing.share if standing else 0.0,
     )  # fmt: skip
 
 

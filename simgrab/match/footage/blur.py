@@ -7,21 +7,22 @@ own edges may be softer, but not sharper: of many, the sharper ones count.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.match.footage.edges import straight_edges
+from simgrab.match.footage.edges import away_from, part_of, resampled_sd, straight_edges
 from simgrab.match.footage.footage import Footage, to_linear
 from simgrab.match.footage.quantity import Quantity, unknown
-from simgrab.model.rng import stream
+
+Floats = NDArray[np.float64]
 
 REACH_PX, ALONG_PX, STEP_PX = 5, 3, 0.25
 DIAMETERS = np.arange(0, 8.01, 0.25)
 SHIFTS = np.arange(-1, 1.01, 0.1)
-FRAMES = 8
+DRAWS = 200
 LEAST_EDGES, MOST_EDGES = 60, 600  # in all, and in a frame
 LEAST_FIT = 0.97  # share of an edge's variance that the model explains
 LEAST_CONTRAST = 0.03  # in linear light
@@ -32,54 +33,42 @@ INDISTINCT_PX = 1.4  # nor does one up to this spread edges measurably
 MOST_STEP = 6.0  # levels: coarser coding blurs by itself
 
 
-@dataclass(frozen=True, eq=False)
-class Blur:
-    """Diameter of the circle of confusion, px, and those of single edges, shape (n,)."""
+def blur(footage: Footage, hidden: NDArray[np.bool_]) -> Quantity:
+    """Measure the diameter of the circle of confusion, px.
 
-    diameter: Quantity
-    edges: NDArray[np.float64]
+    Parameters
+    ----------
+    footage : Footage
+        Of which a few frames count: what moves, grab and ropes, has the sharpest edges.
+    hidden : ndarray of bool, shape (height, width)
+        Pixels of the display.
+    """
+    usable = away_from(hidden, REACH_PX + 1)
+    found, parts = (np.concatenate(each) for each in zip(*(_edges(f, usable) for f in footage.few), strict=True))
+    if len(found) < LEAST_EDGES or len(set(parts)) < 3:
+        return unknown(f"only {len(found)} clear straight edges are in it", "px")
 
+    def sharper(diameters: Floats) -> float:
+        return float(np.quantile(diameters, SHARPER))
 
-def blur(footage: Footage, hidden: NDArray[np.bool_]) -> Blur:
-    """Measure blur; ``hidden``, shape (height, width), are pixels of the display."""
-    side = 2 * REACH_PX + 3
-    usable = cv2.erode((~hidden).astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
-    parts = [_edges(to_linear(f).astype(np.float32), f.astype(np.float32), usable) for f in _some(footage)]
-    found, places = (np.concatenate(each) for each in zip(*parts, strict=True))
-    if len(found) < LEAST_EDGES or len(set(places)) < 3:
-        return Blur(unknown(f"only {len(found)} clear straight edges are in it", "px"), found)
-    value = float(np.quantile(found, SHARPER))
-    rng = stream(0, 0, "match.blur")
-    groups = {place: found[places == place] for place in set(places.tolist())}
-    names = list(groups)
-    draws = [
-        np.quantile(np.concatenate([groups[names[i]] for i in rng.integers(len(names), size=len(names))]), SHARPER)
-        for _ in range(200)
-    ]
-    sd = float(np.hypot(np.std(draws), _SD))
+    value, sd = sharper(found), math.hypot(resampled_sd(found, parts, sharper, "match.blur", DRAWS), _SD)
     if footage.quantiser is not None and footage.quantiser > MOST_STEP:
-        return Blur(unknown(f"coding in steps of {footage.quantiser:.1f} levels blurs it", "px"), found)
+        return unknown(f"coding in steps of {footage.quantiser:.1f} levels blurs it", "px")
     if sd > 1.5:
-        return Blur(unknown("its edges differ too much in sharpness", "px"), found)
+        return unknown("its edges differ too much in sharpness", "px")
     low, high = value - 1.96 * sd, max(value + 1.96 * sd, INDISTINCT_PX)
-    return Blur(Quantity(max(value, LEAST_PX), 0.0 if low < INDISTINCT_PX else low, high, unit="px"), found)
+    return Quantity(max(value, LEAST_PX), 0.0 if low < INDISTINCT_PX else low, high, unit="px")
 
 
-def _some(footage: Footage) -> NDArray[np.uint8]:
-    """Take a few frames: what moves, grab and ropes, has the sharpest edges."""
-    return footage.luma[:: max(footage.frames // FRAMES, 1)][:FRAMES]
-
-
-def _edges(
-    linear: NDArray[np.float32], level: NDArray[np.float32], usable: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _edges(level: NDArray[np.uint8], usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
     """Diameters of edges, shape (n,), and the part of the picture that each lies in."""
+    linear = to_linear(level).astype(np.float32)
     at, gx, gy, size = straight_edges(
         linear, usable, smooth_px=1.0, about_px=2.5, least=LEAST_CONTRAST / 12, most=MOST_EDGES
     )
     span = np.arange(-REACH_PX - 2, REACH_PX + 3)
     dy, dx = np.meshgrid(span, span, indexing="ij")
-    diameters, places = list[float](), list[int]()
+    diameters, parts = list[float](), list[int]()
     for y, x in at.tolist():
         if min(y, x) < -span[0] or y + span[-1] >= linear.shape[0] or x + span[-1] >= linear.shape[1]:
             continue
@@ -91,11 +80,12 @@ def _edges(
             continue
         if (found := _diameter(across[near], linear[window][near].astype(float))) is not None:
             diameters.append(found)
-            places.append(8 * (8 * y // linear.shape[0]) + 8 * x // linear.shape[1])
-    return np.array(diameters, float), np.array(places, int)
+            parts.append(part_of(y, x, linear.shape))
+    return np.array(diameters, float), np.array(parts, int)
 
 
-def _table() -> NDArray[np.float64]:
+@functools.cache
+def _table() -> Floats:
     """Edges of each diameter and shift at the bins' middles, shape (diameters, shifts, bins)."""
     fine = np.arange(-REACH_PX - 8, REACH_PX + 8, 0.02)
     bins = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
@@ -112,14 +102,9 @@ def _table() -> NDArray[np.float64]:
     return np.array(rows)
 
 
-_TABLE: list[NDArray[np.float64]] = []
-
-
-def _diameter(across: NDArray[np.float64], light: NDArray[np.float64]) -> float | None:
+def _diameter(across: Floats, light: Floats) -> float | None:
     """Fit one edge; None where it is none."""
-    if not _TABLE:
-        _TABLE.append(_table())
-    table = _TABLE[0]
+    table = _table()
     which = np.rint((across + REACH_PX) / STEP_PX).astype(int)
     count = np.bincount(which, minlength=table.shape[2])[: table.shape[2]].astype(float)
     total = np.bincount(which, light, table.shape[2])[: table.shape[2]]

@@ -15,7 +15,6 @@ from simgrab.instrument.read import Reader
 from simgrab.match.footage.footage import Footage
 from simgrab.model.layouts import LEAST_CLOCK_PX, LEAST_DIGIT_PX, Clock, Layout
 
-FRAMES = 8
 LEAST_SEEN = 3  # times, among frames and contrasts, that a character is seen
 MOST_BESIDE = 11  # characters at one level: more are a clock
 MOST_PAIRS, MOST_NUMBERS = 40, 80
@@ -62,7 +61,7 @@ class Display:
 
 def display(footage: Footage) -> Display:
     """Find the display's digits."""
-    some = footage.luma[:: max(footage.frames // FRAMES, 1)][:FRAMES]
+    some = footage.few
     lines = _lines(_common([_boxes(frame, above) for above in ABOVE for frame in some]))
     best = Display(None, "no two numbers of four digits stand in it", 0.0)
     reader = Reader()

@@ -1,10 +1,14 @@
-"""Straight edges of a picture, by its structure tensor."""
+"""Straight edges of a picture, by its structure tensor, and how far what they show differs over the picture."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from simgrab.model.rng import stream
 
 Floats = NDArray[np.float32]
 _STRAIGHT = 0.85  # coherence of the gradients about an edge
@@ -44,3 +48,36 @@ def straight_edges(
     if len(at) > most:
         at = at[np.argsort(-size[at[:, 0], at[:, 1]], kind="stable")[:most]]
     return at, gx, gy, size
+
+
+def away_from(hidden: NDArray[np.bool_], reach_px: int) -> NDArray[np.bool_]:
+    """Pixels farther than ``reach_px`` from the border and from hidden ones, shape (height, width)."""
+    kernel = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
+    return np.asarray(cv2.erode((~hidden).astype(np.uint8), kernel, borderValue=0) > 0)
+
+
+def part_of(y: int, x: int, shape: tuple[int, ...]) -> int:
+    """Give the number of the part, of 8 by 8 of the picture, that a pixel lies in."""
+    return 8 * (8 * y // shape[0]) + 8 * x // shape[1]
+
+
+def resampled_sd(
+    values: NDArray[np.float64], parts: NDArray[np.int64], statistic: Callable[[NDArray[np.float64]], float],
+    name: str, draws: int,
+) -> float:  # fmt: skip
+    """Give the standard deviation of a statistic by the bootstrap over parts of the picture, whose edges are alike.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        Of edges.
+    parts : ndarray of int, shape (n,)
+        See `part_of`.
+    statistic : callable
+    name : str
+        Of the random stream.
+    draws : int
+    """
+    rng, groups = stream(0, 0, name), [values[parts == part] for part in np.unique(parts)]
+    picks = (rng.integers(len(groups), size=len(groups)) for _ in range(draws))
+    return float(np.std([statistic(np.concatenate([groups[i] for i in some])) for some in picks]))

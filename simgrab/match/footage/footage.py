@@ -25,6 +25,7 @@ from simgrab.model.srgb import decoded
 MOST_FRAMES = 150
 MOST_STACK_PX = 160_000_000
 """Of all frames together."""
+FEW = 8
 LEAST_FRAMES = 8
 """For anything that changes in time."""
 BT709, BT601 = (0.2126, 0.7152, 0.0722), (0.299, 0.587, 0.114)
@@ -57,8 +58,6 @@ class Footage:
         Of red, green and blue in luma.
     note : str
         How pictures differ from the coded ones; empty where they do not.
-    broken : str
-        Why the footage ends early; empty where it does not.
     """
 
     name: str
@@ -71,7 +70,6 @@ class Footage:
     quantiser: float | None
     weights: tuple[float, float, float]
     note: str = ""
-    broken: str = ""
 
     @property
     def frames(self) -> int:
@@ -82,6 +80,11 @@ class Footage:
     def size(self) -> tuple[int, int]:
         """Width and height, px."""
         return self.luma.shape[2], self.luma.shape[1]
+
+    @property
+    def few(self) -> NDArray[np.uint8]:
+        """Luma of up to eight frames, spread over the footage."""
+        return self.luma[:: max(self.frames // FEW, 1)][:FEW]
 
     @cached_property
     def mean(self) -> Floats:
@@ -154,7 +157,7 @@ def _read(stream: VideoStream, video: Video) -> Footage:
         name=name, luma=np.stack(luma), rgb=np.stack(rgb), codec=codec.codec.name, frame_rate_hz=rate,
         bit_rate_mbit_s=8e-6 * sum(sizes) * rate / len(luma) if rate else None,
         gop_frames=int(median(b - a for a, b in pairwise(keys))) if len(keys) > 1 else None,
-        quantiser=float(np.mean(steps)) if steps else None, weights=weights, note=note, broken=broken,
+        quantiser=float(np.mean(steps)) if steps else None, weights=weights, note=note,
     )  # fmt: skip
 
 

@@ -49,16 +49,10 @@ class Curve:
     ----------
     level, variance : ndarray, shape (n,)
         Mean levels, and variances over time, levels².
-    shot, read : ndarray, shape (n,)
-        Variance per unit of k and of r².
-    count : ndarray, shape (n,)
     """
 
     level: NDArray[np.float64]
     variance: NDArray[np.float64]
-    shot: NDArray[np.float64]
-    read: NDArray[np.float64]
-    count: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +172,8 @@ def _curve(blocks: _Blocks) -> Curve:
     """Medians by level."""
     edges = np.linspace(DARKEST, BRIGHTEST, BINS + 1)
     which = np.digitize(blocks.level, edges) - 1
-    some = [np.flatnonzero(which == i) for i in range(BINS)]
-    some = [at for at in some if len(at) >= 4]
-    fields = (blocks.level, blocks.variance, blocks.shot, blocks.read)
-    level, variance, shot, read = (np.array([np.median(field[at]) for at in some]) for field in fields)
-    return Curve(level, variance, shot, read, np.array([len(at) for at in some], float))
+    some = [which == i for i in range(BINS) if (which == i).sum() >= 4]
+    return Curve(*(np.array([np.median(field[at]) for at in some]) for field in (blocks.level, blocks.variance)))
 
 
 def _fit(blocks: _Blocks) -> tuple[float, float]:

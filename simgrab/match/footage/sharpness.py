@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from simgrab.match.footage.edges import straight_edges
+from simgrab.match.footage.edges import away_from, part_of, resampled_sd, straight_edges
 from simgrab.match.footage.footage import Footage
 from simgrab.match.footage.quantity import Quantity, unknown
-from simgrab.model.rng import stream
 
 Floats = NDArray[np.float64]
 
@@ -28,12 +27,11 @@ FLAT = 6  # samples at either end of a profile that must be flat, and between wh
 FLATNESS = 0.12  # of the rise, standard deviation of these
 LEAST_RISE = 20.0  # levels
 LEAST_EDGES, MOST_EDGES = 80, 400  # in all, and in a frame
-FRAMES = 8
 AMOUNTS = np.arange(0, 5.01, 0.05)
 RADII_PX = np.array([0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 3.5])
 EDGE_PX = 0.6  # standard deviation of rendered edges
 LEAST_PERCENT = 4.5  # of an edge's rise: an overshoot that is none
-_DRAWS = 100
+DRAWS = 100
 _SD_PERCENT, _SD_SHARE = 0.5, 0.05  # of the method itself: of the rise, and of the overshoot
 
 
@@ -70,21 +68,14 @@ def noise_gain(amount: float, radius_px: float) -> float:
 
 def sharpness(footage: Footage, hidden: NDArray[np.bool_]) -> Sharpness:
     """Measure sharpening; ``hidden``, shape (height, width), are pixels of the display, which is not sharpened."""
-    side = 2 * (REACH_PX + ALONG_PX) + 1
-    usable = cv2.erode((~hidden).astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
-    chosen = footage.luma[:: max(footage.frames // FRAMES, 1)][:FRAMES]
-    profiles, places = (np.concatenate(each) for each in zip(*(_edges(f, usable) for f in chosen), strict=True))
-    parts = [profiles[places == place] for place in np.unique(places)]
-    if len(profiles) < LEAST_EDGES or len(parts) < 3:
+    usable = away_from(hidden, REACH_PX + ALONG_PX)
+    profiles, parts = (np.concatenate(each) for each in zip(*(_edges(f, usable) for f in footage.few), strict=True))
+    if len(profiles) < LEAST_EDGES or len(set(parts)) < 3:
         return Sharpness(unknown(f"only {len(profiles)} edges between even surfaces are in it", "%"))
     middle = _middle(profiles)
-    rng = stream(0, 0, "match.sharpness")
-    draws = [
-        _overshoot(_middle(np.concatenate([parts[i] for i in rng.integers(len(parts), size=len(parts))])))
-        for _ in range(_DRAWS)
-    ]
     value = _overshoot(middle)
-    reach = 1.96 * math.hypot(np.std(draws), _SD_PERCENT, _SD_SHARE * value)
+    sd = resampled_sd(profiles, parts, lambda some: _overshoot(_middle(some)), "match.sharpness", DRAWS)
+    reach = 1.96 * math.hypot(sd, _SD_PERCENT, _SD_SHARE * value)
     overshoot = Quantity(value, max(value - reach, 0.0), value + reach, unit="%")
     return Sharpness(overshoot) if value < LEAST_PERCENT else Sharpness(overshoot, *_fit(middle))
 
@@ -97,7 +88,7 @@ def _edges(luma: NDArray[np.uint8], usable: NDArray[np.bool_]) -> tuple[Floats, 
     )
     wide = np.arange(-REACH_PX - 1, REACH_PX + 1 + STEP_PX / 2, STEP_PX)
     across, along = np.meshgrid(wide, np.arange(-ALONG_PX, ALONG_PX + 1), indexing="ij")
-    profiles, places = list[Floats](), list[int]()
+    profiles, parts = list[Floats](), list[int]()
     for y, x in at.tolist():
         c, s = gx[y, x] / size[y, x], gy[y, x] / size[y, x]
         u, v = x + c * across - s * along, y + s * across + c * along
@@ -109,8 +100,8 @@ def _edges(luma: NDArray[np.uint8], usable: NDArray[np.bool_]) -> tuple[Floats, 
         if clipped or rise < LEAST_RISE or max(end.std() for end in ends) > FLATNESS * rise:
             continue
         profiles.append((seen - ends[0].mean()) / rise)
-        places.append(8 * (8 * y // level.shape[0]) + 8 * x // level.shape[1])
-    return np.array(profiles, float).reshape(-1, len(_samples())), np.array(places, int)
+        parts.append(part_of(y, x, level.shape))
+    return np.array(profiles, float).reshape(-1, len(_samples())), np.array(parts, int)
 
 
 def _crossing(x: Floats, seen: Floats) -> float:

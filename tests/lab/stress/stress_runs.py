@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import msgspec
+import pytest
 
-from simgrab.lab.stress import catalogue, fidelities
+from simgrab.errors import StressError
+from simgrab.lab.stress import catalogue
+from simgrab.lab.stress.laboratory import make, parts
 from simgrab.lab.stress.study import Study
-from simgrab.lab.stress.summary import Moments, Summary
-from simgrab.lab.stress.work import make, parts
+from simgrab.lab.stress.summary import Summary
 
 
 def small(study: str | Study, *points: tuple, **changes: object) -> Study:
@@ -29,7 +31,15 @@ def small(study: str | Study, *points: tuple, **changes: object) -> Study:
 
 
 def summed(study: Study) -> Summary:
-    moments = Moments(study, fidelities.columns(study.kind))
+    summary = Summary(study, catalogue.columns(study.kind))
     for part in parts(study):
-        moments.add(make(study, part))
-    return moments.summary()
+        summary.add(make(study, part))
+    return summary
+
+
+def refused(read, words):
+    """A study that cannot be is refused in one line that has these words."""
+    with pytest.raises(StressError) as refusal:
+        read()
+    assert "\n" not in str(refusal.value)
+    assert not [word for word in words if word not in str(refusal.value)]

@@ -9,7 +9,7 @@ from stress_runs import small, summed
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.lab.stress import geometric
 from simgrab.lab.stress.convergence import population, starts_at_zero
-from simgrab.lab.stress.laws import KURTOSIS
+from simgrab.lab.stress.laws import LAWS
 from simgrab.lab.stress.study import situation
 
 DEG = math.pi / 180
@@ -38,7 +38,7 @@ def test_start_0_keeps_its_domain_where_the_kurtosis_says_so(chart):
         if beta == 0 or (law == "half-normal" and beta < sigma):
             continue
         share = chart.at((law, n, beta, sigma), "paper-iteration", "domain").mean
-        assert share == starts_at_zero(beta * DEG, sigma * DEG, KURTOSIS[law])
+        assert share == starts_at_zero(beta * DEG, sigma * DEG, LAWS[law].kurtosis)
         assert chart.at((law, n, beta, sigma), "paper-iteration", "foretold").mean == share
 
 
@@ -46,7 +46,7 @@ def test_the_fixed_point_lies_where_the_fourth_order_puts_it(chart):
     """At σ = 8° and β = 5° Rayleigh's lies above the truth, the exponential's below."""
     for law in ("rayleigh", "exponential"):
         found = chart.at((law, 10000.0, 5.0, 8.0), "paper-iteration", "fixed_error_deg")
-        foretold = population(5 * DEG, 8 * DEG, KURTOSIS[law])[0] / DEG - 5
+        foretold = population(5 * DEG, 8 * DEG, LAWS[law].kurtosis)[0] / DEG - 5
         assert abs(found.mean - foretold) < 4 * found.mean_se + 0.01
 
 

@@ -9,7 +9,7 @@ from stress_runs import small
 
 from simgrab.lab.stress import geometric, swings
 from simgrab.lab.stress.axes import AXES
-from simgrab.lab.stress.laws import KURTOSIS, LAWS
+from simgrab.lab.stress.laws import LAWS
 from simgrab.lab.stress.study import situation
 from simgrab.lab.stress.swings import Draws
 
@@ -37,7 +37,7 @@ def test_sigma_is_the_root_mean_square_whatever_the_law(law):
     assert np.all(drawn.alpha >= 0)
     if law != "student":  # whose fourth moment hardly converges
         kurtosis = np.mean(drawn.alpha**4) / np.mean(drawn.alpha**2) ** 2
-        assert kurtosis == pytest.approx(KURTOSIS[law], rel=0.05)
+        assert kurtosis == pytest.approx(LAWS[law].kurtosis, rel=0.05)
 
 
 @pytest.mark.parametrize(("axis", "direction"), [("gamma_towards", 0.0), ("gamma_across", np.pi / 2)])

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import tomli_w
 from click.testing import CliRunner
+from stress_runs import refused
 
 from simgrab import __version__
 from simgrab.cli import cli
@@ -21,11 +22,9 @@ from simgrab.instrument.observation import observe
 from simgrab.instrument.pipeline import bundled
 from simgrab.instrument.source import open_source
 from simgrab.lab.stress import catalogue, estimators, geometric, laboratory, rendered, replay
-from simgrab.lab.stress.fidelities import GEOMETRIC, RENDERED
-from simgrab.lab.stress.laboratory import PARTIAL, STUDY, TRIALS
+from simgrab.lab.stress.laboratory import PARTIAL, STUDY, TRIALS, made, make, parts
+from simgrab.lab.stress.rendered import Watched, watch
 from simgrab.lab.stress.study import quickened, situation
-from simgrab.lab.stress.watch import Watched, watch
-from simgrab.lab.stress.work import made, make, parts
 from simgrab.model import calibration
 from simgrab.model.geometry import camera_rotation, eq2_cos_alpha, vertical_direction
 
@@ -114,7 +113,7 @@ def test_workers_and_an_interruption_change_nothing(tmp_path):
     study = catalogue.read(SNOW | {"replications": 3, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
     folder, told = tmp_path / "pictures", []
     (folder / PARTIAL).mkdir(parents=True)
-    identity = {"simgrab": __version__, "digest": study.digest, "made_with": RENDERED.made_with()}
+    identity = {"simgrab": __version__, "digest": study.digest, "made_with": rendered.made_with()}
     (folder / STUDY).write_text(json.dumps(identity))
     (folder / PARTIAL / "torn.1.draft").write_bytes(b"half")
     part = parts(study)[1]
@@ -163,13 +162,10 @@ BAD = {
         {"axes": [{"axis": "focal", "values": [0.0]}]},
         ("focal", "is not available", "rendered", "beta", "weather", "base"),
     ),
-    "given without a key": ({"given": {"noise": 1.0}}, ("given.noise", "is not available", "optics")),
-    "a misspelt table": ({"axes": [{"axis": "wether.snow_mm_h", "values": [0.0]}]}, ("wether", "weather")),
     "a misspelt key": (
         {"axes": [{"axis": "weather.snow", "values": [0.0]}]},
         ("weather.snow", "did you mean 'snow_mm_h'", "visibility_m"),
     ),
-    "out of range": ({"axes": [{"axis": "weather.snow_mm_h", "values": [99.0]}]}, ("weather.snow_mm_h", "<= 20")),
     "no scene": ({"axes": [{"axis": "base", "values": ["foggy"]}]}, ("foggy", "did you mean 'fog'")),
     "a scene that varies": (
         {"base": "training", "given": {}, "axes": [{"axis": "n", "values": [10]}]},
@@ -188,17 +184,13 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_a_study_that_cannot_be_is_refused_with_what_is_valid(case):
     change, words = BAD[case]
-    with pytest.raises(StressError) as refusal:
-        catalogue.read(SNOW | change)
-    for word in words:
-        assert word in str(refusal.value)
-    assert "\n" not in str(refusal.value)
+    refused(lambda: catalogue.read(SNOW | change), words)
 
 
 def test_bundled_studies_go_by_their_depth():
-    through = catalogue.of(RENDERED.name)
+    through = catalogue.of("rendered")
     assert len(through) >= 3
-    assert sorted(through + catalogue.of(GEOMETRIC.name)) == catalogue.names()
+    assert sorted(through + catalogue.of("geometric")) == catalogue.names()
     for name in through:
         study = catalogue.load(name)
         assert study.accept

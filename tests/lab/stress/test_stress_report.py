@@ -6,8 +6,9 @@ import re
 import pytest
 from stress_runs import small
 
-from simgrab.lab.stress import laboratory, sentences
+from simgrab.lab.stress import laboratory
 from simgrab.lab.stress.laboratory import REPORT, SUMMARY
+from simgrab.lab.stress.page import extreme, sentences
 
 
 @pytest.fixture(scope="module")
@@ -39,15 +40,14 @@ def test_its_sentences_hold_the_summarys_numbers(run):
     page = (out / REPORT).read_text(encoding="utf-8")
     figure = findings[0].summary.at((1.2,), "zero-tilt", "beta_error_deg")
     assert figure.mean == pytest.approx(-5)
-    said = sentences.bias(findings[0].summary, findings[0].summary.study.points)
-    assert said in page
-    worst, name, point = sentences.extreme(
-        findings[0].summary, findings[0].summary.study.points, "beta_error_deg", lambda f: abs(f.mean)
-    )
+    study = findings[0].summary.study
+    said = sentences(findings[0].summary, study.points)
+    assert all(line in page for line in said)
+    worst, name, point = extreme(findings[0].summary, study.points, "beta_error_deg", lambda f: abs(f.mean))
     assert point == (1.2,)
     assert name != "zero-tilt"
-    assert f"{worst.mean:+.3f} ± {worst.mean_se:.3f}°" in said
-    assert "paper-iteration refuses 100.0 ± 0.0 % of the records" in page
+    assert f"bias of β̂: at worst {worst.mean:.4g} ± {worst.mean_se:.2g}° ({name}, lean-along = 1.2 deg)" in said[0]
+    assert "records refused: at worst 100 ± 0 % (paper-iteration" in page
 
 
 def test_the_summary_is_what_the_figures_are(run):

@@ -17,9 +17,8 @@ from stress_runs import small
 from simgrab.errors import StressError
 from simgrab.lab.stress import catalogue, geometric, laboratory, replay
 from simgrab.lab.stress.axes import AXES
-from simgrab.lab.stress.laboratory import PARTIAL, TRIALS
+from simgrab.lab.stress.laboratory import PARTIAL, TRIALS, Part, make, parts
 from simgrab.lab.stress.study import situation
-from simgrab.lab.stress.work import Part, make, parts
 
 STUDY = """
 name = "small"
@@ -55,7 +54,7 @@ def file(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("name", [n for n, a in AXES.items() if n not in ("motion", "mount")])
+@pytest.mark.parametrize("name", AXES)
 def test_a_replication_depends_on_its_number_alone(name):
     study = next(s for s in bundled() if any(x.axis == name for x in s.axes))
     for point in (study.points[0], study.points[-1]):
@@ -63,12 +62,6 @@ def test_a_replication_depends_on_its_number_alone(name):
         together, alone = geometric.draw(here, 3, [4, 11, 2]), geometric.draw(here, 3, [11])
         for field in ("pixels", "rope", "alpha", "probe_pixels", "probe_rope", "sigma"):
             np.testing.assert_array_equal(getattr(together, field)[1], getattr(alone, field)[0])
-
-
-def test_physics_too():
-    here = situation(small("motion", n=20), ("work-cycles",))
-    together, alone = geometric.draw(here, 3, [0, 2]), geometric.draw(here, 3, [2])
-    np.testing.assert_array_equal(together.pixels[1], alone.pixels[0])
 
 
 def test_rows_are_the_same_in_parts_of_any_size_and_in_a_replay(file):
@@ -154,8 +147,3 @@ def test_a_folder_of_another_study_is_left_alone(finished, tmp_path):
     (tmp_path / "lean-along" / "letter.txt").write_text("mine")
     with pytest.raises(StressError, match="something other than"):
         laboratory.run([small("lean-along", (0.0,), replications=2, n=20)], tmp_path)
-
-
-def test_more_replications_begin_with_the_fewer():
-    few, many = (make(small("noise", (1.0,), n=50, replications=m), Part(0, 0, m)).to_pylist() for m in (3, 9))
-    assert [r for r in many if r["trial"] < 3] == few

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tomli_w
 from click.testing import CliRunner
-from stress_runs import small, summed
+from stress_runs import refused, small, summed
 
 from simgrab.cli import cli
 from simgrab.errors import SimgrabError, StressError
@@ -26,34 +26,25 @@ BAD = {
     "misspelt axis": ({"axes": [{"axis": "fokal", "values": [0.0]}]}, ("fokal", "did you mean 'focal'", "lean-along")),
     "empty axis": ({"axes": [{"axis": "focal", "values": []}]}, ("axes.0.values", "no values", "lean-along")),
     "no axis": ({"axes": []}, ("1 to 2", "lean-along")),
-    "three axes": (
-        {"axes": [{"axis": a, "values": [0.0]} for a in ("focal", "roll", "noise")]},
-        ("1 to 2", "got 3"),
-    ),
     "a value twice": ({"axes": [{"axis": "focal", "values": [0.0, 0.0]}]}, ("twice",)),
     "unknown estimator": ({"estimators": ["mean-rai"]}, ("mean-rai", "geometric-median", "package.module:Class")),
-    "no such module": ({"estimators": ["nowhere.to_be:Found"]}, ("nowhere.to_be:Found", "No module")),
     "no estimator": ({"estimators": ["json:JSONDecoder"]}, ("json:JSONDecoder", "estimate(pixels")),
     "an axis that the fidelity cannot reach": (
         {"axes": [{"axis": "weather.visibility_m", "values": [100.0]}]},
         ("weather.visibility_m", "is not available", "camera.beta_deg", "lean-along"),
     ),
-    "another depth": ({"depth": "painted"}, ("painted", "one of: geometric, rendered")),
     "consistent but not tried": (
         {"consistent": ["rope-aware"], "estimators": ["mean-ray"]},
         ("rope-aware", "mean-ray"),
     ),
-    "unknown key": ({"replicatons": 5}, ("replicatons", "replications")),
     "unknown law": ({"axes": [{"axis": "alpha-law", "values": ["cauchy"]}]}, ("cauchy", "half-normal")),
     "unknown scene of motion": ({"axes": [{"axis": "motion", "values": ["quay-day"]}]}, ("quay-day", "work-cycles")),
     "out of range": ({"axes": [{"axis": "missing", "values": [1.5]}]}, ("missing", "[0, 1]")),
     "a name for a number": ({"axes": [{"axis": "focal", "values": ["long"]}]}, ("focal", "long")),
     "tilt of 95": ({"axes": [{"axis": "beta", "values": [95.0]}]}, ("beta_deg", "<= 30")),
-    "held nowhere": ({"holds": [1.0]}, ("holds", "[5.0]")),
     "accepted nowhere": ({"accept": [{"at": [2.0], "estimator": "mean-ray", "quantity": "miss"}]}, ("accept", "[2.0]")),
     "unknown quantity": ({"accept": [{"at": [5.0], "estimator": "mean-ray", "quantity": "mis"}]}, ("mis", "miss")),
     "moving base": ({"base": "work-cycles"}, ("base", "motion")),
-    "given axis misspelt": ({"given": {"noize": 1.0}}, ("given.noize", "noise")),
 }
 
 
@@ -63,11 +54,7 @@ def test_a_study_that_cannot_be_is_refused_with_what_is_valid(case, tmp_path):
     data = {k: v for k, v in GOOD.items() if k not in ("accept", "holds")} | change
     path = tmp_path / "bad.toml"
     path.write_text(tomli_w.dumps(data), encoding="utf-8")
-    with pytest.raises(StressError) as refusal:
-        catalogue.load(path)
-    for word in words:
-        assert word in str(refusal.value)
-    assert "\n" not in str(refusal.value)
+    refused(lambda: catalogue.load(path), words)
 
 
 @pytest.mark.parametrize(
@@ -181,7 +168,7 @@ def invoke(*arguments):
 
 def test_how_many_limits_are_met_is_said_where_some_were_set():
     def of(*passed):
-        return Finding(None, None, tuple(Verdict("a study", "a limit", "found", one) for one in passed))
+        return Finding(None, tuple(Verdict("a study", "a limit", "found", one) for one in passed))
 
     assert outcome([of(True, False), of(), of(True)]) == "2 of 3 limits are met"
     assert outcome([of(), of()]) == "no limits were set"
