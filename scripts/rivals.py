@@ -34,6 +34,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import detector
 from simgrab.instrument.estimate import Estimator, InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.observation import observe
 from simgrab.lab.rivals.balls import tysse
 from simgrab.lab.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series
@@ -42,7 +43,7 @@ from simgrab.lab.rivals.lidar import Scans, lidar
 from simgrab.lab.rivals.marks import Fiducial, Layer, Layered, circles, level_layers, target
 from simgrab.lab.rivals.ropes import okubanjo
 from simgrab.lab.rivals.side import View, read_view
-from simgrab.lab.rivals.tracking import Place, template
+from simgrab.lab.rivals.tracking import template
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, rotation_y
 from simgrab.model.scenario import Scenario
@@ -273,15 +274,10 @@ def _from_pictures(frames: list[Frame], camera: Calibration, sensors: Sensors, t
     rivals = (kawai(), matsuo(), optical_flow(rope))
     found = {instrument.name: _alpha(instrument(frames, camera)) for instrument in rivals}
     followed = list(template()(frames))
-    if sum(place.pixel is not None for place in followed) >= 2:
+    if sum(one.centre is not None for one in followed) >= 2:
         seen = replace(sensors, target=target_angles(followed, camera))
         found["jung"] = INERTIAL["jung"](seen, time).alpha
-    find, places = detector(), []
-    for frame in frames:
-        assert frame.picture is not None
-        one = find(frame.picture)
-        centre = None if one.centre is None or not one.found else (float(one.centre[0]), float(one.centre[1]))
-        places.append(Place(frame.time_s, centre, "ok" if centre else "missed", "" if centre else "no grab found"))
+    places = list(observe(frames, detector(), None, camera))
     own: dict[str, Estimator] = {
         "rope-aware": RopeAware(), "inertial-fusion": InertialFusion(imu=sensors.imu("camera"))
     }  # fmt: skip

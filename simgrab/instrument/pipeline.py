@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -18,23 +18,25 @@ from simgrab.instrument.angles import Seen
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
-from simgrab.instrument.estimate import ESTIMATORS, Estimator, InertialFusion, IntervalSettings, MeanRay, RopeAware
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
 from simgrab.instrument.estimate.follow import Known, known, load
-from simgrab.instrument.estimate.inertial.live import InertialTracker
-from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.records.estimates import Estimate
 
+if TYPE_CHECKING:
+    from simgrab.instrument.estimate.inertial.live import InertialTracker
+
 T = TypeVar("T")
 
-WITH_DISPLAY, WITHOUT = RopeAware.name, MeanRay.name
+WITH_DISPLAY, WITHOUT = "rope-aware", DEFAULT
 # A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
 INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
+INERTIAL = "inertial-fusion"
 IMU = "imu0"  # in the camera's housing, among sensors
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
@@ -128,11 +130,12 @@ class Pipeline:
         RunError
             In one line what is needed.
         """
+        name = self.estimator.name if self.estimator is not None and self.estimator.needs_rope else ""
         if sensors:
             self._check_sensors(sensors)
-        estimator = InertialFusion if sensors else self.estimator
-        if estimator is not None and estimator.needs_rope and not (display and self.reader is not None):
-            raise RunError(f"{estimator.name} needs the rope's length on the display")
+            name = INERTIAL
+        if name and not (display and self.reader is not None):
+            raise RunError(f"{name} needs the rope's length on the display")
 
     def _check_sensors(self, sensors: Collection[str]) -> None:
         if self.estimator is not None or self.calibrate_s is not None or self.tilt is not None:
@@ -150,6 +153,9 @@ class Pipeline:
         RecordError
             If its readings cannot be used.
         """
+        from simgrab.instrument.estimate.inertial.estimator import InertialFusion
+        from simgrab.instrument.estimate.inertial.readings import read_imu
+
         self._check_sensors(sensors)
         return replace(self, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
 
@@ -183,7 +189,7 @@ class Pipeline:
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
         estimator = self.chosen(calibration)
-        tracker = InertialTracker(estimator, calibration) if isinstance(estimator, InertialFusion) else None
+        tracker = _tracker(estimator, calibration)
         if estimator.needs_time and tracker is None:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
         observations: list[Observation] = []
@@ -238,6 +244,17 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
             waiting.append(thread.submit(next, source, end))
             yield item  # type: ignore[misc]  # not the end, hence a T
             del item  # a picture must not be kept while the next is awaited
+
+
+def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker | None:
+    """Make the filter of an estimator that needs readings of an inertial sensor."""
+    if not estimator.needs_imu:
+        return None
+    from simgrab.instrument.estimate.inertial.estimator import InertialFusion
+    from simgrab.instrument.estimate.inertial.live import InertialTracker
+
+    assert isinstance(estimator, InertialFusion)
+    return InertialTracker(estimator, calibration)
 
 
 def _time(observation: Observation) -> float:

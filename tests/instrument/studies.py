@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pendulum_simulator as pendulum
@@ -88,6 +89,7 @@ class Score:
         )
 
 
+@cache
 def rivals(law: str, records: int, frames: int, beta_deg: float, seed: int = 0) -> dict[str, Score]:
     """Every memoryless estimator on the same draws."""
     d = draw(law, records, frames, beta_deg=beta_deg, seed=seed)
@@ -115,6 +117,7 @@ def best(scores: dict[str, Score]) -> list[str]:
     return [first, *(k for k, s in solved.items() if k != first and not beats(solved[first], s) >= 2)]
 
 
+@cache
 def offsets(law: str, offset_m: float, records: int, frames: int = 3699) -> dict[str, Score]:
     """Camera behind the rope exit, as seen along the tilt; ropes of 8 to 35 m, an offset prior of 0 ± 0.5 m."""
     place = offset_m * np.array([-np.cos(AZIMUTH), -np.sin(AZIMUTH), 0.0])
@@ -153,6 +156,7 @@ def coverage(
     )
 
 
+@cache
 def independent(law: str, records: int, frames: int) -> dict[str, tuple[float, float, float]]:
     """Coverage of the i.i.d. intervals on independent frames."""
     d = draw(law, records, frames)

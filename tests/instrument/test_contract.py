@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 import time as clock
 import tracemalloc
+from importlib.metadata import EntryPoint
 
 import msgspec
 import numpy as np
@@ -13,7 +16,8 @@ import pytest
 import studies
 
 from simgrab.errors import RecordError
-from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.instrument import estimate
+from simgrab.instrument.estimate import ESTIMATORS, GROUP, IntervalSettings, Table
 from simgrab.model.geometry import camera_rotation
 
 CAMERA = studies.camera()
@@ -41,6 +45,30 @@ def record():
 
 def run(name, pixels, rope, time, camera=CAMERA):
     return ESTIMATORS[name]().estimate(pixels, camera, rope_length=rope, time=time)
+
+
+def test_an_estimator_is_imported_when_it_is_used_and_one_that_is_not_installed_is_one_line(monkeypatch):
+    code = (
+        "import sys; from simgrab.instrument.estimate import ESTIMATORS; assert 'mean-ray' in list(ESTIMATORS); "
+        "assert not {'numpy', 'scipy'} & set(sys.modules); ESTIMATORS['mean-ray']; "
+        "assert not {'scipy.optimize', 'simgrab.instrument.estimate.rope_aware'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    offered = [
+        EntryPoint("mine", "simgrab.instrument.estimate.mean_ray:MeanRay", GROUP),
+        EntryPoint("gone", "simgrab.gone.room:Estimator", GROUP),
+        EntryPoint("wrong", "pathlib:Path", GROUP),
+        EntryPoint("mean-ray", "somebody.else:Estimator", GROUP),
+    ]
+    monkeypatch.setattr(estimate, "entry_points", lambda group: offered if group == GROUP else [])
+    table = Table({"mean-ray": "simgrab.instrument.estimate.mean_ray:MeanRay"})
+    assert list(table) == ["mean-ray", "gone", "mine", "wrong"]
+    assert table["mine"] is table["mean-ray"]
+    assert table.get("neither") is None
+    with pytest.raises(RecordError, match=r"'gone' \(simgrab.gone.room:Estimator\) is not installed: No module named"):
+        table["gone"]
+    with pytest.raises(RecordError, match="not a subclass"):
+        table["wrong"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -106,38 +134,34 @@ def test_collinear_points(name, through_centre, record):
 @pytest.mark.parametrize("name", ORDERLESS)
 def test_the_order_of_frames_does_not_matter(name, record):
     pixels, rope, time = record
-    order = np.random.default_rng(0).permutation(len(time))
-    one, other = run(name, pixels, rope, time), run(name, pixels[order], rope[order], time[order])
+    order, settings = np.random.default_rng(0).permutation(len(time)), IntervalSettings(block_s=4.0)
+    one, other = (
+        ESTIMATORS[name](intervals=settings).estimate(pixels[i], CAMERA, rope_length=rope[i], time=time[i])
+        for i in (slice(None), order)
+    )
     np.testing.assert_allclose([one.beta, one.sigma], [other.beta, other.sigma], rtol=1e-8)
     np.testing.assert_allclose(one.alpha[order], other.alpha, atol=1e-8)
-    np.testing.assert_allclose(one.interval("iid").beta, other.interval("iid").beta, atol=1e-8)
+    for kind in ("iid", "blocks"):
+        assert one.interval(kind).beta is not None
+        np.testing.assert_allclose(one.interval(kind).beta, other.interval(kind).beta, atol=1e-8)
+        np.testing.assert_allclose(one.interval(kind).sigma, other.interval(kind).sigma, rtol=1e-8)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_turning_the_picture_turns_the_azimuth_alone(name, record):
+@pytest.mark.parametrize(("turn", "zoom"), [(0.9, 1.0), (0.0, 1.7)])  # clockwise in the picture
+def test_a_turned_or_finer_picture_gives_the_same_angles(name, turn, zoom, record):
     pixels, rope, time = record
-    turn = 0.9  # clockwise in the picture
     c, s = np.cos(turn), np.sin(turn)
     centre = np.array([CAMERA.cx_px, CAMERA.cy_px])
-    turned = (pixels - centre) @ np.array([[c, s], [-s, c]]) + centre
-    one, other = run(name, pixels, rope, time), run(name, turned, rope, time)
+    changed = zoom * (pixels - centre) @ np.array([[c, s], [-s, c]]) + centre
+    finer = msgspec.structs.replace(CAMERA, focal_length_px=zoom * CAMERA.focal_length_px)
+    one, other = run(name, pixels, rope, time), run(name, changed, rope, time, finer)
     close = 2e-4 if name == "pendulum-smoother" else 1e-8
     np.testing.assert_allclose([one.beta, one.sigma], [other.beta, other.sigma], atol=close)
     np.testing.assert_allclose(one.alpha, other.alpha, atol=2 * close)
     if name != "zero-tilt":  # C'G' turns with the picture, and the azimuth is a right angle less it
         difference = other.tilt_azimuth + turn - one.tilt_azimuth
         assert abs((difference + np.pi) % (2 * np.pi) - np.pi) < max(close, 1e-6) * 20
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_finer_picture_gives_the_same_angles(name, record):
-    pixels, rope, time = record
-    finer = msgspec.structs.replace(CAMERA, focal_length_px=1.7 * CAMERA.focal_length_px)
-    centre = np.array([CAMERA.cx_px, CAMERA.cy_px])
-    one, other = run(name, pixels, rope, time), run(name, centre + 1.7 * (pixels - centre), rope, time, finer)
-    close = 2e-4 if name == "pendulum-smoother" else 1e-9
-    np.testing.assert_allclose([one.beta, one.sigma], [other.beta, other.sigma], atol=close)
-    np.testing.assert_allclose(one.alpha, other.alpha, atol=2 * close)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -175,42 +199,35 @@ def test_a_batch_is_its_records(name, record):
         np.testing.assert_allclose(batch[i].intervals[0].beta, alone.intervals[0].beta, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_wrong_shapes_raise(name, record):
-    pixels, rope, time = record
-    estimator = ESTIMATORS[name]()
-    for wrong in (pixels[:, 0], pixels[:, [0, 1, 1]], pixels[None]):
-        with pytest.raises(RecordError, match="shape"):
-            estimator.estimate(wrong, CAMERA, rope_length=rope, time=time)
-    with pytest.raises(RecordError, match="rope_length must have shape"):
-        estimator.estimate(pixels, CAMERA, rope_length=rope[1:], time=time)
-    with pytest.raises(RecordError, match="time must have shape"):
-        estimator.estimate(pixels, CAMERA, rope_length=rope, time=time[1:])
+SECOND = np.arange(130) == 5
+WRONG = {
+    "pixels without an axis": (lambda p, r, t: (p[:, 0], r, t), "", "shape"),
+    "pixels of three numbers": (lambda p, r, t: (p[:, [0, 1, 1]], r, t), "", "shape"),
+    "pixels of two records": (lambda p, r, t: (p[None], r, t), "", "shape"),
+    "ropes of fewer frames": (lambda p, r, t: (p, r[1:], t), "", "rope_length must have shape"),
+    "times of fewer frames": (lambda p, r, t: (p, r, t[1:]), "", "time must have shape"),
+    "a rope of no length": (lambda p, r, t: (p, np.where(SECOND, 0.0, r), t), "", "row 5: must be above 0 m, got 0"),
+    "no rope": (lambda p, _r, t: (p, None, t), "needs_rope", "needs the rope length"),
+    "no time": (lambda p, r, _t: (p, r, None), "needs_time", "needs the time"),
+    "time that runs back": (lambda p, r, t: (p, r, t[::-1]), "needs_time", "row 1: must increase"),
+    **{f"a time of {wrong:g} s": (lambda p, r, t, wrong=wrong: (p, r, np.where(SECOND, wrong, t)), "",
+                                  r"row 5: must lie within 1e\+12 s of 0") for wrong in (1e13, -1e308, 1.6e18)},
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if ESTIMATORS[n].needs_rope])
-def test_a_rope_that_is_needed_must_be_there(name, record):
-    pixels, rope, time = record
-    with pytest.raises(RecordError, match="needs the rope length"):
-        ESTIMATORS[name]().estimate(pixels, CAMERA, time=time)
-    with pytest.raises(RecordError, match="row 5: must be above 0 m, got 0"):
-        run(name, pixels, np.where(np.arange(len(rope)) == 5, 0.0, rope), time)
-
-
-def test_time_that_is_needed_must_be_there_and_increase(record):
-    pixels, rope, time = record
-    with pytest.raises(RecordError, match="needs the time"):
-        ESTIMATORS["pendulum-smoother"]().estimate(pixels, CAMERA, rope_length=rope)
-    with pytest.raises(RecordError, match="row 1: must increase"):
-        run("pendulum-smoother", pixels, rope, time[::-1])
+@pytest.mark.parametrize(("what", "name"), [
+    (what, name) for what, (_, needed, _) in WRONG.items() for name in NAMES
+    if not needed or getattr(ESTIMATORS[name], needed)
+])  # fmt: skip
+def test_what_is_no_record_raises(what, name, record):
+    change, _, message = WRONG[what]
+    with pytest.raises(RecordError, match=message):
+        run(name, *change(*record))
 
 
 @pytest.mark.parametrize("name", ORDERLESS)
-def test_times_of_no_record_are_refused_and_frames_of_one_instant_are_one_block(name, record):
+def test_frames_of_one_instant_are_one_block(name, record):
     pixels, rope, time = record
-    for wrong in (1e13, -1e308, 1.6e18):
-        with pytest.raises(RecordError, match="row 3: must lie within 1e\\+12 s of 0"):
-            run(name, pixels, rope, np.where(np.arange(len(time)) == 3, wrong, time))
     blocks = run(name, pixels, rope, np.full(len(time), 7.0)).interval("blocks")
     assert "too few blocks: 1 " in blocks.note
 

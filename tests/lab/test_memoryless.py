@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration, RopeAware
-from simgrab.instrument.estimate.frames import gravity, groups
+from simgrab.instrument.estimate.frames import gravity
 from simgrab.instrument.estimate.intervals import of_scale
 from simgrab.lab.paper.paper import PaperSettings, study
 from tests.instrument import studies
@@ -83,16 +83,6 @@ def test_rope_aware_ends_within_its_tolerance_and_whatever_its_company(law):
     np.testing.assert_allclose(company.beta, [alone.beta, found.beta[0]], atol=1e-13)
 
 
-def test_the_median_of_the_frames_present():
-    rng = np.random.default_rng(0)
-    pixels = rng.normal(900, 30, (6, 21, 2))
-    pixels[1, :4], pixels[2, 7], pixels[3, 1:] = np.nan, np.nan, np.nan
-    frames = next(groups(pixels, None, None, studies.camera()))
-    values = rng.normal(size=(6, 21))
-    expected = np.nanmedian(np.where(np.isnan(pixels[..., 0]), np.nan, values), axis=-1)
-    np.testing.assert_allclose(frames.median(values), expected, rtol=1e-14)
-
-
 def test_a_prior_keeps_rope_aware_sane_where_tilt_and_offset_are_one():
     mean, aware, cover = studies.drawn_offsets("half-normal", (28.0, 33.0), 300)
     assert aware.rmse < mean.rmse
@@ -155,12 +145,3 @@ def test_blocks_are_long_and_too_few_are_said_to_be(minutes, blocks):
         assert interval.note == f"too few blocks: {blocks} of at least 600 s, where 3 are needed"
     else:
         assert interval.beta[0] < found.beta < interval.beta[1]
-
-
-def test_blocks_do_not_depend_on_the_order_of_frames():
-    d = studies.draw("rayleigh", 1, 5000)
-    order, time = np.random.default_rng(0).permutation(5000), np.arange(5000.0)
-    one = MeanRay().estimate(d.pixels[0], studies.camera(), time=time).interval("blocks")
-    other = MeanRay().estimate(d.pixels[0][order], studies.camera(), time=time[order]).interval("blocks")
-    np.testing.assert_allclose(one.beta, other.beta, rtol=1e-9)
-    np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-9)

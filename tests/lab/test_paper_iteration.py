@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgrab.instrument.estimate import MeanRay, PaperIteration
-from simgrab.instrument.estimate.circular_median import circular_median
+from simgrab.instrument.estimate.paper_iteration import circular_median
 from simgrab.lab.paper.law import AXIS_DIRECTION, camera, draw
 from simgrab.model.geometry import vertical_direction
 from tests.instrument import studies

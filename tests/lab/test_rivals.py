@@ -12,14 +12,16 @@ from simgrab.dataset.tables import calibration_of
 from simgrab.errors import CalibrationError, RecordError
 from simgrab.instrument.contract import Frame, flaw
 from simgrab.instrument.estimate import PendulumSmoother, ZeroTilt
+from simgrab.instrument.estimate.chain import linear, prior, state_covariances
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.observation import Observation
 from simgrab.lab.rivals.camera import CAMERA, Tracked, conclude, kawai, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
 from simgrab.lab.rivals.kalman import Model, kalman
 from simgrab.lab.rivals.lidar import Scans, clusters, lidar, read_scans
 from simgrab.lab.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
-from simgrab.lab.rivals.tracking import Place, flow, template
+from simgrab.lab.rivals.tracking import flow, template
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import to_camera
 from simgrab.model.records.observations import Detection
@@ -63,7 +65,7 @@ def _target(scene, time):
     pixels = camera.intrinsics.project(to_camera(centres, rotations, np.array([0.0, 0.0, 0.0])))
     pixels = pixels + np.random.default_rng(0).normal(0, 1 / 3, pixels.shape)
     places = [
-        Place(t, None if i % 10 == 9 else (u, v), "missed" if i % 10 == 9 else "ok", "none" if i % 10 == 9 else "")
+        Observation(t, missed="none") if i % 10 == 9 else Observation(t, centre=(u, v))
         for i, (t, (u, v)) in enumerate(zip(time.tolist(), pixels.tolist(), strict=True))
     ]
     return target_angles(places, calibration_of(scene))
@@ -194,40 +196,27 @@ def test_readings_that_cannot_be_are_refused(tmp_path):
         read_series(tmp_path, "rope_length [m]")
 
 
-def test_the_filter_ends_at_the_least_squares_solution():
+def test_the_filter_ends_where_the_whole_chain_does():
     rng = np.random.default_rng(0)
-    n, advance, reading = 12, np.array([[1.0, 0.1], [-0.3, 0.95]]), np.array([[1.0, 0.5], [0.0, 1.0]])
-    readings = rng.normal(size=(n, 2))
+    n, step, reading = 12, np.array([[1.0, 0.1], [-0.3, 0.95]]), np.array([[1.0, 0.5], [0.0, 1.0]])
+    readings, drive = rng.normal(size=(n, 2)), rng.normal(size=(n, 2))
     readings[3, 0] = readings[7] = np.nan
-    drive = rng.normal(size=(n, 2))
     model = Model(
-        np.array([0.3, -0.2]), np.array([2.0, 3.0]), np.tile(advance, (n, 1, 1)), drive, np.full((n, 2), 0.04),
-        reading, np.full((n, 2), 0.1), np.array([0.5, 0.7]),
+        np.array([2.0, 3.0]), np.tile(step, (n, 1, 1)), np.full((n, 2), 0.04), reading, np.array([0.5, 0.7]),
+        np.array([0.3, -0.2]), drive, np.full((n, 2), 0.1),
     )  # fmt: skip
     states, covariances = kalman(model, readings)
-    rows, right = [], []
-    for axis in range(2):
-        row = np.zeros((n, 2))
-        row[0, axis] = 1 / model.start_sd[axis]
-        rows.append(row.ravel())
-        right.append(model.start[axis] / model.start_sd[axis])
-    for i in range(n):
-        for axis in range(2):
-            if np.isfinite(readings[i, axis]):
-                row = np.zeros((n, 2))
-                row[i] = reading[axis] / model.reading_sd[axis]
-                rows.append(row.ravel())
-                right.append((readings[i, axis] - 0.1) / model.reading_sd[axis])
-            if i < n - 1:
-                row = np.zeros((n, 2))
-                row[i + 1, axis] = 1 / 0.2
-                row[i] -= advance[axis] / 0.2
-                rows.append(row.ravel())
-                right.append(drive[i, axis] / 0.2)
-    whole = np.array(rows)
-    best = np.linalg.solve(whole.T @ whole, whole.T @ np.array(right))
-    assert states[-1] == pytest.approx(best[-2:], abs=1e-10)
-    assert covariances[-1] == pytest.approx(np.linalg.inv(whole.T @ whole)[-2:, -2:], abs=1e-10)
+    none, of_first = np.zeros((n, 2, 0)), np.zeros((n, 2))
+    of_first[0] = model.start_sd**-2
+    seen = np.isfinite(readings) / model.reading_sd**2
+    best = (
+        linear(-model.advance[:-1], none[1:], drive[:-1], np.tile(np.eye(2) / 0.04, (n - 1, 1, 1)), np.tile(
+            np.eye(2), (n - 1, 1, 1)))
+        + linear(np.tile(reading, (n, 1, 1)), none, np.nan_to_num(readings - 0.1), seen[..., None] * np.eye(2))
+        + prior(np.tile(-model.start, (n, 1)), of_first, np.zeros(0), np.zeros(0))
+    ).minimise()  # fmt: skip
+    assert states[-1] == pytest.approx(best.states[-2:], abs=1e-10)
+    assert covariances[-1] == pytest.approx(state_covariances(best, 2)[-1], abs=1e-10)
 
 
 SIDE, CENTRE = 64, np.array([150.3, 110.8])
@@ -275,10 +264,9 @@ def test_trackers_follow_a_patch_to_parts_of_a_pixel(tracker, bound):
     frames, true = pictures(SHIFTS, lost=(7,))
     frames.insert(0, Frame(np.zeros((240, 320, 3), np.uint8), -0.1))
     places = list(tracker(frames))
-    assert places[0].status == "missed"
-    assert places[8].status == "lost"
-    assert places[8].reason == "cut off"
-    seen = [place.pixel for place in places[1:8] + places[9:]]
+    assert places[0].missed
+    assert places[8].lost == "cut off"
+    seen = [place.centre for place in places[1:8] + places[9:]]
     assert np.abs(np.array(seen) - np.delete(true, 7, axis=0)).max() < bound
 
 
@@ -288,8 +276,11 @@ def test_trackers_miss_a_target_that_is_gone(tracker):
     rng = np.random.default_rng(2)
     frames += [Frame(rng.integers(0, 255, (240, 320, 3), dtype=np.uint8), 1 + i) for i in range(2)]
     places = list(tracker(frames))
-    assert [place.status for place in places] == ["ok", "ok", "ok", "missed", "missed"]
-    assert all(place.reason for place in places[3:])
+    assert (
+        [bool(place.missed) for place in places]
+        == [place.centre is None for place in places]
+        == [False] * 3 + [True] * 2
+    )
 
 
 CAMERA_FILE = Calibration(width_px=320, height_px=240, focal_length_px=400.0, cx_px=160.0, cy_px=120.0)
@@ -317,11 +308,11 @@ def test_an_estimator_without_its_rope_refuses_with_the_reason():
     found = Tracked("x", template(0.0, Start()), PendulumSmoother())(frames, CAMERA_FILE)
     assert {m.status for m in found} == {"refused"}
     assert "needs rope lengths" in found[0].reason
-    short = conclude([Place(0.0, (160.0, 120.0))], CAMERA_FILE, ZeroTilt())
+    short = conclude([Observation(0.0, centre=(160.0, 120.0))], CAMERA_FILE, ZeroTilt())
     assert short[0].status == "refused"
     assert "fewer than" in short[0].reason
     with pytest.raises(RecordError, match="fewer than two"):
-        target_angles([Place(0.0, None, "missed", "none")], CAMERA_FILE)
+        target_angles([Observation(0.0, missed="none")], CAMERA_FILE)
 
 
 def circled(centre, side=40.0, radius=12.0):

@@ -206,7 +206,7 @@ def test_a_folder_is_a_view_whose_unreadable_pictures_are_lost(tmp_path):
     (ABOUT.replace("[0, 0, 1,", "[0, 0, 2,"), LISTED, "rotation matrix"),
     (ABOUT.replace("[0, 0, 1,", "[.nan, 0, 1,"), LISTED, "finite"),
     (ABOUT, LISTED.replace("000001.jpg", "../000000.jpg"), "row 2"),
-    (ABOUT, LISTED.replace("111111111,", "0,"), "row 2: time must increase"),
+    (ABOUT, LISTED.replace("111111111,", "0,"), "time, row 2: must increase"),
     (ABOUT, LISTED.replace("filename", "w_RS_S_x"), "columns must be"),
 ])  # fmt: skip
 def test_a_folder_of_another_kind_is_refused_in_one_line(tmp_path, about, listed, words):

@@ -1,12 +1,14 @@
-"""Least squares over a chain of states with common parameters: the linear algebra of an extended Kalman smoother.
+"""Least squares over a chain of states with common parameters, whole or a reading at a time.
 
 A Gauss–Newton step over a whole path is one pass of the iterated extended Kalman filter followed by one of the
 Rauch–Tung–Striebel smoother (Bell 1994). Here the two passes are the factorisation of the block-tridiagonal normal
 matrix and its back substitution, and parameters that do not change in time border it instead of swelling every state.
+A filter, which must not know what comes later, has the last state alone and takes readings in with `update`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,24 +40,10 @@ class Quadratic:
     constant: float
 
     def __add__(self, other: Quadratic) -> Quadratic:
-        return Quadratic(
-            self.band + other.band,
-            self.border + other.border,
-            self.corner + other.corner,
-            self.pull_states + other.pull_states,
-            self.pull_parameters + other.pull_parameters,
-            self.constant + other.constant,
-        )
+        return Quadratic(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
 
     def __mul__(self, factor: float) -> Quadratic:
-        return Quadratic(
-            self.band * factor,
-            self.border * factor,
-            self.corner * factor,
-            self.pull_states * factor,
-            self.pull_parameters * factor,
-            self.constant * factor,
-        )
+        return Quadratic(*(a * factor for a in vars(self).values()))
 
     def minimise(self) -> Minimum:
         """Minimise; raises numpy.linalg.LinAlgError where H is not positive definite."""
@@ -119,33 +107,44 @@ def linear(blocks: Array, parameters: Array, residual: Array, weight: Array, sec
     """
     d = blocks.shape[-1]
     n = len(blocks) + (second is not None)
-    band = np.zeros((2 * d, n * d))
-    border = np.zeros((n, d, parameters.shape[-1]))
-    pull = np.zeros((n, d))
-    wa = blocks.swapaxes(1, 2) @ weight
-    diagonal = np.zeros((n, d, d))
-    diagonal[: len(blocks)] += wa @ blocks
-    border[: len(blocks)] += wa @ parameters
-    pull[: len(blocks)] += (wa @ residual[..., None])[..., 0]
-    if second is not None:
-        wb = second.swapaxes(1, 2) @ weight
-        diagonal[1:] += wb @ second
-        border[1:] += wb @ parameters
-        pull[1:] += (wb @ residual[..., None])[..., 0]
-        below = wb @ blocks
+    band, diagonal = np.zeros((2 * d, n * d)), np.zeros((n, d, d))
+    border, pull = np.zeros((n, d, parameters.shape[-1])), np.zeros((n, d))
+    sides = [(slice(len(blocks)), blocks)] + ([(slice(1, None), second)] if second is not None else [])
+    for some, side in sides:
+        weighed = side.swapaxes(1, 2) @ weight
+        diagonal[some] += weighed @ side
+        border[some] += weighed @ parameters
+        pull[some] += (weighed @ residual[..., None])[..., 0]
     for a in range(d):
         for b in range(a, d):
             band[b - a, a::d] = diagonal[:, b, a]
-        for b in range(d) if second is not None else ():
-            band[d + b - a, a : (n - 1) * d : d] = below[:, b, a]
-    wc = parameters.swapaxes(1, 2) @ weight
+    if second is not None:
+        below = weighed @ blocks
+        for a in range(d):
+            for b in range(d):
+                band[d + b - a, a : (n - 1) * d : d] = below[:, b, a]
+    weighed = parameters.swapaxes(1, 2) @ weight
     return Quadratic(
         band,
         border.reshape(n * d, -1),
-        np.sum(wc @ parameters, axis=0),
+        np.sum(weighed @ parameters, axis=0),
         pull.ravel(),
-        np.sum((wc @ residual[..., None])[..., 0], axis=0),
+        np.sum((weighed @ residual[..., None])[..., 0], axis=0),
         float(np.einsum("ni,nij,nj->", residual, weight, residual)),
+    )
+
+
+def prior(states: Array, precision: Array, parameters: Array, parameter_precision: Array) -> Quadratic:
+    """Σ pᵢ (xᵢ + δxᵢ)² over states (n, d) and parameters (p,) off their means, with precisions of the same shapes."""
+    band = np.zeros((2 * states.shape[1], states.size))
+    band[0] = precision.ravel()
+    return Quadratic(
+        band,
+        np.zeros((states.size, len(parameters))),
+        np.diag(parameter_precision),
+        -(precision * states).ravel(),
+        -parameter_precision * parameters,
+        float(np.sum(precision * states**2) + np.sum(parameter_precision * parameters**2)),
     )
 
 
@@ -167,3 +166,39 @@ def state_covariances(minimum: Minimum, d: int) -> Array:
         result[i] = own[i] + back[i].T @ result[i + 1] @ back[i]
     gain = minimum.gain.reshape(n, d, -1)
     return np.asarray(result + gain @ minimum.covariance @ gain.swapaxes(1, 2))
+
+
+def update(covariance: Array, reading: Array, error: Array, noise: Array) -> tuple[Array, Array]:
+    """Take a reading into a filter: K = PHᵀ(HPHᵀ + R)⁻¹, δ = K(y − Hx), P ← (I − KH)P(I − KH)ᵀ + KRKᵀ (Joseph).
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (d, d)
+        P.
+    reading : ndarray, shape (m, d)
+        H.
+    error : ndarray, shape (m,)
+        y − Hx.
+    noise : ndarray, shape (m, m)
+        R.
+
+    Returns
+    -------
+    change : ndarray, shape (d,)
+    covariance : ndarray, shape (d, d)
+    """
+    both = reading @ covariance
+    gain = np.linalg.solve(both @ reading.T + noise, both).T
+    kept = np.eye(len(covariance)) - gain @ reading
+    return gain @ error, kept @ covariance @ kept.T + gain @ noise @ gain.T
+
+
+def jacobian(function: Callable[[Array], Array], size: int, only: Iterable[int] | None = None) -> Array:
+    """Differentiate a function (...) of changes (size,) about 0: central differences (..., size).
+
+    Where ``only`` is given, the function depends on no other changes.
+    """
+    steps = np.eye(size) * 1e-6
+    columns = {i: (function(steps[i]) - function(-steps[i])) / 2e-6 for i in only or range(size)}
+    zero = np.zeros_like(next(iter(columns.values())))
+    return np.stack([columns.get(i, zero) for i in range(size)], axis=-1)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from simgrab.errors import RecordError
 from simgrab.instrument.estimate import intervals as iv
-from simgrab.instrument.estimate.frames import Frames, check_record, groups, stretches, tangent_basis
+from simgrab.instrument.estimate.frames import Frames, check_record, groups, tangent_basis
 from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -64,7 +65,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Estimator(ABC):
-    """Base of the estimators that treat every frame alike.
+    """Base of all estimators: frozen settings, and one pure function of a record's pixels.
 
     Attributes
     ----------
@@ -75,12 +76,13 @@ class Estimator(ABC):
     parameters: ClassVar[int] = 3  # β, its azimuth, σ: as many frames at least
     needs_rope: ClassVar[bool] = False
     needs_time: ClassVar[bool] = False
+    needs_imu: ClassVar[bool] = False  # readings of an inertial sensor, which belong to one record
 
     intervals: IntervalSettings = field(default=IntervalSettings(), kw_only=True)
 
     @abstractmethod
-    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
-        """Solve M records, each with enough frames."""
+    def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
+        """Estimate from M records, each with enough frames."""
 
     def estimate(
         self,
@@ -114,7 +116,7 @@ class Estimator(ABC):
         Raises
         ------
         RecordError
-            For wrong shapes, and for a rope length or time that is missing where needed or cannot be.
+            For wrong shapes, and for a rope length or time that is missing where needed or is invalid.
         """
         uv = np.asarray(pixels, float)
         if uv.ndim != 2 or uv.shape[-1] != 2:
@@ -136,33 +138,41 @@ class Estimator(ABC):
         if self.needs_time and time is None:
             raise RecordError(f"{self.name} needs the time of every frame")
         uv, rope, t, sd = check_record(pixels, rope_length, time, self.needs_time, pixel_sd)
-        parts = [self._part(frames, calibration) for frames in groups(uv, rope, t, calibration, sd)]
-        return (
-            _join(parts)
-            if parts
-            else self._refuse(Frames(np.empty((0, 3, uv.shape[1])), None, np.empty(0), None, t), 0)
-        )
+        parts: list[tuple[NDArray[np.int64], Estimates]] = []
+        done = 0
+        for frames in groups(uv, rope, t, calibration, sd):
+            rows = done + np.arange(len(frames.count))
+            done += len(rows)
+            enough = frames.count >= self.parameters
+            if enough.any():
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    parts.append((rows[enough], self._conclude(frames.rows(enough), calibration)))
+            if not enough.all() or not done:
+                few = frames.rows(~enough)
+                why = [f"{int(c)} frames: fewer than the {self.parameters} parameters" for c in few.count]
+                parts.append((rows[~enough], self._refuse(few, why)))
+        return joined(parts, len(uv))
 
-    def _part(self, frames: Frames, calibration: Calibration) -> Estimates:
-        enough = frames.count >= self.parameters
-        if not enough.any():
-            return self._refuse(frames, len(enough))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            found = self._conclude(frames.rows(enough), calibration)
-        return found if enough.all() else _spread(found, enough, self._refuse(frames, len(enough)))
+    def _refuse(self, frames: Frames, reasons: Sequence[str]) -> Estimates:
+        m = len(frames.count)
+        nothing, alpha = np.full(m, np.nan), np.full((m, frames.rays.shape[-1]), np.nan)
+        return Estimates(
+            self.name, np.zeros(m, bool), np.array(reasons, str), frames.count.astype(np.int64),
+            nothing, nothing, nothing, alpha, None, (), {},
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FrameEstimator(Estimator):
+    """Base of the estimators that treat every frame alike: the estimate is a sum over frames, and so are its errors."""
+
+    @abstractmethod
+    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
+        """Solve M records, each with enough frames."""
 
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
         pixel_sd = self.intervals.pixel_sd_px / calibration.focal_length_px
         return conclude(self.name, frames, self._solve(frames, calibration), self.intervals, pixel_sd)
-
-    def _refuse(self, frames: Frames, m: int) -> Estimates:
-        text = [f"{int(c)} frames: fewer than the {self.parameters} parameters" for c in frames.count]
-        nothing = np.full(m, np.nan)
-        alpha = np.full((m, frames.rays.shape[-1]), np.nan)
-        return Estimates(
-            self.name, np.zeros(m, bool), np.array(text, str), frames.count.astype(np.int64),
-            nothing, nothing, nothing, alpha, None, (), {},
-        )  # fmt: skip
 
 
 def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSettings, pixel_sd: float) -> Estimates:
@@ -174,12 +184,10 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
     beta = np.where(ok, found.beta, np.nan)
     azimuth = np.where(ok, found.azimuth, np.nan)
     swing = tangent_basis(beta, azimuth) @ frames.rays if found.swing is None else found.swing
-    sine = np.sqrt(swing[:, 0] * swing[:, 0] + swing[:, 1] * swing[:, 1])
-    alpha = np.arctan2(sine, swing[:, 2])
+    alpha, unit = angles_of(swing)
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, 0.0)
     sigma2 = frames.mean(alpha**2)
-    unit = swing[:, :2] * (1 / np.maximum(sine, 1e-300))[:, None]  # direction of the swing along and across the tilt
     influence = np.concatenate([found.influence, _of_sigma2(frames, found, alpha, unit, sigma2)], axis=1)
     sigma = np.sqrt(sigma2)
     # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
@@ -191,11 +199,7 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
         cov = covariance[:, :-1, :-1]
         of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
         if found.reach is not None:
-            low, high = found.reach(cov, q)
-            below, above = (
-                iv.radial(beta, (low / q) ** 2, cov[:, 1, 1], q),
-                iv.radial(beta, (high / q) ** 2, cov[:, 1, 1], q),
-            )
+            below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in found.reach(cov, q))
             of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
         of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
         of_alpha = alpha_ends(alpha, unit, cov, q, found.lever, noise, found.radial)
@@ -214,6 +218,12 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
         name, ok, np.array(found.reason, str), frames.count.astype(np.int64),
         beta, azimuth, sigma, alpha, found.offset, tuple(kinds), found.diagnostics,
     )  # fmt: skip
+
+
+def angles_of(swing: Array) -> tuple[Array, Array]:
+    """α (M, n) of directions OA along and across the tilt and down (M, 3, n), and their horizontal unit (M, 2, n)."""
+    sine = np.sqrt(swing[:, 0] * swing[:, 0] + swing[:, 1] * swing[:, 1])
+    return np.arctan2(sine, swing[:, 2]), swing[:, :2] * (1 / np.maximum(sine, 1e-300))[:, None]
 
 
 def _of_sigma2(frames: Frames, found: Solution, alpha: Array, unit: Array, sigma2: Array) -> Array:
@@ -248,25 +258,15 @@ def alpha_ends(
     known : ndarray, shape (M, n), or None
         Variance along the swing that comes from elsewhere.
     """
-    q, c = quantile[:, None], cov[..., None]
-    ends = np.empty((*alpha.shape, 2))
-    for some in stretches(alpha, 1 << 14):  # few enough to stay in cache over so many passes
-        x, y = unit[:, 0, some], unit[:, 1, some]
-        if lever is None:
-            along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
-        else:
-            k = lever[:, some]
-            along = c[:, 0, 0] + k * (2 * c[:, 0, 2] + k * c[:, 2, 2])
-            across = c[:, 1, 1] + k * (2 * c[:, 1, 3] + k * c[:, 3, 3])
-            mixed = c[:, 0, 1] + k * (c[:, 0, 3] + c[:, 1, 2] + k * c[:, 2, 3])
-        both = along + across
-        radial = np.maximum(across + ((along - across) * x + 2 * mixed * y) * x, 0)
-        across = np.maximum(both - radial, 0) + noise[:, some]
-        radial = radial + noise[:, some]
-        if known is not None:
-            radial += known[:, some]
-        ends[:, some] = iv.radial(alpha[:, some], radial, across, q)
-    return ends
+    c, x, y = cov[..., None], unit[:, 0], unit[:, 1]
+    along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
+    if lever is not None:
+        along = along + lever * (2 * c[:, 0, 2] + lever * c[:, 2, 2])
+        across = across + lever * (2 * c[:, 1, 3] + lever * c[:, 3, 3])
+        mixed = mixed + lever * (c[:, 0, 3] + c[:, 1, 2] + lever * c[:, 2, 3])
+    radial = np.maximum(across + ((along - across) * x + 2 * mixed * y) * x, 0)
+    rest = np.maximum(along + across - radial, 0)
+    return iv.radial(alpha, radial + noise + (0.0 if known is None else known), rest + noise, quantile[:, None])
 
 
 def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, made: Any) -> Intervals:
@@ -281,67 +281,37 @@ def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, mad
     return result
 
 
-def _spread(found: Estimates, where: NDArray[np.bool_], base: Estimates) -> Estimates:
-    """Put the estimates of some records among the refusals of the others."""
+def joined(parts: Sequence[tuple[NDArray[np.int64], Estimates]], m: int) -> Estimates:
+    """Put estimates of some rows each of M records together; what a part lacks is NaN."""
+    model = max((part for _, part in parts), key=lambda part: len(part.intervals))
+    if len(parts) == 1:
+        return model
 
-    def place(values: NDArray[Any], into: NDArray[Any] | None = None) -> NDArray[Any]:
-        if into is None:
-            into = np.full((len(where), *values.shape[1:]), np.nan)
-        result = into.astype(np.promote_types(into.dtype, values.dtype))
-        result[where] = values
+    def join(get: Callable[[Estimates], NDArray[Any] | None]) -> Any:
+        given = [(rows, value) for rows, part in parts if (value := get(part)) is not None]
+        if not given:
+            return None
+        kind = np.result_type(*(value for _, value in given))
+        shape = m, *given[0][1].shape[1:]
+        whole = sum(len(rows) for rows, _ in given) == m
+        result = np.empty(shape, kind) if whole else np.full(shape, np.nan)
+        for rows, value in given:
+            result[rows] = value
         return result
 
-    def spread(i: Intervals) -> Intervals:
-        ends = (None if a is None else place(a) for a in (i.beta, i.sigma, i.alpha, i.tilt))
-        beta, sigma, alpha, tilt = ends
-        return Intervals(i.kind, i.level, beta, sigma, alpha, i.blocks, i.note, tilt)
+    def interval(k: int) -> Intervals:
+        def ends(name: str) -> Any:
+            return join(lambda part: getattr(part.intervals[k], name) if part.intervals else None)
 
-    return Estimates(
-        found.estimator,
-        place(found.ok, base.ok),
-        place(found.reason, base.reason),
-        base.frames,
-        place(found.beta),
-        place(found.tilt_azimuth),
-        place(found.sigma),
-        place(found.alpha),
-        None if found.offset is None else place(found.offset),
-        tuple(spread(i) for i in found.intervals),
-        {name: place(value) for name, value in found.diagnostics.items()},
-    )
+        return replace(model.intervals[k], **{name: ends(name) for name in ("beta", "sigma", "alpha", "tilt")})
 
+    def diagnostic(name: str) -> Callable[[Estimates], NDArray[Any] | None]:
+        return lambda part: part.diagnostics.get(name)
 
-def _join(parts: list[Estimates]) -> Estimates:
-    """Put groups of records back together."""
-    first = max(parts, key=lambda part: len(part.intervals))
-    if len(parts) == 1:
-        return first
-    m = [len(part) for part in parts]
-
-    def join(pieces: list[NDArray[Any] | None]) -> NDArray[Any]:
-        like = next(p for p in pieces if p is not None)
-        filled = [np.full((k, *like.shape[1:]), np.nan) if p is None else p for k, p in zip(m, pieces, strict=True)]
-        return np.concatenate(filled)
-
-    def of_kind(k: int) -> Intervals:
-        model = first.intervals[k]
-        chosen = [part.intervals[k] if part.intervals else None for part in parts]
-        beta, sigma, alpha, tilt = (
-            None if getattr(model, end) is None else join([None if c is None else getattr(c, end) for c in chosen])
-            for end in ("beta", "sigma", "alpha", "tilt")
-        )
-        return Intervals(model.kind, model.level, beta, sigma, alpha, model.blocks, model.note, tilt)
-
-    return Estimates(
-        first.estimator,
-        join([part.ok for part in parts]),
-        join([part.reason for part in parts]),
-        join([part.frames for part in parts]),
-        join([part.beta for part in parts]),
-        join([part.tilt_azimuth for part in parts]),
-        join([part.sigma for part in parts]),
-        join([part.alpha for part in parts]),
-        None if first.offset is None else join([part.offset for part in parts]),
-        tuple(of_kind(k) for k in range(len(first.intervals))),
-        {name: join([part.diagnostics.get(name) for part in parts]) for name in first.diagnostics},
+    columns = ("ok", "reason", "frames", "beta", "tilt_azimuth", "sigma", "alpha", "offset")
+    return replace(
+        model,
+        **{name: join(operator.attrgetter(name)) for name in columns},
+        intervals=tuple(interval(k) for k in range(len(model.intervals))),
+        diagnostics={name: join(diagnostic(name)) for name in model.diagnostics},
     )

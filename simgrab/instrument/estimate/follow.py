@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from simgrab.errors import CalibrationError
 from simgrab.instrument.estimate import intervals as iv
-from simgrab.instrument.estimate.contract import alpha_ends
+from simgrab.instrument.estimate.contract import alpha_ends, angles_of
 from simgrab.instrument.estimate.frames import check_record, gravity, groups, tangent_basis
-from simgrab.instrument.estimate.rope_aware import swings
+from simgrab.instrument.estimate.rope_aware import along_tilt, swings
 from simgrab.io.parse import read_toml
 from simgrab.io.strict import Checked, convert
 from simgrab.model.calibration import Calibration, Metres
@@ -135,25 +135,18 @@ def follow(
     uv, rope, _, sd = check_record(np.asarray(pixels, float)[None], rope_length, None, False, pixel_sd)
     covariance = np.array(tilt.covariance)[None]
     beta, azimuth = np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)])
-    basis = tangent_basis(beta, azimuth)
     (frames,) = groups(uv, rope, None, calibration, sd)
     lever = radial = None
     if tilt.offset_m is None:
-        turned = basis @ frames.rays
+        turned = tangent_basis(beta, azimuth) @ frames.rays
     else:
         assert rope is not None
         lever = 1 / rope
         with np.errstate(invalid="ignore"):  # no swing reaches a rope that is shorter than the offset
             across = swings(frames, lever, gravity(beta, azimuth), np.array([tilt.offset_m]))
-        c, s = np.cos(azimuth[0]), np.sin(azimuth[0])
-        square = np.sum(across**2, axis=1)
-        turned = np.concatenate(
-            [np.array([[-c, -s], [s, -c]]) @ across, np.sqrt(np.maximum(1 - square, 0))[:, None]], axis=1
-        )
-        radial = square * (calibration.offset_sd_m * lever) ** 2
-    sine = np.hypot(turned[:, 0], turned[:, 1])
-    alpha = np.arctan2(sine, turned[:, 2])
-    unit = turned[:, :2] / np.maximum(sine, 1e-300)[:, None]
+        turned = along_tilt(across, azimuth)
+        radial = np.sum(across**2, axis=1) * (calibration.offset_sd_m * lever) ** 2
+    alpha, unit = angles_of(turned)
     noise = np.zeros_like(alpha) if frames.noise is None else frames.noise
     quantile = iv.student(LEVEL, np.array([np.inf]))
     ends = alpha_ends(alpha, unit, covariance, quantile, lever, noise, radial)[0]

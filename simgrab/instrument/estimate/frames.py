@@ -8,7 +8,8 @@ an azimuth turns it into the jib frame, so gravity, seen in it, is ``(−sinβ c
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +18,7 @@ from simgrab.errors import RecordError
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, camera_rotation
 
-# Short records are worked on in groups of about this many frames, and what takes many passes over a long one goes by
-# stretches of as many: this bounds the memory and keeps the arrays in cache.
+# Records are worked on in groups of about this many frames, which bounds the memory.
 FRAMES_AT_ONCE = 1 << 16
 LATEST_S = 1e12  # before or after 0: doubles resolve 0.1 ms there, and milliseconds since 1970 are no seconds
 
@@ -60,25 +60,27 @@ class Frames:
 
     def median(self, values: Array) -> Array:
         """Median over the frames present, shape (M, n) → (M,)."""
-        # A missing frame is put beyond all others. numpy.median takes eight times as long as the partition.
-        seen = values if self.present is None else np.where(self.present, values, np.inf)
-        k = self.count.astype(np.int64)
-        middle = np.stack([(k - 1) // 2, k // 2], axis=-1)
-        parted = np.partition(seen, np.unique(middle), axis=-1)
-        return np.asarray(np.take_along_axis(parted, middle, axis=-1).mean(axis=-1))
+        if self.present is None:
+            return np.asarray(np.median(values, axis=-1))
+        return np.asarray(np.nanmedian(np.where(self.present, values, np.nan), axis=-1))
+
+    def places(self) -> tuple[NDArray[np.bool_], Array]:
+        """Whether each frame of the only record is there (n,), and its ray's x and y over the depth (n, 2), else 0."""
+        seen = np.ones(self.rays.shape[-1], bool) if self.present is None else self.present[0]
+        return seen, (self.rays[0, :2] / np.where(seen, -self.rays[0, 2], 1.0)).T
 
     def rows(self, keep: NDArray[np.bool_]) -> Frames:
         """Keep some of the records."""
         if keep.all():
             return self
-        return Frames(
-            self.rays[keep],
-            None if self.present is None else self.present[keep],
-            self.count[keep],
-            None if self.rope_length is None else self.rope_length[keep],
-            self.time,
-            None if self.noise is None else self.noise[keep],
-        )
+        present = None if self.present is None else self.present[keep]
+        rope, noise = (None if a is None else a[keep] for a in (self.rope_length, self.noise))
+        return Frames(self.rays[keep], present, self.count[keep], rope, self.time, noise)
+
+
+def interpolated(at: NDArray[Any], time: NDArray[Any], values: Array) -> Array:
+    """Values (n, k) at increasing times (n,), on lines between them, at others (m,): shape (m, k)."""
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=-1)
 
 
 def mount_from_camera(calibration: Calibration) -> Array:
@@ -150,45 +152,16 @@ def groups(
     """Rays of checked pixels (M, n, 2), as the picture has them, a few records at a time."""
     m, n = pixels.shape[:2]
     step = max(1, FRAMES_AT_ONCE // max(n, 1))
-    for first in range(0, m, step):
-        some = slice(first, min(first + step, m))
-        frames = _frames(pixels[some], None if rope is None else rope[some], time, calibration)
-        if pixel_sd is not None:
-            noise = np.nan_to_num(pixel_sd[some] / calibration.focal_length_px) ** 2
-            frames = replace(frames, noise=noise)
-        yield frames
-
-
-def stretches(values: Array, frames: int = FRAMES_AT_ONCE) -> Iterator[slice]:
-    """Slices of the last axis of an array (M, ..., n), of about so many frames of the M records together."""
-    n = values.shape[-1]
-    step = max(frames // len(values), 1)
-    for first in range(0, n, step):
-        yield slice(first, first + step)
-
-
-def _frames(pixels: Array, rope: Array | None, time: Array | None, calibration: Calibration) -> Frames:
-    camera = calibration.intrinsics
-    m, n = pixels.shape[:2]
-    xy = np.empty((m, 2, n))
-    np.subtract(pixels.swapaxes(1, 2), np.array([[camera.cx_px], [camera.cy_px]]), out=xy)
-    xy /= camera.f_px
-    if not camera.distortion.is_null:
-        xy = camera.distortion.remove(xy.swapaxes(1, 2)).swapaxes(1, 2)
-    rays = np.empty((m, 3, n))
-    np.matmul(mount_from_camera(calibration)[:2, :2], xy, out=rays[:, :2])
-    length = xy[:, 0] * xy[:, 0]
-    length += xy[:, 1] * xy[:, 1]
-    length += 1
-    np.sqrt(length, out=length)
-    np.divide(-1, length, out=rays[:, 2])
-    rays[:, 0] /= length
-    rays[:, 1] /= length
-    present = np.isfinite(length)
-    if present.all():
-        return Frames(rays, None, np.full(m, float(n)), rope, time)
-    rays = np.where(present[:, None], rays, 0.0)
-    return Frames(rays, present, present.sum(axis=-1).astype(float), rope, time)
+    for some in (slice(first, first + step) for first in range(0, max(m, 1), step)):
+        towards = calibration.intrinsics.rays(pixels[some]) @ mount_from_camera(calibration).T
+        rays = np.ascontiguousarray(towards.swapaxes(1, 2))
+        there = np.isfinite(rays[:, 0])
+        present = None if there.all() else there
+        if present is not None:
+            rays = np.where(present[:, None], rays, 0.0)
+        length = None if rope is None else rope[some]
+        noise = None if pixel_sd is None else np.nan_to_num(pixel_sd[some] / calibration.focal_length_px) ** 2
+        yield Frames(rays, present, there.sum(axis=-1).astype(float), length, time, noise)
 
 
 def gravity(beta: ArrayLike, azimuth: ArrayLike) -> Array:

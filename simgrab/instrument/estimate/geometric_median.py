@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.contract import FrameEstimator, Solution
 from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)
-class GeometricMedian(Estimator):
+class GeometricMedian(FrameEstimator):
     """Direction of least mean angle to the rays (Fletcher, Venkatasubramanian & Joshi 2009), by a safeguarded Newton.
 
     The angle α is smoothed to arccos(cosα/√(1+ε²)), with ε a thousandth of the mean angle from the mean ray: far
@@ -82,11 +82,7 @@ class GeometricMedian(Estimator):
 def _weights(frames: Frames, down: Array, epsilon2: Array) -> tuple[Array, Array]:
     """Cosine z of each ray to ``down``, and 1/√(sin² + ε²); both (M, n)."""
     z = (down[:, None] @ frames.rays)[:, 0]
-    w = z * z
-    np.subtract(1 + epsilon2[:, None], w, out=w)
-    np.maximum(w, epsilon2[:, None], out=w)
-    np.sqrt(w, out=w)
-    return z, np.divide(1, w, out=w)
+    return z, 1 / np.sqrt(np.maximum(1 + epsilon2[:, None] - z * z, epsilon2[:, None]))
 
 
 def _pull(frames: Frames, down: Array, w: Array) -> Array:

@@ -95,6 +95,13 @@ def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -
     return ends
 
 
+def split(covariance: Array, towards: Array) -> tuple[Array, Array]:
+    """Variance (...) along and across directions (..., 2), from covariances (..., 2, 2)."""
+    unit = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
+    along = np.einsum("...i,...ij,...j->...", unit, covariance, unit)
+    return along, np.trace(covariance, axis1=-2, axis2=-1) - along
+
+
 def skewness(influence: Array) -> Array:
     """Skewness (M,) of a mean of n terms (M, n) that add up to 0."""
     square = influence * influence

@@ -7,14 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.contract import FrameEstimator, Solution
 from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)
-class MeanRay(Estimator):
+class MeanRay(FrameEstimator):
     """Spherical mean of the rays: the most likely direction of von Mises–Fisher rays (Mardia & Jupp 2000, 10.3.1).
 
     Right whenever the swing has no preferred side. The paper's iteration is, to small angles, this mean projected on

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -204,9 +205,5 @@ def _degrees(value: float | Array | None) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    if value is None:
-        return None
-    if isinstance(value, np.ndarray) and value.ndim:
-        return [_plain(v) for v in value]
-    number = value.item() if isinstance(value, np.generic | np.ndarray) else value
-    return None if isinstance(number, float) and not np.isfinite(number) else number
+    """Turn arrays into lists, and what is not finite into None."""
+    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=lambda array: array.tolist()))

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from simgrab.instrument.estimate.circular_median import circular_median
-from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.contract import FrameEstimator, Solution
 from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tangent_basis
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
 
 @dataclass(frozen=True)
-class PaperIteration(Estimator):
+class PaperIteration(FrameEstimator):
     """Yu, Wang & Wang (2025), section 4.3: σ² from α, β from E[h/√(m²+h²)] = cosβ·exp(−σ²/2), and again.
 
     With ψ the angle of a ray from the optical axis, h/√(m²+h²) = cosψ, and each round computes
@@ -173,3 +172,37 @@ def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:
     density = frames.mean(near) / (2 * width[:, 0])
     # Without a preferred side the line is not determined at all; a tenth of the uniform density marks that.
     return np.asarray(np.sign(angle) * present / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])
+
+
+def circular_median(angles: ArrayLike) -> float:
+    """Direction of least mean arc to the angles (Mardia & Jupp 2000, 2.2.2), exactly, in O(n log n).
+
+    Parameters
+    ----------
+    angles : array_like, shape (n,)
+        Radians, any winding.
+
+    Returns
+    -------
+    float
+        In [0, 2π). Half of the angles lie to either side of the line through it, and most on its own half of the
+        circle. For an even number it is midway between the two middle angles. Over [0, 2π) as a mere interval a
+        median would depend on where the circle is cut.
+    """
+    t = np.sort(np.asarray(angles, float) % (2 * np.pi))
+    n = len(t)
+    twice = np.concatenate([t, t + 2 * np.pi])
+    total = np.concatenate([[0.0], np.cumsum(twice)])
+    k = np.arange(n)
+    half = np.searchsorted(twice, t + np.pi, side="right")  # first angle that is nearer going backwards
+    ahead = total[half] - total[k + 1] - (half - k - 1) * t
+    behind = (k + n - half) * (t + 2 * np.pi) - (total[k + n] - total[half])
+    arc: Array = ahead + behind
+    best = int(np.argmin(arc))
+    if n % 2:
+        return float(t[best])
+    level = arc[best] + 1e-9 * n
+    after, before = (best + 1) % n, best - 1
+    other = after if arc[after] <= min(level, arc[before]) else before if arc[before] <= level else best
+    gap = (t[other] - t[best] + np.pi) % (2 * np.pi) - np.pi
+    return float((t[best] + gap / 2) % (2 * np.pi))

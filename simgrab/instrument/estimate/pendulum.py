@@ -1,11 +1,13 @@
-"""A spherical pendulum of changing length, as the smoother sees it: its motion, and its place in the picture.
+"""A spherical pendulum of changing length, as the smoothers see it: its motion, and its place in the picture.
 
-State of a node in time: ``(s_x, s_y, p_x, p_y, a_x, a_y)``. s is the horizontal part of the unit vector n from O to
-A, in the jib frame. p is the angular momentum per mass about O, turned so that p = l²ṡ for small swings, over a
-fixed length squared. Since gravity's moment about O is n × g⃗ l whatever the rope does, ``ṗ = −g l s`` holds at
-every amplitude, and the rate of l, which a display in centimetres does not give, appears nowhere. a is the slow part
-of the forcing, wind and the jib's own acceleration over g: where the pendulum would come to rest. It forgets itself
-exponentially.
+s is the horizontal part of the unit vector n from O to A. p is the angular momentum per mass about O, turned so that
+p = l²ṡ for small swings, over a fixed length squared. Since gravity's moment about O is n × g⃗ l whatever the rope does,
+``ṗ = −g l s`` holds at every amplitude, and the rate of l, which a display in centimetres does not give, appears
+nowhere. a is the slow part of the forcing, wind and the jib's own acceleration over g: where the pendulum would come to
+rest. It forgets itself exponentially.
+
+`PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)`` in the jib frame, of which this module has the model;
+`simgrab.instrument.estimate.inertial.model` puts the same pendulum below a camera that turns and accelerates.
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from simgrab.instrument.estimate.chain import jacobian
+from simgrab.instrument.estimate.frames import Frames
 from simgrab.model.geometry import Array, lean
 
 GRAVITY = 9.81  # m/s²; the frequency parameter takes up what is wrong with it
@@ -24,7 +29,7 @@ PARAMETERS = 7
 STATE = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Links:
     """Steps between consecutive nodes.
 
@@ -46,22 +51,100 @@ class Links:
     length: float
     memory_s: float
 
+    @property
+    def fast(self) -> Array:
+        """Covariance (k, 2, 2) that white acceleration of 1 m²/s³ adds to s and p of an axis in each step."""
+        h, rope = self.step, (self.before + self.after) / 2
+        both = h**2 / (2 * self.length**2)
+        return np.moveaxis(np.array([[h**3 / (3 * rope**2), both], [both, h * rope**2 / self.length**4]]), -1, 0)
+
+    @property
+    def slow(self) -> Array:
+        """Variance (k, 1, 1) that slow forcing of unit variance adds to a of an axis in each step."""
+        return np.asarray(-np.expm1(-2 * self.step / self.memory_s))[:, None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Moments at which there is a state: the frames of a record, and those put into longer steps; k in all.
+
+    Attributes
+    ----------
+    time, rope : ndarray, shape (k,)
+    place : ndarray, shape (k, 2)
+        x and y of the grab over its depth, mount frame; 0 where nothing was seen.
+    seen : ndarray of bool, shape (k,)
+    frame : ndarray of int, shape (n,)
+        Node of each frame.
+    first : ndarray of bool, shape (k,)
+        Whether the step to the node is not bridged.
+    """
+
+    time: Array
+    rope: Array
+    place: Array
+    seen: NDArray[np.bool_]
+    frame: NDArray[np.int64]
+    first: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, record: Frames, some: slice, longest: float, cut: float = np.inf) -> Nodes:
+        """Take some frames of a single record; steps longer than ``longest`` are divided, up to ``cut``, s."""
+        assert record.time is not None
+        assert record.rope_length is not None
+        time, rope, (seen, place) = record.time[some], record.rope_length[0, some], record.places()
+        step = np.diff(time)
+        parts = np.where(step > cut, 1, np.maximum(np.ceil(step / longest - 1e-9), 1)).astype(np.int64)
+        frame = np.concatenate([[0], np.cumsum(parts)])
+        at = np.interp(np.arange(frame[-1] + 1), frame, time)
+        places, sees, first = np.zeros((len(at), 2)), np.zeros(len(at), bool), np.zeros(len(at), bool)
+        places[frame], sees[frame] = place[some], seen[some]
+        first[frame] = np.diff(time, prepend=-np.inf) > cut
+        first[0] = True
+        return cls(at, np.interp(at, time, rope), places, sees, frame, first)
+
+
+def of_axes(block: Array, first: int, size: int) -> Array:
+    """Put a matrix (k, m, m) of one horizontal axis for both into states of some size, whose x and y alternate."""
+    result = np.zeros((len(block), size, size))
+    for axis in (0, 1):
+        at = first + axis + 2 * np.arange(block.shape[-1])
+        result[:, at[:, None], at] = block
+    return result
+
+
+def turning(s: Array, p: Array, rope: Array) -> tuple[Array, Array]:
+    """ṡ (..., 2) of momenta p = l²ṡ (..., 2), and the vertical part n_z (...) of n.
+
+    The angular momentum is L = (p_y, −p_x, L_z), of which n·L = 0 gives the last; ṅ = L × n / l².
+    """
+    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
+    lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
+    turn = np.stack([-p[..., 0] * nz - lz * s[..., 1], lz * s[..., 0] - p[..., 1] * nz], axis=-1)
+    return turn / rope[..., None] ** 2, nz
+
+
+def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
+    """Where a picture of unit focal length shows the grab, (k, 2): x and y of the mount frame over the depth.
+
+    ``turn`` (..., 3, 3) is the rotation from the mount frame to that of s (k, 2) and of the camera's offset (..., 3).
+    """
+    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1, keepdims=True), 1e-6))
+    local = np.einsum("...ji,...j->...i", turn, np.concatenate([s, nz], axis=-1) * rope[:, None] - offset)
+    return np.asarray(local[:, :2] / -local[:, 2:])
+
 
 def _rates(x: Array, parameters: Array, rope: Array, length: float) -> Array:
-    s, p, lean_ = x[..., :2], x[..., 2:4] * length**2, x[..., 4:]
-    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
-    # Angular momentum L = (p_y, −p_x, L_z), of which n·L = 0 gives the last; ṅ = L × n / l².
-    lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
-    turn = np.stack([-p[..., 0] * nz - lz * s[..., 1], lz * s[..., 0] - p[..., 1] * nz], axis=-1) / rope[..., None] ** 2
-    omega = np.sqrt(GRAVITY / rope)
-    gravity = GRAVITY * rope * (1 + parameters[..., STIFFNESS])
-    drag = 2 * parameters[..., DAMPING] * omega
-    torque = gravity[..., None] * (lean_ - s) - drag[..., None] * p
-    return np.concatenate([turn, torque / length**2, np.zeros_like(lean_)], axis=-1)
+    s, p, a = x[:, :2], x[:, 2:4] * length**2, x[:, 4:]
+    turn, _ = turning(s, p, rope)
+    gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
+    drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
+    torque = gravity[:, None] * (a - s) - drag[:, None] * p
+    return np.concatenate([turn, torque / length**2, np.zeros_like(a)], axis=-1)
 
 
 def advance(x: Array, parameters: Array, links: Links) -> Array:
-    """States (..., k, 6) one step on, by Runge and Kutta's fourth-order rule; parameters (..., 1, 7)."""
+    """States (k, 6) one step on, by Runge and Kutta's fourth-order rule; parameters (7,)."""
     h = links.step[:, None]
     middle = (links.before + links.after) / 2
     a = _rates(x, parameters, links.before, links.length)
@@ -69,65 +152,25 @@ def advance(x: Array, parameters: Array, links: Links) -> Array:
     c = _rates(x + h / 2 * b, parameters, middle, links.length)
     d = _rates(x + h * c, parameters, links.after, links.length)
     result = x + h / 6 * (a + 2 * b + 2 * c + d)
-    result[..., 4:] *= np.exp(-h / links.memory_s)
+    result[:, 4:] *= np.exp(-h / links.memory_s)
     return np.asarray(result)
 
 
-def fast_precision(links: Links) -> Array:
-    """Inverse covariance (k, 6, 6) of what unit white acceleration (1 m²/s³ per axis) adds in a step to s and p."""
-    h, rope = links.step, (links.before + links.after) / 2
-    ss, sp, pp = h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
-    det = ss * pp - sp**2
-    inverse = np.zeros((len(h), STATE, STATE))
-    for axis in (0, 1):
-        inverse[:, axis, axis] = pp / det
-        inverse[:, axis, axis + 2] = inverse[:, axis + 2, axis] = -sp / det
-        inverse[:, axis + 2, axis + 2] = ss / det
-    return inverse
-
-
-def slow_precision(links: Links) -> Array:
-    """Inverse covariance (k, 6, 6) of what slow forcing of unit variance per axis adds in a step."""
-    inverse = np.zeros((len(links.step), STATE, STATE))
-    inverse[:, 4, 4] = inverse[:, 5, 5] = 1 / -np.expm1(-2 * links.step / links.memory_s)
-    return inverse
-
-
 def place(s: Array, parameters: Array, rope: Array) -> Array:
-    """Where a picture of unit focal length has the grab, (..., k, 2): x and y of the mount frame over the depth."""
-    tilt, offset = parameters[..., TILT], parameters[..., OFFSET]
-    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1, keepdims=True), 1e-6))
-    grab = np.concatenate([s, nz], axis=-1) * rope[:, None] - offset
-    turn = lean(np.hypot(tilt[..., 0], tilt[..., 1]), np.arctan2(tilt[..., 1], tilt[..., 0]))
-    local = np.einsum("...ji,...j->...i", turn, grab)
-    return np.asarray(local[..., :2] / -local[..., 2:])
+    """Where the picture has the grab, as `seen_from`, of swings s (k, 2)."""
+    tilt = parameters[TILT]
+    return seen_from(lean(np.hypot(*tilt), np.arctan2(tilt[1], tilt[0])), s, rope, parameters[OFFSET])
 
 
 def derivatives_of_advance(x: Array, parameters: Array, links: Links) -> tuple[Array, Array, Array]:
     """States one step on (k, 6), and their derivatives by the state (k, 6, 6) and the parameters (k, 6, 7)."""
-    step = 1e-6
-    moved = np.concatenate([np.eye(STATE), -np.eye(STATE)]) * step
-    by_state = advance(x + moved[:, None], parameters, links)
-    changed = np.tile(parameters, (4, 1, 1))
-    changed[[0, 1], 0, DAMPING] += (step, -step)
-    changed[[2, 3], 0, STIFFNESS] += (step, -step)
-    by_parameter = advance(np.broadcast_to(x, (4, *x.shape)), changed, links)
-    g = np.zeros((len(x), STATE, PARAMETERS))
-    g[:, :, DAMPING] = (by_parameter[0] - by_parameter[1]) / (2 * step)
-    g[:, :, STIFFNESS] = (by_parameter[2] - by_parameter[3]) / (2 * step)
-    f = np.moveaxis(by_state[:STATE] - by_state[STATE:], 0, -1) / (2 * step)
-    return advance(x, parameters, links), f, g
+    by_state = jacobian(lambda e: advance(x + e, parameters, links), STATE)
+    by_parameter = jacobian(lambda e: advance(x, parameters + e, links), PARAMETERS, (DAMPING, STIFFNESS))
+    return advance(x, parameters, links), by_state, by_parameter
 
 
-def derivatives_of_place(s: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by s (k, 2, 2) and the parameters (k, 2, 7)."""
-    step = 1e-6
-    moved = np.concatenate([np.eye(2), -np.eye(2)]) * step
-    by_s = place(s + moved[:, None], parameters, rope)
-    changed = np.tile(parameters, (10, 1, 1))
-    changed[:5, 0, :5] += np.eye(5) * step
-    changed[5:, 0, :5] -= np.eye(5) * step
-    by_parameter = place(np.broadcast_to(s, (10, *s.shape)), changed, rope)
-    d = np.zeros((len(s), 2, PARAMETERS))
-    d[:, :, :5] = np.moveaxis(by_parameter[:5] - by_parameter[5:], 0, -1) / (2 * step)
-    return place(s, parameters, rope), np.moveaxis(by_s[:2] - by_s[2:], 0, -1) / (2 * step), d
+def derivatives_of_place(x: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
+    """Places (k, 2), and their derivatives by the state (k, 2, 6) and the parameters (k, 2, 7)."""
+    by_state = jacobian(lambda e: place((x + e)[:, :2], parameters, rope), STATE, (0, 1))
+    by_parameter = jacobian(lambda e: place(x[:, :2], parameters + e, rope), PARAMETERS, range(OFFSET.stop))
+    return place(x[:, :2], parameters, rope), by_state, by_parameter

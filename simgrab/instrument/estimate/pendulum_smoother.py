@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
-from simgrab.instrument.estimate.contract import Estimator, Solution
-from simgrab.instrument.estimate.frames import Frames, tilt_of
-from simgrab.instrument.estimate.pendulum import DAMPING, OFFSET, STATE, STIFFNESS, TILT
-from simgrab.instrument.estimate.pendulum_fit import FAST, NOISE, SLOW, Fit, Nodes, Priors, first_path, fit, nodes_of
+from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
+from simgrab.instrument.estimate.motion import Motion, PathEstimator
+from simgrab.instrument.estimate.pendulum import DAMPING, OFFSET, STATE, STIFFNESS, TILT, Nodes
+from simgrab.instrument.estimate.pendulum_fit import PendulumFit, Priors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
+from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates, Intervals
 
 
 @dataclass(frozen=True)
-class PendulumSmoother(Estimator):
+class PendulumSmoother(PathEstimator):
     """Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
 
     Unknown are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors that
@@ -58,8 +58,6 @@ class PendulumSmoother(Estimator):
 
     name: ClassVar[str] = "pendulum-smoother"
     parameters: ClassVar[int] = 8  # tilt and horizontal offset, and the first position and velocity, two each
-    needs_rope: ClassVar[bool] = True
-    needs_time: ClassVar[bool] = True
 
     degrees: float = 4.0
     damping: float = 0.005
@@ -74,132 +72,74 @@ class PendulumSmoother(Estimator):
     searches: int = 10
     rounds: int = 30
 
-    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
-        raise NotImplementedError  # not a sum over frames: `_conclude` does it all
-
-    def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
-        records = [
-            self._one(frames.rows(np.arange(len(frames.count)) == i), calibration) for i in range(len(frames.count))
-        ]
-        table = {key: np.array([r[key] for r in records]) for key in records[0]}
-        offset = table.pop("offset")
-        posterior = Intervals(
-            "posterior", self.intervals.level, table.pop("beta_ends"), table.pop("sigma_ends"), table.pop("alpha_ends"),
-            None, "sigma is that of this record",
-        )  # fmt: skip
-        beta, azimuth, sigma, alpha = (table.pop(key) for key in ("beta", "azimuth", "sigma", "alpha"))
-        reason = table.pop("reason")
-        return Estimates(
-            self.name, np.array([not r for r in reason], bool), reason.astype(str), frames.count.astype(np.int64),
-            beta, azimuth, sigma, alpha, offset, (posterior, self._blocks(frames, sigma, alpha)), table,
-        )  # fmt: skip
-
-    def _one(self, frames: Frames, calibration: Calibration) -> dict[str, Any]:
-        assert frames.rope_length is not None
-        assert frames.time is not None
-        seen = np.ones(frames.time.shape, bool) if frames.present is None else frames.present[0]
-        ray = frames.rays[0]
-        place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
+    def _motion(self, frames: Frames, calibration: Calibration) -> Motion | str:
         rough = RopeAware().fit(frames, calibration)
         beta, azimuth = tilt_of(rough.down[0])
+        focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
         mean = np.array([0.0, 0.0, *calibration.offset_m, self.damping, 0.0])
-        sd = np.array(
-            [self.tilt_sd] * 2 + [max(calibration.offset_sd_m, 1e-4)] * 3 + [self.damping_sd, self.stiffness_sd]
-        )
-        priors = Priors(mean, sd, self.degrees, self.memory_s, self.node_s, self.cut_s)
+        sd = np.array([self.tilt_sd] * 2 + [offset_sd] * 3 + [self.damping_sd, self.stiffness_sd])
+        priors = Priors(mean, sd, self.degrees, self.memory_s, self.node_s, focal_px)
         start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *rough.offset[0], self.damping, 0.0])
-        swing = rough.swing[0].T
         try:
-            nodes, found = self._fit(frames.time, frames.rope_length[0], place, seen, swing, start, priors, calibration)
+            nodes, found = self._fit(frames, rough.swing[0].T, start, priors)
         except np.linalg.LinAlgError:
-            return self._nothing(len(seen), "the record's equations are singular")
-        if not found.settled:
-            return self._nothing(len(seen), f"not converged in {self.rounds} rounds")
-        return self._found(nodes, found, calibration.focal_length_px)
+            return "the record's equations are singular"
+        return self._found(nodes, found, focal_px) if found.converged else f"not converged in {self.rounds} rounds"
 
-    def _fit(
-        self, time: Array, rope: Array, place: Array, seen: NDArray[np.bool_], swing: Array, start: Array,
-        priors: Priors, calibration: Calibration,
-    ) -> tuple[Nodes, Fit]:  # fmt: skip
+    def _fit(self, frames: Frames, swing: Array, start: Array, priors: Priors) -> tuple[Nodes, PendulumFit]:
         """Fit a thinned record for the strengths where it is long, then the whole one."""
-        f = calibration.focal_length_px
-        nodes = nodes_of(time, rope, place, seen, priors)
-        whole = np.zeros((len(nodes.time), 2))
-        whole[nodes.frame] = swing
-        strengths = np.log([1e-3, 3 / f, 1e-3])
-        every = int(self.thin_s / np.median(np.diff(time)))
-        some = slice(None, None, every)
-        if len(time) <= self.thin_frames or every < 2 or np.sum(seen[some]) < self.parameters:
-            path = first_path(nodes, whole)
-            return nodes, fit(nodes, path, start, strengths, priors, f, self.searches, self.rounds)
-        thin, rough = self._thin(time[some], rope[some], place[some], seen[some], swing[some], start, priors, f)
-        path = np.stack([np.interp(nodes.time, thin.time, column) for column in rough.path.T], axis=-1)
-        return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, f, 0, self.rounds)
-
-    def _thin(
-        self, time: Array, rope: Array, place: Array, seen: NDArray[np.bool_], swing: Array, start: Array,
-        priors: Priors, f: float,
-    ) -> tuple[Nodes, Fit]:  # fmt: skip
-        nodes = nodes_of(time, rope, place, seen, priors)
-        whole = np.zeros((len(nodes.time), 2))
-        whole[nodes.frame] = swing
-        strengths = np.log([1e-3, 3 / f, 1e-3])
-        return nodes, fit(nodes, first_path(nodes, whole), start, strengths, priors, f, self.searches, self.rounds)
-
-    def _found(self, nodes: Nodes, found: Fit, f: float) -> dict[str, Any]:
-        tilt, covariance = found.parameters[TILT], found.minimum.covariance[TILT, TILT]
-        beta = float(np.hypot(*tilt))
-        quantile = iv.student(self.intervals.level, np.inf)
-        along, across = _split(covariance, tilt)
-        s = found.path[nodes.frame, :2]
-        alpha = np.arcsin(np.minimum(np.hypot(s[:, 0], s[:, 1]), 1.0))
-        sigma2 = float(np.mean(alpha**2))
-        of_swing = state_covariances(found.minimum, STATE)[nodes.frame, :2, :2]
-        gain = found.minimum.gain.reshape(-1, STATE, len(found.parameters))[nodes.frame, :2]
-        slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
-        var_sigma = float(slope @ found.minimum.covariance @ slope) / max(4 * sigma2, 1e-300)
-        return {
-            "reason": "",
-            "beta": beta,
-            "azimuth": float(np.arctan2(tilt[1], tilt[0]) % (2 * np.pi)),
-            "sigma": np.sqrt(sigma2),
-            "alpha": alpha,
-            "offset": found.parameters[OFFSET],
-            "beta_ends": iv.radial(np.array(beta), along, across, quantile),
-            "sigma_ends": iv.radial(np.array(np.sqrt(sigma2)), np.array(var_sigma), across, quantile),
-            "alpha_ends": iv.radial(alpha, *_split(of_swing, s), quantile),
-            "forcing": np.exp(found.strengths[FAST]),
-            "lean_sd": np.exp(found.strengths[SLOW]),
-            "noise_px": np.exp(found.strengths[NOISE]) * f,
-            "damping": found.parameters[DAMPING],
-            "stiffness": found.parameters[STIFFNESS],
-            "rounds": found.rounds,
-            "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / self.degrees)))),
-        }
-
-    def _nothing(self, n: int, reason: str) -> dict[str, Any]:
-        names = ("beta", "azimuth", "sigma", "forcing", "lean_sd", "noise_px", "damping", "stiffness")
-        shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
-        empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
-        return {"reason": reason, **dict.fromkeys(names, np.nan), **empty, "rounds": self.rounds, "outliers": 0}
-
-    def _blocks(self, frames: Frames, sigma: Array, alpha: Array) -> Intervals:
-        """σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
         assert frames.time is not None
-        level, settings = self.intervals.level, self.intervals
-        block, blocks = iv.block_of(frames.time, settings)
-        if blocks < settings.min_blocks:
-            return Intervals("blocks", level, None, None, None, blocks, iv.too_few(blocks, settings))
-        influence = (alpha**2 - sigma[:, None] ** 2)[:, None]
-        variance = iv.block_covariance(influence, np.full(len(sigma), float(len(block))), block, blocks)[:, 0, 0]
-        ends = iv.of_scale(sigma, variance, np.zeros(len(sigma)), np.full(len(sigma), iv.student(level, blocks - 1)))
-        return Intervals(
-            "blocks", level, None, ends, None, blocks, "of sigma alone; for beta and alpha see the posterior"
+        strengths = np.log([1e-3, 3 / priors.focal_px, 1e-3])
+        every = int(self.thin_s / np.median(np.diff(frames.time)))
+        nodes = Nodes.of(frames, slice(None), self.node_s, self.cut_s)
+        if len(swing) > self.thin_frames and every > 1:
+            some = slice(None, None, every)
+            thin = Nodes.of(frames, some, self.node_s, self.cut_s)
+            if thin.seen.sum() >= self.parameters:
+                path = first_path(thin, swing[some])
+                rough = fit(thin, path, start, strengths, priors, self.searches, self.rounds)
+                path = interpolated(nodes.time, thin.time, rough.path)
+                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, self.rounds)
+        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors, self.searches, self.rounds)
+
+    def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> Motion:
+        tilt, minimum = found.parameters[TILT], found.minimum
+        along, across = iv.split(minimum.covariance[TILT, TILT], tilt)
+        s = found.path[nodes.frame, :2]
+        gain = minimum.gain.reshape(-1, STATE, len(found.parameters))[nodes.frame, :2]
+        # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
+        slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
+        return Motion(
+            beta=float(np.hypot(*tilt)),
+            azimuth=float(np.arctan2(tilt[1], tilt[0]) % (2 * np.pi)),
+            tilt_variance=(along, across),
+            swing=s,
+            covariance=state_covariances(minimum, STATE)[nodes.frame, :2, :2],
+            sigma2_variance=float(slope @ minimum.covariance @ slope),
+            sigma_across=float(across),
+            offset=found.parameters[OFFSET],
+            diagnostics={
+                "forcing": np.exp(found.strengths[FAST]),
+                "lean_sd": np.exp(found.strengths[SLOW]),
+                "noise_px": np.exp(found.strengths[NOISE]) * focal_px,
+                "damping": found.parameters[DAMPING],
+                "stiffness": found.parameters[STIFFNESS],
+                "rounds": found.rounds,
+                "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / self.degrees)))),
+            },
         )
 
-
-def _split(covariance: Array, towards: Array) -> tuple[Array, Array]:
-    """Variance (...) along and across a direction (..., 2), from a covariance (..., 2, 2)."""
-    unit = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
-    along = np.einsum("...i,...ij,...j->...", unit, covariance, unit)
-    return along, np.trace(covariance, axis1=-2, axis2=-1) - along
+    def _state(self, frames: Frames, motion: Motion) -> Estimates:
+        """Add σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
+        found, level = super()._state(frames, motion), self.intervals.level
+        assert frames.time is not None
+        block, blocks = iv.block_of(frames.time, self.intervals)
+        ends, note = None, "of sigma alone; for beta and alpha see the posterior"
+        if blocks < self.intervals.min_blocks:
+            note = iv.too_few(blocks, self.intervals)
+        else:
+            influence = (found.alpha**2 - found.sigma[:, None] ** 2)[:, None]
+            variance = iv.block_covariance(influence, np.array([float(len(block))]), block, blocks)[:, 0, 0]
+            ends = iv.of_scale(found.sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
+        by_blocks = Intervals("blocks", level, None, ends, None, blocks, note)
+        return replace(found, intervals=(*found.intervals, by_blocks))

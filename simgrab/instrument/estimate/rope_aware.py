@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.estimate.contract import Estimator, Solution
-from simgrab.instrument.estimate.frames import Frames, stretches, tilt_of
+from simgrab.instrument.estimate.contract import FrameEstimator, Solution
+from simgrab.instrument.estimate.frames import Frames, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, lean
 
 
 @dataclass(frozen=True)
-class RopeAware(Estimator):
+class RopeAware(FrameEstimator):
     """Robust regression of the swing's direction on 1 and 1/l, with the calibration's offset as prior.
 
     A camera beside the rope exit sees a plumb rope under an angle of offset/l, a tilted one under the same angle
@@ -55,10 +55,7 @@ class RopeAware(Estimator):
         turned = np.zeros((len(beta), 5, 5))
         turned[:, :2, :2] = turned[:, 2:4, 2:4] = along
         turned[:, 4, 4] = 1
-        square = _squares(fit.swing)
-        swing = np.empty((len(beta), 3, square.shape[-1]))
-        np.matmul(along, fit.swing, out=swing[:, :2])
-        np.sqrt(np.maximum(1 - square, 0), out=swing[:, 2])
+        swing = along_tilt(fit.swing, azimuth)
         return Solution(
             reason=[self._why(e, bool(np.isfinite(b))) for e, b in zip(fit.error, beta, strict=True)],
             beta=beta,
@@ -67,12 +64,12 @@ class RopeAware(Estimator):
             swing=swing,
             lever=lever,
             known=turned @ known @ turned.swapaxes(1, 2),
-            radial=square * (calibration.offset_sd_m * lever) ** 2,
+            radial=_squares(fit.swing) * (calibration.offset_sd_m * lever) ** 2,
             offset=fit.offset,
             diagnostics={"iterations": fit.iterations, "offset_sd_m": sums.offset_sd(precision)},
         )
 
-    def fit(self, frames: Frames, calibration: Calibration) -> Fit:
+    def fit(self, frames: Frames, calibration: Calibration) -> RopeFit:
         """Alternate between the swings under the present tilt and offset, and the step that centres them."""
         assert frames.rope_length is not None
         nominal, precision = _prior(calibration)
@@ -99,8 +96,8 @@ class RopeAware(Estimator):
             iterations += live
             if not live.any():  # NaN rows end too
                 break
-        _move(swing, turn, shift, lever)
-        return Fit(down, offset, error, iterations, lever, swing, limit, sums)
+        swing = _moved(swing, turn, shift, lever)
+        return RopeFit(down, offset, error, iterations, lever, swing, limit, sums)
 
     def _why(self, error: float, finite: bool) -> str:
         if not finite:
@@ -109,8 +106,8 @@ class RopeAware(Estimator):
 
 
 @dataclass(frozen=True)
-class Fit:
-    """Where M fits came to rest.
+class RopeFit:
+    """Where M fits ended.
 
     Attributes
     ----------
@@ -159,18 +156,14 @@ class _Sums:
 
     @staticmethod
     def of(frames: Frames, lever: Array, swing: Array, limit: Array, unit: Array | None) -> _Sums:
-        m = len(limit)
-        slope, pull, square = np.zeros((m, 3)), np.zeros((m, 2, 2)), np.zeros(m)
-        for some in stretches(swing):
-            xy, k = swing[:, :, some], lever[:, some]
-            weight, inside = _weight(frames, xy, limit, some)
-            pulls = xy * weight[:, None]
-            weight += inside  # mean derivative of the two axes: half the weight, and within the limit 1
-            slope += np.stack([weight.sum(axis=-1), np.vecdot(weight, k), np.vecdot(weight, k * k)], axis=-1) / 2
-            pull += np.stack([pulls.sum(axis=-1), np.vecdot(pulls, k[:, None])], axis=-1)
-            if unit is None:
-                square += np.vecdot(pulls, pulls).sum(axis=-1)
-        return _Sums(slope, pull, square / (2 * np.maximum(slope[:, 0], 1e-300)) if unit is None else unit)
+        weight, inside = _weight(frames, swing, limit)
+        pulls = swing * weight[:, None]
+        weight = (weight + inside) / 2  # mean derivative of the two axes: half the weight, and within the limit 1
+        slope = np.stack([weight.sum(axis=-1), np.vecdot(weight, lever), np.vecdot(weight, lever * lever)], axis=-1)
+        pull = np.stack([pulls.sum(axis=-1), np.vecdot(pulls, lever[:, None])], axis=-1)
+        if unit is None:
+            unit = np.vecdot(pulls, pulls).sum(axis=-1) / (2 * np.maximum(slope[:, 0], 1e-300))
+        return _Sums(slope, pull, unit)
 
     def step(self, away: Array, precision: float) -> tuple[Array, Array]:
         """By how much to turn the rays and shift the camera, horizontally in the jib frame; (M, 2) each."""
@@ -200,34 +193,22 @@ class _Sums:
 
 def _squares(swing: Array) -> Array:
     """Square of the horizontal part of swings (M, 2, n), shape (M, n)."""
-    result = swing[:, 0] * swing[:, 0]
-    result += swing[:, 1] * swing[:, 1]
-    return result
+    return np.asarray(swing[:, 0] * swing[:, 0] + swing[:, 1] * swing[:, 1])
 
 
-def _weight(frames: Frames, xy: Array, limit: Array, some: slice) -> tuple[Array, NDArray[np.bool_]]:
-    """Huber's weight of swings (M, 2, k), and whether they lie within the limit; (M, k) each."""
-    size = _squares(xy)
-    np.sqrt(size, out=size)
-    inside = size <= limit[:, None]
-    weight = np.divide(limit[:, None], np.maximum(size, limit[:, None], out=size), out=size)
-    if frames.present is not None:
-        weight *= frames.present[:, some]
-        inside &= frames.present[:, some]
-    return weight, inside
+def _weight(frames: Frames, swing: Array, limit: Array) -> tuple[Array, Array]:
+    """Huber's weight min(1, limit/|s|) of swings s (M, 2, n), and 1 within the limit; (M, n), 0 at missing frames."""
+    size, limit = np.sqrt(_squares(swing)), limit[:, None]
+    present = 1.0 if frames.present is None else frames.present
+    return limit / np.maximum(size, limit) * present, np.asarray((size <= limit) * present, float)
 
 
-def _influence(frames: Frames, fit: Fit, swing: Array, precision: float) -> Array:
+def _influence(frames: Frames, fit: RopeFit, swing: Array, precision: float) -> Array:
     """Influence (M, 4, n) on gravity and minus offset, in the axes in which ``swing`` (M, 2, n) is given."""
     inverse = frames.count[:, None, None] * fit.sums.inverse(precision)
-    result = np.empty((len(swing), 2, 2, swing.shape[-1]))
-    for some in stretches(swing):
-        xy = swing[:, :, some]
-        pull = xy * _weight(frames, xy, fit.limit, some)[0][:, None]
-        for i in range(2):
-            share = inverse[:, i, 1, None] * fit.lever[:, some] + inverse[:, i, 0, None]
-            np.multiply(pull, share[:, None], out=result[:, i, :, some])
-    return result.reshape(len(swing), 4, -1)
+    pull = swing * _weight(frames, swing, fit.limit)[0][:, None]
+    shares = inverse[..., :1] + inverse[..., 1:] * fit.lever[:, None]
+    return np.concatenate([pull * shares[:, i, None] for i in range(2)], axis=1)
 
 
 def _prior(calibration: Calibration) -> tuple[Array, float]:
@@ -235,23 +216,20 @@ def _prior(calibration: Calibration) -> tuple[Array, float]:
     return np.asarray(calibration.offset_m, float), 1 / max(calibration.offset_sd_m, 1e-6) ** 2
 
 
-def _of_height(frames: Frames, fit: Fit, calibration: Calibration) -> Array:
+def _of_height(frames: Frames, fit: RopeFit, calibration: Calibration) -> Array:
     """Covariance (M, 5, 5), as above, of the offset's height, from the fit with the camera a deviation higher."""
     nominal, precision = _prior(calibration)
     moved = swings(frames, fit.lever, fit.down, fit.offset + (0.0, 0.0, calibration.offset_sd_m))
     sums = _Sums.of(frames, fit.lever, moved, fit.limit, fit.sums.unit)
     turn, shift = sums.step(fit.offset - nominal, precision)
-    _move(moved, turn, shift, fit.lever)
-    grown = frames.mean(_squares(moved)) - frames.mean(_squares(fit.swing))
+    grown = frames.mean(_squares(_moved(moved, turn, shift, fit.lever))) - frames.mean(_squares(fit.swing))
     change = np.concatenate([-turn, -shift, grown[:, None]], axis=-1)
     return np.asarray(change[:, :, None] * change[:, None, :])
 
 
-def _move(swing: Array, turn: Array, shift: Array, lever: Array) -> None:
-    """Take a short step within swings (M, 2, n)."""
-    for axis in range(2):
-        swing[:, axis] += shift[:, axis, None] * lever
-        swing[:, axis] += turn[:, axis, None]
+def _moved(swing: Array, turn: Array, shift: Array, lever: Array) -> Array:
+    """Swings (M, 2, n) after a short step."""
+    return swing + turn[..., None] + shift[..., None] * lever[:, None]
 
 
 def swings(frames: Frames, lever: Array, down: Array, offset: Array) -> Array:
@@ -260,25 +238,12 @@ def swings(frames: Frames, lever: Array, down: Array, offset: Array) -> Array:
     A is where a ray meets the sphere of radius l about O.
     """
     jib_from_mount = lean(*tilt_of(down))
-    turn = np.concatenate([jib_from_mount[:, :2], offset[:, None] @ jib_from_mount], axis=1)
-    square = np.sum(offset**2, axis=-1)[:, None]
-    result = np.empty((len(turn), 3, lever.shape[-1]))
-    for some in stretches(result):
-        k, of_some = lever[:, some], result[:, :, some]
-        np.matmul(turn, frames.rays[:, :, some], out=of_some)
-        ahead = of_some[:, 2]
-        ahead *= k
-        # From the camera to A over l: the root of |offset + λ·ray| = l, λ ahead.
-        way = k * k
-        way *= -square
-        way += 1
-        way += ahead * ahead
-        np.sqrt(way, out=way)
-        way -= ahead
-        for axis in range(2):
-            of_some[:, axis] *= way
-            of_some[:, axis] += np.multiply(k, offset[:, axis, None], out=ahead)
-    return result[:, :2]
+    x, y, ahead = np.moveaxis(np.concatenate([jib_from_mount[:, :2], offset[:, None] @ jib_from_mount], axis=1)
+                              @ frames.rays, 1, 0)  # fmt: skip
+    # From the camera to A over l: the root of |offset + λ·ray| = l.
+    ahead = ahead * lever
+    way = np.sqrt(1 - np.sum(offset**2, axis=-1)[:, None] * lever**2 + ahead**2) - ahead
+    return np.stack([x * way + lever * offset[:, :1], y * way + lever * offset[:, 1:2]], axis=1)
 
 
 def _turned(down: Array, turn: Array) -> Array:
@@ -286,6 +251,12 @@ def _turned(down: Array, turn: Array) -> Array:
     straight = np.concatenate([-turn, -np.ones_like(turn[:, :1])], axis=-1)
     turned = np.einsum("mji,mj->mi", lean(*tilt_of(down)), straight)
     return np.asarray(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+
+
+def along_tilt(swing: Array, azimuth: Array) -> Array:
+    """Turn horizontal parts of OA (M, 2, n), jib frame, into units (M, 3, n) along and across the tilt and down."""
+    down = np.sqrt(np.maximum(1 - _squares(swing), 0))
+    return np.concatenate([_along(azimuth) @ swing, down[:, None]], axis=1)
 
 
 def _along(azimuth: Array) -> Array:

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from simgrab.instrument.estimate.contract import Estimator, Solution
+from simgrab.instrument.estimate.contract import FrameEstimator, Solution
 from simgrab.instrument.estimate.frames import Frames
 from simgrab.model.calibration import Calibration
 
 
 @dataclass(frozen=True)
-class ZeroTilt(Estimator):
+class ZeroTilt(FrameEstimator):
     """Takes the optical axis for gravity: the simplification of Wu et al. (2020), who hang the camera straight.
 
     β is 0 by assumption and so has an interval of no width; σ and α carry the tilt as their error.

@@ -16,14 +16,13 @@ from simgrab.errors import RunError, SourceError
 from simgrab.instrument import alarm
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
-from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.follow import Known
-from simgrab.instrument.estimate.inertial.estimator import InertialFusion
 from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
+from simgrab.instrument.run.table import by_paper
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import Files, Source, camera_beside, fitting, open_source
 from simgrab.io.destination import check_new_folder
@@ -94,13 +93,19 @@ def run(
     opened = open_source(source, rate_hz=options.rate_hz)
     measure_source = _live if options.live or opened.live else _whole
     instrument = instrument or assemble(live=options.live or opened.live)
-    if opened.live and isinstance(instrument, Pipeline) and isinstance(instrument.estimator, InertialFusion):
+    if (
+        opened.live
+        and isinstance(instrument, Pipeline)
+        and instrument.estimator is not None
+        and instrument.estimator.needs_imu
+    ):
         raise RunError("an inertial sensor's readings are a recording, and a stream has no time in common with them")
     if out is None:
         return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened)
     with runs.making(Path(out)) as folder:
         found, overlay = measure_source(opened, camera, instrument, options, folder, progress)
         found = _named(found, opened)
+        found = replace(found, about=found.about | {"paper": by_paper(found)})
         runs.save(found, folder)
         if found.about["tilt"] is not None:
             tilt = msgspec.convert(found.about["tilt"], Known)
@@ -264,26 +269,15 @@ def _conclude(
 ) -> Run:  # fmt: skip
     measurements = tuple(measured)
     found = () if notes.time is None else alarm.events(notes.time, measurements, rule)
-    pixels = np.array([m.centre or (np.nan, np.nan) for m in measurements], float).reshape(-1, 2)
-    paper = PaperIteration().estimate(pixels, calibration)
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     about = {
         "simgrab": version("simgrab"),
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
-        "paper": estimate_json(paper) | _of_paper(paper),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
         "notes": list(notes.notes),
         "speed": speed,
     }  # fmt: skip
     return Run(instrument.name, source, calibration, notes.time, tuple(notes.names), measurements, found, about)
-
-
-def _of_paper(paper: Estimate) -> dict[str, Any]:
-    """Figures of this record that the paper gives for its own."""
-    if paper.alpha is None:
-        return {"share_below_5": None, "largest_alpha_deg": None}
-    alpha = np.rad2deg(paper.alpha[np.isfinite(paper.alpha)])
-    return {"share_below_5": float(np.mean(alpha <= 5)), "largest_alpha_deg": float(alpha.max())}

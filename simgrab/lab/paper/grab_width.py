@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, first_line
-from simgrab.instrument.estimate import GrabWidth, PaperIteration
+from simgrab.instrument.estimate import PaperIteration
+from simgrab.instrument.estimate.grab_width import swing_by_width
 from simgrab.io.parquet import read_table
 from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
@@ -88,7 +89,7 @@ def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> Gr
 
     width_m, drop = _lip()
     seen = _lip_width_px(np.array([table["keypoints"][i] for i in picked], float), calibration)
-    by_width = GrabWidth(width_m).angle(m[picked], seen, column["rope_length_m"][picked] + drop)
+    by_width = swing_by_width(m[picked], seen, column["rope_length_m"][picked] + drop, width_m)
     truth = np.deg2rad(column["alpha_deg"][picked])
     axis = float(vertical_direction(found.tilt_azimuth, np.deg2rad(calibration.roll_deg)))
     theta = calibration.intrinsics.polar(ideal[picked], axis)[1]

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgrab.errors import RecordError
+from simgrab.instrument import angles
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate import Estimator, PendulumSmoother, ZeroTilt
 from simgrab.instrument.estimate.frames import groups
+from simgrab.instrument.observation import Observation
+from simgrab.instrument.rope import Rope
 from simgrab.lab.rivals.contract import Series
-from simgrab.lab.rivals.tracking import Place, Tracker, flow, template
+from simgrab.lab.rivals.tracking import Tracker, flow, template
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
-from simgrab.model.records.estimates import Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,57 +43,32 @@ class Tracked:
 
 
 def conclude(
-    places: Sequence[Place], calibration: Calibration, estimator: Estimator, rope: Series | None = None
-) -> list[Measurement]:
-    """From a target's places to swings; without them the reason is the place's, or the estimator's."""
-    pixels = np.array([place.pixel or (np.nan, np.nan) for place in places], float).reshape(-1, 2)
+    observations: Sequence[Observation], calibration: Calibration, estimator: Estimator, rope: Series | None = None
+) -> Sequence[Measurement]:
+    """From a target's centres to swings; without them the reason is the observation's, or the estimator's."""
+    length = np.full(len(observations), np.nan)
+    time = [one.time_s for one in observations if one.time_s is not None]
+    if rope is not None and len(time) == len(observations):
+        length = rope.at(np.array(time))[:, 0]
+    record = angles.seen(observations, Rope(length, np.zeros(len(length), bool)))
+    alpha, ends = np.full(len(length), np.nan), np.full((len(length), 2), np.nan)
+    if estimator.needs_rope and np.isnan(length).any():
+        return angles.measurements(record, alpha, ends, f"{estimator.name} needs rope lengths, and frames with times")
     try:
-        estimate = _estimate(places, pixels, calibration, estimator, rope)
-        refusal = "" if estimate.ok else estimate.reason
+        estimate = angles.calibrate(record, calibration, estimator)
     except RecordError as problem:
-        estimate, refusal = None, str(problem)
-    if estimate is None or estimate.alpha is None:
-        alpha, ends = np.full(len(places), np.nan), None
-    else:
-        alpha, ends = estimate.alpha, _ends(estimate)
-    return [_measurement(place, alpha, ends, i, refusal) for i, place in enumerate(places)]
+        return angles.measurements(record, alpha, ends, str(problem))
+    if estimate.ok:
+        alpha, ends = angles.by_estimate(record, estimator, estimate)
+    return angles.measurements(record, alpha, ends, estimate.reason or "the estimator found no angle")
 
 
-def _estimate(
-    places: Sequence[Place], pixels: Array, calibration: Calibration, estimator: Estimator, rope: Series | None
-) -> Estimate:
-    timed = [place.time for place in places if place.time is not None]
-    time = np.array(timed) if len(timed) == len(places) and places else None
-    length = None
-    if estimator.needs_rope:
-        if rope is None or time is None:
-            raise RecordError(f"{estimator.name} needs rope lengths, and frames with times")
-        length = rope.at(time)[:, 0]
-    return estimator.estimate(pixels, calibration, rope_length=length, time=time)
-
-
-def _ends(estimate: Estimate) -> Array | None:
-    with_alpha = [interval.alpha for interval in estimate.intervals if interval.alpha is not None]
-    return with_alpha[0] if with_alpha else None
-
-
-def _measurement(place: Place, alpha: Array, ends: Array | None, i: int, refusal: str) -> Measurement:
-    if place.status != "ok":
-        return Measurement(status=place.status, reason=place.reason)
-    if refusal or not np.isfinite(alpha[i]):
-        return Measurement(status="refused", reason=refusal or "the estimator found no angle")
-    low, high = (None, None) if ends is None or not np.isfinite(ends[i]).all() else map(float, ends[i])
-    return Measurement(
-        status="ok", alpha=min(float(alpha[i]), np.pi / 2), alpha_low=low, alpha_high=high, centre=place.pixel
-    )
-
-
-def target_angles(places: Sequence[Place], calibration: Calibration) -> Series:
+def target_angles(observations: Sequence[Observation], calibration: Calibration) -> Series:
     """Angles of a target's rays along x and y of the jib frame, as if the camera were level; for `Sensors.target`."""
-    seen = [(place.time, place.pixel) for place in places if place.time is not None and place.pixel is not None]
+    seen = [(one.time_s, one.centre) for one in observations if one.time_s is not None and one.centre is not None]
     if len(seen) < 2:
         raise RecordError("the target was found in fewer than two pictures")
-    pixels = np.array([pixel for _, pixel in seen], float)
+    pixels = np.array([centre for _, centre in seen], float)
     (frames,) = groups(pixels[None], None, None, calibration)
     return Series(np.array([time for time, _ in seen]), np.arctan2(frames.rays[0, :2], -frames.rays[0, 2]).T)
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
 from simgrab.instrument.contract import Measurement
-from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, numbers, read_table
+from simgrab.instrument.estimate.frames import interpolated
+from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, check_times, read_columns
 from simgrab.model.geometry import Array
 
 QUANTILE = 1.959964
@@ -46,17 +47,13 @@ class Series:
                 f"time and values must have shapes (n,) and (n, k) with n of 2 or more, got {self.time.shape} and "
                 f"{self.values.shape}"
             )
-        for name, rows in (("time", self.time[:, None]), ("values", self.values)):
-            for row in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
-                raise RecordError(f"{name}, row {row + 1}: a finite number is needed")
-        for row in np.flatnonzero(np.diff(self.time) <= 0)[:1] + 1:
-            raise RecordError(
-                f"time, row {row + 1}: must increase, got {self.time[row]:.6f} s after {self.time[row - 1]:.6f} s"
-            )
+        check_times(self.time)
+        for row in np.flatnonzero(~np.isfinite(self.values).all(axis=1))[:1]:
+            raise RecordError(f"values, row {row + 1}: a finite number is needed")
 
     def at(self, time: Array) -> Array:
         """Values at times (m,) on lines between readings, shape (m, k); beyond the ends the last value holds."""
-        return np.stack([np.interp(time, self.time, column) for column in self.values.T], axis=-1)
+        return interpolated(time, self.time, self.values)
 
 
 def read_series(folder: str | Path, *columns: str) -> Series:
@@ -75,14 +72,10 @@ def read_series(folder: str | Path, *columns: str) -> Series:
         In one line: the file, and the row or column.
     """
     where = Path(folder) / "data.csv"
-    table = read_table(where)
-    for name in (STAMP, *columns):
-        if table.column_names.count(name) != 1:
-            raise RecordError(f"{where}: column {name!r} is missing; there are: {', '.join(table.column_names)}")
-    values = [numbers(where, table, name) for name in columns]
+    stamp, *values = read_columns(where, STAMP, *columns)
     values = [np.radians(v) if name.endswith("[deg]") else v for name, v in zip(columns, values, strict=True)]
     try:
-        return Series(numbers(where, table, STAMP) / 1e9, np.stack(values, axis=-1))
+        return Series(stamp / 1e9, np.stack(values, axis=-1))
     except RecordError as problem:
         raise RecordError(f"{where}: {problem}") from None
 

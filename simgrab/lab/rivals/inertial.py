@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from simgrab.errors import RecordError
+from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.lab.rivals.contract import Method, Sensors, Swing, refusing
 from simgrab.lab.rivals.kalman import (
-    START_LEAN,
-    START_SPEED,
+    START_SD,
     STEP_S,
     Model,
     Pendulum,
@@ -49,8 +49,7 @@ def accelerometer(mount: str) -> Method:
         steps = grid(imu)
         force = filled(averaged(imu.time, imu.force, steps))
         lean = np.arctan2(force[:, :2], force[:, 2:])
-        at = np.stack([np.interp(time, steps, column) for column in lean.T], axis=-1)
-        return Swing.of(at, reason=silent(imu.time, time))
+        return Swing.of(interpolated(time, steps, lean), reason=silent(imu.time, time))
 
     return method
 
@@ -89,7 +88,7 @@ def _attitude(imu: ImuReadings, time: Array) -> Array:
         filter_.update_no_magnetometer(turn, force)
         up = filter_.get_gravity()
         lean[i] = np.arctan2(up[:2], up[2])
-    return np.stack([np.interp(time, imu.time, column) for column in lean.T], axis=-1)
+    return interpolated(time, imu.time, lean)
 
 
 def gyro_pendulum(mount: str) -> Method:
@@ -120,7 +119,7 @@ def _gyroscope(mount: str, waves_m_s: float | None) -> Method:
         d = 6 if waves_m_s is None else 10
         a, noise = pendulum.rates(d), pendulum.noise(d)
         noise[:, 4:6] = BIAS_WALK**2 * STEP_S
-        start_sd = np.array([START_LEAN] * 2 + [START_SPEED] * 2 + [BIAS_SD] * 2)
+        start_sd = np.concatenate([START_SD, [BIAS_SD] * 2])
         # A rope that leans by θ along x turns about −y: the gyroscope reads (θ̇y, −θ̇x).
         reading = np.zeros((2, d))
         reading[0, 3], reading[1, 2] = 1, -1
@@ -132,12 +131,8 @@ def _gyroscope(mount: str, waves_m_s: float | None) -> Method:
                 noise[:, i] = 1e-4 * STEP_S
             reading[0, 6] = reading[1, 8] = 1
             start_sd = np.concatenate([start_sd, [0.02, 0.002, 0.02, 0.002]])
-        model = Model(
-            np.zeros(d), start_sd, advance(a), np.zeros((len(steps), d)), noise, reading,
-            np.zeros((len(steps), 2)), np.full(2, RATE_SD),
-        )  # fmt: skip
-        states, covariances = kalman(model, rate[:, :2])
-        return swing(time, steps, states, covariances, imu.time)
+        model = Model(start_sd, advance(a), noise, reading, np.full(2, RATE_SD))
+        return swing(time, steps, *kalman(model, rate[:, :2]), imu.time)
 
     return method
 
@@ -162,12 +157,11 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     # The inclinometer's own acceleration takes its share of apparent gravity: (θ + a/g)(1 − r/l).
     share = (1 - ROPE_M / pendulum.equivalent)[:, None]
     model = Model(
-        np.zeros(4), np.array([START_LEAN] * 2 + [START_SPEED] * 2), advance(pendulum.rates(4)),
-        pendulum.drive(4, force), pendulum.noise(4), share[..., None] * np.eye(2, 4),
-        share * force / STANDARD_GRAVITY, np.full(2, INCLINOMETER_SD),
+        START_SD, advance(pendulum.rates(4)), pendulum.noise(4), share[..., None] * np.eye(2, 4),
+        np.full(2, INCLINOMETER_SD), drive=pendulum.drive(4, force), known=share * force / STANDARD_GRAVITY,
     )  # fmt: skip
-    states, covariances = kalman(model, averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps))
-    found = swing(time, steps, states, covariances, imu.time)
+    readings = averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps)
+    found = swing(time, steps, *kalman(model, readings), imu.time)
     outside = (time < tilt.time[0]) | (time > tilt.time[-1])
     return found.without(outside, "the inclinometer does not last so long")
 
@@ -207,10 +201,10 @@ def jung(sensors: Sensors, time: Array) -> Swing:
     known[:, 2:] = -np.array(sensors.offset_m[:2]) / pendulum.length[:, None]
     start = np.zeros(10)
     start[6:8] = -force[:2] / force[2]
-    start_sd = np.repeat([START_LEAN, START_SPEED, BIAS_SD, LEVEL_SD, BIAS_SD], 2)
-    model = Model(start, start_sd, advance(a), drive, noise, reading, known, np.repeat([RATE_SD, TARGET_SD], 2))
-    states, covariances = kalman(model, np.hstack([rate[:, :2], averaged(target.time, target.values, steps)]))
-    found = swing(time, steps, states, covariances, imu.time)
+    start_sd = np.concatenate([START_SD, np.repeat([BIAS_SD, LEVEL_SD, BIAS_SD], 2)])
+    model = Model(start_sd, advance(a), noise, reading, np.repeat([RATE_SD, TARGET_SD], 2), start, drive, known)
+    readings = np.hstack([rate[:, :2], averaged(target.time, target.values, steps)])
+    found = swing(time, steps, *kalman(model, readings), imu.time)
     outside = (time < target.time[0]) | (time > target.time[-1])
     return found.without(outside, "the pictures do not last so long")
 

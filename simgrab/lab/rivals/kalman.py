@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
+from simgrab.instrument.estimate.chain import update
+from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.intervals import split
 from simgrab.lab.rivals.contract import Series, Swing
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
@@ -18,7 +21,7 @@ SILENT_S = 0.2
 """There is no angle where a sensor is silent for longer."""
 MOST_SD = np.radians(1.0)
 """There is no angle while a filter is less certain of it."""
-START_LEAN, START_SPEED = np.radians(10.0), 0.1
+START_SD = np.repeat([np.radians(10.0), 0.1], 2)
 """Standard deviations of a pendulum's state at the start, rad and rad/s."""
 LEAN, SPEED = slice(0, 2), slice(2, 4)
 """Of a pendulum's state: angles along x and y, rad, and their rates over the ground, rad/s."""
@@ -30,29 +33,29 @@ class Model:
 
     Attributes
     ----------
-    start : ndarray, shape (d,)
     start_sd : ndarray, shape (d,)
     advance : ndarray, shape (n, d, d)
         From one step to the next; the last is not used.
-    drive : ndarray, shape (n, d)
-        Added by each step.
     noise : ndarray, shape (n, d)
         Variances that each step adds.
     reading : ndarray, shape (m, d), or (n, m, d)
         What the readings are of the state.
-    known : ndarray, shape (n, m)
-        Added to them.
     reading_sd : ndarray, shape (m,)
+    start : ndarray, shape (d,), or float
+    drive : ndarray, shape (n, d), or float
+        Added by each step.
+    known : ndarray, shape (n, m), or float
+        Added to the readings.
     """
 
-    start: Array
     start_sd: Array
     advance: Array
-    drive: Array
     noise: Array
     reading: Array
-    known: Array
     reading_sd: Array
+    start: Array | float = 0.0
+    drive: Array | float = 0.0
+    known: Array | float = 0.0
 
 
 def kalman(model: Model, readings: Array) -> tuple[Array, Array]:
@@ -64,24 +67,20 @@ def kalman(model: Model, readings: Array) -> tuple[Array, Array]:
         After the reading of the step.
     covariances : ndarray, shape (n, d, d)
     """
-    n, d = model.drive.shape
-    x, p = model.start.copy(), np.diag(model.start_sd**2)
-    r = model.reading_sd**2
+    n, d = model.noise.shape
+    x, p = np.zeros(d) + model.start, np.diag(model.start_sd**2)
+    drive, r = np.broadcast_to(model.drive, (n, d)), model.reading_sd**2
     states, covariances = np.empty((n, d)), np.empty((n, d, d))
     h = np.broadcast_to(model.reading, (n, *model.reading.shape[-2:]))
-    seen = np.isfinite(readings)
+    left = readings - model.known
     for i in range(n):
-        if (some := np.flatnonzero(seen[i])).size:
+        if (some := np.flatnonzero(np.isfinite(readings[i]))).size:
             of_some = h[i, some]
-            ph = p @ of_some.T
-            gain = np.linalg.solve(of_some @ ph + np.diag(r[some]), ph.T).T
-            x = x + gain @ (readings[i, some] - model.known[i, some] - of_some @ x)
-            p = p - gain @ ph.T
-            p = (p + p.T) / 2
+            change, p = update(p, of_some, left[i, some] - of_some @ x, np.diag(r[some]))
+            x = x + change
         states[i], covariances[i] = x, p
-        x = model.advance[i] @ x + model.drive[i]
-        p = model.advance[i] @ p @ model.advance[i].T
-        p[np.diag_indices(d)] += model.noise[i]
+        x = model.advance[i] @ x + drive[i]
+        p = model.advance[i] @ p @ model.advance[i].T + np.diag(model.noise[i])
     return states, covariances
 
 
@@ -169,7 +168,7 @@ def averaged(time: Array, values: Array, at: Array) -> Array:
 def filled(values: Array) -> Array:
     """Values (n, k) whose rows of NaN lie on lines between their neighbours."""
     seen, i = np.isfinite(values).all(axis=1), np.arange(len(values))
-    return np.stack([np.interp(i, i[seen], column[seen]) for column in values.T], axis=-1)
+    return interpolated(i, i[seen], values[seen])
 
 
 def silent(time: Array, at: Array, most_s: float = SILENT_S) -> NDArray[np.str_]:
@@ -184,10 +183,9 @@ def silent(time: Array, at: Array, most_s: float = SILENT_S) -> NDArray[np.str_]
 
 def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Array, most_s: float = SILENT_S) -> Swing:
     """Return the swing at instants (m,) from a filter's states at steps (n,), whose sensor read at times (k,)."""
-    lean = np.stack([np.interp(at, steps, states[:, i]) for i in range(2)], axis=-1)
+    lean = interpolated(at, steps, states[:, LEAN])
     of_lean = covariances[np.clip(np.searchsorted(steps, at), 0, len(steps) - 1), LEAN, LEAN]
-    along = lean / np.maximum(np.linalg.norm(lean, axis=1, keepdims=True), 1e-12)
-    sd = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", along, of_lean, along), 0))
+    sd = np.sqrt(np.maximum(split(of_lean, lean)[0], 0))
     reason = silent(times, at, most_s)
     worst = np.sqrt(np.linalg.eigvalsh(of_lean)[:, -1])
     reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not settled", reason)

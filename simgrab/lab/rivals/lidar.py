@@ -13,10 +13,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from simgrab.errors import RecordError, first_line
+from simgrab.instrument.estimate.frames import interpolated
+from simgrab.instrument.estimate.inertial.readings import check_times
 from simgrab.lab.rivals.contract import Series, Swing
 from simgrab.lab.rivals.kalman import (
-    START_LEAN,
-    START_SPEED,
+    START_SD,
     Model,
     Pendulum,
     advance,
@@ -55,10 +56,7 @@ class Scans:
     def __post_init__(self) -> None:
         if self.time.shape != (len(self.points),) or not len(self.points):
             raise RecordError(f"times (n,) and n scans are needed, got {self.time.shape} and {len(self.points)}")
-        for row in np.flatnonzero(~np.isfinite(self.time))[:1]:
-            raise RecordError(f"time of scan {row + 1}: must be finite, got {self.time[row]:g}")
-        for row in np.flatnonzero(np.diff(self.time) <= 0)[:1] + 1:
-            raise RecordError(f"time of scan {row + 1}: must increase, got {self.time[row]:.6f} s")
+        check_times(self.time, "time of scan")
         for row, points in enumerate(self.points):
             if points.ndim != 2 or points.shape[1] != 3:
                 raise RecordError(f"scan {row + 1}: points must have shape (k, 3), got {points.shape}")
@@ -175,10 +173,7 @@ def lidar(scans: Scans, rest: Scans, time: Array, jib_m: float) -> Swing:
     depth = jib_m - grab[:, 2]
     lean = Series(at, np.arctan2((grab - jib - straight)[:, :2], depth[:, None]))
     steps = grid(lean)
-    pendulum = Pendulum(Series(at, depth[:, None]).at(steps)[:, 0].mean() * np.ones(len(steps)), np.zeros(len(steps)))
-    model = Model(
-        np.zeros(4), np.array([START_LEAN] * 2 + [START_SPEED] * 2), advance(pendulum.rates(4)),
-        np.zeros((len(steps), 4)), pendulum.noise(4), np.eye(2, 4), np.zeros((len(steps), 2)), np.full(2, LEAN_SD),
-    )  # fmt: skip
-    states, covariances = kalman(model, averaged(at, lean.values, steps))
-    return swing(time, steps, states, covariances, at, MOST_GAP_S)
+    length = interpolated(steps, at, depth[:, None]).mean() * np.ones(len(steps))
+    pendulum = Pendulum(length, np.zeros(len(steps)))
+    model = Model(START_SD, advance(pendulum.rates(4)), pendulum.noise(4), np.eye(2, 4), np.full(2, LEAN_SD))
+    return swing(time, steps, *kalman(model, averaged(at, lean.values, steps)), at, MOST_GAP_S)

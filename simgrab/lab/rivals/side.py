@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from simgrab.errors import PictureError, RecordError
 from simgrab.instrument.contract import Frame
-from simgrab.instrument.estimate.inertial.readings import STAMP, numbers, read_description, read_table
+from simgrab.instrument.estimate.inertial.readings import STAMP, check_times, numbers, read_description, read_table
 from simgrab.io import pictures
 from simgrab.lab.rivals.contract import Series, Swing
 from simgrab.lab.rivals.kalman import (
-    START_LEAN,
-    START_SPEED,
+    START_SD,
     Model,
     Pendulum,
     advance,
@@ -112,8 +111,7 @@ def read_view(folder: str | Path, origin_m: tuple[float, float, float] = (0.0, 0
     names, time = [str(name) for name in table["filename"].to_pylist()], numbers(where, table, STAMP) / 1e9
     for row in np.flatnonzero([Path(name).name != name for name in names])[:1]:
         raise RecordError(f"{where}: row {row + 1}: the name of a picture in data/ is needed, got {names[row]!r:.60}")
-    for row in np.flatnonzero(np.diff(time) <= 0)[:1] + 1:
-        raise RecordError(f"{where}: row {row + 1}: time must increase, got {time[row]:.6f} s")
+    check_times(time, f"{where}: time, row")
     centre = pose[:3, 3] + origin_m
     taken = _Pictures(folder / "data", tuple(names), tuple(time.tolist()))
     return View(folder.name, pose[:3, :3], centre, fu, (cu, cv), taken)
@@ -168,12 +166,8 @@ def filtered(readings: list[Readings], lengths: Series, time: Array) -> Swing:
     pendulum = Pendulum(lengths.at(steps)[:, 0], np.zeros(len(steps)))
     reading = np.concatenate(rows, axis=1)
     reading = np.concatenate([reading, np.zeros_like(reading)], axis=2)
-    model = Model(
-        np.zeros(4), np.array([START_LEAN] * 2 + [START_SPEED] * 2), advance(pendulum.rates(4)),
-        np.zeros((len(steps), 4)), pendulum.noise(4), reading, np.zeros((len(steps), len(sd))), np.array(sd),
-    )  # fmt: skip
-    states, covariances = kalman(model, np.concatenate(values, axis=1))
-    found = swing(time, steps, states, covariances, every, MOST_GAP_S)
+    model = Model(START_SD, advance(pendulum.rates(4)), pendulum.noise(4), reading, np.array(sd))
+    found = swing(time, steps, *kalman(model, np.concatenate(values, axis=1)), every, MOST_GAP_S)
     for one, some in zip(readings, seen, strict=True):
         found = found.without(_gone(one.time[some], time), f"{one.source} for more than {MOST_GAP_S:g} s")
     return replace(found, alpha=np.arctan(found.alpha))

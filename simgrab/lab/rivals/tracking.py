@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.contract import Frame, Picture, Status
+from simgrab.instrument.contract import Frame, Picture
 from simgrab.instrument.detect import Detector, detector
+from simgrab.instrument.observation import Observation
 from simgrab.model.geometry import Array
 
 PATCH = 0.6  # side of a template, as a share of the detected box's longer side
@@ -22,40 +22,18 @@ NOT_YET = "the target was not yet found"
 BACK_PX = 0.7  # how far a feature may end from where it began when followed forth and back
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a target is in one frame.
-
-    Attributes
-    ----------
-    time : float or None
-        s.
-    pixel : tuple of 2 floats, or None
-        (0, 0) is the outer corner of the top-left pixel.
-    status : str
-        As of a `simgrab.instrument.contract.Measurement`.
-    reason : str
-        Empty where there is a pixel.
-    """
-
-    time: float | None
-    pixel: tuple[float, float] | None
-    status: Status = "ok"
-    reason: str = ""
-
-
-Tracker = Callable[[Iterable[Frame]], Iterator[Place]]
-"""From the frames of a record, in order, to the target's place in each."""
+Tracker = Callable[[Iterable[Frame]], Iterator[Observation]]
+"""From the frames of a record, in order, to the target's centre in each."""
 
 
 def _grey(picture: Picture) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
-def _missing(frame: Frame, why: str) -> Place:
+def _missing(frame: Frame, why: str) -> Observation:
     if frame.picture is None:
-        return Place(frame.time_s, None, "lost", frame.reason or "no picture")
-    return Place(frame.time_s, None, "missed", why)
+        return Observation(frame.time_s, frame.name, lost=frame.reason or "no picture")
+    return Observation(frame.time_s, frame.name, missed=why)
 
 
 def _first(find: Detector, picture: Picture) -> tuple[Array, Array] | None:
@@ -77,7 +55,7 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
         Finds the target in the first picture; by default the bundled detector.
     """
 
-    def track(frames: Iterable[Frame]) -> Iterator[Place]:
+    def track(frames: Iterable[Frame]) -> Iterator[Observation]:
         find = detector() if start is None else start
         patch: NDArray[np.float32] | None = None
         centre, half, reach, shift = np.zeros(2), 0, 0, np.zeros(2)
@@ -97,7 +75,7 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
                 reach = max(int(SEARCH * side / 2), 4)
                 corner = np.floor(centre - half).astype(int)
                 patch, shift = _cut(grey, corner, 2 * half), centre - corner
-                yield Place(frame.time_s, _pair(centre))
+                yield Observation(frame.time_s, frame.name, centre=_pair(centre))
                 continue
             corner = np.floor(centre - shift + 0.5).astype(int)
             place, score = _match(_cut(grey, corner - reach, 2 * (half + reach)), patch)
@@ -108,7 +86,7 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
             if update:
                 now = _cut(grey, np.floor(centre - shift + 0.5).astype(int), 2 * half)
                 patch = np.asarray((1 - update) * patch + update * now, np.float32)
-            yield Place(frame.time_s, _pair(centre))
+            yield Observation(frame.time_s, frame.name, centre=_pair(centre))
 
     return track
 
@@ -143,7 +121,7 @@ def flow(start: Detector | None = None) -> Tracker:
     new ones within the moved box. Nothing corrects a drift.
     """
 
-    def track(frames: Iterable[Frame]) -> Iterator[Place]:
+    def track(frames: Iterable[Frame]) -> Iterator[Observation]:
         find = detector() if start is None else start
         before: NDArray[np.uint8] | None = None
         centre, corners, points = np.zeros(2), np.zeros((4, 2)), np.zeros((0, 2), np.float32)
@@ -169,13 +147,13 @@ def flow(start: Detector | None = None) -> Tracker:
             if len(points) < FEATURES / 2:
                 points = _corners(grey, corners, points)
             before = grey
-            yield Place(frame.time_s, _pair(centre))
+            yield Observation(frame.time_s, frame.name, centre=_pair(centre))
 
     return track
 
 
 def _corners(grey: NDArray[np.uint8], box: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Corners within a box, those that are followed already first; pixels as `Place` has them, shape (n, 2)."""
+    """Corners within a box, those that are followed already first; px, shape (n, 2)."""
     mask = np.zeros(grey.shape, np.uint8)
     cv2.fillConvexPoly(mask, np.rint(box).astype(np.int32), 255)
     new = cv2.goodFeaturesToTrack(grey, FEATURES, 0.01, 4, mask=mask)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
-from simgrab.instrument.estimate.contract import Estimator, Solution
-from simgrab.instrument.estimate.frames import Frames, mount_from_camera, tilt_of
-from simgrab.instrument.estimate.inertial.fit import FAST, NOISE, SLOW, Data, Fit, Path, Priors, fit
+from simgrab.instrument.estimate.frames import Frames, interpolated, mount_from_camera, tilt_of
+from simgrab.instrument.estimate.inertial.fit import Data, InertialFit, Path, Priors, fit
 from simgrab.instrument.estimate.inertial.model import (
     ACCELEROMETER,
     ATTITUDE,
@@ -28,18 +26,24 @@ from simgrab.instrument.estimate.inertial.model import (
     REACH,
     STATE,
     SWING,
+    VELOCITY,
     WIND,
     Links,
     heading,
 )
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.motion import Motion, PathEstimator
+from simgrab.instrument.estimate.pendulum import Nodes
 from simgrab.instrument.estimate.rope_aware import RopeAware
+from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import STANDARD_GRAVITY, Array, lean, rotation_z
-from simgrab.model.records.estimates import Estimates, Intervals
+from simgrab.model.records.estimates import Estimates
 
 LEVELLING_S = 30.0  # in which the first guess of the attitude follows the accelerometer
+START_SD = 0.3  # of the first s and p
+HEADING_SD = 1e-3  # rad: the level frame's heading is the first node's
 SMOOTH_FRAMES = 3.0  # standard deviation of the filter of the first guess of the swings
 MOST_EXCESS = 1.0  # m/s², of the mean specific force over g
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
@@ -54,9 +58,7 @@ class Start:
     Attributes
     ----------
     data : Data
-    fit : Fit
-    frame : ndarray of int, shape (n,)
-        Node of each frame.
+    fit : InertialFit
     priors : Priors
     rest : float
         Reading of the gyroscope about the optical axis while the jib stands, rad/s.
@@ -65,15 +67,14 @@ class Start:
     """
 
     data: Data
-    fit: Fit
-    frame: NDArray[np.int64]
+    fit: InertialFit
     priors: Priors
     rest: float
     excess: float
 
 
 @dataclass(frozen=True)
-class InertialFusion(Estimator):
+class InertialFusion(PathEstimator):
     """Attitude of the camera from an inertial sensor in its housing, and a pendulum that the same sensor drives.
 
     A camera that levels itself follows the apparent gravity as the grab does, and pictures cannot tell the two apart.
@@ -140,8 +141,7 @@ class InertialFusion(Estimator):
 
     name: ClassVar[str] = "inertial-fusion"
     parameters: ClassVar[int] = 21
-    needs_rope: ClassVar[bool] = True
-    needs_time: ClassVar[bool] = True
+    needs_imu: ClassVar[bool] = True
 
     imu: ImuReadings | None = None
     degrees: float = 4.0
@@ -176,38 +176,20 @@ class InertialFusion(Estimator):
             raise RecordError(f"{self.name} needs the readings of an inertial sensor in the camera's housing")
         return self.imu
 
-    def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
-        raise NotImplementedError  # not a sum over frames: `_conclude` does it all
-
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
         if len(frames.count) != 1:
             raise RecordError(f"{self.name} takes one record at a time: the sensor's readings belong to one")
-        found = self._one(frames, calibration, self.readings)
-        table = {key: np.array([value]) for key, value in found.items()}
-        reason, offset = table.pop("reason").astype(str), table.pop("offset")
-        posterior = Intervals(
-            "posterior", self.intervals.level, table.pop("beta_ends"), table.pop("sigma_ends"), table.pop("alpha_ends"),
-            None, "sigma is that of this record",
-        )  # fmt: skip
-        beta, azimuth, sigma, alpha = (table.pop(key) for key in ("beta", "azimuth", "sigma", "alpha"))
-        return Estimates(
-            self.name, reason == "", reason, frames.count.astype(np.int64), beta, azimuth, sigma, alpha, offset,
-            (posterior,), table,
-        )  # fmt: skip
+        return super()._conclude(frames, calibration)
 
-    def _one(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> dict[str, Any]:
-        assert frames.time is not None
-        begun = self.start(frames, calibration, imu)
-        if isinstance(begun, str):
-            return self._nothing(len(frames.time), begun)
-        return self._found(begun, calibration)
+    def _motion(self, frames: Frames, calibration: Calibration) -> Motion | str:
+        begun = self.start(frames, calibration, self.readings)
+        return begun if isinstance(begun, str) else self._found(begun, calibration)
 
     def start(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> Start | str:
         """Fit one record; returns why not where that cannot be."""
         assert frames.time is not None
         assert frames.rope_length is not None
-        time, rope = frames.time, frames.rope_length[0]
-        seen = np.ones(time.shape, bool) if frames.present is None else frames.present[0]
+        time, length = frames.time, float(frames.rope_length.mean())
         if reason := self.unfit(time, imu):
             return reason
         excess = imu.between(time[0] - 1, time[-1] + 1).excess
@@ -215,8 +197,6 @@ class InertialFusion(Estimator):
             force = excess + STANDARD_GRAVITY
             return f"the mean specific force is {force:.2f} m/s²; at rest it is 9.81: is the accelerometer in m/s²?"
         imu = imu.without_excess(excess)
-        ray = frames.rays[0]
-        place = (ray[:2] / np.where(seen, -ray[2], 1.0)).T
         rough = RopeAware().fit(frames, calibration)
         level = lean(*(float(angle) for angle in (a[0] for a in tilt_of(rough.down))))
         turn = mount_from_camera(calibration)
@@ -224,34 +204,31 @@ class InertialFusion(Estimator):
         rates = imu.rate @ (turn @ imu.camera_from_sensor).T
         rest = _at_rest(imu.time, rates[:, 2])
 
-        def at(some: slice) -> tuple[Data, NDArray[np.int64]]:
-            nodes, frame = _divided(time[some], self.node_s)
-            ropes = np.interp(nodes, time, rope)
-            places, sees = np.zeros((len(nodes), 2)), np.zeros(len(nodes), bool)
-            places[frame], sees[frame] = np.where(seen[some, None], place[some], 0.0), seen[some]
-            summed = preintegrate(nodes, imu, turn)
-            links = Links(summed, ropes[:-1], ropes[1:], float(rope.mean()), self.memory_s)
+        def at(some: slice) -> Data:
+            nodes = Nodes.of(frames, some, self.node_s)
+            summed = preintegrate(nodes.time, imu, turn)
+            links = Links.of(summed, nodes.rope, length, self.memory_s)
             turning = np.abs(summed.rate[:, 2] - rest)
             resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
-            return Data(nodes, ropes, places, sees, resting, links, calibration.focal_length_px), frame
+            return Data(**vars(nodes), resting=resting, links=links, focal_px=calibration.focal_length_px)
 
         every = max(min(int(self.thin_s / np.median(np.diff(time))), len(time) // self.parameters), 1)
         try:
             few = slice(None, None, every)
-            thin, _ = at(few if seen[few].sum() >= self.parameters else slice(None))
+            thin = at(few if frames.places()[0][few].sum() >= self.parameters else slice(None))
             first = self._first(thin, level, rough.offset[0], np.array([*rates[:, :2].mean(axis=0), rest]))
             found = fit(thin, first, first, priors, self.searches, self.rounds)
-            whole, frame = at(slice(None))
+            whole = at(slice(None))
             path = _refined(found.path, thin, whole)
             found = fit(whole, replace(path, state=_like(path, first)), path, priors, 0, self.rounds)
         except np.linalg.LinAlgError:
             return "pictures and sensor do not fit: are they of the same record?"
-        if not found.settled:
+        if not found.converged:
             return f"not converged in {self.rounds} rounds"
         odd = float(np.mean(found.path.weight < FREE))
         if odd > self.most_not_free:
             return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
-        return Start(whole, found, frame, priors, rest, excess)
+        return Start(whole, found, priors, rest, excess)
 
     def unfit(self, time: Array, imu: ImuReadings) -> str:
         """Say why readings do not cover frames at times (n,), or frames are too far apart; empty where all is well."""
@@ -277,13 +254,18 @@ class InertialFusion(Estimator):
         sd[OFFSET] = [max(calibration.offset_sd_m, 1e-4)] * 2 + [1e-6]
         sd[DAMPING], sd[LONGER], sd[REACH] = self.damping_sd, self.longer_sd_m, self.reach_sd_m
         sd[CROSS], sd[WIND] = self.cross_sd, self.wind_sd
+        first = np.full(STATE, np.inf)
+        first[ATTITUDE] = self.tilt_sd, self.tilt_sd, HEADING_SD
+        first[GYROSCOPE] = self.gyroscope_sd, self.gyroscope_sd, self.vertical_sd
+        first[ACCELEROMETER] = self.accelerometer_sd
+        first[SWING] = first[MOMENTUM] = START_SD
         # The densities are the maker's; aliasing, rounding and the model's own errors come on top.
-        return Priors(
-            mean, sd, self.tilt_sd, np.array([self.gyroscope_sd] * 2 + [self.vertical_sd]), self.accelerometer_sd,
-            1.2 * imu.gyroscope_noise_density + 5e-5, 1.2 * imu.gyroscope_random_walk + 1e-6,
-            1.2 * imu.accelerometer_noise_density + 2e-3, 1.2 * imu.accelerometer_random_walk + 1e-5,
-            self.speed, self.speed_s, self.rest_speed, self.degrees,
-        )  # fmt: skip
+        walk = np.zeros(STATE)
+        walk[ATTITUDE] = 1.2 * imu.gyroscope_noise_density + 5e-5
+        walk[VELOCITY] = 1.2 * imu.accelerometer_noise_density + 2e-3
+        walk[GYROSCOPE] = 1.2 * imu.gyroscope_random_walk + 1e-6
+        walk[ACCELEROMETER] = 1.2 * imu.accelerometer_random_walk + 1e-5
+        return Priors(mean, sd, first, walk, self.speed, self.speed_s, self.rest_speed, self.degrees)
 
     def _first(self, data: Data, level: Array, offset: Array, bias: Array) -> Path:
         """Guess a path: attitudes from a gyroscope of some bias (3,) about a tilt (3, 3), swings from the pixels."""
@@ -306,69 +288,47 @@ class InertialFusion(Estimator):
         grab += np.einsum("nij,j->ni", rotation_z(heading(attitude)), offset)
         swing = grab[:, :2] / np.linalg.norm(grab, axis=-1, keepdims=True)
         known = np.flatnonzero(data.seen)
-        for axis, column in enumerate(swing.T):
-            bridged = np.interp(np.arange(k), known, column[known])
-            state[:, SWING.start + axis] = scipy.ndimage.gaussian_filter1d(bridged, SMOOTH_FRAMES)
+        bridged = interpolated(np.arange(k), known, swing[known])
+        state[:, SWING] = scipy.ndimage.gaussian_filter1d(bridged, SMOOTH_FRAMES, axis=0)
         scale = (data.rope / data.links.length)[:, None] ** 2
         state[:, MOMENTUM] = np.gradient(state[:, SWING], data.time, axis=0) * scale
         strengths = np.log([1e-3, 1.5 / data.focal_px, 3e-3])
         return Path(attitude, state, parameters, strengths, np.ones(k - 1))
 
-    def _found(self, begun: Start, calibration: Calibration) -> dict[str, Any]:
-        data, found, frame = begun.data, begun.fit, begun.frame
-        path, level = found.path, self.intervals.level
-        covariance = state_covariances(found.minimum, STATE)[frame]
-        s = path.state[frame, SWING]
-        sine = np.hypot(s[:, 0], s[:, 1])
-        alpha = np.arcsin(np.minimum(sine, 1.0))
-        sigma2 = float(np.mean(alpha**2))
-        # An error of the offset's height makes all swings as much larger or smaller as it is a share of the rope.
-        height2 = (sine * calibration.offset_sd_m / data.rope[frame]) ** 2
-        along, across = _split(covariance[:, SWING, SWING], s)
-        quantile = iv.student(level, np.inf)
+    def _found(self, begun: Start, calibration: Calibration) -> Motion:
+        data, path, frame = begun.data, begun.fit.path, begun.data.frame
+        covariance, s = state_covariances(begun.fit.minimum, STATE)[frame], path.state[frame, SWING]
+        of_swing = covariance[:, SWING, SWING]
         down = -path.attitude[frame, 2].mean(axis=0)
-        beta, azimuth = tilt_of(down / np.linalg.norm(down))
-        tilt_var = covariance[:, ATTITUDE, ATTITUDE].mean(axis=0)
-        towards = np.array([-np.sin(azimuth), np.cos(azimuth)])  # about which β turns
-        tilt_along, tilt_across = _split(tilt_var[None, :2, :2], towards[None])
-        var_sigma = float(np.mean(along) * np.mean(alpha) ** 2 / max(sigma2, 1e-300))
-        return {
-            "reason": "",
-            "beta": float(beta),
-            "azimuth": float(azimuth),
-            "sigma": np.sqrt(sigma2),
-            "alpha": alpha,
-            "offset": path.parameters[OFFSET],
-            "beta_ends": iv.radial(np.array(float(beta)), tilt_along[0], tilt_across[0], quantile),
-            "sigma_ends": iv.radial(np.array(np.sqrt(sigma2)), np.array(var_sigma), np.array(0.0), quantile),
-            "alpha_ends": iv.radial(alpha, along + height2, across, quantile * self.widening),
-            "forcing": np.exp(path.strengths[FAST]),
-            "lean_sd": np.exp(path.strengths[SLOW]),
-            "wind": float(np.hypot(*path.parameters[WIND])),
-            "noise_px": np.exp(path.strengths[NOISE]) * data.focal_px,
-            "damping": path.parameters[DAMPING],
-            "longer_m": path.parameters[LONGER],
-            "reach_m": path.parameters[REACH],
-            "gyroscope_bias": float(np.abs(path.state[:, GYROSCOPE]).max()),
-            "not_free": float(np.mean(path.weight < FREE)),
-            "rounds": found.rounds,
-        }
-
-    def _nothing(self, n: int, reason: str) -> dict[str, Any]:
-        names = (
-            "beta", "azimuth", "sigma", "forcing", "lean_sd", "wind", "noise_px", "damping", "longer_m",
-            "reach_m", "gyroscope_bias", "not_free",
-        )  # fmt: skip
-        shapes = {"alpha": (n,), "offset": (3,), "beta_ends": (2,), "sigma_ends": (2,), "alpha_ends": (n, 2)}
-        empty = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
-        return {"reason": reason, **dict.fromkeys(names, np.nan), **empty, "rounds": 0}
-
-
-def _divided(time: Array, longest: float) -> tuple[Array, NDArray[np.int64]]:
-    """Divide long steps; returns the nodes' times, and which of them each frame is."""
-    parts = np.maximum(np.ceil(np.diff(time) / longest - 1e-9), 1).astype(np.int64)
-    frame = np.concatenate([[0], np.cumsum(parts)])
-    return np.interp(np.arange(frame[-1] + 1), frame, time), frame
+        beta, azimuth = (float(angle) for angle in tilt_of(down / np.linalg.norm(down)))
+        axis = np.array([-np.sin(azimuth), np.cos(azimuth)])  # about which β turns
+        along, across = iv.split(covariance[:, :2, :2].mean(axis=0), axis)
+        # An error of the offset's height makes all swings as much larger or smaller as it is a share of the rope.
+        stretch = np.hypot(*s.T) * calibration.offset_sd_m / data.rope[frame]
+        found = Motion(
+            beta=beta,
+            azimuth=azimuth,
+            tilt_variance=(along, across),
+            swing=s,
+            covariance=of_swing * self.widening**2,
+            sigma2_variance=0.0,
+            offset=path.parameters[OFFSET],
+            stretch_variance=(stretch * self.widening) ** 2,
+            diagnostics={
+                "forcing": np.exp(path.strengths[FAST]),
+                "lean_sd": np.exp(path.strengths[SLOW]),
+                "wind": float(np.hypot(*path.parameters[WIND])),
+                "noise_px": np.exp(path.strengths[NOISE]) * data.focal_px,
+                "damping": path.parameters[DAMPING],
+                "longer_m": path.parameters[LONGER],
+                "reach_m": path.parameters[REACH],
+                "gyroscope_bias": float(np.abs(path.state[:, GYROSCOPE]).max()),
+                "not_free": float(np.mean(path.weight < FREE)),
+                "rounds": begun.fit.rounds,
+            },
+        )
+        of_sigma2 = 4 * np.mean(iv.split(of_swing, s)[0]) * np.mean(found.alpha) ** 2
+        return replace(found, sigma2_variance=float(of_sigma2))
 
 
 def _at_rest(time: Array, rate: Array) -> float:
@@ -385,7 +345,7 @@ def _at_rest(time: Array, rate: Array) -> float:
 def _refined(path: Path, thin: Data, whole: Data) -> Path:
     """Carry a path over to more nodes; attitudes go on by the gyroscope from the last node before."""
     last = np.clip(np.searchsorted(thin.time, whole.time, side="right") - 1, 0, len(thin.time) - 1)
-    state = np.stack([np.interp(whole.time, thin.time, column) for column in path.state.T], axis=-1)
+    state = interpolated(whole.time, thin.time, path.state)
     attitude = np.empty((len(whole.time), 3, 3))
     summed: Preintegrated = whole.links.imu
     bias = state[:-1, GYROSCOPE] + path.parameters[CROSS] * summed.rate[:, 2:]
@@ -402,10 +362,3 @@ def _like(path: Path, first: Path) -> Array:
     state = path.state.copy()
     state[0, GYROSCOPE], state[0, ACCELEROMETER] = first.state[0, GYROSCOPE], first.state[0, ACCELEROMETER]
     return state
-
-
-def _split(covariance: Array, towards: Array) -> tuple[Array, Array]:
-    """Variance (n,) along and across directions (n, 2), from covariances (n, 2, 2)."""
-    unit = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
-    along = np.einsum("ni,nij,nj->n", unit, covariance, unit)
-    return along, np.trace(covariance, axis1=-2, axis2=-1) - along

@@ -7,13 +7,13 @@ stiff would rather take the pixels there for outliers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear
+from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear, prior
 from simgrab.instrument.estimate.inertial.model import (
     ACCELEROMETER,
     ATTITUDE,
@@ -21,8 +21,6 @@ from simgrab.instrument.estimate.inertial.model import (
     GYROSCOPE,
     LEAN,
     LONGER,
-    MOMENTUM,
-    PARAMETERS,
     REACH,
     STATE,
     SWING,
@@ -32,19 +30,17 @@ from simgrab.instrument.estimate.inertial.model import (
     derivatives_of_place,
 )
 from simgrab.instrument.estimate.inertial.preintegration import rotation, rotation_vector
+from simgrab.instrument.estimate.pendulum import Nodes, of_axes
+from simgrab.instrument.estimate.strengths import NOISE, Weighed
 from simgrab.model.geometry import Array
 
-# Strengths, as logarithms: white acceleration (m²/s³ per axis), pixel noise (over h), slow forcing (rad per axis).
-FAST, NOISE, SLOW = 0, 1, 2
 LOOSE, STIFFER, START_FAST = 0.1, 0.3, 1e-3  # m²/s³, of the first round; factor of each of the next, down to the last
 LOOSE_ROUNDS, FIRST_WEIGHED, FIRST_SEARCH = 9, 5, 9
 WINDOW_S = 2.0  # over which forces are averaged to find a grab that does not swing freely
 NATURAL_FAST, NATURAL_SLOW, BEYOND = 1e-4, 0.005, 9.0  # forces as wind has them, and how many times them are too many
 LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # at the end those of the record itself count, but no less than these
-START_SD = 0.3  # of the first s and p
-HEADING_SD = 1e-3  # rad: the level frame's heading is the first node's
 LEAST_FORCING = 3e-5  # m²/s³: no pendulum of two numbers describes a grab better
-SETTLED_RAD = 5e-5
+CONVERGED_RAD = 5e-5
 
 
 @dataclass(frozen=True)
@@ -55,14 +51,10 @@ class Priors:
     ----------
     mean, sd : ndarray, shape (11,)
         Of the parameters.
-    tilt_sd : float
-        Of the first attitude, rad per axis.
-    gyroscope_sd : ndarray, shape (3,)
-        Of the first bias, rad/s.
-    accelerometer_sd : float
-        Of the first bias, m/s².
-    rate_density, rate_walk, force_density, force_walk : float
-        Of the noise, as in `ImuReadings`, and what the model leaves out.
+    first_sd : ndarray, shape (16,)
+        Of the first state about that of a first guess; infinite where nothing is known.
+    walk : ndarray, shape (16,)
+        By how much the sensor's noise moves the state in a second.
     speed, speed_s : float
         Standard deviation of the camera's velocity per axis, m/s, and how long it takes to become another one, s.
     rest_speed : float
@@ -73,13 +65,8 @@ class Priors:
 
     mean: Array
     sd: Array
-    tilt_sd: float
-    gyroscope_sd: Array
-    accelerometer_sd: float
-    rate_density: float
-    rate_walk: float
-    force_density: float
-    force_walk: float
+    first_sd: Array
+    walk: Array
     speed: float
     speed_s: float
     rest_speed: float
@@ -87,24 +74,17 @@ class Priors:
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class Data(Nodes):
     """What a record has at k nodes.
 
     Attributes
     ----------
-    time, rope : ndarray, shape (k,)
-    place : ndarray, shape (k, 2)
-        0 where nothing was seen.
-    seen, resting : ndarray of bool, shape (k,)
-        Whether there is a pixel, and whether the jib does not slew.
+    resting : ndarray of bool, shape (k,)
+        Whether the jib does not slew.
     links : Links
     focal_px : float
     """
 
-    time: Array
-    rope: Array
-    place: Array
-    seen: NDArray[np.bool_]
     resting: NDArray[np.bool_]
     links: Links
     focal_px: float
@@ -132,16 +112,16 @@ class Path:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """A path, what is known of it, how many rounds it took, and whether it settled."""
+class InertialFit:
+    """A path, what is known of it, how many rounds it took, and whether it converged."""
 
     path: Path
     minimum: Minimum
     rounds: int
-    settled: bool
+    converged: bool
 
 
-def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rounds: int) -> Fit:
+def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rounds: int) -> InertialFit:
     """Fit from a rough path; at most so many rounds search for the strengths.
 
     Parameters
@@ -159,7 +139,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
     numpy.linalg.LinAlgError
         If the record determines no path.
     """
-    path, settled, loose, last = start, False, searches > 0, 0
+    path, converged, loose, last = start, False, searches > 0, 0
     for done in range(rounds):
         last = done
         bound = priors
@@ -168,23 +148,23 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
             path = replace(path, strengths=np.array([np.log(fast), *path.strengths[1:]]))
             bound = _without_frequency(priors)
         weigh = "" if not loose or done < FIRST_WEIGHED else "natural" if done < FIRST_SEARCH else "own"
-        problem = _Problem(data, path, first, bound, weigh if searches else "")
-        path = replace(path, weight=problem.weight)
+        posterior, weight = _linearised(data, path, first, bound, weigh if searches else "")
+        path = replace(path, weight=weight)
         if searches and done >= FIRST_SEARCH:
             before = path.strengths
-            path = replace(path, strengths=problem.search(before, wide=done == FIRST_SEARCH))
+            path = replace(path, strengths=posterior.search(before, wide=done == FIRST_SEARCH))
             still = np.abs(path.strengths - before) < (np.inf, 0.05, 0.3)
             searches = 0 if still.all() else searches - 1
-        best = _hanging(problem.at(path.strengths).minimise(), path)
+        best = _hanging(posterior.at(path.strengths).minimise(), path)
         change = best.states.reshape(-1, STATE)
         path = path.moved(change, best.parameters)
         if not np.isfinite(path.state).all() or np.abs(path.state[:, SWING]).max() > 1:
             raise np.linalg.LinAlgError("diverged")
-        settled = float(np.abs(change[:, SWING]).max()) < SETTLED_RAD
-        if settled and not searches and (not loose or done > FIRST_SEARCH):
+        converged = float(np.abs(change[:, SWING]).max()) < CONVERGED_RAD
+        if converged and not searches and (not loose or done > FIRST_SEARCH):
             break
-    problem = _Problem(data, path, first, priors, "")
-    return Fit(path, problem.at(path.strengths).minimise(), last + 1, settled)
+    posterior, _ = _linearised(data, path, first, priors, "")
+    return InertialFit(path, posterior.at(path.strengths).minimise(), last + 1, converged)
 
 
 def _hanging(best: Minimum, path: Path) -> Minimum:
@@ -203,102 +183,62 @@ def _without_frequency(priors: Priors) -> Priors:
     return replace(priors, sd=sd)
 
 
-@dataclass(eq=False)
-class _Problem:
-    """The record's posterior about one path, each part to be scaled by its strength."""
+def _linearised(data: Data, path: Path, first: Path, priors: Priors, weigh: str) -> tuple[Weighed, Array]:
+    """Linearise the posterior about a path; also the weights of its steps, new ones where ``weigh`` states a way."""
+    links, k = data.links, len(path.state)
+    residual, by_state, by_parameter = derivatives_of_advance(path.attitude, path.state, path.parameters, links)
+    ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
+    fast = of_axes(np.asarray(np.linalg.inv(links.fast)), SWING.start, STATE)
+    slow = of_axes(1 / links.slow, LEAN.start, STATE)
+    weight = path.weight
+    if weigh:
+        across = max(int(WINDOW_S / np.median(links.step)), 1)
+        beyond = np.ones(k - 1)
+        for precision, freedom, natural, least in (
+            (fast, 4, NATURAL_FAST, LEAST_FAST), (slow, 2, NATURAL_SLOW**2, LEAST_SLOW**2),
+        ):  # fmt: skip
+            force = np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom
+            force = scipy.ndimage.uniform_filter1d(force, across)
+            usual = natural if weigh == "natural" else max(2 * float(np.median(force)), least)
+            beyond = np.maximum(beyond, force / (BEYOND * usual))
+        weight = np.minimum(path.weight, beyond**-2.0) if weigh == "natural" else beyond**-2.0
 
-    data: Data
-    path: Path
-    first: Path
-    priors: Priors
-    weigh: str
-    weight: Array = field(init=False)
+    def steps(precision: Array) -> Quadratic:
+        return linear(-by_state, -by_parameter, residual, precision, ahead)
 
-    def __post_init__(self) -> None:
-        data, path = self.data, self.path
-        residual, by_state, by_parameter = derivatives_of_advance(
-            path.attitude, path.state, path.parameters, data.links
-        )
-        k, step = len(path.state), data.links.imu.step
-        ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
-        fast, slow = _fast_precision(data.links), _slow_precision(data.links)
-        self.weight = path.weight
-        if self.weigh:
-            across = max(int(WINDOW_S / np.median(step)), 1)
-            beyond = np.ones(k - 1)
-            for precision, freedom, natural, least in (
-                (fast, 4, NATURAL_FAST, LEAST_FAST), (slow, 2, NATURAL_SLOW**2, LEAST_SLOW**2),
-            ):  # fmt: skip
-                force = np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom
-                force = scipy.ndimage.uniform_filter1d(force, across)
-                usual = natural if self.weigh == "natural" else max(2 * float(np.median(force)), least)
-                beyond = np.maximum(beyond, force / (BEYOND * usual))
-            self.weight = np.minimum(path.weight, beyond**-2.0) if self.weigh == "natural" else beyond**-2.0
+    noise = np.broadcast_to(priors.walk**2, (k - 1, STATE)) * links.step[:, None]
+    of_sensor = np.divide(1, noise, where=noise > 0, out=np.zeros_like(noise))[:, :, None] * np.eye(STATE)
+    of_lean, nothing = np.zeros((k, STATE)), np.zeros_like(path.parameters)
+    of_lean[0, LEAN] = 1
+    posterior = Weighed(
+        steps(of_sensor) + _prior(data, path, first, priors),
+        steps(fast * weight[:, None, None]),
+        _places(data, path, priors.degrees),
+        steps(slow * weight[:, None, None]) + prior(path.state, of_lean, nothing, nothing),
+        k - 1, int(data.seen.sum()), k - 1, data.focal_px, LEAST_FORCING,
+    )  # fmt: skip
+    return posterior, weight
 
-        def steps(precision: Array) -> Quadratic:
-            return linear(-by_state, -by_parameter, residual, precision, ahead)
 
-        self._sensor = steps(_sensor_precision(self.priors, step)) + self._prior()
-        self._fast, self._slow = (steps(of * self.weight[:, None, None]) for of in (fast, slow))
-        self._slow = self._slow + _about(self.path.state, LEAN, [0], 1.0)
-        self._places = self._see()
-        f = data.focal_px
-        self._low, self._high = np.log([LEAST_FORCING, 0.05 / f, 1e-5]), np.log([1.0, 50 / f, 0.1])
+def _places(data: Data, path: Path, degrees: float) -> Quadratic:
+    at, by_state, by_parameter = derivatives_of_place(path.attitude, path.state, path.parameters, data.rope)
+    error = data.place - at
+    square = np.sum(error**2, axis=-1) * np.exp(-2 * path.strengths[NOISE])
+    weight = data.seen * (degrees + 2) / (degrees + square)
+    return linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
 
-    def _see(self) -> Quadratic:
-        data, path, priors = self.data, self.path, self.priors
-        at, by_state, by_parameter = derivatives_of_place(path.attitude, path.state, path.parameters, data.rope)
-        error = data.place - at
-        square = np.sum(error**2, axis=-1) * np.exp(-2 * path.strengths[NOISE])
-        weight = data.seen * (priors.degrees + 2) / (priors.degrees + square)
-        return linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
 
-    def _prior(self) -> Quadratic:
-        """Collect what is known of the first node, of the velocity at all of them, and of the parameters."""
-        path, first, priors = self.path, self.first, self.priors
-        k, step = len(path.state), self.data.links.imu.step
-        off = path.state.copy()
-        off[0, ATTITUDE] = rotation_vector(first.attitude[0].T @ path.attitude[0])
-        off[0, GYROSCOPE] -= first.state[0, GYROSCOPE]
-        off[0, ACCELEROMETER] -= first.state[0, ACCELEROMETER]
-        precision = np.zeros((k, STATE))
-        precision[0, ATTITUDE] = np.array([priors.tilt_sd, priors.tilt_sd, HEADING_SD]) ** -2.0
-        precision[0, GYROSCOPE] = priors.gyroscope_sd**-2.0
-        precision[0, ACCELEROMETER] = priors.accelerometer_sd**-2.0
-        precision[0, SWING] = precision[0, MOMENTUM] = START_SD**-2.0
-        steps = np.concatenate([step[:1], step])
-        precision[:, VELOCITY] = velocity_precision(path.state[:, VELOCITY], self.data.resting, steps, priors)[:, None]
-        away = (priors.mean - path.parameters) / priors.sd
-        band = np.zeros((2 * STATE, k * STATE))
-        band[0] = precision.ravel()
-        return Quadratic(
-            band, np.zeros((k * STATE, PARAMETERS)), np.diag(priors.sd**-2.0), -(precision * off).ravel(),
-            away / priors.sd, float(away @ away + np.sum(precision * off**2)),
-        )  # fmt: skip
-
-    def at(self, strengths: Array) -> Quadratic:
-        """Twice the negative log posterior, but for a constant."""
-        fast, noise, slow = np.exp(-strengths[FAST]), np.exp(-2 * strengths[NOISE]), np.exp(-2 * strengths[SLOW])
-        return self._sensor + self._fast * fast + self._places * noise + self._slow * slow
-
-    def search(self, strengths: Array, wide: bool) -> Array:
-        """Strengths that make the record likeliest (Laplace), with a prior as the fourth root of the slow one."""
-        links, seen = len(self.weight), int(self.data.seen.sum())
-
-        def minus_log(v: Array) -> float:
-            inside = np.clip(v, self._low, self._high)
-            try:
-                best = self.at(inside).minimise()
-            except np.linalg.LinAlgError:
-                return 1e30
-            spread = 2 * links * inside[FAST] + 2 * seen * inside[NOISE] + (2 * links - 0.25) * inside[SLOW]
-            return float(0.5 * (best.value + best.log_det) + spread + 10 * np.sum((v - inside) ** 2))
-
-        size = np.array([3.0, 0.7, 1.5]) if wide else np.array([0.7, 0.15, 0.5])
-        start = np.clip(strengths, self._low, self._high)
-        options = {"xatol": 0.05, "fatol": 0.01, "initial_simplex": np.vstack([start, start + np.diag(size)])}
-        best = scipy.optimize.minimize(minus_log, start, method="Nelder-Mead", options=options)
-        return np.clip(best.x, self._low, self._high)
+def _prior(data: Data, path: Path, first: Path, priors: Priors) -> Quadratic:
+    """Collect what is known of the first node, of the velocity at all of them, and of the parameters."""
+    off = path.state.copy()
+    off[0, ATTITUDE] = rotation_vector(first.attitude[0].T @ path.attitude[0])
+    for some in (GYROSCOPE, ACCELEROMETER):
+        off[0, some] -= first.state[0, some]
+    precision = np.zeros_like(off)
+    precision[0] = priors.first_sd**-2.0
+    steps = np.concatenate([data.links.step[:1], data.links.step])
+    precision[:, VELOCITY] = velocity_precision(path.state[:, VELOCITY], data.resting, steps, priors)[:, None]
+    return prior(off, precision, path.parameters - priors.mean, priors.sd**-2.0)
 
 
 def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array, priors: Priors) -> Array:
@@ -310,64 +250,3 @@ def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array,
     square = np.sum(velocity**2, axis=-1) / priors.rest_speed**2
     stands = resting * (1 + square) ** -2.0 * np.minimum(step, 1)
     return np.asarray(np.minimum(step / priors.speed_s, 1) * priors.speed**-2.0 + stands * priors.rest_speed**-2.0)
-
-
-def sensor_variance(priors: Priors, step: Array) -> Array:
-    """Variances (n, 16) of what the sensor's noise adds in steps (n,); 0 for the pendulum."""
-    variance = np.zeros((len(step), STATE))
-    for some, density in (
-        (ATTITUDE, priors.rate_density), (VELOCITY, priors.force_density),
-        (GYROSCOPE, priors.rate_walk), (ACCELEROMETER, priors.force_walk),
-    ):  # fmt: skip
-        variance[:, some] = density**2 * step[:, None]
-    return variance
-
-
-def fast_covariance(links: Links) -> tuple[Array, Array, Array]:
-    """Sum up what unit white acceleration (1 m²/s³ per axis) adds in a step: var(s), cov(s, p) and var(p), (k − 1,)."""
-    h, rope = links.imu.step, (links.before + links.after) / 2
-    return h**3 / (3 * rope**2), h**2 / (2 * links.length**2), h * rope**2 / links.length**4
-
-
-def slow_variance(links: Links) -> Array:
-    """Sum up what slow forcing of unit variance per axis adds in each step, shape (k − 1,)."""
-    return np.asarray(-np.expm1(-2 * links.imu.step / links.memory_s))
-
-
-def _about(state: Array, some: slice, nodes: list[int], precision: float) -> Quadratic:
-    """Prior about 0 for some numbers of some nodes."""
-    k = len(state)
-    on = np.zeros((k, STATE))
-    on[nodes, some] = precision
-    band = np.zeros((2 * STATE, k * STATE))
-    band[0] = on.ravel()
-    return Quadratic(
-        band, np.zeros((k * STATE, PARAMETERS)), np.zeros((PARAMETERS, PARAMETERS)), -(on * state).ravel(),
-        np.zeros(PARAMETERS), float(np.sum(on * state**2)),
-    )  # fmt: skip
-
-
-def _sensor_precision(priors: Priors, step: Array) -> Array:
-    """Inverse covariance (k − 1, 16, 16) of what the sensor's noise adds in a step."""
-    variance = sensor_variance(priors, step)
-    noisy = variance > 0
-    return np.where(noisy, 1 / np.where(noisy, variance, 1), 0)[:, :, None] * np.eye(STATE)
-
-
-def _fast_precision(links: Links) -> Array:
-    """Inverse covariance (k − 1, 16, 16) of what unit white acceleration (1 m²/s³ per axis) adds to s and p."""
-    ss, sp, pp = fast_covariance(links)
-    det = ss * pp - sp**2
-    inverse = np.zeros((len(ss), STATE, STATE))
-    for s, p in zip(range(SWING.start, SWING.stop), range(MOMENTUM.start, MOMENTUM.stop), strict=True):
-        inverse[:, s, s], inverse[:, p, p] = pp / det, ss / det
-        inverse[:, s, p] = inverse[:, p, s] = -sp / det
-    return inverse
-
-
-def _slow_precision(links: Links) -> Array:
-    """Inverse covariance (k − 1, 16, 16) of what slow forcing of unit variance per axis adds in a step."""
-    inverse = np.zeros((len(links.imu.step), STATE, STATE))
-    for i in range(LEAN.start, LEAN.stop):
-        inverse[:, i, i] = 1 / slow_variance(links)
-    return inverse

@@ -9,22 +9,13 @@ import numpy as np
 import scipy
 
 from simgrab.instrument.estimate import intervals as iv
-from simgrab.instrument.estimate.chain import state_covariances
-from simgrab.instrument.estimate.frames import check_record, groups, mount_from_camera
+from simgrab.instrument.estimate.chain import state_covariances, update
+from simgrab.instrument.estimate.frames import groups, mount_from_camera
 from simgrab.instrument.estimate.inertial.estimator import SLEWING, InertialFusion, Start
-from simgrab.instrument.estimate.inertial.fit import (
-    FAST,
-    NOISE,
-    SLOW,
-    fast_covariance,
-    sensor_variance,
-    slow_variance,
-    velocity_precision,
-)
+from simgrab.instrument.estimate.inertial.fit import velocity_precision
 from simgrab.instrument.estimate.inertial.model import (
     ATTITUDE,
     LEAN,
-    MOMENTUM,
     PARAMETERS,
     REACH,
     STATE,
@@ -37,6 +28,8 @@ from simgrab.instrument.estimate.inertial.model import (
 )
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.pendulum import of_axes
+from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
@@ -68,12 +61,9 @@ class InertialTracker:
     fusion: InertialFusion
     calibration: Calibration
     waiting: str = field(init=False, default="")
-    _time: list[float] = field(init=False, default_factory=list)
-    _pixels: list[tuple[float, float]] = field(init=False, default_factory=list)
-    _rope: list[float] = field(init=False, default_factory=list)
+    _kept: list[tuple[float, tuple[float, float], float]] = field(init=False, default_factory=list)
     _filter: _Filter | None = field(init=False, default=None)
     _due: float = field(init=False, default=WARM_UP_S)
-    _last: float = field(init=False, default=0.0)
     _refused: str = field(init=False, default="")
 
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
@@ -95,50 +85,42 @@ class InertialTracker:
         ends : tuple of 2 floats
             Of its 95 % interval.
         """
-        if self._filter is None:
+        filter_ = self._filter
+        if filter_ is None:
             return self._collect(time, pixel, rope)
-        reason = self.fusion.unfit(np.array([self._last, time]), self.fusion.readings.between(self._last, time))
-        if reason or self._filter.lost:
-            reason = reason or f"for {LOST_S:.0f} s no pixel agreed with the sensor"
-            self._filter, self._due, self._refused = None, WARM_UP_S, reason
-            self._time, self._pixels, self._rope = [], [], []
+        reason = self.fusion.unfit(np.array([filter_.time, time]), self.fusion.readings.between(filter_.time, time))
+        if reason or filter_.lost:
+            self._refused = reason or f"for {LOST_S:.0f} s no pixel agreed with the sensor"
+            self._filter, self._due, self._kept = None, WARM_UP_S, []
             return self._collect(time, pixel, rope)
-        self._last = time
-        if pixel is None or not np.isfinite(rope):
-            self._filter.step(time, None, float(rope))
-            return NOTHING
-        self._filter.step(time, _place(pixel, self.calibration), float(rope))
-        return self._filter.swing()
+        usable = pixel is not None and np.isfinite(rope)
+        filter_.step(time, _place(pixel, self.calibration) if pixel is not None and usable else None, float(rope))
+        return filter_.swing() if usable else NOTHING
 
     def _collect(
         self, time: float, pixel: tuple[float, float] | None, rope: float
     ) -> tuple[float, tuple[float, float]]:
         """Keep a frame for the first fit, and fit when that is due."""
         if pixel is not None and np.isfinite(rope):
-            self._time.append(time)
-            self._pixels.append(pixel)
-            self._rope.append(float(rope))
-        past = time - self._time[0] if self._time else 0.0
-        if past >= self._due and self._time[-1] == time:
+            self._kept.append((time, pixel, float(rope)))
+        past = time - self._kept[0][0] if self._kept else 0.0
+        if past >= self._due and self._kept[-1][0] == time:
             started = self._start()
             if isinstance(started, _Filter):
-                self._filter, self.waiting, self._refused, self._last = started, "", "", time
+                self._filter, self.waiting, self._refused = started, "", ""
                 return started.swing()
             self._refused = started
-            old = int(np.searchsorted(self._time, time - MOST_START_S))
-            del self._time[:old], self._pixels[:old], self._rope[:old]
-            past = time - self._time[0]
+            self._kept = [frame for frame in self._kept if frame[0] >= time - MOST_START_S]
+            past = time - self._kept[0][0]
             self._due = past + AGAIN_S
         self.waiting = f"no tilt yet: {past:.0f} s of {self._due:.0f}" + f" ({self._refused})" * bool(self._refused)
         return NOTHING
 
     def _start(self) -> _Filter | str:
         """Fit the record so far."""
-        time = np.array(self._time)
-        imu = self.fusion.readings.between(time[0] - 1, time[-1])
-        uv, rope, times, _ = check_record(np.array(self._pixels)[None], np.array(self._rope), time, True)
-        (frames,) = groups(uv, rope, times, self.calibration)
-        begun = self.fusion.start(frames, self.calibration, imu)
+        time, pixels, rope = (np.array(column) for column in zip(*self._kept, strict=True))
+        (frames,) = groups(pixels[None], rope[None], time, self.calibration)
+        begun = self.fusion.start(frames, self.calibration, self.fusion.readings.between(time[0] - 1, time[-1]))
         return begun if isinstance(begun, str) else _Filter(self.fusion, self.calibration, begun)
 
 
@@ -151,7 +133,7 @@ class _Filter:
         self._fusion, self._priors, self._rest = fusion, begun.priors, begun.rest
         self._offset_sd = calibration.offset_sd_m
         self._mount_from_camera = mount_from_camera(calibration)
-        self._time, self._rope = float(begun.data.time[-1]), float(begun.data.rope[-1])
+        self.time, self._rope = float(begun.data.time[-1]), float(begun.data.rope[-1])
         self._length = begun.data.links.length
         self._attitude, self._state, self._parameters = path.attitude[-1], path.state[-1], path.parameters
         self._strengths = path.strengths
@@ -164,35 +146,32 @@ class _Filter:
     @property
     def lost(self) -> bool:
         """Whether no pixel has agreed with its prediction for so long that the state is wrong."""
-        return self._time - self._disagrees_since > LOST_S
+        return self.time - self._disagrees_since > LOST_S
 
     def swing(self) -> tuple[float, tuple[float, float]]:
         """Give α and the ends of its interval."""
         s = self._state[SWING]
         sine = float(np.hypot(*s))
-        unit = s / max(sine, 1e-300)
-        of_swing = self._covariance[SWING, SWING]
-        along = float(unit @ of_swing @ unit)
-        across = float(np.trace(of_swing)) - along
-        along += (sine * self._offset_sd / self._rope) ** 2
+        along, across = iv.split(self._covariance[SWING, SWING], s)
+        along = along + (sine * self._offset_sd / self._rope) ** 2
         alpha = float(np.arcsin(min(sine, 1.0)))
         quantile = iv.student(self._fusion.intervals.level, np.inf) * self._fusion.widening
-        low, high = iv.radial(np.array(alpha), np.array(along), np.array(across), quantile)
+        low, high = iv.radial(np.array(alpha), along, across, quantile)
         return alpha, (float(low), float(high))
 
     def step(self, time: float, place: Array | None, rope: float) -> None:
         """Go on to a frame, and take its pixel in where there is one."""
         rope = rope if np.isfinite(rope) else self._rope
-        parts = max(int(np.ceil((time - self._time) / self._fusion.node_s - 1e-9)), 1)
-        nodes = np.linspace(self._time, time, parts + 1)
+        parts = max(int(np.ceil((time - self.time) / self._fusion.node_s - 1e-9)), 1)
+        nodes = np.linspace(self.time, time, parts + 1)
         ropes = np.linspace(self._rope, rope, parts + 1)
         summed = preintegrate(nodes, self._imu.between(nodes[0] - 1, nodes[-1]), self._mount_from_camera)
         for i in range(parts):
             one = slice(i, i + 1)
-            links = Links(summed.part(one), ropes[i : i + 1], ropes[i + 1 : i + 2], self._length, self._fusion.memory_s)
+            links = Links.of(summed.part(one), ropes[i : i + 2], self._length, self._fusion.memory_s)
             self._predict(links, float(nodes[i]))
             self._stand(links)
-        self._time, self._rope = time, rope
+        self.time, self._rope = time, rope
         if place is not None:
             self._see(place, time)
 
@@ -210,19 +189,15 @@ class _Filter:
     def _noise(self, links: Links, now: float) -> Array:
         """Covariance (16, 16) of what a step adds."""
         held = now < self._held_until
-        added = np.diag(sensor_variance(self._priors, links.imu.step)[0])
         fast = NOT_FREE_FAST if held else float(np.exp(self._strengths[FAST]))
         slow = NOT_FREE_SD if held else float(np.exp(self._strengths[SLOW]))
-        of_s, both, of_p = (float(part[0]) for part in fast_covariance(links))
-        added[SWING, SWING], added[MOMENTUM, MOMENTUM] = np.eye(2) * of_s * fast, np.eye(2) * of_p * fast
-        added[SWING, MOMENTUM] = added[MOMENTUM, SWING] = np.eye(2) * both * fast
-        added[LEAN, LEAN] = np.eye(2) * slow**2 * float(slow_variance(links)[0])
-        return added
+        of_pendulum = of_axes(links.fast * fast, SWING.start, STATE) + of_axes(links.slow * slow**2, LEAN.start, STATE)
+        return np.asarray(of_pendulum[0] + np.diag(self._priors.walk**2 * links.step))
 
     def _stand(self, links: Links) -> None:
         """Take in what is known of the jib head's velocity, as the fit does."""
         velocity, resting = self._state[VELOCITY], np.abs(links.imu.rate[:, 2] - self._rest) < SLEWING
-        precision = float(velocity_precision(velocity[None], resting, links.imu.step, self._priors)[0])
+        precision = float(velocity_precision(velocity[None], resting, links.step, self._priors)[0])
         jacobian = np.zeros((2, ALL))
         jacobian[:, VELOCITY] = np.eye(2)
         self._update(jacobian, -velocity, np.eye(2) / precision)
@@ -247,10 +222,7 @@ class _Filter:
         self._update(jacobian, error, noise)
 
     def _update(self, jacobian: Array, error: Array, noise: Array) -> None:
-        gain = np.linalg.solve(jacobian @ self._covariance @ jacobian.T + noise, jacobian @ self._covariance).T
-        change = gain @ error
-        kept = np.eye(ALL) - gain @ jacobian
-        self._covariance = kept @ self._covariance @ kept.T + gain @ noise @ gain.T
+        change, self._covariance = update(self._covariance, jacobian, error, noise)
         beyond = self._parameters[REACH] + change[STATE + REACH]
         if beyond > 0:  # as the fit does
             change = change - beyond * self._covariance[STATE + REACH] / self._covariance[STATE + REACH, STATE + REACH]
@@ -261,7 +233,5 @@ class _Filter:
 
 
 def _place(pixel: tuple[float, float], calibration: Calibration) -> Array:
-    uv, _, _, _ = check_record(np.array([[pixel]]), None, None, False)
-    (frames,) = groups(uv, None, None, calibration)
-    ray = frames.rays[0, :, 0]
-    return np.asarray(ray[:2] / -ray[2])
+    (frames,) = groups(np.array([[pixel]]), None, None, calibration)
+    return np.asarray(frames.places()[1][0])

@@ -23,37 +23,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgrab.instrument.estimate import pendulum
+from simgrab.instrument.estimate.chain import jacobian
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, rotation, rotation_vector
+from simgrab.instrument.estimate.pendulum import seen_from, turning
 from simgrab.model.geometry import STANDARD_GRAVITY, Array, rotation_z
 
 ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
 SWING, MOMENTUM, LEAN = slice(10, 12), slice(12, 14), slice(14, 16)
 STATE = 16
+SEEN = (0, 1, 2, 10, 11)  # attitude and swing: what moves the grab in the picture
 OFFSET, DAMPING, LONGER, CROSS, WIND, REACH = slice(0, 3), 3, 4, slice(5, 8), slice(8, 10), 10
 PARAMETERS = 11
-_STEP = 1e-6  # of numerical derivatives
 
 
 @dataclass(frozen=True, eq=False)
-class Links:
-    """Steps between k consecutive nodes.
-
-    Attributes
-    ----------
-    imu : Preintegrated
-    before, after : ndarray, shape (k − 1,)
-        Rope length at both ends, m.
-    length : float
-        The fixed length that scales p, m.
-    memory_s : float
-        Correlation time of the slow forcing.
-    """
+class Links(pendulum.Links):
+    """Steps between k consecutive nodes, and what the sensor reported in them."""
 
     imu: Preintegrated
-    before: Array
-    after: Array
-    length: float
-    memory_s: float
+
+    @classmethod
+    def of(cls, imu: Preintegrated, rope: Array, length: float, memory_s: float) -> Links:
+        """Make the steps of readings between nodes with rope lengths (k,)."""
+        return cls(imu.step, rope[:-1], rope[1:], length, memory_s, imu)
 
 
 def heading(attitude: Array) -> Array:
@@ -61,15 +54,13 @@ def heading(attitude: Array) -> Array:
     return np.arctan2(attitude[..., 1, 0] - attitude[..., 0, 1], attitude[..., 0, 0] + attitude[..., 1, 1])
 
 
-def _rates(x: Array, damping: Array, rope: Array, length: float, acceleration: Array, lean: Array) -> Array:
+def _rates(x: Array, damping: float, rope: Array, length: float, acceleration: Array, lean: Array) -> Array:
     """Differentiate s and p by time, as in `simgrab.instrument.estimate.pendulum`, below a pivot that accelerates."""
-    s, p = x[..., :2], x[..., 2:] * length**2
-    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
-    lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
-    turn = np.stack([-p[..., 0] * nz - lz * s[..., 1], lz * s[..., 0] - p[..., 1] * nz], axis=-1) / rope[..., None] ** 2
-    pull = -nz[..., None] * (STANDARD_GRAVITY * lean - acceleration) - STANDARD_GRAVITY * s
+    s, p = x[:, :2], x[:, 2:] * length**2
+    turn, nz = turning(s, p, rope)
+    pull = -nz[:, None] * (STANDARD_GRAVITY * lean - acceleration) - STANDARD_GRAVITY * s
     drag = 2 * damping * np.sqrt(STANDARD_GRAVITY / rope)
-    return np.concatenate([turn, (rope[..., None] * pull - drag[..., None] * p) / length**2], axis=-1)
+    return np.concatenate([turn, (rope[:, None] * pull - drag[:, None] * p) / length**2], axis=-1)
 
 
 def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple[Array, Array]:
@@ -89,7 +80,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     x : ndarray, shape (k − 1, 16)
         With no error of the attitude, which is in the attitude.
     """
-    imu, h = links.imu, links.imu.step[:, None]
+    imu, h = links.imu, links.step[:, None]
     now = attitude @ rotation(x[:, ATTITUDE])
     wrong = -(x[:, GYROSCOPE] + parameters[CROSS] * imu.rate[:, 2:]) * h
     force = imu.force.copy()
@@ -120,13 +111,10 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
 
 
 def place(attitude: Array, x: Array, parameters: Array, rope: Array) -> Array:
-    """Where a picture of unit focal length shows the grab, shape (k, 2): x and y of the mount frame over the depth."""
+    """Where the picture has the grab, shape (k, 2), as `simgrab.instrument.estimate.pendulum.seen_from`."""
     now = attitude @ rotation(x[:, ATTITUDE])
-    s = x[:, SWING]
-    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1, keepdims=True), 1e-6))
     offset = np.einsum("nij,j->ni", rotation_z(heading(now)), parameters[OFFSET])
-    local = np.einsum("nji,nj->ni", now, np.concatenate([s, nz], axis=-1) * rope[:, None] - offset)
-    return np.asarray(local[:, :2] / -local[:, 2:])
+    return seen_from(now, x[:, SWING], rope, offset)
 
 
 def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple[Array, Array, Array]:
@@ -147,27 +135,19 @@ def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: 
     """
     back = attitude[1:].swapaxes(-1, -2)
 
-    def led(dx: Array, dp: Array) -> Array:
+    def led(dx: Array | float, dp: Array | float) -> Array:
         turned, state = advance(attitude[:-1], x[:-1] + dx, parameters + dp, links)
         state[:, ATTITUDE] = rotation_vector(back @ turned)
         return state
 
-    none, nothing = np.zeros(STATE), np.zeros(PARAMETERS)
-    by_state = np.stack([(led(e, nothing) - led(-e, nothing)) / (2 * _STEP) for e in np.eye(STATE) * _STEP], axis=-1)
-    by_parameter = np.stack([(led(none, e) - led(none, -e)) / (2 * _STEP) for e in np.eye(PARAMETERS) * _STEP], axis=-1)
     goal = x[1:].copy()
     goal[:, ATTITUDE] = 0
-    return led(none, nothing) - goal, by_state, by_parameter
+    by_state, by_parameter = jacobian(lambda e: led(e, 0.0), STATE), jacobian(lambda e: led(0.0, e), PARAMETERS)
+    return led(0.0, 0.0) - goal, by_state, by_parameter
 
 
 def derivatives_of_place(attitude: Array, x: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
     """Places (k, 2), and their derivatives by the state (k, 2, 16) and the parameters (k, 2, 11)."""
-    by_state, by_parameter = np.zeros((len(x), 2, STATE)), np.zeros((len(x), 2, PARAMETERS))
-    states, statics = np.eye(STATE) * _STEP, np.eye(PARAMETERS) * _STEP
-    for i in (*range(3), *range(SWING.start, SWING.stop)):
-        ends = (place(attitude, x + sign * states[i], parameters, rope) for sign in (1, -1))
-        by_state[..., i] = (next(ends) - next(ends)) / (2 * _STEP)
-    for i in range(OFFSET.stop):
-        ends = (place(attitude, x, parameters + sign * statics[i], rope) for sign in (1, -1))
-        by_parameter[..., i] = (next(ends) - next(ends)) / (2 * _STEP)
+    by_state = jacobian(lambda e: place(attitude, x + e, parameters, rope), STATE, SEEN)
+    by_parameter = jacobian(lambda e: place(attitude, x, parameters + e, rope), PARAMETERS, range(3))
     return place(attitude, x, parameters, rope), by_state, by_parameter

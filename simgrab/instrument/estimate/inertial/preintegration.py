@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.model.geometry import Array
 
@@ -68,7 +69,7 @@ def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Pre
     rates, forces = imu.rate @ mount_from_sensor.T, imu.force @ mount_from_sensor.T
     cuts = np.unique(np.concatenate([time, imu.time[(imu.time > time[0]) & (imu.time < time[-1])]]))
     middle, piece = (cuts[1:] + cuts[:-1]) / 2, np.diff(cuts)
-    rate, force = (_between(middle, imu.time, values) for values in (rates, forces))
+    rate, force = (interpolated(middle, imu.time, values) for values in (rates, forces))
     owner = np.searchsorted(time, middle) - 1
     links = len(time) - 1
     first, count = np.searchsorted(owner, np.arange(links)), np.bincount(owner, minlength=links)
@@ -83,7 +84,3 @@ def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Pre
     step = np.diff(time)
     at_nodes = np.interp(time, imu.time, rates[:, 2])
     return Preintegrated(step, turn, gained / step[:, None], turned / step[:, None], np.diff(at_nodes) / step)
-
-
-def _between(at: Array, time: Array, values: Array) -> Array:
-    return np.stack([np.interp(at, time, column) for column in values.T], axis=-1)

@@ -75,19 +75,10 @@ class ImuReadings:
             raise RecordError(f"time, rate and force must have shapes (n,), (n, 3) and (n, 3), got {shapes}")
         if n < LEAST_ROWS:
             raise RecordError(f"{n} rows; at least {LEAST_ROWS} are needed")
-        for name, values, most in (
-            ("time", self.time[:, None], np.inf), ("rate", self.rate, MOST_RATE), ("force", self.force, MOST_FORCE),
-        ):  # fmt: skip
-            bad = np.argwhere(~(np.isfinite(values) & (np.abs(values) <= most)))
-            if bad.size:
-                row, axis = bad[0]
-                raise RecordError(f"{name}, row {row + 1}: {values[row, axis]:g} cannot be")
-        back = np.flatnonzero(np.diff(self.time) <= 0)
-        if back.size:
-            row = back[0] + 1
-            raise RecordError(
-                f"time, row {row + 1}: must increase, got {self.time[row]:.6f} s after {self.time[row - 1]:.6f} s"
-            )
+        check_times(self.time)
+        for name, values, most in (("rate", self.rate, MOST_RATE), ("force", self.force, MOST_FORCE)):
+            for row, axis in np.argwhere(~(np.abs(values) <= most))[:1]:
+                raise RecordError(f"{name}, row {row + 1}: must be within {most:g}, got {values[row, axis]:g}")
         turn = self.camera_from_sensor
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or np.linalg.det(turn) < 0:
             raise RecordError("camera_from_sensor must be a rotation matrix (3, 3)")
@@ -125,19 +116,30 @@ def read_imu(folder: str | Path) -> ImuReadings:
     RecordError
         In one line: the file, and the row (the first is 1), column or key.
     """
-    folder = Path(folder)
-    about, where = _about(folder / "sensor.yaml"), folder / "data.csv"
-    table = read_table(where)
-    for name in (STAMP, *RATE, *FORCE):
-        if table.column_names.count(name) != 1:
-            found = "twice" if name in table.column_names else "missing"
-            raise RecordError(f"{where}: column {name!r} is {found}; there are: {', '.join(table.column_names)}")
-    stamp = numbers(where, table, STAMP)
-    rate, force = (np.stack([numbers(where, table, name) for name in names], axis=-1) for names in (RATE, FORCE))
+    about, where = _about(Path(folder) / "sensor.yaml"), Path(folder) / "data.csv"
+    stamp, *values = read_columns(where, STAMP, *RATE, *FORCE)
     try:
-        return ImuReadings(stamp / 1e9, rate, force, **about)
+        return ImuReadings(stamp / 1e9, np.stack(values[:3], axis=-1), np.stack(values[3:], axis=-1), **about)
     except RecordError as problem:
         raise RecordError(f"{where}: {problem}") from None
+
+
+def check_times(time: Array, what: str = "time, row") -> None:
+    """Check that times (n,), s, are finite and increase; raises `RecordError` naming the first row that does not."""
+    for row in np.flatnonzero(~np.isfinite(time))[:1]:
+        raise RecordError(f"{what} {row + 1}: must be a finite number, got {time[row]:g}")
+    for row in np.flatnonzero(np.diff(time) <= 0)[:1] + 1:
+        raise RecordError(f"{what} {row + 1}: must increase, got {time[row]:.6f} s after {time[row - 1]:.6f} s")
+
+
+def read_columns(path: Path, *names: str) -> list[Array]:
+    """Read columns of numbers; raises `RecordError` for one that is missing, naming the row of what is no number."""
+    table = read_table(path)
+    for name in names:
+        if table.column_names.count(name) != 1:
+            found = "twice" if name in table.column_names else "missing"
+            raise RecordError(f"{path}: column {name!r} is {found}; there are: {', '.join(table.column_names)}")
+    return [numbers(path, table, name) for name in names]
 
 
 def read_table(path: Path) -> pa.Table:

@@ -1,0 +1,69 @@
+"""How strongly a pendulum is pushed and how much a detector errs, found from the record itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from simgrab.instrument.estimate.chain import Quadratic
+from simgrab.model.geometry import Array
+
+# Strengths, as logarithms: white acceleration (m²/s³ per axis), pixel noise (over h), slow forcing (rad per axis).
+FAST, NOISE, SLOW = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Twice a negative log posterior, but for a constant, of which three parts have unknown strengths v.
+
+    fixed + e^(−v₀) fast + e^(−2v₁) places + e^(−2v₂) slow.
+
+    Attributes
+    ----------
+    fixed, fast, places, slow : Quadratic
+    links, seen, leans : int
+        How many steps, pixels, and steps and starts the three parts are sums over.
+    focal_px : float
+    least_fast : float
+        Least white acceleration.
+    """
+
+    fixed: Quadratic
+    fast: Quadratic
+    places: Quadratic
+    slow: Quadratic
+    links: int
+    seen: int
+    leans: int
+    focal_px: float
+    least_fast: float
+
+    def at(self, strengths: Array) -> Quadratic:
+        """Return the sum of the parts, at strengths (3,)."""
+        fast, noise, slow = np.exp(-np.array([1, 2, 2]) * strengths)
+        return self.fixed + self.fast * fast + self.places * noise + self.slow * slow
+
+    def search(self, strengths: Array, *, wide: bool) -> Array:
+        """Strengths (3,) that make the record likeliest (Laplace), with a prior as the fourth root of the slow one.
+
+        Without it a short record would set slow forcing to nothing and then be sure of its tilt.
+        """
+        low = np.log([self.least_fast, 0.05 / self.focal_px, 1e-5])
+        high = np.log([1.0, 50 / self.focal_px, 0.1])
+        spread = np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
+
+        def minus_log(v: Array) -> float:
+            inside = np.clip(v, low, high)
+            try:
+                best = self.at(inside).minimise()
+            except np.linalg.LinAlgError:
+                return 1e30
+            return float(0.5 * (best.value + best.log_det) + spread @ inside + 10 * np.sum((v - inside) ** 2))
+
+        size = np.array([3.0, 0.7, 1.5]) if wide else np.array([0.7, 0.15, 0.5])
+        start = np.clip(strengths, low, high)
+        options = {"xatol": 0.05, "fatol": 0.01, "initial_simplex": np.vstack([start, start + np.diag(size)])}
+        best = scipy.optimize.minimize(minus_log, start, method="Nelder-Mead", options=options)
+        return np.clip(best.x, low, high)
