@@ -58,7 +58,7 @@ def contact_sheet() -> None:
     scenario = simgrab.load("quay-day", {"camera.beta_deg": 5.0, "swing.alpha.sigma_deg": 2.0, "frames": 16})
     with tempfile.TemporaryDirectory() as folder:
         simgrab.render(scenario, Path(folder) / "sheet")
-        sheet = _reduced(read(Path(folder) / "sheet" / "preview.jpg", cv2.IMREAD_COLOR), 1920)
+        sheet = _reduced(read(Path(folder) / "sheet" / "preview.jpg")[..., ::-1], 1920)
     (DOCS / "preview.jpg").write_bytes(encode(sheet, "jpeg", 82))
 
 

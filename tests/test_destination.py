@@ -90,7 +90,7 @@ VERBS = {
     "stress --replay": (["stress", "--replay", "sigma", "1", "--out"], "simgrab.lab.stress.catalogue.load"),
     "paper": (["paper", "--out"], "simgrab.lab.paper.run.study"),
     "evaluate": (["evaluate", "none", "none", "--page"], "simgrab.instrument.run.runs.load"),
-    "detect": (["detect", "none", "--out"], "simgrab.instrument.detect.pictures.pictures"),
+    "detect": (["detect", "none", "--out"], "simgrab.instrument.detect.pictures.detect"),
     "estimate": (
         ["estimate", "none.csv", "--camera", "none", "--figure"],
         "simgrab.instrument.estimate.measure.measure",

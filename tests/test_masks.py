@@ -29,7 +29,7 @@ def test_a_mask_is_the_one_that_was_written(size, share):
     "counts", ["", "zzzzzz", "0", "é", "\x00", "T3" * 20, "o" * 8 + "0", written(np.ones((10, 11))), "0" * 200, "d3N"]
 )
 def test_run_lengths_that_do_not_hold_the_picture_are_refused(counts):
-    with pytest.raises(ValueError, match="run lengths"):
+    with pytest.raises(ValueError, match=r"run lengths|RLE"):
         masks._decoded(counts, 10, 10)
 
 
@@ -47,7 +47,7 @@ def copy(dataset, tmp_path):
         ({"size": [-1, 3], "counts": ""}, "it is of 3 x -1 px"),
         ({"size": [None, None], "counts": ""}, "Expected `int`, got `null`"),
         ({"size": "whole", "counts": ""}, "its run lengths cannot be decoded"),
-        ({"size": "whole", "counts": "zzzzzz"}, "its run lengths"),
+        ({"size": "whole", "counts": "zzzzzz"}, "run lengths|RLE"),
         ({"size": "whole", "counts": [1, 2]}, "Expected `str`, got `array`"),
         ({"size": [3, 3]}, "missing required field `counts`"),
         ([[0, 0, 1, 1]], "Expected `object`, got `array`"),

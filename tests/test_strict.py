@@ -95,6 +95,7 @@ def test_a_scenario_of_either_door_has_one_digest():
         (lambda: Image(shadow_map_px=10**9), ScenarioError, "shadow_map_px: must be one of"),
         (lambda: Light(sun=0.0, sky=0.0), ScenarioError, "must not all be 0"),
         (lambda: Iid(rope_length_m="7"), ScenarioError, "rope_length_m: must be a number or a table such as { dist = "),
+        (lambda: Iid(rope_length_m=1e300), ScenarioError, "rope_length_m: must be a number <="),
         (lambda: Iid(rope_length_m=True), ScenarioError, "rope_length_m: must be a number or a table"),
         (lambda: Uniform(2.0, 1.0), ScenarioError, "low must not exceed high"),
         (lambda: Uniform(-1e300, 1e300), ScenarioError, "low"),

@@ -263,7 +263,7 @@ def test_what_is_left_of_a_joint_factor_is_labelled_by_its_values():
 
 def test_values_of_a_list_are_named():
     for value in (["x"], "jaw_deg"):
-        with pytest.raises(ScenarioError, match=r"'jaw_deg', 'rope_length_m'; got"):
+        with pytest.raises(ScenarioError, match="of: jaw_deg, rope_length_m; got"):
             scenes.load("quay-day", {"swing.clamp": value})
 
 

@@ -190,7 +190,7 @@ def table(target: Path, corpus_folder: Path) -> None:
 def pictures(target: Path, corpus_folder: Path) -> None:
     """Go through a folder of pictures as `simgrab run` does, and then as `simgrab detect` does."""
     _look(open_source(target), corpus_folder)
-    detections.detect_files(detections.pictures(target), _Blind())
+    detections.detect(target, _Blind())
 
 
 class _Blind:

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import traceback
+import warnings
 from contextlib import suppress
 from typing import NoReturn
 
@@ -34,6 +35,7 @@ def main(command: click.Command = cli) -> NoReturn:
     which is 130 for Ctrl-C.
     """
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own crashes where memory is limited
+    warnings.filterwarnings("ignore", module="PIL")  # of damaged EXIF
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

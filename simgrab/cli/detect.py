@@ -23,14 +23,12 @@ def command(source: Path, detector_name: str, out: Path | None, as_json: bool) -
     The table has u_px, v_px, which `simgrab estimate` reads. `python -m scripts.score_detector` compares with labels.
     """
     from simgrab.cli._progress import bar
-    from simgrab.instrument.detect import detector
     from simgrab.instrument.detect import pictures as detections
 
     if out:
         detections.check_table(out)
-    files, looks = detections.pictures(source), detector(detector_name)
-    with bar("detecting", shown=not as_json and len(files) > 1) as progress:
-        found = detections.detect_files(files, looks, progress)
+    with bar("detecting", shown=not as_json and source.is_dir()) as progress:
+        found = detections.detect(source, detector_name, progress)
     if found.note:
         click.echo(f"note: {found.note}", err=True)
     if as_json:
@@ -38,7 +36,8 @@ def command(source: Path, detector_name: str, out: Path | None, as_json: bool) -
             click.echo(json.dumps(row))
     else:
         count, median = sum(one.found for one in found.detections), statistics.median(found.seconds)
-        click.echo(printable(f"{looks.name}: the grab in {count} of {len(files)} images, {1e3 * median:.1f} ms each"))
+        images = f"{count} of {len(found.files)} images"
+        click.echo(printable(f"{found.detector}: the grab in {images}, {1e3 * median:.1f} ms each"))
     if out:
         detections.save(found, out)
         click.echo(printable(f"table: {out}"), err=as_json)

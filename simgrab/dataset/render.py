@@ -9,8 +9,6 @@ from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
-import cv2
-
 from simgrab.dataset import manifest, pool, preview, sensors, shards, stored, tables
 from simgrab.dataset.datasets import MANIFEST
 from simgrab.dataset.folder import Folder, finish, writing
@@ -259,7 +257,7 @@ def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
             folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))
             tally += Tally.of([row], scenario)
             first += [row] * (len(first) < preview.MOST_TILES)
-    tiles = ((pictures.read(folder.path / row.file, cv2.IMREAD_COLOR), row) for row in first)
+    tiles = ((pictures.read(folder.path / row.file)[..., ::-1], row) for row in first)
     others = sensors.write(recipe, folder.writing)
     core |= tally.stated(scenario)
     finish(folder, core, written.splits, preview.of(tiles), scenario, rendered_by, written=others)

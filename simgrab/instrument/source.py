@@ -55,6 +55,8 @@ class Files:
         Of a dataset, by which it is known again; empty for a folder of pictures.
     bits : int or None
         Of 16-bit pictures, as `simgrab.io.pictures.bits` finds them.
+    note : str
+        What was assumed of all pictures, or left out; mostly empty.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Files:
     root: Path
     labels_sha256: str = ""
     bits: int | None = None
+    note: str = ""
     live: bool = False
 
     @property
@@ -80,7 +83,7 @@ class Files:
                 reason = f"{printable(name)} cannot be read as an image: {problem.reason}"
                 yield Frame(None, time, reason, name)
             else:
-                yield Frame(picture, time, name=name, note=pictures.scaled(self.bits))
+                yield Frame(picture, time, name=name, note=self.note)
 
 
 def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
@@ -121,7 +124,8 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     if path.suffix.lower() in pictures.SUFFIXES:
         if rate_hz is not None:
             raise SourceError(f"{path}: {_RATE_IS_OF}; this is one picture")
-        return Files(printable(path), (path,), (0.0,), path.parent, bits=pictures.bits((path,)))
+        bits = pictures.bits((path,))
+        return Files(printable(path), (path,), (0.0,), path.parent, bits=bits, note=pictures.scaled(bits))
     return _untimed(Video(path, rate_hz), rate_hz)
 
 
@@ -138,7 +142,9 @@ def _folder(path: Path, rate_hz: float | None) -> Files:
         raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
     rate = UNTIMED_HZ if rate_hz is None else rate_hz
     times = tuple(i / rate for i in range(len(files)))
-    return Files(printable(path), files, times, path, bits=pictures.bits(files))
+    bits = pictures.bits(files)
+    note = "; ".join(filter(None, (pictures.scaled(bits), pictures.hidden(path))))
+    return Files(printable(path), files, times, path, bits=bits, note=note)
 
 
 def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:

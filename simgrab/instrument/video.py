@@ -1,13 +1,8 @@
-"""Videos and streams, decoded by FFmpeg: what was lost leaves lost frames, what breaks off gives what it held.
-
-A source is the one file or stream that was named: FFmpeg gets an open file, or a network protocol, and only formats
-that hold pictures themselves. Playlists and scripts, which name other files, are refused.
-"""
+"""Videos and streams, decoded by FFmpeg: what was lost leaves lost frames, what breaks off gives what it held."""
 
 from __future__ import annotations
 
 import math
-import os
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
@@ -15,7 +10,7 @@ from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from statistics import median
-from typing import Any, BinaryIO
+from typing import Any
 
 import av
 import av.error
@@ -27,28 +22,17 @@ from av.video.stream import VideoStream
 from simgrab.errors import SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate.frames import LATEST_S
-from simgrab.io import containers
-from simgrab.io.pictures import too_large
-from simgrab.io.playback import Playback, aspect_of, squared, stream_of
-from simgrab.runtime.environment import MOST_PIXELS
+from simgrab.io.parse import Refuse
+from simgrab.io.playback import SCHEMES, Playback, open_video, stream_of
 from simgrab.text import printable
 
-PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
-# FFmpeg's names of formats that hold pictures themselves and open nothing else.
-FORMATS = (
-    "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "h264", "hevc", "m4v", "mjpeg", "obu",
-    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe", "mpjpeg", "jpeg_pipe", "gif",
-    "apng", "wtv", "rm",
-)  # fmt: skip
-STREAM_FORMATS = ("rtsp", "rtp")
-SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp", "tcp")
-PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
-_KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
 _STEPS = 31  # time steps of which the median is what a step should be
 UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
 _BACK_S = (0.0, 10.0, math.inf)  # by how much earlier a file is searched where there is no key frame before a time
 _MOST_HZ = 1000  # that a coded picture's rate is believed
+_CUT_OFF = "the file is cut off"
+_MOST_UNSTATED = 2  # frames by which a whole video may be shorter than its container states
 _NO_TIMESTAMPS = 0x80  # FFmpeg's AVFMT_NOTIMESTAMPS
 
 
@@ -79,12 +63,8 @@ class Video:
 
     def __init__(self, path: Path, rate_hz: float | None = None) -> None:
         self.name, self._path, self._rate_hz = printable(path), path, rate_hz
-        with self._file() as file:
-            self._extent = containers.extent(file)
-        with self.opened() as stream, self._file() as file:
-            self.count, self.timed = _count(stream), _timed(stream) and not containers.lacks_rate(file)
-            if containers.crops(file, stream.codec_context.width, stream.codec_context.height):
-                raise SourceError(f"{self.name}: its container crops the pictures; crop the coded ones instead")
+        with self.opened() as stream:
+            self.count, self.timed = _count(stream), _timed(stream)
 
     def __iter__(self) -> Iterator[Frame]:
         """Decode from the beginning, as `simgrab.io.playback` shows frames. Time counts from the first.
@@ -95,7 +75,7 @@ class Video:
             If the file is gone, breaks off before its first picture, or its pictures are turned by less than a quarter.
         """
         with self.opened() as stream:
-            yield from _with_gaps(self._decoded(stream, _Clock(stream, self.timed, self._rate_hz)))
+            yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name))
 
     def from_time(self, time_s: float) -> Generator[Frame, None, None]:
         """Decode from a key frame at or before a time, or from the beginning where the file cannot be searched.
@@ -112,7 +92,7 @@ class Video:
                 if searched:
                     clock.origin = self._origin
                     self._seek(stream, time_s - back_s + clock.origin)
-                frames = self._decoded(stream, clock)
+                frames = _decoded(stream, clock, self.name)
                 first = next(frames, None)
                 # Some formats are searched to any frame, after which the next key frame is the first that is decoded.
                 early = first is not None and first.picture is not None and (first.time_s or 0.0) <= time_s
@@ -137,42 +117,20 @@ class Video:
         SourceError
             If the file is gone.
         """
-        # No protocol: FFmpeg opens nothing itself.
-        rules = {"format_whitelist": ",".join(FORMATS), "protocol_whitelist": "none"}
-        with self._file() as file, closing(_open(_First(file, self._extent.end), self.name, rules)) as container:
-            yield _stream(container)
+        try:
+            file = self._path.open("rb")
+        except OSError as problem:
+            raise SourceError(f"{self.name}: cannot be read ({first_line(problem)})") from None
+        with file, closing(open_video(file, _refusal(self.name))) as container:
+            yield stream_of(container)
 
     @cached_property
     def _origin(self) -> float:
         """Time stamp that counts as 0, s: the first frame's."""
         with self.opened() as stream:
             clock = _Clock(stream, self.timed)
-            return next((clock.origin for _ in self._decoded(stream, clock) if clock.origin is not None), 0.0)
-
-    def _decoded(self, stream: VideoStream, clock: _Clock) -> Iterator[Frame]:
-        return _decoded(stream, clock, self.name, whole=self._extent.whole)
-
-    def _file(self) -> BinaryIO:
-        try:
-            return self._path.open("rb")
-        except OSError as problem:
-            raise SourceError(f"{self.name}: cannot be read ({first_line(problem)})") from None
-
-
-class _First:
-    """The first bytes of a file, as a file."""
-
-    def __init__(self, file: BinaryIO, end: int) -> None:
-        self._file, self._end = file, end
-        self.name, self.tell = file.name, file.tell  # FFmpeg knows some formats by their names
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        if whence == os.SEEK_END:
-            return self._file.seek(self._end + offset)
-        return self._file.seek(offset, whence)
-
-    def read(self, size: int) -> bytes:
-        return self._file.read(max(min(size, self._end - self._file.tell()), 0))
+            frames = _decoded(stream, clock, self.name)
+            return next((clock.origin for _ in frames if clock.origin is not None), 0.0)
 
 
 class Stream:
@@ -206,12 +164,8 @@ class Stream:
         if scheme not in SCHEMES:
             streams = ", ".join(f"{s}://" for s in SCHEMES)
             raise SourceError(f"{self.name}: a stream URL must begin with {streams}; give a file by its path alone")
-        rules = {
-            "format_whitelist": ",".join((*FORMATS, *STREAM_FORMATS)),
-            "protocol_whitelist": ",".join(PROTOCOLS),
-        }
-        self._container: InputContainer | None = _open(url, self.name, rules)
-        stream = _stream(self._container)
+        self._container: InputContainer | None = open_video(url, _refusal(self.name))
+        stream = stream_of(self._container)
         self.count, self.timed = _count(stream), _timed(stream)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -226,40 +180,12 @@ class Stream:
         if container is None:
             raise SourceError(f"{self.name}: a stream can be read once")
         with container:
-            stream = _stream(container)
-            yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name, whole=True))
+            stream = stream_of(container)
+            yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name, live=True))
 
 
-def _open(source: str | _First, name: str, rules: dict[str, str]) -> InputContainer:
-    try:
-        container = av.open(source, "r", options=rules, timeout=PATIENCE_S)
-    except (av.error.ArgumentError, av.error.InvalidDataError):
-        raise SourceError(f"{name}: not a video that can be opened (damaged, cut off, or no {_KINDS})") from None
-    except (av.error.FFmpegError, OSError, ValueError) as problem:
-        raise SourceError(f"{name}: not a video that can be opened ({first_line(problem)})") from None
-    if refused := _problem(container):
-        container.close()
-        raise SourceError(f"{name}: {refused}")
-    # Pictures may change their size later.
-    _stream(container).codec_context.options = {"max_pixels": str(MOST_PIXELS)}
-    return container
-
-
-def _stream(container: InputContainer) -> VideoStream:
-    stream = stream_of(container.streams.video)
-    assert stream is not None  # else `_problem` refuses it
-    return stream
-
-
-def _problem(container: InputContainer) -> str:
-    stream = stream_of(container.streams.video)
-    if stream is None:
-        return "it has no pictures"
-    codec: Any = stream.codec_context  # None where FFmpeg has no decoder
-    if codec is None:
-        return "its pictures are coded in a way that is not known"
-    # As shown: a pixel may be wide.
-    return too_large(codec.width, codec.height) or too_large(*squared(codec.width, codec.height, aspect_of(stream)))
+def _refusal(name: str) -> Refuse:
+    return lambda why: SourceError(f"{name}: {why}")
 
 
 def _timed(stream: VideoStream) -> bool:
@@ -275,33 +201,61 @@ def _count(stream: VideoStream) -> int | None:
     return round(stream.duration * stream.time_base * rate)
 
 
-def _decoded(stream: VideoStream, clock: _Clock, name: str, *, whole: bool) -> Iterator[Frame]:
+def _decoded(stream: VideoStream, clock: _Clock, name: str, *, live: bool = False) -> Iterator[Frame]:
     """Pictures as they come, damaged ones as lost frames; ends with a lost frame where the video breaks off."""
-    container: Any = stream.container
     stream.codec_context.thread_count = 1  # the next picture is decoded while a core processes this one
-    playback = Playback(stream, lambda why: SourceError(f"{name}: {why}"))
-    packets = container.demux(stream)
-    broken, ended, seen = "" if whole else "the file is cut off", False, False
-    while not ended:
-        try:
-            packet = next(packets)
-        except StopIteration:
+    playback = Playback(stream, _refusal(name))
+    broken, seen = "", False
+    for packet in _packets(stream, live=live):
+        if isinstance(packet, str):
+            broken = packet
             break
-        except (av.error.FFmpegError, OSError) as problem:
-            broken, ended = first_line(problem), True
-        else:
-            ended = packet.is_corrupt and not whole  # the last one, of which only a part is there
-        for frame in _pictures(_rest(stream) if ended else packet, clock, playback):
+        for frame in _pictures(packet, clock, playback):
             seen = seen or frame.picture is not None
             yield frame
     if broken and not seen:
-        raise SourceError(f"{name}: the video ends before its first image ({broken}){_advice(name, container)}")
+        raise SourceError(f"{name}: the video ends before its first image ({broken}){_advice(name, stream)}")
     if broken:
         yield Frame(None, clock.next(None), f"the video is truncated here ({broken})")
 
 
-def _advice(name: str, container: InputContainer) -> str:
-    if name.lower().startswith("http") and "mp4" in container.format.name:
+def _packets(stream: VideoStream, *, live: bool) -> Iterator[Packet[Any] | str]:
+    """Give the packets of a stream, after the last one of which a decoder gives what it holds back, and why it ends.
+
+    Nothing is said of the end where all is there that the container states, as far as FFmpeg tells it.
+    """
+    container: Any = stream.container
+    states_end, end = any(name in container.format.name for name in ("mp4", "matroska", "avi")), -math.inf
+    try:
+        for packet in container.demux(stream):
+            if packet.is_corrupt and not live and states_end:  # it is the last, of which a part is there
+                yield _rest(stream)
+                yield _CUT_OFF
+                return
+            if packet.pts is not None and packet.time_base is not None:
+                end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            yield packet
+    except (av.error.FFmpegError, OSError) as problem:
+        yield _rest(stream)
+        yield first_line(problem)
+    else:
+        rate = stream.average_rate or stream.guessed_rate
+        if not live and rate and end + _MOST_UNSTATED / rate < _stated_end(stream):
+            yield _CUT_OFF
+
+
+def _stated_end(stream: VideoStream) -> float:
+    """Time of a video's end, s, as MP4 and Matroska state it; that of others is an estimate by FFmpeg."""
+    container: Any = stream.container
+    if "mp4" in container.format.name and stream.duration and stream.time_base:
+        return float(((stream.start_time or 0) + stream.duration) * stream.time_base)
+    if "matroska" in container.format.name and container.duration and len(container.streams) == 1:  # else it is of all
+        return float(container.duration / av.time_base)
+    return -math.inf
+
+
+def _advice(name: str, stream: VideoStream) -> str:
+    if name.lower().startswith("http") and "mp4" in stream.container.format.name:
         return "; an MP4 with its index at the end needs an HTTP server with byte ranges: download it first"
     return ""
 

@@ -10,6 +10,7 @@ import contextlib
 import errno
 import functools
 import json
+import math
 import os
 import re
 import stat
@@ -214,11 +215,12 @@ _MOST_DIGITS = "64 bits at most"
 _TOO_DEEP = f"tables and lists must not be nested deeper than {MOST_LEVELS} levels"
 
 
-def find_misfit(data: Any) -> tuple[str, str] | None:
+def find_misfit(data: Any, *, finite: bool = False) -> tuple[str, str] | None:
     """Find what no file of ours has room for: returns its dotted key and what is wrong, or None.
 
     That is an integer beyond 64 bits, nesting beyond `MOST_LEVELS`, and a text or key that is no Unicode: half of a
-    pair of surrogates, as JSON may escape it and as Python decodes bytes of an argument that are no UTF-8.
+    pair of surrogates, as JSON may escape it and as Python decodes bytes of an argument that are no UTF-8. Where
+    ``finite`` is asked for, so are infinite numbers and NaN.
     """
     left: list[tuple[Any, tuple[str, ...]]] = [([data], ())]
     while left:
@@ -230,6 +232,8 @@ def find_misfit(data: Any) -> tuple[str, str] | None:
                 return _dotted((*path, str(key))), f"must be UTF-8 text, got {shown(value)}"
             if isinstance(value, int) and not LEAST_INTEGER <= value <= MOST_INTEGER:
                 return _dotted((*path, str(key))), f"an integer must have {_MOST_DIGITS}"
+            if finite and isinstance(value, float) and not math.isfinite(value):
+                return _dotted((*path, str(key))), f"must be a finite number, got {value}"
             if isinstance(value, Mapping | list | tuple):
                 if len(path) >= MOST_LEVELS:
                     return _dotted(path[:4]), _TOO_DEEP

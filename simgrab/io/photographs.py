@@ -7,23 +7,21 @@ bytes are kept in the process (`simgrab.io.models`).
 from __future__ import annotations
 
 import io
-import warnings
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import av
 import numpy as np
 from av.container import InputContainer
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
 
-from simgrab.errors import SimgrabError, first_line
+from simgrab.errors import PictureError, first_line
+from simgrab.io import pictures
 from simgrab.io.models import MOST_BYTES, Files, Model, remember
 from simgrab.io.parse import Refuse, is_dir, read_bytes
-from simgrab.io.playback import Playback, aspect_of, squared, stream_of
+from simgrab.io.playback import Playback, aspect_of, open_video, squared, stream_of
 
 PHOTOGRAPHS = ("jpg", "jpeg", "png", "webp", "bmp")
 VIDEOS = ("mp4", "mkv", "avi", "mov")
@@ -57,8 +55,6 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     path = path if path.name not in ("", "..") else root
     if not path.name:
         raise refuse(f"{path} is the root of a disk; name a folder of photographs")
-    from simgrab.io import pictures  # which needs OpenCV
-
     try:
         listed = pictures.of(path, [f".{ending}" for ending in PHOTOGRAPHS])
     except OSError as problem:
@@ -141,18 +137,12 @@ def _ending(name: str) -> str:
 
 
 def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of large pictures, which are refused here
-        try:
-            with Image.open(io.BytesIO(data), formats=("JPEG", "PNG", "WEBP", "BMP")) as image:
-                _check_size(name, *image.size, refuse)
-                if image.mode.startswith("I"):  # which Pillow would cut off at 255
-                    raise refuse(f"{name}: has values of 16 bits; store 8 bits")
-                return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
-        except SimgrabError:
-            raise
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-            raise refuse(f"{name}: is truncated, too large, or not a photograph") from None
+    try:
+        picture = pictures.decode(data, name)
+    except PictureError as problem:
+        raise refuse(f"{name}: {problem.reason}") from None
+    _check_size(name, picture.shape[1], picture.shape[0], refuse)
+    return picture
 
 
 def _check_size(name: str, width: int, height: int, refuse: Refuse) -> None:
@@ -164,16 +154,9 @@ def _check_size(name: str, width: int, height: int, refuse: Refuse) -> None:
 
 def _video(name: str, data: bytes, refuse: Refuse) -> tuple[InputContainer, VideoStream]:
     """Open a video, and the stream of it that players show."""
-    try:
-        container = av.open(io.BytesIO(data), mode="r")
-    except (av.FFmpegError, ValueError):
-        raise refuse(f"{name}: is truncated, or not a video") from None
-    stream = stream_of(container.streams.video)
-    if stream is None:
-        raise refuse(f"{name}: has no pictures")
-    codec: Any = stream.codec_context  # None where FFmpeg has no decoder
-    if codec is None:
-        raise refuse(f"{name}: is coded in a way that is not known")
+    container = open_video(io.BytesIO(data), lambda why: refuse(f"{name}: {why}"))
+    stream = stream_of(container)
+    codec = stream.codec_context
     _check_size(name, *squared(codec.width, codec.height, aspect_of(stream)), refuse)
     return container, stream
 

@@ -10,24 +10,48 @@ from __future__ import annotations
 import math
 import struct
 from fractions import Fraction
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
+import av
+import av.error
 import numpy as np
+from av.container import Container, InputContainer
 from av.filter import Graph
 from av.stream import Disposition
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from simgrab.errors import first_line
 from simgrab.io.parse import Refuse
+from simgrab.io.pictures import too_large
+from simgrab.runtime.environment import MOST_PIXELS
 
 T = TypeVar("T", bound=np.generic)
 Turn = tuple[bool, bool, bool]  # whether rows become columns, then whether columns, and rows, are in reverse order
 
-# Cover art, thumbnails and maps of depth: pictures beside the video, though in streams like it.
-_BESIDE = (
-    Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
+PATIENCE_S = (15.0, 15.0)  # to open a stream, and for its next packet
+# FFmpeg's names of formats that hold pictures themselves and open nothing else.
+FORMATS = (
+    "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "h264", "hevc", "m4v", "mjpeg", "obu",
+    "ivf", "flv", "live_flv", "asf", "dhav", "mxf", "ogg", "dv", "nut", "yuv4mpegpipe", "mpjpeg", "jpeg_pipe", "gif",
+    "apng", "wtv", "rm",
 )  # fmt: skip
+STREAM_FORMATS = ("rtsp", "rtp")
+SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "srt", "udp", "rtp", "tcp")
+PROTOCOLS = (*SCHEMES, "srtp", "tls", "httpproxy")
+_KINDS = "MP4, MOV, Matroska, AVI, MPEG, FLV, ASF, MXF, Ogg or a raw stream; playlists are not followed"
+# For FFmpeg's muxer: an MP4 that can be read however early it breaks off. An ordinary one is lost with its index, which
+# stands in one place. In fragments each group of pictures has its own, and the segment index before them states the
+# length of the whole. A fragment starts at each key frame, or a minute after the last, so that memory is bounded.
+# Pictures must come in the order of their time stamps, the first of which is 0.
+FRAGMENTED = {
+    "movflags": "+frag_keyframe+empty_moov+default_base_moof+global_sidx",
+    "frag_duration": "60000000",
+}
+
+# Cover art, thumbnails and maps of depth: pictures beside the video, though in streams like it.
+_NO_VIDEO = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
 _HDR = {16: "PQ", 18: "HLG"}  # by FFmpeg's AVColorTransferCharacteristic
 _TO_SRGB = "out_transfer=iec61966-2-1:out_primaries=bt709:out_range=full"
 _UPRIGHT = (False, False, False)
@@ -43,10 +67,58 @@ _TURNS = {
 _SKEW = 0.01  # of a display matrix, whose entries are rounded
 
 
-def stream_of(streams: tuple[VideoStream, ...]) -> VideoStream | None:
+def open_video(source: str | BinaryIO, refuse: Refuse) -> InputContainer:
+    """Open a video file or the URL of a stream; what it names itself is not opened, so that playlists are refused.
+
+    Parameters
+    ----------
+    source : str or binary file
+        A URL, or a file that is open.
+    refuse : callable
+        From a message to the error that is raised: where it cannot be opened, has no pictures or too large ones.
+    """
+    formats, protocols = (FORMATS, ("none",)) if not isinstance(source, str) else (FORMATS + STREAM_FORMATS, PROTOCOLS)
+    rules = {"format_whitelist": ",".join(formats), "protocol_whitelist": ",".join(protocols)}
+    try:
+        try:
+            container = av.open(source, "r", options=rules, timeout=PATIENCE_S)
+        except av.error.FFmpegError:
+            if isinstance(source, str):
+                raise
+            # An MP4 may break off within the index of a fragment, where FFmpeg looks by the list of all fragments.
+            source.seek(0)
+            container = av.open(source, "r", options=rules | {"fflags": "+ignidx"})
+    except (av.error.ArgumentError, av.error.InvalidDataError):
+        raise refuse(f"not a video that can be opened (damaged, cut off, or no {_KINDS})") from None
+    except (av.error.FFmpegError, OSError, ValueError) as problem:
+        raise refuse(f"not a video that can be opened ({first_line(problem)})") from None
+    if refused := _problem(container):
+        container.close()
+        raise refuse(refused)
+    # Pictures may change their size later.
+    stream_of(container).codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+    return container
+
+
+def _problem(container: InputContainer) -> str:
+    if not _videos(container):
+        return "it has no pictures"
+    stream = stream_of(container)
+    codec: Any = stream.codec_context  # None where FFmpeg has no decoder
+    if codec is None:
+        return "its pictures are coded in a way that is not known"
+    # As shown: a pixel may be wide.
+    return too_large(codec.width, codec.height) or too_large(*squared(codec.width, codec.height, aspect_of(stream)))
+
+
+def stream_of(container: InputContainer) -> VideoStream:
     """Choose the stream that players show by default: the first that is marked so, or else the first of all."""
-    videos = [stream for stream in streams if not stream.disposition & _BESIDE]
-    return next((s for s in videos if s.disposition & Disposition.default), videos[0] if videos else None)
+    videos = _videos(container)
+    return next((stream for stream in videos if stream.disposition & Disposition.default), videos[0])
+
+
+def _videos(container: Container) -> list[VideoStream]:
+    return [stream for stream in container.streams.video if not stream.disposition & _NO_VIDEO]
 
 
 def squared(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
@@ -67,7 +139,7 @@ class Playback:
     def __init__(self, stream: VideoStream, refuse: Refuse) -> None:
         self.aspect = aspect_of(stream)
         self._refuse = refuse
-        self._beside = sum(not other.disposition & _BESIDE for other in stream.container.streams.video) - 1
+        self._videos = len(_videos(stream.container))
         self._index = stream.index
         self._graphs = dict[tuple[str, ...], tuple[object, Graph]]()
 
@@ -119,8 +191,8 @@ class Playback:
     def note(self, frame: VideoFrame) -> str:
         """Say what was done to a frame and is not to be expected; empty where nothing was."""
         notes, coded = [], (frame.width, frame.height)
-        if self._beside:
-            notes.append(f"of {self._beside + 1} video streams FFmpeg's #{self._index} is read")
+        if self._videos > 1:
+            notes.append(f"of {self._videos} video streams FFmpeg's #{self._index} is read")
         if frame.interlaced_frame:
             notes.append("of interlaced pictures the first field is read where they move")
         if frame.color_trc in _HDR:

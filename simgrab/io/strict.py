@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import functools
-import math
 import re
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
@@ -70,7 +69,8 @@ def convert(data: Any, kind: type[T], error: Callable[..., SimgrabError] = Scena
     try:
         if not isinstance(data, Mapping):
             raise ScenarioError("", f"must be a table of keys and values, got {shown(data)}")
-        _refuse_misfits(data, kind)
+        if misfit := find_misfit(data, finite=True):
+            raise ScenarioError(*misfit)
         return msgspec.convert(_written_out(data, kind), kind)
     except ScenarioError as problem:
         key, text = problem.key, problem.problem
@@ -92,7 +92,8 @@ def _fit(struct: Checked) -> None:
         return
     plain = {name: getattr(struct, name) for name in fields}
     try:
-        _refuse_misfits(plain, type(struct))
+        if misfit := find_misfit(plain, finite=True):
+            raise ScenarioError(*misfit)
         try:
             fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
         except msgspec.ValidationError:  # NumPy's numbers and arrays are as good as Python's
@@ -106,13 +107,6 @@ def _fit(struct: Checked) -> None:
         value = getattr(fitted, name)
         if value is not getattr(struct, name):
             msgspec.structs.force_setattr(struct, name, value)
-
-
-def _refuse_misfits(data: Mapping[str, Any], kind: type[msgspec.Struct]) -> None:
-    if misfit := find_misfit(data):
-        raise ScenarioError(*misfit)
-    _refuse_nonfinite(data, "")
-    _refuse_unknown(data, kind, "")
 
 
 @functools.cache
@@ -137,79 +131,34 @@ def _fields(kind: type[msgspec.Struct]) -> dict[str, Any]:
     return {name: get_args(t)[0] if get_origin(t) is Annotated else t for name, t in types.items()}
 
 
+def _members(annotation: Any) -> list[Any]:
+    """Return the types that an annotation admits."""
+    if get_origin(annotation) in (Union, types.UnionType):
+        return [member for inner in get_args(annotation) for member in _members(inner)]
+    return _members(get_args(annotation)[0]) if get_origin(annotation) is Annotated else [annotation]
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Return the values of all Literals in an annotation, also of those of a list."""
+    if get_origin(annotation) is Literal:
+        return [str(value) for value in get_args(annotation)]
+    return [value for inner in get_args(annotation) for value in _choices(inner)]
+
+
 def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:
     """Return the struct types that an annotation admits."""
-    if get_origin(annotation) in (Union, types.UnionType):
-        return [s for a in get_args(annotation) for s in _structs_of(a)]
-    if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
-        return [annotation]
-    return []
+    return [kind for kind in _members(annotation) if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
 
 
-def _words_of(annotation: Any) -> tuple[tuple[Any, ...], bool]:
-    """Return the values of a Literal, or of the one in a union, and whether there is nothing else in it."""
-    if get_origin(annotation) is Literal:
-        return get_args(annotation), True
-    if get_origin(annotation) in (Union, types.UnionType):
-        return next((get_args(a) for a in get_args(annotation) if get_origin(a) is Literal), ()), False
-    return (), False
+def _by_tag(structs: list[type[msgspec.Struct]]) -> tuple[str, dict[str, type[msgspec.Struct]]]:
+    """Return the key by which a union's members are told apart, and the members by its values."""
+    return structs[0].__struct_config__.tag_field or "", {str(s.__struct_config__.tag): s for s in structs}
 
 
-def _choices(annotation: Any) -> tuple[Any, ...]:
-    """Return the values of all Literals in an annotation."""
-    if get_origin(annotation) is Literal:
-        return get_args(annotation)
-    return tuple(value for inner in get_args(annotation) for value in _choices(inner))
-
-
-def _refuse_unknown(data: Mapping[str, Any], kind: type[msgspec.Struct], path: str) -> None:
-    fields = _fields(kind)
-    tag_field = kind.__struct_config__.tag_field
-    valid = [*([tag_field] if tag_field else []), *fields]
-    for key, value in data.items():
-        dotted = f"{path}{key}"
-        if key not in valid:
-            raise ScenarioError(dotted, f"unknown key{suggestion(str(key), valid)}; valid here: {', '.join(valid)}")
-        structs = _structs_of(fields.get(key))
-        words, pure = _words_of(fields.get(key))
-        if words and value not in words and (pure or isinstance(value, str)):
-            choices = [str(choice) for choice in words]
-            hint = suggestion(str(value), choices)
-            either = f"{', '.join(choices)}{', or a table' if structs else ''}"
-            raise ScenarioError(dotted, f"must be one of: {either}; got {shown(value)}{hint}")
-        if get_origin(fields.get(key)) is dict and isinstance(value, Mapping):
-            _refuse_bad_entries(value, get_args(fields[key])[1], dotted)
-        if structs and isinstance(value, Mapping):
-            _refuse_unknown(value, _choose(structs, value, dotted), f"{dotted}.")
-
-
-def _refuse_bad_entries(table: Mapping[str, Any], kind: Any, path: str) -> None:
-    """Convert the entries of a table with free keys one by one: msgspec does not report which of them it refuses."""
-    for key, value in table.items():
-        dotted = f"{path}.{key}"
-        structs = _structs_of(kind)
-        if structs and isinstance(value, Mapping):
-            _refuse_unknown(value, _choose(structs, value, dotted), f"{dotted}.")
-        try:
-            msgspec.convert(_whole(value, kind), kind)
-        except msgspec.ValidationError as problem:
-            inner, text = _read(problem, value, kind)
-            raise ScenarioError(f"{dotted}.{inner}" if inner else dotted, text) from None
-
-
-def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any], path: str) -> type[msgspec.Struct]:
-    """Pick the member of a union by its tag."""
-    tag_field = structs[0].__struct_config__.tag_field
-    if tag_field is None:
-        return structs[0]
-    by_tag = {str(s.__struct_config__.tag): s for s in structs}
-    tag = value.get(tag_field)
-    if tag is None:
-        raise ScenarioError(f"{path}.{tag_field}", f"missing; one of: {', '.join(by_tag)}")
-    if not isinstance(tag, str) or tag not in by_tag:
-        hint = suggestion(str(tag), list(by_tag))
-        raise ScenarioError(f"{path}.{tag_field}", f"unknown value {shown(tag)}{hint}; one of: {', '.join(by_tag)}")
-    return by_tag[str(tag)]
+def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any]) -> type[msgspec.Struct] | None:
+    """Pick the member of a union by its tag; None where that is missing or wrong."""
+    tag_field, by_tag = _by_tag(structs)
+    return structs[0] if len(structs) == 1 else by_tag.get(str(value.get(tag_field)))
 
 
 def of_another_kind(data: Mapping[str, Any], kind: type[msgspec.Struct], key: str) -> bool:
@@ -219,20 +168,11 @@ def of_another_kind(data: Mapping[str, Any], kind: type[msgspec.Struct], key: st
         kinds, data = _structs_of(_fields(kind).get(step)), data.get(step, {})
         if not kinds or not isinstance(data, Mapping):
             return False
-        kind = _choose(kinds, data, step)
+        chosen = _choose(kinds, data)
+        if chosen is None:
+            return False
+        kind = chosen
     return leaf not in _fields(kind) and any(leaf in _fields(other) for other in kinds)
-
-
-def _refuse_nonfinite(value: Any, path: str) -> None:
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ScenarioError(path, f"must be a finite number, got {value}")
-    items: Iterable[tuple[Any, Any]] = ()
-    if isinstance(value, Mapping):
-        items = value.items()
-    elif isinstance(value, list | tuple):
-        items = enumerate(value)
-    for key, inner in items:
-        _refuse_nonfinite(inner, f"{path}.{key}" if path else str(key))
 
 
 def _written_out(data: Mapping[str, Any], kind: type[msgspec.Struct]) -> dict[str, Any]:
@@ -245,7 +185,7 @@ def _whole(value: Any, annotation: Any) -> Any:
     if isinstance(value, Mapping) and get_origin(annotation) is dict:
         return {key: _whole(inner, get_args(annotation)[1]) for key, inner in value.items()}
     if isinstance(value, Mapping) and (structs := _structs_of(annotation)):
-        return _written_out(value, _choose(structs, value, ""))
+        return _written_out(value, chosen) if (chosen := _choose(structs, value)) else value
     if isinstance(value, int | float) and not isinstance(value, bool):
         for struct in _structs_of(annotation):
             if field := getattr(struct, "of_number", ""):
@@ -259,28 +199,55 @@ def _read(problem: msgspec.ValidationError, data: Any, kind: Any) -> tuple[str, 
     ``kind`` is what the data were to become.
     """
     text, at, path = str(problem).rpartition(" - at `$")
-    if not at:
-        text, path = path, ""
-    key = re.sub(r"\[(\d+)\]", r".\1", path.rstrip("`")).lstrip(".")
+    text, steps = (text, re.findall(r"\.\.\.|[^.\[\]`]+", path)) if at else (path, [])
+    for i, step in enumerate(steps):
+        if step == "..." and get_origin(kind) is dict:  # an entry of free keys, of which msgspec does not say which
+            return _of_entries(".".join(steps[:i]), data, get_args(kind)[1])
+        try:
+            kind, data = _inner(kind, data, step), data[int(step)] if isinstance(data, list | tuple) else data[step]
+        except (LookupError, TypeError, ValueError):  # a number in place of a table, or a key that looks like a path
+            steps = steps[:i]
+            break
+    key, structs = ".".join(steps), _structs_of(kind)
     if isinstance(cause := problem.__cause__, ScenarioError):  # of a struct within
         return ".".join(filter(None, (key, cause.key))), cause.problem
-    missing = re.search(r"missing required field `(\w+)`", text)
-    if missing:
-        return f"{key}.{missing[1]}" if key else missing[1], "missing"
-    given, choices = data, tuple[Any, ...]()
-    for step in filter(None, key.split(".")):
-        structs = _structs_of(kind)
-        if len(structs) > 1 and isinstance(given, Mapping):
-            structs = [_choose(structs, given, "")]
-        kind = _fields(structs[0]).get(step) if structs else None
-        choices = choices if kind is None else _choices(kind)  # an entry of a list has those of the list
-        given = given[int(step)] if isinstance(given, list | tuple) else given.get(step)
-    structs = _structs_of(kind)
+    named = re.search(r"(missing required|contains unknown) field `(.*)`", text, re.DOTALL)
+    if named and structs:
+        dotted = f"{key}.{named[2]}" if key else named[2]
+        tag_field, tags = _by_tag(structs)
+        if named[1] == "missing required":
+            return dotted, f"missing; one of: {', '.join(tags)}" if named[2] == tag_field else "missing"
+        valid = [*filter(None, [tag_field]), *_fields(_choose(structs, data) or structs[0])]
+        return dotted, f"unknown key{suggestion(named[2], valid)}; valid here: {', '.join(valid)}"
+    words = in_words(text, _tables(structs))
+    if (choices := _choices(kind)) and (text.startswith("Invalid") or get_origin(kind) is Literal):
+        either = f"{', '.join(choices)}{', or a table' if structs else ''}"
+        return key, f"must be one of: {either}; got {shown(data)}{suggestion(str(data), choices)}"
     if choices:
-        listed = ", ".join(map(repr, choices))
-        wanted = "must be" if text.startswith("Invalid enum value") else f"{in_words(text)} of"
-        return key, f"{wanted} {'one of ' if wanted == 'must be' else ''}{listed}; got {shown(given)}"
-    return key, f"{in_words(text, _tables(structs))}{'; ' if structs else ', '}got {shown(given)}"
+        return key, f"{words} of: {', '.join(choices)}; got {shown(data)}"
+    return key, f"{words}{'; ' if structs else ', '}got {shown(data)}"
+
+
+def _inner(kind: Any, data: Any, step: str) -> Any:
+    """Return the type that a key of a table, or an entry of a list, was to become."""
+    if isinstance(data, Mapping):
+        tag_field, tags = _by_tag(structs) if (structs := _structs_of(kind)) else ("", {})
+        if step == tag_field:
+            return Literal[tuple(tags)]
+        chosen = _choose(structs, data) if structs else None
+        return _fields(chosen).get(step) if chosen else None
+    of_list = next((get_args(one) for one in _members(kind) if get_origin(one) in (list, tuple)), (None,))
+    return of_list[int(step)] if int(step) < len(of_list) and ... not in of_list else of_list[0]
+
+
+def _of_entries(key: str, table: Mapping[str, Any], kind: Any) -> tuple[str, str]:
+    for name, value in table.items():
+        try:
+            msgspec.convert(_whole(value, kind), kind)
+        except msgspec.ValidationError as problem:
+            inner, text = _read(problem, value, kind)
+            return ".".join(filter(None, (key, name, inner))), text
+    return key, "has a key that is no text"
 
 
 _WORDS = {
@@ -303,9 +270,10 @@ def _tables(structs: list[type[msgspec.Struct]]) -> str:
     """Say which tables are valid."""
     if not structs:
         return _WORDS["object"]
-    tag_field = structs[0].__struct_config__.tag_field
-    if tag_field is None:
+    tag_field, tags = _by_tag(structs)
+    if not tag_field:
         return f"a table with keys among: {', '.join(_fields(structs[0]))}"
-    tags = [str(struct.__struct_config__.tag) for struct in structs]
     number = "a number or " if any(getattr(struct, "of_number", "") for struct in structs) else ""
-    return f'{number}a table such as {{ {tag_field} = "{tags[0]}" }}, with {tag_field} one of: {", ".join(tags)}'
+    return (
+        f'{number}a table such as {{ {tag_field} = "{next(iter(tags))}" }}, with {tag_field} one of: {", ".join(tags)}'
+    )

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import codecs
+import re
 from pathlib import Path
 from typing import Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
 
 from simgrab.errors import DatasetError, one_line
 from simgrab.io.parse import read_bytes
 from simgrab.model.truth import Row
 
 MOST_COCO_BYTES = 4 * 2**30
-_MOST_CHARACTERS = 7  # of a run length, of 5 bits each
+_RUNS = re.compile("(?:[P-o]{0,5}[0-O])+")  # 5 bits a character, and whether another one follows
 
 
 class Coded(msgspec.Struct, frozen=True):
@@ -106,28 +108,13 @@ class Masks:
 
 
 def _decoded(counts: str, height: int, width: int) -> NDArray[np.bool_]:
-    """Decode the text of a mask's run lengths, as the COCO API writes it.
+    """Decode compressed run lengths that the COCO API wrote; raises ValueError where they do not hold the picture.
 
-    Runs go down the columns, those outside of the mask and those inside by turns. Each has 5 bits a character, the
-    lowest first, and the last one's highest bit is the sign. From the fourth run on, what is written is the difference
-    to the run two before it.
-    https://github.com/cocodataset/cocoapi/blob/master/common/maskApi.c, ``rleToString``.
+    The API itself reads beyond a text whose last run is not whole, and leaves pixels after the last run undefined.
     """
-    if len(counts) > height * width + 1:  # each run has a pixel, but for the first
-        raise ValueError("it has more run lengths than pixels")
-    codes = np.frombuffer(counts.encode(), np.uint8).astype(np.int64) - ord("0")
-    ends = np.flatnonzero(codes & 0x20 == 0) + 1
-    starts = np.concatenate([[0], ends[:-1]])
-    sizes = np.diff(ends, prepend=0)
-    whole = sizes.sum() == len(codes) > 0 and sizes.max() <= _MOST_CHARACTERS
-    if not whole or codes.min() < 0 or codes.max() > 0x3F:
+    if not _RUNS.fullmatch(counts):
         raise ValueError("its run lengths cannot be decoded")
-    shifts = 5 * (np.arange(len(codes)) - np.repeat(starts, sizes))
-    runs = np.add.reduceat((codes & 0x1F) << shifts, starts)
-    runs -= (codes[ends - 1] >> 4 & 1) << 5 * sizes
-    runs[1::2] = np.cumsum(runs[1::2])
-    runs[2::2] = np.cumsum(runs[2::2])
-    if runs.min() < 0 or runs.max() > height * width or runs.sum() != height * width:
-        raise ValueError(f"its run lengths sum to {runs.sum()} px")
-    inside = np.arange(len(runs)) % 2 == 1
-    return np.repeat(inside, runs).reshape(width, height).T
+    mask = np.asarray(coco_mask.decode({"size": [height, width], "counts": counts.encode()}))
+    if coco_mask.encode(np.asfortranarray(mask))["counts"] != counts.encode():
+        raise ValueError("its run lengths are not those of a whole picture")
+    return mask.astype(bool)

@@ -8,7 +8,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pyarrow", "pycocotools", "scipy", "trimesh")
+PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pillow", "pyarrow", "pycocotools", "scipy", "trimesh")
 
 
 def packages() -> dict[str, str]:

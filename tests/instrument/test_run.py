@@ -18,6 +18,7 @@ from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
@@ -27,7 +28,6 @@ from simgrab.instrument.run.run import Options, measure, run
 from simgrab.instrument.run.table import beside_paper, held
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import open_source
-from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
 from simgrab.model.layouts import load as layout
 from simgrab.model.truth import Row
@@ -119,7 +119,8 @@ def test_published_stands_beside_measured(found):
     result, _ = found
     table = {row[0]: row[1:] for row in beside_paper(result)}
     assert table["tilt β̂ (deg)"][0] == "2.530"
-    assert table["tilt β̂ (deg)"][1] == f"{result.about['paper']['beta_deg']:.3f}"
+    again = PaperIteration().estimate(result.pixels, result.calibration)
+    assert table["tilt β̂ (deg)"][1] == f"{np.rad2deg(again.beta):.3f}"
     assert table["tilt β̂ (deg)"][2] == f"{result.about['tilt']['beta_deg']:.3f}"
     assert table["iterations"][0] == "8"
     facts = dict(held(result))
@@ -205,8 +206,8 @@ def test_a_run_that_measured_nothing_has_failed_and_says_why(tmp_path, live):
     for i in range(3):
         (folder / f"{i}.jpg").write_bytes(cv2.imencode(".jpg", picture(i))[1].tobytes()[:-100])
     result = run(folder, CAMERA, tmp_path / "a", Pipeline(nothing, None), Options(live=live))
-    why = f"{folder}: no picture could be read (3 lost; the first: 0.jpg cannot be read as an image: it is cut off)"
-    assert result.failure == why
+    why = result.failure
+    assert why.startswith(f"{folder}: no picture could be read (3 lost; the first: 0.jpg cannot be read as an image: ")
     assert json.loads((tmp_path / "a" / "run.json").read_text())["failure"] == why
     assert runs.load(tmp_path / "a").failure == why
     cv2.imwrite(str(folder / "3.jpg"), picture(3))
@@ -261,15 +262,6 @@ def test_an_annotated_video_that_breaks_off_gives_what_it_held(tmp_path):
     assert [frame.time_s for frame in frames] == pytest.approx(np.arange(len(frames)) / 9, abs=1e-4)
 
 
-def test_truncated_streams_and_changing_rates_give_what_they_held(tmp_path):
-    path = film(tmp_path / "cut.mkv", np.arange(60) / 9)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    result = run(path, CAMERA, tmp_path / "a", Pipeline(nothing, None))
-    assert 10 < len(result.measurements) < 60
-    faster = film(tmp_path / "rate.mp4", np.concatenate([np.arange(40) / 9, 40 / 9 + np.arange(40) / 25]))
-    assert len(run(faster, CAMERA, tmp_path / "b", Pipeline(nothing, None)).measurements) == 80
-
-
 def shorter(frames):
     return frames[:-1]
 
@@ -312,15 +304,6 @@ def test_what_was_assumed_of_a_source_is_stated_once(tmp_path):
     assert runs.load(tmp_path / "out").about["notes"] == ["pictures are turned by 180°"]
     assert held(result)[:2] == [("source", str(path)), ("  note", "pictures are turned by 180°")]
     assert page(result, {}).count("pictures are turned by 180°") == 1
-
-
-def test_greys_of_16_bits_are_measured(tmp_path):
-    folder = tmp_path / "grey"
-    folder.mkdir()
-    for i in range(3):
-        cv2.imwrite(str(folder / f"{i}.png"), picture(i)[..., 0].astype(np.uint16) * 257)
-    result = run(folder, CAMERA, tmp_path / "out", Pipeline(nothing, None))
-    assert [m.status for m in result.measurements] == ["missed"] * 3
 
 
 def test_an_interrupted_live_run_keeps_what_it_has(tmp_path):
@@ -376,51 +359,49 @@ class Zero:
         ]
 
 
-def test_anybodys_instrument_runs(tmp_path):
+def ahead(instrument, frames, calibration):
+    """Begins before it has seen anything, and then takes every frame but the last."""
+    yield Measurement(status="refused", reason="warming up")
+    for frame in itertools.islice(frames, 8):
+        yield from instrument([frame], calibration)
+
+
+def endless(instrument, frames, calibration):
+    yield from instrument(frames, calibration)
+    yield from itertools.repeat(Measurement(status="ok", alpha=0.0))
+
+
+def unlucky(*_):
+    raise FileNotFoundError(2, "No such file or directory", "weights.onnx")
+
+
+INSTRUMENTS = {
+    "ahead": (ahead, None, ""),
+    "endless": (endless, InstrumentError, "^zero: more than 9 measurements of 9 frames; one for each"),
+    "early": (lambda one, frames, known: one(itertools.islice(frames, 4), known), RunError, "4 measurements of 9"),
+    "short": (lambda one, frames, known: one(frames, known)[1:], RunError, "8 measurements of 9 frames"),
+    "unlucky": (unlucky, InstrumentError, r"zero: FileNotFoundError: .*weights\.onnx"),
+}
+
+
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_anybodys_instrument_runs_or_is_refused(tmp_path, name):
     path = film(tmp_path / "a.mp4", np.delete(np.arange(9), 4) / 9)
-    result = run(path, CAMERA, tmp_path / "out", Zero())
-    assert [m.status for m in result.measurements] == ["ok"] * 4 + ["lost"] + ["ok"] * 4
-    assert (tmp_path / "out" / "report.html").exists()
+    call, error, told = INSTRUMENTS[name]
 
-    class Short(Zero):
+    class Other(Zero):
         def __call__(self, frames, calibration):
-            return super().__call__(frames, calibration)[1:]
+            return call(Zero(), frames, calibration)
 
-    class Early(Zero):
-        def __call__(self, frames, calibration):
-            return super().__call__(itertools.islice(frames, 4), calibration)
-
-    class Unlucky(Zero):
-        def __call__(self, frames, calibration):  # noqa: ARG002
-            raise FileNotFoundError(2, "No such file or directory", "weights.onnx")
-
-    class Endless(Zero):
-        def __call__(self, frames, calibration):
-            yield from super().__call__(frames, calibration)
-            yield from itertools.repeat(Measurement(status="ok", alpha=0.0))
-
-    class Ahead(Zero):
-        """Begins before it has seen anything, and then takes every frame but the last."""
-
-        def __call__(self, frames, calibration):
-            yield Measurement(status="refused", reason="warming up")
-            for frame in itertools.islice(frames, 8):
-                yield from super().__call__([frame], calibration)
-
-    with pytest.raises(
-        InstrumentError, match=r"^zero: more than 9 measurements of 9 frames; one for each frame is required$"
-    ):
-        run(path, CAMERA, tmp_path / "other", Endless())
-    ahead = run(path, CAMERA, tmp_path / "ahead", Ahead())
-    assert [m.status for m in ahead.measurements] == ["refused"] + ["ok"] * 4 + ["lost"] + ["ok"] * 3
-    with pytest.raises(RunError, match="4 measurements of 9 frames"):
-        run(path, CAMERA, tmp_path / "other", Early())
-    with pytest.raises(InstrumentError, match=r"zero: FileNotFoundError: .*weights\.onnx"):
-        run(path, CAMERA, tmp_path / "other", Unlucky())
-    with pytest.raises(RunError, match="8 measurements of 9 frames"):
-        run(path, CAMERA, tmp_path / "other", Short())
+    if error is None:
+        whole, other = (run(path, CAMERA, None, one).measurements for one in (Zero(), Other()))
+        assert [m.status for m in whole] == ["ok"] * 4 + ["lost"] + ["ok"] * 4
+        assert [m.status for m in other] == ["refused"] + ["ok"] * 4 + ["lost"] + ["ok"] * 3
+    else:
+        with pytest.raises(error, match=told):
+            run(path, CAMERA, None, Other())
     with pytest.raises(RunError, match="frame by frame"):
-        run(path, CAMERA, tmp_path / "other", Zero(), Options(live=True))
+        run(path, CAMERA, None, Zero(), Options(live=True))
 
 
 def test_anybodys_instrument_runs_from_the_command_line(tmp_path, monkeypatch):
@@ -488,14 +469,6 @@ def test_the_report_opens_in_a_browser_and_takes_the_operators_word(alarmed, tmp
     assert told["extra"]["count"] == ("all confirmed" if n == 1 else f"{n - 1} of {n} not yet confirmed")
 
 
-@needs_chromium
-def test_an_error_in_a_page_does_not_pass(tmp_path):
-    with pytest.raises(AssertionError, match="CONSOLE"):
-        shown("<html><body><script>nobody();</script></body></html>", tmp_path)
-    with pytest.raises(AssertionError):
-        shown("<html><body><figure><img src='none.jpg'></figure></body></html>", tmp_path)
-
-
 def test_the_page_keeps_to_itself(alarmed):
     text = page(alarmed, {})
     assert not re.search(r"(?:src|href)=['\"](?!data:|#)", text)
@@ -537,7 +510,3 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
         assert told in said.output + str(said.exception)
         assert said.exception is None or isinstance(said.exception, SystemExit | SimgrabError)
         assert not (tmp_path / "c").exists()
-
-
-def test_the_clips_camera_is_beside_it(clip):
-    assert camera_file.load(clip.with_suffix(".camera.toml")).digit_layout is not None

@@ -1,30 +1,25 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
-import dataclasses
 import os
 import socket
 import sys
 import threading
 import time
 from fractions import Fraction
-from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
 import av
 import cv2
-import msgspec
 import numpy as np
 import pytest
 from av.filter import Graph
 from av.stream import Disposition
 
-from simgrab.dataset import datasets
 from simgrab.errors import SourceError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source
-from simgrab.instrument.video import Video, _Clock
+from simgrab.instrument.video import Video
 from simgrab.model.calibration import Calibration
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -112,12 +107,6 @@ def test_pictures_are_turned_as_their_file_states(tmp_path, name):
         list(open_source(film(tmp_path / name, even(1), state=turned(45, False, False))))
 
 
-def test_a_turned_picture_does_not_fit_the_camera_of_the_upright_one(tmp_path):
-    path = film(tmp_path / "a.mp4", even(2), state=turned(90, False, False))
-    with pytest.raises(SourceError, match=r"36x64 px, but the camera file states 64x36 px: .* turned by 90°"):
-        list(fitting(iter(open_source(path)), Calibration(*SIZE, 60.0, 32.0, 18.0)))
-
-
 @pytest.mark.parametrize(("aspect", "size"), [("4/3", (85, 36)), ("3/4", (64, 48)), ("1", SIZE), ("64/64", SIZE)])
 @pytest.mark.parametrize("name", ["a.mp4", "a.mkv", "a.ts", "a.h264"])
 def test_pixels_are_made_square(tmp_path, name, aspect, size):
@@ -174,10 +163,9 @@ def test_frames_without_time_stamps_have_the_rate_that_is_given_stated_or_assume
     assert times_of(open_source(raw)) == pytest.approx(even(20, 25))
     assert times_of(open_source(raw, rate_hz=12)) == pytest.approx(even(20, 12))
     pictures = b"".join(b"FRAME\n" + bytes([i] * 64 * 36) for i in range(6))
-    (tmp_path / "a.y4m").write_bytes(b"YUV4MPEG2 W64 H36 Cmono\n" + pictures)
     (tmp_path / "b.y4m").write_bytes(b"YUV4MPEG2 W64 H36 F12:1 Cmono\n" + pictures)
     assert times_of(open_source(tmp_path / "b.y4m")) == pytest.approx(even(6, 12))
-    for path in (tmp_path / "a.mjpeg", tmp_path / "a.y4m", absurd):
+    for path in (tmp_path / "a.mjpeg", absurd):
         assumed, given = (list(open_source(path, rate_hz=rate)) for rate in (None, 12))
         assert times_of(assumed) == pytest.approx(even(6))
         assert times_of(given) == pytest.approx(even(6, 12))
@@ -185,13 +173,6 @@ def test_frames_without_time_stamps_have_the_rate_that_is_given_stated_or_assume
         assert {frame.note for frame in given} == {""}
     with over_http(tmp_path) as url:
         assert times_of(open_source(f"{url}/a.mjpeg", rate_hz=12)) == pytest.approx(even(6, 12))
-
-
-@pytest.mark.parametrize("count", [1, 6])
-def test_mjpeg_of_any_length_is_read(tmp_path, count):
-    pictures = [np.random.default_rng(i).integers(0, 255, (96, 128, 3), np.uint8) for i in range(count)]
-    (tmp_path / "a.mjpeg").write_bytes(b"".join(cv2.imencode(".jpg", one)[1].tobytes() for one in pictures))
-    assert len(list(open_source(tmp_path / "a.mjpeg"))) == count
 
 
 def test_the_stream_that_players_show_is_read(tmp_path):
@@ -306,40 +287,29 @@ def test_time_stamps_beyond_what_doubles_resolve_count_as_missing(tmp_path, stam
     assert times_of(open_source(path)) == pytest.approx(even(20, 25))
 
 
-def test_times_increase_however_short_a_step_is():
-    container = SimpleNamespace(format=SimpleNamespace(name="mov", flags=0))
-    clock = _Clock(SimpleNamespace(average_rate=10**9, guessed_rate=None, container=container), timed=True)
-    times = [clock.next(stamp) for stamp in (1e12, None, 1e12, 1e13, float("nan"))]
-    assert all(later > earlier for earlier, later in pairwise(times))
+def jpegs(path, head=b"", count=8):
+    """JPEGs one after another, as cameras send them."""
+    path.write_bytes(b"".join(head + cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(count)))
+    return path
 
 
-@pytest.mark.parametrize(
-    ("name", "codec", "pixels"),
-    [("a.gif", "gif", "rgb8"), ("a.wtv", "mpeg2video", "yuv420p"), ("a.rm", "rv20", "yuv420p")],
-)
-def test_gif_wtv_and_realmedia_are_read(tmp_path, name, codec, pixels):
-    frames = list(open_source(coded(tmp_path / name, codec, pixels)))
-    assert np.diff(times_of(frames)) == pytest.approx(np.full(19, 0.04), abs=1e-3)
+FORMATS = {
+    "a.gif": lambda path: coded(path, "gif", "rgb8"),
+    "a.wtv": lambda path: coded(path, "mpeg2video", "yuv420p"),
+    "a.rm": lambda path: coded(path, "rv20", "yuv420p"),
+    "a.mjpeg": jpegs,
+    "one.mjpeg": lambda path: jpegs(path, count=1),
+    "a.mjpg": lambda path: jpegs(path, b"\r\n--frame\r\nContent-Type: image/jpeg\r\n\r\n"),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_other_formats_are_read(tmp_path, name):
+    frames = list(open_source(FORMATS[name](tmp_path / name)))
+    assert len(frames) == (20 if "jp" not in name else 1 if "one" in name else 8)
     assert all(frame.picture is not None for frame in frames)
-
-
-def test_a_recorded_multipart_stream_of_a_camera_is_read(tmp_path):
-    jpegs = (cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(8))
-    head = b"--frame\r\nContent-Type: image/jpeg\r\n\r\n"
-    (tmp_path / "mp.mjpg").write_bytes(b"".join(head + jpeg + b"\r\n" for jpeg in jpegs))
-    frames = list(open_source(tmp_path / "mp.mjpg"))
-    assert len(frames) == 8
-    assert np.abs(frames[7].picture.astype(int) - picture(7)).mean() < 6
-
-
-@pytest.mark.parametrize(("name", "options"), [("a.mkv", {}), ("a.mp4", {"movflags": "frag_keyframe+empty_moov"})])
-def test_a_truncated_video_gives_what_it_held(tmp_path, name, options):
-    path = film(tmp_path / name, even(60), options=options)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    frames = list(open_source(path))
-    seen = [f for f in frames if f.picture is not None]
-    assert 20 <= len(seen) < 60
-    assert times_of(seen) == pytest.approx(even(60)[: len(seen)], abs=2e-3)
+    if "jp" not in name:
+        assert np.diff(times_of(frames)) == pytest.approx(np.full(19, 0.04), abs=1e-3)
 
 
 def test_a_truncated_mp4_whose_index_came_last_is_refused(tmp_path):
@@ -508,7 +478,8 @@ def test_pictures_that_are_cut_off_or_too_large_are_lost_with_the_reason(tmp_pat
     at = data.index(b"\xff\xc0")
     (tmp_path / "2.jpg").write_bytes(data[: at + 5] + b"\xc3\x50" * 2 + data[at + 9 :])
     lost = [frame.reason for frame in open_source(tmp_path)]
-    assert lost[:2] == ["", "1.jpg cannot be read as an image: it is cut off"]
+    assert not lost[0]
+    assert lost[1].startswith("1.jpg cannot be read as an image: it is cut off")
     assert lost[2].startswith("2.jpg cannot be read as an image: it has 50000 x 50000 px; the limit is 100 megapixels")
 
 
@@ -583,27 +554,10 @@ def test_a_picture_of_more_bits_than_those_beside_it_is_lost(tmp_path):
     assert "above the 12 bits of other pictures in its folder" in lost[7]
 
 
-def test_pictures_of_16_bits_and_of_one_channel_become_rgb(tmp_path):
-    grey = np.linspace(0, 65535, 36 * 64).reshape(36, 64).astype(np.uint16)
-    cv2.imwrite(str(tmp_path / "0.png"), grey)
-    cv2.imwrite(str(tmp_path / "1.png"), (grey // 257).astype(np.uint8))
-    one, other = (frame.picture for frame in open_source(tmp_path))
-    assert one.dtype == np.uint8
-    assert one.shape == (36, 64, 3)
-    assert np.abs(one.astype(int) - other).max() <= 1
-
-
 def test_a_dataset_without_time_has_none(dataset):
     source = open_source(dataset)
     assert source.count == 6
     assert times_of(source) == [None] * 6
-
-
-def test_clips_without_time_are_independent_frames(dataset, monkeypatch):
-    known = datasets.read(dataset)
-    rows = tuple(msgspec.structs.replace(row, clip=i // 2, time_s=None) for i, row in enumerate(known.rows))
-    monkeypatch.setattr(datasets, "read", lambda _: dataclasses.replace(known, rows=rows))
-    assert times_of(open_source(dataset)) == [None] * 6
 
 
 def test_pictures_of_another_size(tmp_path):
@@ -618,13 +572,6 @@ def test_pictures_of_another_size(tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), picture(0, (8, 8)))
     with pytest.raises(SourceError, match=r"0\.png is an image of 8x8 px"):
         list(fitting(iter(open_source(tmp_path)), camera))
-
-
-def test_pictures_come_by_their_numbers_and_then_by_their_names(tmp_path):
-    names = ["2.png", "10.png", "frame9.png", "frame10.png", "z.png"]
-    for name in reversed(names):
-        cv2.imwrite(str(tmp_path / name), picture(0))
-    assert [frame.name for frame in open_source(tmp_path)] == names
 
 
 def test_the_camera_file_lies_in_or_beside_the_source(tmp_path, dataset):

@@ -1,5 +1,7 @@
 import dataclasses
 import shutil
+import sys
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -9,13 +11,15 @@ from click.testing import CliRunner
 
 from simgrab.cli import cli
 from simgrab.dataset import datasets
-from simgrab.errors import DatasetError, DetectorError
+from simgrab.errors import DatasetError, DetectorError, SourceError
 from simgrab.instrument.detect import pictures as detections
-from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate import detection
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.model import label_arrays as labels
 from simgrab.model.records.observations import Detection
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from films import film
 
 NONE = Detection("none", "nothing found", 0.1)
 
@@ -172,8 +176,7 @@ class Fixed:
 
 
 def test_detections_are_kept_as_a_table(known, tmp_path):
-    files = detections.pictures(known.path)
-    watched = detections.detect_files(files, Fixed(known))
+    watched = detections.detect(known.path, Fixed(known))
     detections.save(watched, tmp_path / "d.parquet")
     table = pq.read_table(tmp_path / "d.parquet").to_pylist()
     assert [row["file"] for row in table] == [str(known.image(row)) for row in known.rows]
@@ -185,34 +188,20 @@ def test_detections_are_kept_as_a_table(known, tmp_path):
         assert result.exit_code == 0, result.output
 
 
-def test_sources_of_pictures(known, tmp_path):
-    one = known.image(known.rows[0])
-    assert detections.pictures(one) == (one,)
-    with pytest.raises(DatasetError, match="is not a dataset, and contains no"):
-        detections.pictures(tmp_path)
-    shutil.copy(one, tmp_path / "b.jpg")
+def test_a_picture_that_cannot_be_read_and_a_video_are_refused(known, tmp_path):
+    shutil.copy(known.image(known.rows[0]), tmp_path / "b.jpg")
+    assert detections.detect(tmp_path, Fixed(known)).files == (tmp_path / "b.jpg",)
     (tmp_path / "a.jpg").write_bytes(b"no picture")
-    assert [path.name for path in detections.pictures(tmp_path)] == ["a.jpg", "b.jpg"]
-    folder = tmp_path / "all"
-    folder.mkdir()
-    for suffix in (".jpg", ".jpeg", ".PNG", ".bmp", ".tif", ".tiff", ".webp", ".txt"):
-        (folder / f"c{suffix}").touch()
-    assert detections.pictures(folder) == open_source(folder).files
-    assert len(detections.pictures(folder)) == 7
-    with pytest.raises(DatasetError, match=r"a\.jpg cannot be read"):
-        detections.detect_files(detections.pictures(tmp_path), Fixed(known))
-    with pytest.raises(DatasetError, match="there is no such file or folder"):
-        detections.pictures(tmp_path / "typo.jpg")
+    with pytest.raises(SourceError, match=r"a\.jpg cannot be read"):
+        detections.detect(tmp_path, Fixed(known))
+    with pytest.raises(SourceError, match="is a video"):
+        detections.detect(film(tmp_path / "a.mp4", [0.0]), Fixed(known))
 
     def refuses(_):
         raise DetectorError("too small")
 
     with pytest.raises(DetectorError, match=r"000000\.jpg: too small"):
-        detections.detect_files(detections.pictures(known.path), refuses)
-    for name in ("frame10.png", "frame2.png", "frame²0.png"):
-        (tmp_path / name).touch()
-    names = [path.name for path in detections.pictures(tmp_path)]
-    assert names == ["a.jpg", "b.jpg", "frame2.png", "frame10.png", "frame²0.png"]
+        detections.detect(known.path, refuses)
 
 
 def test_only_the_pictures_that_labels_are_of_are_scored(known, tmp_path):

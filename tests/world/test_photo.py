@@ -124,7 +124,7 @@ def test_a_photograph_and_a_video_are_shown_as_players_show_them(tmp_path: Path)
         shown = Sequence(read(tmp_path / name, AssertionError), AssertionError)[0]
         np.testing.assert_array_equal(shown, np.rot90(rgb, -1), name)
     cv2.imwrite(str(tmp_path / "deep.png"), rgb[..., 0].astype(np.uint16) * 16)
-    with pytest.raises(ScenarioError, match="has values of 16 bits; store 8 bits"):
+    with pytest.raises(ScenarioError, match=r"16-bit values .*; store 8 bits"):
         scene(tmp_path, "deep.png")
 
 
@@ -144,12 +144,12 @@ def whole() -> bytes:
 @pytest.mark.parametrize(
     ("name", "content", "problem"),
     [
-        ("yard.png", whole()[:2000], "truncated"),
-        ("yard.png", bomb(), "10000x10000 pixels; at most 40 million|truncated, too large"),
-        ("yard.png", b"hello", "not a photograph"),
+        ("yard.png", whole()[:2000], "cut off"),
+        ("yard.png", bomb(), "at most 40 million"),
+        ("yard.png", b"hello", "not a JPEG"),
         ("yard.txt", whole(), r"must be a folder, or end in one of \.jpg"),
-        ("yard.mp4", video([60, 120])[:300], "truncated, or not a video"),
-        ("yard.mp4", b"", "truncated, or not a video"),
+        ("yard.mp4", video([60, 120])[:300], "not a video that can be opened"),
+        ("yard.mp4", b"", "not a video that can be opened"),
     ],
 )
 def test_what_is_no_photograph_is_refused(tmp_path: Path, name: str, content: bytes, problem: str) -> None:

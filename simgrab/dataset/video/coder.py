@@ -15,7 +15,7 @@ from av.video import VideoStream
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 from numpy.typing import NDArray
 
-from simgrab.io.containers import FRAGMENTED
+from simgrab.io.playback import FRAGMENTED
 from simgrab.model.scenario import Camera, Clip
 
 # A camera's coder has no look-ahead and has no B-frames. One thread: x264 codes differently with more.

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import csv
-import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,16 +12,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from simgrab.errors import DatasetError, DetectorError
+from simgrab.errors import DatasetError, DetectorError, SourceError
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
+from simgrab.instrument.source import Files, open_source
 from simgrab.io import parquet
 from simgrab.io.destination import check_file, writing
 from simgrab.io.files import drafted
-from simgrab.io.pictures import SUFFIXES, bits, scaled
-from simgrab.io.pictures import of as files_of
-from simgrab.io.pictures import read as read_picture
 from simgrab.model.records import frame_files
 from simgrab.model.records.observations import Detection
 from simgrab.text import cell, encodable
@@ -61,6 +58,7 @@ def detect(
     Parameters
     ----------
     source : str or path
+        As `simgrab.instrument.source.open_source` takes it, but no video or stream.
     detector : str, path or Detector
         ``"bundled"``, ``"any-grab"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open
         detector.
@@ -75,8 +73,8 @@ def detect(
 
     Raises
     ------
-    DatasetError, DetectorError
-        If there is no picture, one cannot be read, or the detector cannot be opened.
+    SourceError, DatasetError, DetectorError
+        If there is no picture, one cannot be read or used, or the detector cannot be opened.
 
     Examples
     --------
@@ -85,40 +83,26 @@ def detect(
     >>> len(found.detections), found.detections[0].status
     (6, 'found')
     """
-    files = pictures(source)
-    return detect_files(files, open_detector(detector) if isinstance(detector, str | Path) else detector, progress)
-
-
-def detect_files(files: Sequence[Path], detector: Detector, progress: Progress | None = None) -> Detections:
-    """Detect the grab in image files.
-
-    Parameters
-    ----------
-    files : sequence of Path
-    detector : Detector
-    progress : callable, optional
-        Called with (pictures done, pictures in all).
-
-    Returns
-    -------
-    Detections
-
-    Raises
-    ------
-    DatasetError, DetectorError
-        If an image cannot be read or used; names it.
-    """
-    depth = bits(files)
-    found = _detect(files, (read_picture(file, bits=depth) for file in files), detector, progress)
-    return replace(found, note=scaled(depth))
+    opened = open_source(source)
+    if not isinstance(opened, Files):
+        raise SourceError(f"{opened.name} is a video; simgrab run measures it")
+    looks = open_detector(detector) if isinstance(detector, str | Path) else detector
+    return replace(_detect(opened.files, _whole(opened), looks, progress), note=opened.note)
 
 
 def detect_dataset(
     path: Path, rows: Sequence[frame_files.Row], detector: Detector, progress: Progress | None = None
 ) -> Detections:
-    """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `detect_files`."""
+    """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `detect`."""
     files = [path / row.file for row in rows]
     return _detect(files, map(frame_files.picture, files, rows), detector, progress)
+
+
+def _whole(source: Files) -> Iterator[Picture]:
+    for frame in source:
+        if frame.picture is None:
+            raise SourceError(f"{source.name}: {frame.reason}")
+        yield frame.picture
 
 
 def _detect(
@@ -135,29 +119,6 @@ def _detect(
         if progress:
             progress(len(detections), len(files))
     return Detections(detector.name, tuple(files), tuple(detections), tuple(seconds))
-
-
-def pictures(source: str | Path) -> tuple[Path, ...]:
-    """Pictures of a dataset by frame, of a folder by the numbers in their names, or one.
-
-    Raises
-    ------
-    DatasetError
-        If there is none.
-    """
-    if not isinstance(source, str | os.PathLike):
-        raise DatasetError(f"images are given by a path, got {type(source).__name__}; a detector itself takes arrays")
-    source = Path(source)
-    if frame_files.is_dataset(source):
-        return tuple(source / row.file for row in frame_files.read(source)[0])
-    if source.is_file():
-        return (source,)
-    if not source.exists():
-        raise DatasetError(f"{source}: there is no such file or folder")
-    files = files_of(source)
-    if not files:
-        raise DatasetError(f"{source} is not a dataset, and contains no {', '.join(SUFFIXES)}")
-    return files
 
 
 def rows(found: Detections) -> list[dict[str, Any]]:

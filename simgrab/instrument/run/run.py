@@ -22,7 +22,6 @@ from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
-from simgrab.instrument.run.table import by_paper
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import Files, Source, camera_beside, fitting, open_source
 from simgrab.io.destination import check_new_folder
@@ -105,7 +104,6 @@ def run(
     with runs.making(Path(out)) as folder:
         found, overlay = measure_source(opened, camera, instrument, options, folder, progress)
         found = _named(found, opened)
-        found = replace(found, about=found.about | {"paper": by_paper(found)})
         runs.save(found, folder)
         if found.about["tilt"] is not None:
             tilt = msgspec.convert(found.about["tilt"], Known)

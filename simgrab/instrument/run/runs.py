@@ -88,7 +88,7 @@ class Run:
     events : tuple of Event
         Alarms.
     about : dict
-        Plain facts: the estimate and the tilt, what the paper's method makes of the same frames, and the speed.
+        Plain facts: the estimate and the tilt, and the speed.
     """
 
     instrument: str

@@ -8,56 +8,45 @@ from typing import Any
 import numpy as np
 
 from simgrab.instrument.estimate import PaperIteration
-from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.run.runs import Run
+from simgrab.model.geometry import Array
 
 Row = tuple[str, str, str, str]
 HEAD = ("", "the paper's video", "the paper's method", "this run")
-# Section 4.5 and its appendix: 3,699 frames by day.
-_PUBLISHED = {"beta_deg": "2.530", "sigma_deg": "2.664", "below": "over 95 %", "largest": "10.010", "iterations": "8"}
-
-
-def by_paper(run: Run) -> dict[str, Any]:
-    """Estimate by the paper's method from a run's centres, with the figures that the paper gives for its own video."""
-    if "paper" in run.about:
-        return dict(run.about["paper"])
-    found = PaperIteration().estimate(run.pixels, run.calibration)
-    figures: dict[str, Any] = {"share_below_5": None, "largest_alpha_deg": None}
-    if found.alpha is not None:
-        alpha = np.rad2deg(found.alpha[np.isfinite(found.alpha)])
-        figures = {"share_below_5": float(np.mean(alpha <= 5)), "largest_alpha_deg": float(alpha.max())}
-    return estimate_json(found) | figures
+# Section 4.5 and its appendix: 3,699 frames by day, in the order of `measured`.
+_PUBLISHED = ("3699", "2.530", "2.664", "over 95 %", "10.010")
 
 
 def beside_paper(run: Run) -> list[Row]:
     """Put the paper's table beside what its method, and the run's own, make of the same frames."""
-    paper, own = by_paper(run), run.about["estimate"] or {}
-    refused = paper["status"] != "ok"
-    published_and_again = [
-        ("3699", str(paper["frames"])),
-        (_PUBLISHED["beta_deg"], _number(paper["beta_deg"])),
-        (_PUBLISHED["sigma_deg"], _number(paper["sigma_deg"])),
-        (_PUBLISHED["below"], _percent(paper["share_below_5"])),
-        (_PUBLISHED["largest"], _number(paper["largest_alpha_deg"])),
-    ]
-    iterations = "refused: " + paper["reason"] if refused else str(paper["diagnostics"]["iterations"])
+    paper, own = PaperIteration().estimate(run.pixels, run.calibration), run.about["estimate"] or {}
+    beta_deg = None if paper.beta is None else float(np.rad2deg(paper.beta))
+    again = _figures(np.empty(0) if paper.alpha is None else paper.alpha, beta_deg)
+    iterations = str(paper.diagnostics["iterations"]) if paper.ok else f"refused: {paper.reason}"
     return [
-        *((name, *two, value) for (name, value), two in zip(measured(run), published_and_again, strict=True)),
-        ("iterations", _PUBLISHED["iterations"], iterations, str(own.get("diagnostics", {}).get("iterations", ""))),
+        *(
+            (name, published, theirs, ours)
+            for published, (_, theirs), (name, ours) in zip(_PUBLISHED, again, measured(run), strict=True)
+        ),
+        ("iterations", "8", iterations, str(own.get("diagnostics", {}).get("iterations", ""))),
     ]
 
 
 def measured(run: Run) -> list[tuple[str, str]]:
     """Give the run's own tilt and swing; empty where there is none."""
-    alpha = np.rad2deg(run.alpha[np.isfinite(run.alpha)])
+    return _figures(run.alpha, (run.about["tilt"] or {}).get("beta_deg"))
+
+
+def _figures(alpha: Array, beta_deg: float | None) -> list[tuple[str, str]]:
+    degrees = np.rad2deg(alpha[np.isfinite(alpha)])
     sigma, below, largest = (
-        (float(np.sqrt(np.mean(alpha**2))), float(np.mean(alpha <= 5)), float(alpha.max()))
-        if len(alpha)
+        (float(np.sqrt(np.mean(degrees**2))), float(np.mean(degrees <= 5)), float(degrees.max()))
+        if len(degrees)
         else (None, None, None)
     )
     return [
-        ("frames with an angle", str(len(alpha))),
-        ("tilt β̂ (deg)", _number((run.about["tilt"] or {}).get("beta_deg"))),
+        ("frames with an angle", str(len(degrees))),
+        ("tilt β̂ (deg)", _number(beta_deg)),
         ("swing σ̂ (deg)", _number(sigma)),
         ("α̂ at most 5°", _percent(below)),
         ("largest α̂ (deg)", _number(largest)),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simgrab.instrument.alarm import DANGER, SCALE, Rule
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.io.containers import FRAGMENTED
+from simgrab.io.playback import FRAGMENTED
 
 Picture: TypeAlias = NDArray[np.uint8]
 Colour: TypeAlias = tuple[int, int, int]

@@ -13,7 +13,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Protocol, TypeVar
 
-import cv2
 import msgspec
 import numpy as np
 import pyarrow as pa
@@ -156,26 +155,25 @@ def _check_order(path: Path, rows: Sequence[Row]) -> None:
             )
 
 
-def picture(file: Path, row: Row, mode: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+def picture(file: Path, row: Row) -> NDArray[np.uint8]:
     """Decode the picture of a row, once its SHA-256 is found to be the labels'.
 
     Parameters
     ----------
     file : Path
     row : Row
-    mode : int
-        OpenCV's ``IMREAD_…``.
 
     Returns
     -------
-    ndarray of uint8, shape (height, width, 3), or (height, width) where ``mode`` is grey
+    ndarray of uint8, shape (height, width, 3)
+        RGB.
 
     Raises
     ------
     DatasetError
         If it cannot be read, or is not the labels' picture.
     """
-    return pictures.decode(content(file, row), file, mode)
+    return pictures.decode(content(file, row), file)
 
 
 def content(file: Path, row: Row) -> bytes:

@@ -16,6 +16,7 @@ from simgrab.io import pictures
 TILE_WIDTH_PX = 320
 MOST_KEPT_BYTES = 48 * 2**20
 _QUALITY = 82
+_LARGE_BYTES = 100_000
 _AT_ONCE = max(1, min(4, os.cpu_count() or 1))  # pictures that are decoded at the same time
 
 Key = TypeVar("Key", bound=Hashable)
@@ -83,20 +84,12 @@ class Tiles:
     def _made(self, row: int) -> bytes:
         with self._turn:
             data = self._content(row)
-            picture = pictures.decode(data, f"row {row}", _mode(data))
+            picture = pictures.decode(data, f"row {row}", half=len(data) > _LARGE_BYTES)
             if picture.shape[1] > TILE_WIDTH_PX:
                 height = max(round(picture.shape[0] * TILE_WIDTH_PX / picture.shape[1]), 1)
                 small = cv2.resize(picture, (TILE_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
                 picture = np.asarray(small, np.uint8)
-            return pictures.encode(picture, "jpeg", _QUALITY)
-
-
-def _mode(data: bytes) -> int:
-    """Let a JPEG of many pixels be decoded at half its size, which takes a fraction of the time."""
-    return cv2.IMREAD_REDUCED_COLOR_2 if data.startswith(b"\xff\xd8") and len(data) > _LARGE_BYTES else cv2.IMREAD_COLOR
-
-
-_LARGE_BYTES = 100_000
+            return pictures.encode(picture[..., ::-1], "jpeg", _QUALITY)
 
 
 def shown(data: bytes, name: str) -> tuple[bytes, str]:
@@ -105,4 +98,4 @@ def shown(data: bytes, name: str) -> tuple[bytes, str]:
         return data, "image/jpeg"
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return data, "image/png"
-    return pictures.encode(pictures.decode(data, name, cv2.IMREAD_COLOR), "jpeg"), "image/jpeg"
+    return pictures.encode(pictures.decode(data, name)[..., ::-1], "jpeg"), "image/jpeg"

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
 import pyarrow as pa
@@ -226,7 +225,7 @@ def _in_folder(source: Files, names: tuple[str, ...]) -> Callable[[int], bytes]:
         if path is None:
             raise RunError(f"row {row}: the source has no picture of it")
         if source.bits:
-            return pictures.encode(pictures.read(path, cv2.IMREAD_COLOR, source.bits), "png")
+            return pictures.encode(pictures.read(path, source.bits)[..., ::-1], "png")
         return read_bytes(path, RunError, most_bytes=pictures.MOST_BYTES)
 
     return content

@@ -51,7 +51,7 @@ _OUTERMOST = 1 + (BEYOND - 2) * CELL / REFINE_SIZE  # at which the net has an ed
 
 @dataclass(frozen=True, eq=False)
 class Crops:
-    """Two crops of each frame, (n, 2, 320, 320, 3): of the grab, where there is one, and of something else.
+    """Two crops of each frame, (n, 2, CROP, CROP, 3): of the grab, where there is one, and of something else.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
             layout = layouts[row.frame]
             assert layout is not None  # it shows lengths
             rng = stream(seed, len(weather), "cells")
-            grey = picture(dataset.image(row), row, cv2.IMREAD_GRAYSCALE)
+            grey = cv2.cvtColor(picture(dataset.image(row), row), cv2.COLOR_RGB2GRAY)
             found, shown = _cells(grey, layout, row.rope_text, rng)
             boxes += found
             digits += shown
