@@ -1,109 +1,339 @@
 """Measure simgrab on this machine. Ratios are taken pair by pair within one run, so that a noisy machine cancels.
 
-python -m scripts.bench render [--pairs 30] [--memory-frames 2000]
-python -m scripts.bench renderers [--blender PYTHON] [--size 1920x1080] [--frames 10] [--pictures FOLDER]
-python -m scripts.bench estimate
-python -m scripts.bench motion
-python -m scripts.bench stress
-python -m scripts.bench world
-python -m scripts.bench scale [--scene training] [--size WIDTHxHEIGHT] [--frames 48]
-python -m scripts.bench detect [--yolo FILE.onnx]
-python -m scripts.bench run VIDEO [--detector bundled] [--frames 20000] [--live-frames 1000]
+python -m scripts.bench render --scene quay-day       # a finished frame beside a bare mujoco.Renderer
+python -m scripts.bench scale --scene training        # what a plan of a large run starts from
+python -m scripts.bench motion                        # the physics of a clip
+python -m scripts.bench world                         # night, weather, optics and display
+python -m scripts.bench detect --yolo FILE.onnx       # from a picture to box, centre and rope length
+python -m scripts.bench run VIDEO                     # from video to angle
 
 Each takes --json FILE, which keeps every sample with machine, versions and commit. Two such files are compared with
 
-python -m scripts.bench --compare A.json B.json
+python -m scripts.bench compare A.json B.json
 """
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import re
-import sys
+import itertools
+import resource
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from scripts import bench_compare, bench_results
-from simgrab.errors import SimgrabError
+import click
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-VERBS = ("render", "renderers", "estimate", "motion", "stress", "world", "scale", "detect", "run")
-"""``world`` is the function of that name in ``scripts.bench_world``, imported when asked for: imports take memory."""
+from scripts import bench_results
+from scripts.bench_results import Quantity, Results, ResultsError
+from simgrab.cli import main as run_command
+from simgrab.model import layouts, scenes
 
-
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, or compare two files. Returns the exit status: 2 where something given is wrong, in one line."""
-    parser = _parser()
-    options = vars(parser.parse_args(arguments))
-    compared, verb = options.pop("compare"), options.pop("verb")
-    if bool(compared) == bool(verb):
-        parser.error("give a verb, or --compare A.json B.json")
-    try:
-        if compared:
-            for line in bench_compare.compare(*map(bench_results.load, compared)):
-                print(line)
-        else:
-            _measure(verb, options.pop("json"), options)
-    except SimgrabError as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
-    return 0
+T = TypeVar("T")
+COUNT = click.IntRange(min=1)
+WARM_UP = 2  # frames
+MEMORY_AFTER = 2000  # frames of a video
+PICTURES, ROUNDS = 12, 20  # of the detector
+FINISHED, BARE = "simgrab: finished labelled frame", "mujoco.Renderer: rgb and segmentation"
 
 
-def _measure(verb: str, out: Path | None, options: dict[str, Any]) -> None:
-    if out and out.is_dir():  # before minutes of measuring
-        raise bench_results.ResultsError(f"cannot write {out}: it is a folder")
-    measured = []
-    act = getattr(importlib.import_module(f"scripts.bench_{verb}"), verb)
-    for quantity in act(**options):
-        print(quantity, flush=True)
-        measured.append(quantity)
-    from scripts import bench_machine  # after measuring, because it opens renderers
+def in_turns(acts: Mapping[str, Callable[[T], Any]], items: Iterable[T], warm_up: int) -> dict[str, list[float]]:
+    """Time all acts on one item, then on the next, so that what slows the machine slows them alike.
 
-    results = bench_machine.of_this_run(verb, options, tuple(measured))
-    print(f"{results.commit}, {', '.join(results.machine.values())}")
-    if out:
-        results.save(out)
+    The first ``warm_up`` items are not timed. Returns seconds, by the acts' names.
+    """
+    took: dict[str, list[float]] = {name: [] for name in acts}
+    for number, item in enumerate(items):
+        for name, act in acts.items():
+            start = time.perf_counter()
+            act(item)
+            if number >= warm_up:
+                took[name].append(time.perf_counter() - start)
+    return took
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m scripts.bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+def resident_mb() -> float:
+    """Memory of this process now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+
+
+def peak_mb() -> float:
+    """Return the most memory that this process had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
+
+
+def render(scene: str, size: tuple[int, int] | None, pairs: int) -> Iterator[Quantity]:
+    """Measure the time of a finished labelled frame over that of a bare ``mujoco.Renderer``.
+
+    The bare one renders rgb and segmentation of the same posed model, at the same size and through the same camera, and
+    writes nothing; simgrab renders, labels, encodes and writes.
+    """
+    from simgrab.dataset import stored
+    from simgrab.io.files import write
+    from simgrab.world.frames import FrameGenerator
+
+    changes = {"camera.beta_deg": 5.0} if scene == "quay-day" else {}
+    scenario = scenes.load(scene, {**changes, "frames": pairs + WARM_UP}, size=size)
+    with FrameGenerator(scenario) as generator, tempfile.TemporaryDirectory() as folder:
+
+        def finish(frame: int) -> None:
+            for name, data in stored.make(generator, frame).files.items():
+                write(Path(folder) / name, data)
+
+        bare = _bare(generator)
+        took = in_turns({FINISHED: finish, BARE: bare}, range(pairs + WARM_UP), WARM_UP)
+    yield from (Quantity.ms(name, seconds) for name, seconds in took.items())
+    yield Quantity.of("finished frame over bare renderer", "×", *np.divide(took[FINISHED], took[BARE]))
+    yield Quantity.of("peak memory", "MB", peak_mb())
+
+
+def _bare(generator: Any) -> Callable[[int], NDArray[np.uint8]]:
+    """``mujoco.Renderer`` as its documentation uses it, with the geoms and the camera of the frame made last."""
+    import mujoco
+
+    from simgrab.world.scenery.model import HIDDEN, build
+
+    scene, k = generator.scene(0), generator.scenario.camera.intrinsics
+    model = build(scene.scenario, scene.world.plan, textured=True).model  # simgrab uploads textures itself
+    camera, option = mujoco.MjvCamera(), mujoco.MjvOption()
+    option.geomgroup[:] = 1
+    option.geomgroup[HIDDEN] = 0
+    renderer = mujoco.Renderer(model, k.height_px, k.width_px, max_geom=model.ngeom + 16)
+
+    def aim() -> None:
+        ours = generator.scene(0).renderer
+        model.geom_group[:] = generator.scene(0).world.model.geom_group
+        renderer.update_scene(ours.data, camera, option)
+        ours.aim(ours.full, renderer.scene)
+
+    def both(_frame: int) -> NDArray[np.uint8]:
+        renderer.disable_segmentation_rendering()
+        aim()
+        rgb = renderer.render()
+        renderer.enable_segmentation_rendering()
+        aim()
+        renderer.render()
+        return rgb
+
+    return both
+
+
+def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Quantity]:
+    """Measure frames one after another in one process: worlds, rendering, labels and encoding, without writing.
+
+    CPU time is that of all threads of the process, OpenGL's included where the CPU renders. The bytes of labels are
+    those of a shard of all frames and of one of the first half: what the other half adds, and what a file begins with.
+    """
+    from simgrab.dataset import shards, stored, tables
+    from simgrab.dataset.shard_reader import table as shard_labels
+    from simgrab.dataset.stores import Store
+    from simgrab.world.frames import FrameGenerator
+
+    scenario = scenes.load(scene, {"frames": max(frames, 2)}, size=size)
+    worlds, times, images, records = [], [], [], []
+    packed = list[shards.Packed]()
+    with FrameGenerator(scenario) as generator:
+        variant = None
+        for frame in range(scenario.frames):
+            began = _now()
+            if variant != generator.recipe.variant_number(frame):
+                variant = generator.recipe.variant_number(frame)
+                generator.scene(frame)
+                worlds.append(_now() - began)
+                began = _now()
+            made = stored.make(generator, frame)
+            times.append(_now() - began)
+            images.append(sum(map(len, made.files.values())) / 1e3)
+            records.append(len(msgspec.json.encode(made.record)) / 1e3)
+            row, mask = made.record.truth, made.record.mask
+            packed.append(shards.Packed(row, mask if tables.is_labelled(row, scenario) else None, {row.file: b""}))
+
+    def labels_bytes(some: list[shards.Packed]) -> int:
+        store = Store("memory://scale")
+        shards.write(store, 0, some, scenario, made.record.rendered_by)
+        return store.sizes("labels")[shard_labels(0)]
+
+    half = len(packed) // 2
+    whole = labels_bytes(packed)
+    each = (whole - labels_bytes(packed[:half])) / (len(packed) - half)
+    for name, taken in (("world", np.array(worlds)), ("frame", np.array(times))):
+        yield Quantity.ms(f"{name}: time", taken[:, 0])
+        yield Quantity.ms(f"{name}: CPU time", taken[:, 1])
+    yield Quantity.of("frame: image", "kB", *images)
+    yield Quantity.of("frame: labels and mask as JSON", "kB", *records)
+    yield Quantity.of("frame: labels in a table", "kB", each / 1e3)
+    yield Quantity.of("table of labels: beside its frames", "kB", (whole - each * len(packed)) / 1e3)
+
+
+def _now() -> NDArray[np.float64]:
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def motion() -> Iterator[Quantity]:
+    """Measure how much faster than real time the physics runs, and how memory grows with a clip's length."""
+    from simgrab.world.trajectory.clip import ClipMotion
+
+    for name in ("free-swing", "work-cycles", "wind-only", "isotropic-forcing"):
+        moments = iter(ClipMotion(scenes.load(name, {"frames": 10_000_000}), 0))
+        for _ in itertools.islice(moments, 2000):  # the first blocks warm up
+            pass
+        began, clock = time.process_time(), next(moments).time
+        last = next(itertools.islice(moments, 2700, None)).time
+        assert clock is not None
+        assert last is not None
+        speed = (last - clock) / (time.process_time() - began)
+        yield Quantity.of(f"{name}: speed of the physics, one core", "× real time", speed)
+    moments = iter(ClipMotion(scenes.load("work-cycles", {"frames": 10_000_000, "swing.wind.mean_m_s": 5.0}), 0))
+    for hours in (0.25, 1.0, 4.0):
+        next(moment for moment in moments if moment.time is not None and moment.time >= 3600 * hours)
+        yield Quantity.of(f"memory after {hours:g} h of a clip", "MB", resident_mb())
+
+
+def world(repeats: int = 7) -> Iterator[Quantity]:
+    """Measure what night, weather, optics and display cost a 1080p frame, once it is rendered."""
+    from simgrab.world.frames import FrameGenerator
+
+    for name in ("calm-day", "windy-day", "night-light-snow", "heavy-snow", "rain", "fog", "dust", "glare"):
+        with FrameGenerator(scenes.load(name)) as generator:
+            drawn = ((scene := generator.scene(i), scene.draw(generator.project(i), labelled=False)) for i in range(99))
+            took = in_turns(
+                {name: lambda one: one[0].develop(one[1])}, itertools.islice(drawn, repeats + WARM_UP), WARM_UP
+            )
+        yield Quantity.ms(f"{name}: developing a frame", took[name])
+
+
+def detect(yolo: Path | None) -> Iterator[Quantity]:
+    """Measure milliseconds a 1080p picture to box, centre and rope length, with two threads."""
+    from simgrab.instrument.detect import detector
+    from simgrab.instrument.read import Reader
+    from simgrab.world.frames import frames
+
+    scene = scenes.load("exam-calm", {"clip.clip_frames": 4, "display.layout": "two-by-four"})
+    pictures = [np.ascontiguousarray(frame.rgb) for frame in frames(scene, range(PICTURES), buffers=False)]
+    layout, reader, bundled = layouts.load("two-by-four"), Reader(), detector("bundled")
+    acts: dict[str, Callable[[Any], Any]] = {
+        "detect": bundled,
+        "read": lambda picture: reader.read(picture, layout),
+        "detect and read": lambda picture: (bundled(picture), reader.read(picture, layout)),
+    }
+    if yolo is not None:
+        acts[f"detect with {yolo.name}"] = detector(str(yolo))
+    took = in_turns(acts, (1 + ROUNDS) * pictures, warm_up=PICTURES)
+    yield from (Quantity.ms(name, seconds) for name, seconds in took.items())
+
+
+def run(video: Path, detector: str, frames: int, live_frames: int) -> Iterator[Quantity]:
+    """Measure speed and memory of a whole record, and the latency of a live one; the video is repeated."""
+    from simgrab.instrument.contract import Frame
+    from simgrab.instrument.pipeline import assemble
+    from simgrab.instrument.source import camera_beside, fitting, open_source
+    from simgrab.model import calibration
+
+    camera = calibration.load(camera_beside(video))
+    source, pipeline = open_source(video), assemble(detector=detector)
+    decoding, memory = list[float](), list[float]()
+
+    def loop(count: int) -> Iterator[Frame]:
+        """Give so many frames, time going on, and note how long each took to decode."""
+        decoding.clear()
+        last, step = 0.0, 1 / 9
+        while True:
+            shift = last + step
+            began = time.perf_counter()
+            for frame in fitting(iter(source), camera):
+                assert frame.time_s is not None
+                last = shift + frame.time_s
+                decoding.append(time.perf_counter() - began)
+                if len(decoding) in (MEMORY_AFTER, count):
+                    memory.append(resident_mb())
+                yield Frame(frame.picture, last, frame.reason)
+                if len(decoding) >= count:
+                    return
+                began = time.perf_counter()
+
+    first = next(iter(source)).picture
+    assert first is not None
+    pipeline.detector(first)  # the first detection warms up
+    began = _now()
+    record = pipeline.record(loop(frames), camera)
+    seconds, cpu = _now() - began
+    yield Quantity.of(
+        "whole record: frames with an angle", "frames", sum(m.status == "ok" for m in record.measurements)
     )
-    parser.add_argument("--compare", nargs=2, type=Path, metavar=("A", "B"), help="compare two files of results")
-    verbs = parser.add_subparsers(dest="verb")
-    by_name = {name: verbs.add_parser(name) for name in VERBS}
-    for verb in by_name.values():
-        verb.add_argument("--json", type=Path, metavar="FILE", help="keep the results")
-    by_name["render"].add_argument("--pairs", type=_count, default=30)
-    by_name["render"].add_argument("--memory-frames", type=int, default=2000)
-    by_name["renderers"].add_argument("--blender", metavar="PYTHON", help="an interpreter that can import bpy")
-    by_name["renderers"].add_argument("--size", type=_size, default=(1920, 1080))
-    by_name["renderers"].add_argument("--frames", type=_count, default=10)
-    by_name["renderers"].add_argument("--pictures", type=Path, metavar="FOLDER", help="where each writes one picture")
-    by_name["scale"].add_argument("--scene", default="training")
-    by_name["scale"].add_argument("--size", type=_size, help="px; the scene's own unless given")
-    by_name["scale"].add_argument("--frames", type=_count, default=48)
-    by_name["detect"].add_argument("--yolo", type=Path, help="another detector beside the bundled one")
-    by_name["run"].add_argument("video", type=Path)
-    by_name["run"].add_argument("--detector", default="bundled")
-    by_name["run"].add_argument("--frames", type=_count, default=20_000)
-    by_name["run"].add_argument("--live-frames", type=_count, default=1000)
-    return parser
+    yield Quantity.of("whole record: speed", "frames/s", frames / seconds)
+    yield Quantity.of("whole record: CPU time of a frame", "ms", 1e3 * cpu / frames)
+    for at, used in zip(sorted({min(MEMORY_AFTER, frames), frames}), memory, strict=True):
+        yield Quantity.of(f"memory after {at} frames", "MB", used)
+    yield Quantity.of("peak memory", "MB", peak_mb())
+    latencies = [one.seconds for one in pipeline.live(loop(live_frames), camera)]
+    yield Quantity.ms("live: latency, decoding included", np.array(latencies) + decoding[: len(latencies)])
+    yield Quantity.ms("live: decoding", decoding)
 
 
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not int(text):
-        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text!r}")
-    return int(text)
+VERBS: dict[str, tuple[Callable[..., Iterator[Quantity]], list[click.Parameter]]] = {
+    "render": (render, [
+        click.Option(["--scene"], default="quay-day", show_default=True),
+        click.Option(["--size"], help="WIDTHxHEIGHT in pixels; the scene's own unless given."),
+        click.Option(["--pairs"], default=30, show_default=True, type=COUNT),
+    ]),
+    "scale": (scale, [
+        click.Option(["--scene"], default="training", show_default=True),
+        click.Option(["--size"], help="WIDTHxHEIGHT in pixels; the scene's own unless given."),
+        click.Option(["--frames"], default=48, show_default=True, type=COUNT),
+    ]),
+    "motion": (motion, []),
+    "world": (world, []),
+    "detect": (detect, [click.Option(["--yolo"], type=click.Path(path_type=Path), help="Another detector.")]),
+    "run": (run, [
+        click.Argument(["video"], type=click.Path(path_type=Path, exists=True)),
+        click.Option(["--detector"], default="bundled", show_default=True),
+        click.Option(["--frames"], default=20_000, show_default=True, type=COUNT),
+        click.Option(["--live-frames"], default=1000, show_default=True, type=COUNT),
+    ]),
+}  # fmt: skip
 
 
-def _size(text: str) -> tuple[int, int]:
-    if not re.fullmatch(r"[1-9][0-9]{0,4}x[1-9][0-9]{0,4}", text):
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT in pixels, got {text!r}")
-    width, _, height = text.partition("x")
-    return int(width), int(height)
+@click.group(help=(__doc__ or "").replace("\n\n", "\n\n\b\n"))
+def main() -> None:
+    """Measure, or compare two files."""
 
+
+@main.command()
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+def compare(a: Path, b: Path) -> None:
+    """Print the ratios of B's medians to A's with their spread."""
+    for line in bench_results.compare(bench_results.load(a), bench_results.load(b)):
+        click.echo(line)
+
+
+def command(verb: str) -> click.Command:
+    """Make the command of a verb."""
+    measure, parameters = VERBS[verb]
+
+    def act(out: Path | None, **options: Any) -> None:
+        if out and out.is_dir():  # before minutes of measuring
+            raise ResultsError(f"cannot write {out}: it is a folder")
+        if options.get("size"):
+            options["size"] = scenes.parse_size(options["size"])
+        measured = []
+        for quantity in measure(**options):
+            click.echo(quantity)
+            measured.append(quantity)
+        results = Results.of_this_run(verb, options, measured)
+        click.echo(f"{results.commit}, {', '.join(results.machine.values())}")
+        if out:
+            results.save(out)
+
+    keep = click.Option(["--json", "out"], type=click.Path(path_type=Path), help="File that keeps the results.")
+    return click.Command(verb, params=[*parameters, keep], callback=act, help=measure.__doc__)
+
+
+for _verb in VERBS:
+    main.add_command(command(_verb))
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_command(main)

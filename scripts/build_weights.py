@@ -1,12 +1,9 @@
-"""Make the weights of the digit reader and of the detector `any-grab` again: ``python -m scripts.build_weights``.
+"""Make weights of the digit reader and of the detector `any-grab`: ``python -m scripts.build_weights``.
 
-`any-grab` is made in six parts, each of which begins with what the part before has made: ``detector`` trains three
-nets from those of the default detector, ``verify`` adds the fourth, ``shapes`` lets two of the first three learn
-further, ``long`` lets these two learn for four times as long as before, for which a GPU is wanted, ``presence`` lets
-the fourth learn further, and ``settle`` the third. For the shipped weights, ``shapes`` ran twice, at first without
-collages, ``presence`` also before ``long``, and ``long`` in two runs of half its length, on crops and images that WebP
-had compressed. The default detector was made by this script as it was in commit 2a7ba2c, when the scene `training`
-showed the four-rope grab alone.
+`any-grab` is made in two parts, each of which begins with what the part before has made: ``detector`` trains three nets
+from those of the default detector, ``verify`` adds the fourth. The shipped weights were made in more parts, by this
+script as it was in commit 4c24e0f, from the same datasets; the default detector by that of commit 2a7ba2c, when the
+scene `training` showed the four-rope grab alone.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.
@@ -14,9 +11,8 @@ the same command is given again; to start over, give an empty ``--work``. Needs 
 
 from __future__ import annotations
 
-import functools
 import shutil
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +23,6 @@ import msgspec
 from scripts.background_photographs import SCENE, prepare, prepare_collages
 from simgrab.cli import main as run
 from simgrab.cli._progress import drawing
-from simgrab.dataset import datasets
 from simgrab.dataset.render import render
 from simgrab.instrument.detect import ANY_GRAB, WEIGHTS
 from simgrab.io.files import drafted, drafted_folder
@@ -95,7 +90,7 @@ HARD = (
 # What no net has learned: verify learns from what the others take for the grab. Most frames show the grab, and
 # with it ropes that do not end at those that are parked.
 MIXED: dict[str, Any] = CROWDED | {"swing.absent": 0.4, "clip.clip_frames": 2}
-VERIFY = (
+VERIFY: tuple[Source, ...] = (
     Source("verify-training", "training", {"clip.clip_frames": 3}, 240, 120, 41),
     Source("verify-shapes", "training-shapes", {}, 300, 120, 42, size=HALF),
     Source("verify-hard-shapes", "training-shapes", MIXED | {"clip.clip_frames": 1}, 600, 120, 44, size=HALF),
@@ -106,11 +101,9 @@ VERIFY = (
     Source("verify-photo", f"{BACKGROUNDS}/{SCENE}", {}, 480, 120, 46, size=(640, 360)),
 )  # fmt: skip
 
-# Random shapes are what all nets lack most, and over a photograph a frame takes a sixth of the time. With what verify
-# learned from, they let the other nets go on learning.
+# Random shapes are what all nets lack most, and over a photograph a frame takes a sixth of the time.
 PHOTO_SETS = 3
-DOUBTFUL = "verify-hard-places"  # others' grabs, which find and refine need not learn
-MORE = tuple(
+DETECTOR += tuple(
     Source(f"photo-shapes-{seed}", f"{BACKGROUNDS}/{SCENE}", {"swing.absent": 0.1}, 1500, 120, seed, size=(640, 360))
     for seed in range(61, 61 + PHOTO_SETS)
 )
@@ -121,42 +114,29 @@ APART: dict[str, Any] = {
     "swing.absent": 0.15,
     "swing.jaw_deg": {"dist": "choice", "values": [0.0, 8.0, 20.0, 35.0, 50.0], "weights": [5, 2, 2, 2, 2]},
 }
-MORE += tuple(
+DETECTOR += tuple(
     Source(f"collage-shapes-{seed}", f"{COLLAGES}/{SCENE}", APART, 1500, 120, seed, size=(640, 360))
     for seed in range(71, 71 + COLLAGE_SETS)
 )
 
-# Verify then goes on learning: from the boxes that the new find and refine propose, also in frames that no net has
-# learned.
-PRESENCE = (
+# What verify learned from further, when the other nets had changed.
+VERIFY += (
     Source("verify-hard-shapes-47", "training-shapes", MIXED | {"clip.clip_frames": 1}, 900, 120, 47, size=HALF),
     Source("verify-collage-74", f"{COLLAGES}/{SCENE}", APART | {"swing.absent": 0.3}, 1200, 120, 74, size=(640, 360)),
 )
-PRESENCE_EPOCHS = 10
-
-# Frames shown to nets that begin with trained weights, and shall learn other grabs.
-SHOWN_AGAIN = {"find": 50_000, "refine": 140_000, "settle": 110_000}
-# As much as they would forget stays of their weights. Settle did no better with any of the new ones.
-KEPT = {"find": 0.25, "refine": 0.25, "settle": 1.0}
-SHOWN_MORE = {"find": 40_000, "refine": 160_000}
-
 # Of each of these worlds nothing is learned: they show what else may be taken for the grab, by which the presence
 # threshold is chosen.
-JUDGED = (
+VERIFY += (
     Source(
         "judged", "training-shapes", MIXED | {"clip.clip_frames": 1, "splits": {"train": 0.0, "val": 1.0, "test": 0.0}},
         300, 120, 49, size=HALF,
     ),
 )  # fmt: skip
+DETECTOR += (Source("training-48", "training", {"clip.clip_frames": 3}, 300, 120, 48, size=HALF),)
 
-HELD_BACK = (*VERIFY, *PRESENCE, *JUDGED)  # of which no net learns the split val
-
-# Trained so far, find and refine did no better on what they had learned than on what they had not: they had not seen
-# enough, and that they see it longer and in larger batches is what helped. Nets of 2.5 to 4 times as many
-# weights were behind after the same time.
-LONG = (Source("training-48", "training", {"clip.clip_frames": 3}, 300, 120, 48, size=HALF),)
-FIRST_TWO = ("find", "refine")
-SHOWN_LONG = {"find": 685_000, "refine": 1_255_000, "settle": 146_000}
+# Nets that had seen less did no better on what they had learned than on what they had not: that they see it longer and
+# in larger batches is what helped. Nets of 2.5 to 4 times as many weights were behind after the same time.
+SHOWN = {"find": 685_000, "refine": 1_255_000, "settle": 146_000}
 BATCHES = {"find": 64, "refine": 256, "settle": 64}
 STEADY = 0.9995  # decay of the weights' average
 
@@ -194,135 +174,43 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
     return msgspec.structs.replace(scenario, vary={**scenario.vary, varied: fewer})
 
 
-def detector(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
-    """Train three nets; returns them."""
-    shown = None if quick else SHOWN_AGAIN
-    return _detector("detector", DETECTOR, HARD, shown, work, quick, start, workers, threads, learning=BATCHES)
-
-
-def shapes(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
-    """Let a detector of four nets learn more shapes, verify aside; returns all four."""
-    prepare(work / BACKGROUNDS)
-    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
-    rendered(VERIFY, work, quick=quick, workers=workers)
-    learned = [source for source in VERIFY if source.name != DOUBTFUL]
-    shown = None if quick else SHOWN_MORE
-    nets = _detector("shapes", [*learned, *MORE], (), shown, work, quick, start, workers, threads, learning=FIRST_TWO)
-    # As before, the threshold is fitted to what verify was judged by, of which most frames are hard.
-    return _judged(start, nets[0].parent, work / "shapes-blended", work, KEPT, VERIFY)
-
-
-def long(
+def detector(
     work: Path, *, quick: bool, start: Path, workers: int, threads: int, device: str, loaders: int
 ) -> list[Path]:  # fmt: skip
-    """Let find and refine of a detector of four nets learn for long; returns all four."""
-    return _longer("long", FIRST_TWO, work, quick, start, workers, threads, device, loaders)
-
-
-def settle(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
-    """Let settle of a detector of four nets learn for long; returns all four."""
-    return _longer("settle", ("settle",), work, quick, start, workers, threads)
-
-
-def _longer(
-    name: str, learning: Collection[str], work: Path, quick: bool, start: Path, workers: int, threads: int,
-    device: str = "cpu", loaders: int = 0,
-) -> list[Path]:  # fmt: skip
-    """Let some of three nets learn for long, from all datasets."""
+    """Train three nets; returns them."""
     from simgrab.training.detector.settings import Recipes, recipes
+    from simgrab.training.detector.train import NETS, train
 
     def chosen(frames: int) -> Recipes:
-        shown = None if quick else SHOWN_LONG
-        usual = recipes(frames, quick=quick, shown=shown, threads=threads, device=device)
+        # At the full learning rate, even after trained weights: there is much that these have not learned.
+        usual = recipes(frames, quick=quick, shown=None if quick else SHOWN, threads=threads, device=device)
         return Recipes(**{
             net: replace(getattr(usual, net), batch=min(size, frames), average=STEADY) for net, size in BATCHES.items()
         })  # fmt: skip
 
-    prepare(work / BACKGROUNDS)
-    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
-    learned = [source for source in (*VERIFY, *MORE, *PRESENCE, *LONG) if source.name != DOUBTFUL]
-    nets = _train(name, learned, (), chosen, work, quick, start, workers, learning=learning, loaders=loaders)
-    rendered(JUDGED, work, quick=quick, workers=workers)
-    kept = {net: float(net not in learning) for net in BATCHES}
-    return _judged(start, nets[0].parent, work / f"{name}-judged", work, kept, HELD_BACK)
-
-
-def _detector(
-    name: str, learned: Sequence[Source], hard: Sequence[Source], shown: Mapping[str, int] | None, work: Path,
-    quick: bool, start: Path, workers: int, threads: int, *, learning: Collection[str],
-) -> list[Path]:  # fmt: skip
-    from simgrab.training.detector.settings import recipes
-
-    # At the full learning rate, even after trained weights: there is much that these have not learned.
-    chosen = functools.partial(recipes, quick=quick, shown=shown, threads=threads)
-    return _train(name, learned, hard, chosen, work, quick, start, workers, learning=learning)
-
-
-def _train(
-    name: str, learned: Sequence[Source], hard: Sequence[Source], chosen: Callable[[int], Any], work: Path,
-    quick: bool, start: Path, workers: int, *, learning: Collection[str], loaders: int = 0,
-) -> list[Path]:  # fmt: skip
-    from simgrab.training.detector.train import NETS, train
-
-    datasets, doubtful = (rendered(some, work, quick=quick, workers=workers) for some in (learned, hard))
-    out = work / name
+    prepare_collages(prepare(work / BACKGROUNDS).parent, work / COLLAGES)
+    learned, hard = (rendered(some, work, quick=quick, workers=workers) for some in (DETECTOR, HARD))
+    out = work / "detector"
     with board(shown=True) as progress:
         train(
-            datasets, out, chosen, hard=doubtful, start=start, learning=learning, resume=True, watch=progress.step,
-            report=progress.training, loaders=loaders,
+            learned, out, chosen, hard=hard, start=start, resume=True, watch=progress.step, report=progress.training,
+            loaders=loaders,
         )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
 
 
-def verify(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
+def verify(work: Path, *, quick: bool, start: Path, workers: int, threads: int, **_: Any) -> list[Path]:
     """Train a fourth net for a detector of three; returns all four."""
-    prepare(work / BACKGROUNDS)
-    return _verify("verify", VERIFY, work, quick, start, workers, threads)
-
-
-def presence(work: Path, *, quick: bool, start: Path, workers: int, threads: int) -> list[Path]:
-    """Let verify go on learning for a detector of four nets; returns them."""
-    prepare(work / BACKGROUNDS)
-    prepare_collages(work / BACKGROUNDS, work / COLLAGES)
-    changes = {} if quick else {"epochs": PRESENCE_EPOCHS}
-    nets = _verify("presence", [*VERIFY, *PRESENCE], work, quick, start, workers, threads, **changes)
-    rendered(JUDGED, work, quick=quick, workers=workers)
-    trained = nets[0].parent
-    return _judged(trained, trained, work / "presence-judged", work, dict.fromkeys(SHOWN_AGAIN, 1.0), HELD_BACK)
-
-
-def _judged(
-    start: Path, trained: Path, out: Path, work: Path, kept: Mapping[str, float], sources: Sequence[Source]
-) -> list[Path]:  # fmt: skip
-    """Fit the threshold of a detector of four nets to datasets, and deviations to easier ones too; returns the nets."""
-    from simgrab.training.detector.blend import blend
-    from simgrab.training.detector.train import NETS
-
-    judged, easy = ([work / source.name for source in some] for some in (sources, MORE))
-    shutil.rmtree(out, ignore_errors=True)
-    with board(shown=True) as progress:
-        blend(start, trained, out, kept=kept, paths=judged, easy=easy, watch=progress.step)
-    return [out / f"{name}.onnx" for name in (*NETS, "verify")]
-
-
-def _verify(
-    name: str, sources: Sequence[Source], work: Path, quick: bool, start: Path, workers: int, threads: int,
-    **changes: Any,
-) -> list[Path]:  # fmt: skip
-    from simgrab.training.card import rejudge
     from simgrab.training.detector.train import NETS
     from simgrab.training.detector.verify import recipe, train_verify
 
-    paths = rendered(sources, work, quick=quick, workers=workers)
-    out = work / name
+    prepare_collages(prepare(work / BACKGROUNDS).parent, work / COLLAGES)
+    paths, out = rendered(VERIFY, work, quick=quick, workers=workers), work / "verify"
     with board(shown=True) as shown:
-        figures = train_verify(
-            paths, start, out, recipe(quick=quick, threads=threads, **changes), resume=True,
-            watch=shown.step, report=shown.training("verify"),
+        train_verify(
+            paths, start, out, recipe(quick=quick, threads=threads), resume=True, watch=shown.step,
+            report=shown.training("verify"),
         )  # fmt: skip
-    judged = [one.data for one in datasets.read_all(paths, "train", "val")]
-    for net in NETS:
-        rejudge(out / f"{net}.json", judged, figures)
     return [out / f"{net}.onnx" for net in (*NETS, "verify")]
 
 
@@ -358,21 +246,13 @@ def copied(start: Path, folder: Path) -> Path:
     return folder
 
 
-READS = "reader"
-DETECTS: dict[str, Callable[..., list[Path]]] = {
-    "detector": detector,
-    "verify": verify,
-    "shapes": shapes,
-    "long": long,
-    "presence": presence,
-    "settle": settle,
-}
+DETECTS: dict[str, Callable[..., list[Path]]] = {"detector": detector, "verify": verify}
 LAST = "settle.onnx"  # with it, a folder is a detector
 
 
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer frames, and about a fifth of the time in training.")
-@click.option("--only", type=click.Choice([READS, *DETECTS]), help="Build one part.")
+@click.option("--only", type=click.Choice(["reader", *DETECTS]), help="Build one part.")
 @click.option(
     "--from",
     "start",
@@ -387,8 +267,8 @@ LAST = "settle.onnx"  # with it, a folder is a detector
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")
 @click.option("--threads", default=2, show_default=True, help="Of torch.")
-@click.option("--device", default="cpu", show_default=True, help="Of torch, for the part long.")
-@click.option("--loaders", default=0, show_default=True, help="Processes that make batches, for the part long.")
+@click.option("--device", default="cpu", show_default=True, help="Of torch, for the part detector.")
+@click.option("--loaders", default=0, show_default=True, help="Processes that make batches, for the part detector.")
 def main(
     quick: bool, only: str | None, start: Path | None, out: Path | None, work: Path | None, workers: int, threads: int,
     device: str, loaders: int,
@@ -400,14 +280,15 @@ def main(
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
     out = out or (work / "weights" if quick else WEIGHTS)
     work.mkdir(parents=True, exist_ok=True)
-    for name in [only] if only else (READS, *DETECTS):
-        if name == READS:
+    for name in [only] if only else ("reader", *DETECTS):
+        if name == "reader":
             nets, target = reader(work, quick=quick, workers=workers), out
         else:
             target = out / ANY_GRAB
             begin = copied((start or WEIGHTS) if name == "detector" else target, work / f"before-{name}")
-            more = {"device": device, "loaders": loaders} if name == "long" else {}
-            nets = DETECTS[name](work, quick=quick, start=begin, workers=workers, threads=threads, **more)
+            nets = DETECTS[name](
+                work, quick=quick, start=begin, workers=workers, threads=threads, device=device, loaders=loaders
+            )
         install(nets, target)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {target}")
 

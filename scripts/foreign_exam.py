@@ -29,19 +29,25 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cv2
+from rich.console import Console
+from rich.table import Table
 
-from scripts.foreign import scoring, tables
-from scripts.foreign.making import Blender, Maker
-from scripts.foreign.scoring import Observation
+from scripts.foreign import scoring
+from scripts.foreign.making import Blender, Maker, picture
 from scripts.foreign.worlds import CONDITIONS, SEEDS, World, with_mujoco
+from scripts.score_detector import WIDTH, boxes_table, centres_table
 from simgrab.cli import main as run
+from simgrab.dataset import preview
 from simgrab.errors import RendererError, ScenarioError
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.read import Reader
+from simgrab.io import pictures
 from simgrab.io.files import write
 from simgrab.model import scenes
 
 DETECTORS = ("bundled", "any-grab")
+TILE_PX = (480, 270)
 
 
 def make(maker: Maker, worlds: Sequence[World], names: Sequence[str]) -> dict[str, str]:
@@ -57,34 +63,17 @@ def make(maker: Maker, worlds: Sequence[World], names: Sequence[str]) -> dict[st
     return refused
 
 
-def score(
-    root: Path, worlds: Sequence[World], names: Sequence[str], detectors: Sequence[str], size: tuple[int, int],
-    resamples: int,
-) -> dict[str, Any]:  # fmt: skip
-    """Score the worlds that are complete.
-
-    Returns
-    -------
-    dict
-        ``worlds``: how many are complete; ``incomplete``: the names of the others. ``detectors``: by detector and
-        condition, as `scripts.foreign.scoring.compare` gives. ``groups``: the same by time of day and family, of
-        detectors that are judged on all families. ``digits`` and ``ids``: as `scripts.foreign.scoring.digits` and
-        `scripts.foreign.scoring.agreement` give.
-    """
-    done = [world for world in worlds if scoring.complete(root / world.name, names)]
-    nets, reader, found = {name: opened(name) for name in detectors}, Reader(), list[dict[str, Observation]]()
-    for number, world in enumerate(done, 1):
-        found.append(scoring.observations(root, world, names, nets, reader, size))
-        click.echo(f"{world.name} is scored ({number} of {len(done)})", err=True)
-    general = [name for name in detectors if all(scoring.judged(name, world) for world in worlds)]
-    return {
-        "worlds": len(done),
-        "incomplete": [world.name for world in worlds if world not in done],
-        "detectors": {name: scoring.by_condition(found, names, name, resamples) for name in detectors},
-        "groups": {name: scoring.by_group(found, names, name, resamples) for name in general},
-        "digits": scoring.digits(found, names),
-        "ids": scoring.agreement(root, done, [one.name for one in dict.fromkeys(with_mujoco(names).values())]),
-    }
+def show(scores: dict[str, Any]) -> None:
+    """Print the tables; MuJoCo's pictures of a condition's worlds are named ``mujoco`` or ``mujoco-REPLACEMENT``."""
+    console = Console(width=WIDTH)
+    for name, groups in scores["detectors"].items():
+        console.print(boxes_table(name, groups))
+        console.print(centres_table({group: figures["centre"] for group, figures in groups.items()}))
+    digits = Table("digits", "right of those read", "refused")
+    for one in scores["digits"]:
+        shares = (one[key] for key in ("digits_right", "digits_refused"))
+        digits.add_row(one["group"], *(f"{share['count']} of {share['of']}" for share in shares))
+    console.print(digits)
 
 
 def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> tuple[str, ...]:
@@ -105,13 +94,12 @@ def _names(_context: click.Context, _parameter: click.Parameter, value: str) -> 
 @click.option("--samples", default=8, show_default=True, help="Of the path tracer, a pixel; it denoises.")
 @click.option("--threads", default=1, show_default=True, help="Of the path tracer.")
 @click.option("--detector", "detectors", multiple=True, default=DETECTORS, show_default=True)
-@click.option("--resamples", default=200, show_default=True, help="Of worlds, for intervals.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/foreign"), show_default=True)
 def main(
     blender: str | None, count: int, first: int, half: str, names: tuple[str, ...], size: str, samples: int,
-    threads: int, detectors: tuple[str, ...], resamples: int, out: Path,
+    threads: int, detectors: tuple[str, ...], out: Path,
 ) -> None:  # fmt: skip
-    """Make the pictures, score them, and write tables and contact sheets."""
+    """Make the pictures, score them, and write figures and contact sheets."""
     pixels, worlds = scenes.parse_size(size), [World(half, first + number) for number in range(count)]
     refused = {}
     stated = {"size": list(pixels), "samples": samples}
@@ -121,13 +109,16 @@ def main(
     write(setting, json.dumps(stated) + "\n")
     if blender:
         refused = make(Maker(out, pixels, samples, threads, Blender(blender)), worlds, names)
-    root = out / "worlds"
-    scores = stated | {"half": half, "refused": refused} | score(root, worlds, names, detectors, pixels, resamples)
-    write(out / f"scores-{half}.json", json.dumps(scores, indent=1) + "\n")
-    write(out / f"scores-{half}.md", tables.report(scores))
+    nets = {name: opened(name) for name in detectors}
+    found = scoring.score(out / "worlds", worlds, names, nets, Reader(), pixels)
+    write(out / f"scores-{half}.json", json.dumps(stated | {"half": half, "refused": refused} | found, indent=1) + "\n")
     for name in with_mujoco(names):
-        write(out / f"sheet-{half}-{name}.jpg", scoring.sheet(root, worlds, name))
-    click.echo(tables.report(scores))
+        paths = [path for world in worlds if (path := picture(out / "worlds" / world.name, name))]
+        tiles = [cv2.resize(pictures.read(path), TILE_PX, interpolation=cv2.INTER_AREA) for path in paths]
+        if tiles:
+            sheet = cv2.cvtColor(preview.sheet(tiles), cv2.COLOR_RGB2BGR)
+            write(out / f"sheet-{half}-{name}.jpg", pictures.encode(sheet, "jpeg", 88))
+    show(found)
     for world, why in refused.items():
         click.echo(f"{world} is not made: {why}", err=True)
 

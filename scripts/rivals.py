@@ -99,18 +99,6 @@ CONDITIONS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "wind": ("free-swing", {}, {"wind": {"mean_m_s": 14.0}}),
     "four-rope": ("free-swing", {"suspension": {"model": "four-rope"}}, {}),
 }
-WHAT = {
-    "calm": "no wind, camera level and at the rope exit, crane at rest: free swing from 6°",
-    "tilt": "as calm, camera tilted by 5°",
-    "offset": "as calm, camera 0.6 m beside and 0.3 m below the rope exit",
-    "accelerating": "as calm, and the jib begins to slew: 0.6 rpm in 6 s",
-    "levelling": "as accelerating, with a camera that levels itself",
-    "leaning": "working cycle, camera fixed to the jib, which pitches it by 2° per metre of luffing",
-    "night": "as calm, at night in light snow",
-    "rain": "as calm, in rain of 30 mm/h",
-    "wind": "as calm, in wind of 14 m/s",
-    "four-rope": "as calm, with a head that its ropes hold level",
-}
 
 
 def scenario(condition: str, clip: int, more: dict[str, Any] | None = None, size: tuple[int, int] = SIZE) -> Scenario:

@@ -31,7 +31,7 @@ from simgrab.model.records.observations import Detection
 from simgrab.model.truth import Boxed
 from simgrab.reports.terminal import cell
 
-_WIDTH = 196  # columns of text
+WIDTH = 196  # columns of text
 
 
 def measure(
@@ -71,11 +71,11 @@ def measure(
 
 def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
-    console = Console(width=_WIDTH)
+    console = Console(width=WIDTH)
     if "overall" in scores:
         groups = {"overall": scores["overall"], "half visible": scores["half_visible"]} | scores["by_weather"]
-        console.print(_found(scores["detector"], groups))
-        console.print(_centres({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
+        console.print(boxes_table(scores["detector"], groups))
+        console.print(centres_table({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
     if "real" in scores:
         console.print(_real(scores["detector"], scores["real"]))
     times = scores["time"]
@@ -89,7 +89,8 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
     return table
 
 
-def _found(name: str, groups: dict[str, Any]) -> Table:
+def boxes_table(name: str, groups: dict[str, Any]) -> Table:
+    """Show boxes of groups of frames, as `simgrab.judge.evaluate.detection.figures` gives them."""
     table = _table(
         f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
         ("", "grab", "mAP50-95", "mAP50", "recall", "missed in", "longest miss", "empty", "false boxes", "false in",
@@ -106,7 +107,8 @@ def _found(name: str, groups: dict[str, Any]) -> Table:
     return table
 
 
-def _centres(groups: dict[str, Any]) -> Table:
+def centres_table(groups: dict[str, Any]) -> Table:
+    """Show the centre errors of groups of frames."""
     table = _table(
         "grab centre: distance, signed means ± their standard error, and those of a perfect box's centre",
         ("", "frames", "width px", "median px", "95 % px", "median of diagonal", "95 %", "u px", "v px", "outwards px",

@@ -1,6 +1,8 @@
 import contextlib
+import fcntl
 import importlib.util
 import json
+import os
 import signal
 
 import pytest
@@ -97,33 +99,38 @@ def crooked_scene():
     return scenes.load("quay-day", SMALL | CROOKED)
 
 
+def rendered_once(tmp_path_factory, name, scene):
+    """A dataset of a scene that all worker processes of pytest share; copy it before changing it."""
+    from simgrab.dataset.render import render
+
+    here = tmp_path_factory.getbasetemp()
+    path = (here.parent if "PYTEST_XDIST_WORKER" in os.environ else here) / "shared" / name
+    path.parent.mkdir(exist_ok=True)
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            render(scene, path.with_suffix(".draft"), resume=True)
+            path.with_suffix(".draft").rename(path)
+    return path
+
+
 @pytest.fixture(scope="session")
 def dataset(scene, tmp_path_factory):
     """A finished small dataset; copy it before changing it."""
-    from simgrab.dataset.render import render
-
-    path = tmp_path_factory.mktemp("data") / "small"
-    render(scene, path)
-    return path
+    return rendered_once(tmp_path_factory, "small", scene)
 
 
 @pytest.fixture(scope="session")
 def crooked_dataset(crooked_scene, tmp_path_factory):
-    from simgrab.dataset.render import render
-
-    path = tmp_path_factory.mktemp("data") / "crooked"
-    render(crooked_scene, path)
-    return path
+    return rendered_once(tmp_path_factory, "crooked", crooked_scene)
 
 
 @pytest.fixture(scope="session")
 def split_dataset(tmp_path_factory):
     """Frames in every split, of which some show little or nothing of the grab."""
-    from simgrab.dataset.render import render
-
-    path = tmp_path_factory.mktemp("data") / "split"
     law = {"dist": "choice", "values": [0.0, 1.0]}
     thirds = {"train": 0.34, "val": 0.33, "test": 0.33}
     changes = {"swing.alpha": {"sigma_deg": 15.0, "law": law}, "swing.absent": 0.3, "splits": thirds}
-    render(scenes.load("quay-day", SMALL | changes | {"frames": 12, "seed": 4}), path)
-    return path
+    return rendered_once(
+        tmp_path_factory, "split", scenes.load("quay-day", SMALL | changes | {"frames": 12, "seed": 4})
+    )

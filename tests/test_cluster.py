@@ -132,7 +132,6 @@ def checks(address, folder):
 
 @pytest.mark.skipif(not os.environ.get("SIMGRAB_TEST_CLUSTER"), reason="SIMGRAB_TEST_CLUSTER=1 starts a Ray cluster")
 def test_work_on_a_cluster(tmp_path):
-    """What dies meanwhile is tried by ``python -m scripts.cluster_faults``. Both take minutes."""
     renders(tmp_path, "here")
     with cluster.local_cluster(2, 1) as address:
         subprocess.run([sys.executable, "-c", CHECKS, address, str(tmp_path)], check=True, timeout=240)

@@ -1,63 +1,61 @@
 """Path-trace exported scenes as a job file says; `scripts.foreign_exam` runs it by an interpreter that can import bpy.
 
 bpy is licensed under the GPL: simgrab neither installs nor imports it, and measures with it where a user has it. The
-file imports NumPy alone beside it. A job is JSON: a list of tables with the arguments of `render`, or one such table of
-a scene of several frames, which are then rendered as `scripts.bench_scene.serve` is asked to.
+file imports NumPy alone beside it. A job is JSON: a list of tables with the arguments of `render`.
 """
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scripts.bench_blender import Blender
-from scripts.bench_scene import Array, ExportedScene, serve
 from scripts.foreign.surfaces import PLACE, Surfaces
-from scripts.foreign.yard import Yard
+from scripts.foreign.yard import Yard, blender_image
 
-NOTHING = 255
+Array = NDArray[np.float64]
 AGX_LEVEL = 0.16  # mean linear luminance that the AgX view transform is given
+BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+SENSOR_MM = 36.0
+TINTS = ((1.0, 0.62, 0.28), (1.0, 0.80, 0.55), (0.90, 0.95, 1.0), (1.0, 0.95, 0.88))  # of lamps
 
 
-class Foreign(Blender):
-    """A scene in linear light, in which some things are replaced. Of several frames, the first one is posed first.
+class Foreign:
+    """A scene in linear light, in which some things are replaced. See `render` for the parameters."""
 
-    Parameters
-    ----------
-    scene : ExportedScene
-    table : dict
-        See `render`.
-    """
+    def __init__(self, scene: Mapping[str, Any], table: Mapping[str, Any]) -> None:
+        import bpy  # type: ignore[import-not-found]
 
-    colours = "sRGB"
-
-    def __init__(self, scene: ExportedScene, table: dict[str, Any]) -> None:
-        self._table, self._replaced = table, frozenset(table["replaced"])
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self._bpy, self._exported, self._table = bpy, scene, table
+        self._replaced = frozenset(table["replaced"])
         self._rng = np.random.default_rng(table["seed"])
         self._surfaces: Surfaces | None = None
-        self._carried: list[tuple[Any, Array]] = []
-        self._tone: tuple[float, str] | None = None
-        self._light: Array | None = None
-        self._level: float | None = None
-        super().__init__(scene, "cycles")
-        self.pose(0)
+        self._scene = bpy.context.scene
+        self._images: dict[int, Any] = {}
+        shown = scene["shown"] & ((scene["groups"] != PLACE) | ("ground" not in self._replaced))
+        self._geoms = {int(geom): self._object(int(geom)) for geom in np.flatnonzero(shown)}
+        self._add_lights()
+        self._add_camera()
+        self._scene.view_settings.view_transform = "Raw"
+        self._prepare()
         if "ground" in self._replaced:
-            Yard(self._bpy, self._rng, table["photographs"]).build(
-                scene.jib_from_camera, ground=table["ground_m"], ceiling=table["ceiling_m"]
-            )
+            yard = Yard(bpy, self._rng, table["photographs"])
+            yard.build(scene["jib_from_camera"], ground=table["ground_m"], ceiling=table["ceiling_m"])
 
-    def _prepare(self, engine: str) -> None:
+    def _prepare(self) -> None:
         render, cycles = self._scene.render, self._scene.cycles
-        render.engine = engine.upper()
-        render.use_persistent_data = len(self._exported.jib_from_camera) > 1
+        width, height = self._exported["camera"][:2]
+        render.resolution_x, render.resolution_y, render.resolution_percentage = int(width), int(height), 100
+        render.engine = "CYCLES"
+        render.use_persistent_data = False
         render.threads_mode, render.threads = "FIXED", self._table["threads"]
         cycles.device, cycles.seed = "CPU", 1
         cycles.use_adaptive_sampling, cycles.use_denoising, cycles.denoiser = False, True, "OPENIMAGEDENOISE"
@@ -67,122 +65,125 @@ class Foreign(Blender):
         cycles.caustics_reflective = cycles.caustics_refractive = False
         cycles.sample_clamp_indirect = 4.0
 
-    def _chosen(self) -> Any:
-        shown = self._exported.shown
-        if "ground" in self._replaced:
-            shown = shown & (self._exported.groups != PLACE)
-        return np.flatnonzero(shown.any(axis=0))
+    def _object(self, geom: int) -> Any:
+        import mathutils  # type: ignore[import-not-found]
 
-    def _group(self, geom: int) -> int:
-        """Group of a geom in the first frame that shows it."""
-        return int(self._exported.groups[self._exported.shown[:, geom].argmax(), geom])
+        scene = self._exported
+        vertices, faces = (np.split(scene[part], scene[f"{part}_ends"])[geom] for part in ("vertices", "faces"))
+        a, b, c = faces.T
+        faces = faces[(a != b) & (b != c) & (c != a)]  # Blender crashes where two corners are the same
+        mesh = self._bpy.data.meshes.new(f"geom {geom}")
+        mesh.from_pydata(vertices[:, :3].tolist(), [], faces.tolist())
+        corners = vertices[faces.ravel()]
+        mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", corners[:, 6:].ravel())
+        mesh.normals_split_custom_set(corners[:, 3:6].tolist())
+        mesh.materials.append(self._material(geom))
+        thing = self._bpy.data.objects.new(mesh.name, mesh)
+        thing.matrix_world = mathutils.Matrix(scene["jib_from_geom"][geom])
+        self._scene.collection.objects.link(thing)
+        return thing
 
     def _material(self, geom: int) -> Any:
         scene = self._exported
-        group, texture = self._group(geom), int(scene.texture[geom])
-        colour = linear(np.clip(scene.colours[geom], 0.0, 1.0))
+        texture, colour = int(scene["texture"][geom]), linear(np.clip(scene["colours"][geom], 0.0, 1.0))
         if "textures" in self._replaced:
-            if self._surfaces is None:
-                self._surfaces = Surfaces(self._bpy, self._rng)
+            self._surfaces = self._surfaces or Surfaces(self._bpy, self._rng)
             if texture >= 0:
-                colour = colour * linear(scene.textures[texture][::7, ::7] / 255).mean(axis=(0, 1))
-            return self._surfaces.of(str(scene.names[geom]), group, tuple(map(float, colour)))
-        material = super()._material(geom)
+                colour = colour * linear(scene[f"texture_{texture}"][::7, ::7] / 255).mean(axis=(0, 1))
+            name, group = str(scene["names"][geom]), int(scene["groups"][geom])
+            return self._surfaces.of(name, group, tuple(map(float, colour)))
+        material = self._bpy.data.materials.new(f"geom {geom}")
+        material.use_nodes = True
         tree = material.node_tree
-        surface = next(node for node in tree.nodes if node.type == "BSDF_DIFFUSE")
+        tree.nodes.clear()
+        surface = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        tree.links.new(surface.outputs["BSDF"], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
         surface.inputs["Color"].default_value = (*colour, 1.0)
-        for node in tree.nodes:
-            if node.type == "VECT_MATH":
-                node.inputs[1].default_value = colour
+        if texture >= 0:
+            if texture not in self._images:
+                self._images[texture] = blender_image(
+                    self._bpy, f"texture {texture}", scene[f"texture_{texture}"], "sRGB"
+                )
+            picture, product = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeVectorMath")
+            picture.image, product.operation = self._images[texture], "MULTIPLY"
+            product.inputs[1].default_value = colour
+            tree.links.new(picture.outputs["Color"], product.inputs[0])
+            tree.links.new(product.outputs["Vector"], surface.inputs["Color"])
         return material
 
-    def _add_lights(self) -> None:
-        if "light" in self._replaced:
-            self._scene.world = self._foreign_sky() if self._table["light"] == "sun" else self._foreign_night()
-            return
-        scene = self._exported
-        even = linear(scene.ambient + scene.light_colours[1:].sum(axis=0))
-        super()._add_lights()
-        lights = [thing.data for thing in self._bpy.data.objects if thing.type == "LIGHT"]
-        sun = linear(scene.ambient + scene.light_colours.sum(axis=0)) - even
-        for number, light in enumerate(lights):
-            light.color = tuple(sun) if number == 0 else (0.0, 0.0, 0.0)  # the even sky is the world's
-            light.angle = math.radians(0.53)
-        self._scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (*even, 1.0)
+    def _add_camera(self) -> None:
+        import mathutils
 
-    def _foreign_sky(self) -> Any:
-        rng, bpy = self._rng, self._bpy
-        world = bpy.data.worlds.new("foreign sky")
+        width, height, f, cx, cy = self._exported["camera"]
+        lens = self._bpy.data.cameras.new("camera")
+        lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", SENSOR_MM, f * SENSOR_MM / width
+        lens.shift_x, lens.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width
+        lens.clip_start, lens.clip_end = 0.1, 500.0
+        thing = self._bpy.data.objects.new("camera", lens)
+        thing.matrix_world = mathutils.Matrix(self._exported["jib_from_camera"] @ BLENDER_FROM_OPENCV)
+        self._scene.collection.objects.link(thing)
+        self._scene.camera = thing
+
+    def _add_lights(self) -> None:
+        world = self._bpy.data.worlds.new("sky")
         world.use_nodes = True
-        tree = world.node_tree
-        sky = tree.nodes.new("ShaderNodeTexSky")
+        background = world.node_tree.nodes["Background"]
+        if "light" not in self._replaced:
+            self._own_light(background)
+        elif self._table["light"] == "sun":
+            self._foreign_sky(world.node_tree, background)
+        else:
+            self._foreign_night(background)
+        self._scene.world = world
+
+    def _own_light(self, background: Any) -> None:
+        """Simgrab's sun; what its other lights give evenly is the sky's."""
+        scene = self._exported
+        even, full = (linear(scene["ambient"] + scene["light_colours"][first:].sum(axis=0)) for first in (1, 0))
+        light = self._bpy.data.lights.new("sun", "SUN")
+        light.energy, light.color, light.use_shadow, light.angle = np.pi, tuple(full - even), True, math.radians(0.53)
+        self._put(light, (0, 0, 0), scene["light_directions"][0])
+        background.inputs["Color"].default_value = (*even, 1.0)
+
+    def _foreign_sky(self, tree: Any, background: Any) -> None:
+        rng, sky = self._rng, tree.nodes.new("ShaderNodeTexSky")
         sky.sky_type = "MULTIPLE_SCATTERING"
         low, high = (3, 14) if self._table["dusk"] else (20, 65)
         sky.sun_elevation, sky.sun_rotation = math.radians(rng.uniform(low, high)), rng.uniform(0, 2 * math.pi)
         sky.air_density, sky.aerosol_density = rng.uniform(0.7, 2.0), rng.uniform(0.3, 4.0)
         sky.sun_intensity = rng.choice([1.0, 1.0, 0.25, 0.02])  # the last two are hazy and overcast
-        background = tree.nodes["Background"]
         background.inputs["Strength"].default_value = 0.1
         tree.links.new(sky.outputs["Color"], background.inputs["Color"])
-        return world
 
-    def _foreign_night(self) -> Any:
-        rng, bpy = self._rng, self._bpy
-        world = bpy.data.worlds.new("foreign night")
-        world.use_nodes = True
-        world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.004, 0.005, 0.008, 1.0)
-        tints = ((1.0, 0.62, 0.28), (1.0, 0.80, 0.55), (0.90, 0.95, 1.0), (1.0, 0.95, 0.88))
-        camera = self._exported.jib_from_camera[0][:3, 3]
-        tint = tints[int(rng.integers(len(tints)))]
+    def _foreign_night(self, background: Any) -> None:
+        rng, ground = self._rng, self._table["ground_m"]
+        background.inputs["Color"].default_value = (0.004, 0.005, 0.008, 1.0)
+        camera = self._exported["jib_from_camera"][:3, 3]
+        tint = TINTS[int(rng.integers(len(TINTS)))]
         places = [
             camera + (rng.uniform(-2.5, 2.5), side * rng.uniform(1.0, 3.0), rng.uniform(0.2, 1.2)) for side in (-1, 1)
         ]
         for place in places:  # at the jib head, behind the camera
-            lamp = self._lamp(
-                place, (rng.uniform(-2, 2), rng.uniform(-2, 2), -25.0), 4000 * rng.uniform(0.6, 1.6), tint
-            )
-            self._carried.append((lamp, np.array(lamp.matrix_basis)))
+            self._lamp(place, (rng.uniform(-2, 2), rng.uniform(-2, 2), -25.0), 4000 * rng.uniform(0.6, 1.6), tint)
         for _ in range(int(rng.integers(1, 4))):  # masts of the yard
             angle, far = rng.uniform(0, 2 * math.pi), rng.uniform(22, 45)
-            place = np.array(
-                (far * math.cos(angle), far * math.sin(angle), self._table["ground_m"] + rng.uniform(18, 30))
-            )
-            tint = tints[int(rng.integers(len(tints)))]
-            self._lamp(place, (0.0, 0.0, self._table["ground_m"]), 20000 * rng.uniform(0.3, 1.2), tint)
-        return world
+            place = np.array((far * math.cos(angle), far * math.sin(angle), ground + rng.uniform(18, 30)))
+            tint = TINTS[int(rng.integers(len(TINTS)))]
+            self._lamp(place, (0.0, 0.0, ground), 20000 * rng.uniform(0.3, 1.2), tint)
 
-    def _lamp(self, place: Array, towards: Sequence[float], watts: float, tint: tuple[float, float, float]) -> Any:
-        import mathutils  # type: ignore[import-not-found]
-
+    def _lamp(self, place: Array, towards: Sequence[float], watts: float, tint: tuple[float, float, float]) -> None:
         light = self._bpy.data.lights.new("lamp", "AREA")
         light.shape, light.size, light.size_y = "RECTANGLE", 0.9, 0.4
         light.energy, light.color, light.spread = watts, tint, math.radians(120)
-        thing = self._bpy.data.objects.new("lamp", light)
-        thing.location, thing.rotation_mode = place, "QUATERNION"
-        thing.rotation_quaternion = mathutils.Vector(np.subtract(towards, place)).to_track_quat("-Z", "Y")
-        self._scene.collection.objects.link(thing)
-        return thing
+        self._put(light, place, np.subtract(towards, place))
 
-    def pose(self, frame: int) -> None:
-        """Put camera, geoms and the lamps of the jib head where they are in a frame."""
+    def _put(self, light: Any, place: Any, along: Any) -> None:
         import mathutils
 
-        super().pose(frame)
-        for lamp, first in self._carried:
-            lamp.matrix_basis = mathutils.Matrix(np.array(self._table["jib_poses"][frame]) @ first)
-
-    def render(self, frame: int) -> None:
-        """See `scripts.bench_scene.SceneRenderer.render`."""
-        self.pose(frame)
-        if self._table["grain"]:
-            self._scene.cycles.seed = frame + 1
-        self._light = self.light(self._table["samples"])
-
-    def save(self, path: str) -> None:
-        """Write linear light of the frame rendered last as an array."""
-        assert self._light is not None
-        with Path(path).open("wb") as file:
-            np.save(file, self._light.astype(np.float16))
+        thing = self._bpy.data.objects.new(light.name, light)
+        thing.location, thing.rotation_mode = place, "QUATERNION"
+        thing.rotation_quaternion = mathutils.Vector(along).to_track_quat("-Z", "Y")
+        self._scene.collection.objects.link(thing)
 
     def light(self, samples: int) -> Array:
         """Render linear light, shape (height, width, 3). The foreign light comes through the AgX view transform."""
@@ -191,57 +192,11 @@ class Foreign(Blender):
         light = self._read("OPEN_EXR", "32", "Raw")
         if "light" not in self._replaced:
             return light
-        if self._level is None or self._table["grain"]:
-            self._level = float((light[4::8, 4::8] @ (0.2126, 0.7152, 0.0722)).mean())
+        level = max(float((light[4::8, 4::8] @ (0.2126, 0.7152, 0.0722)).mean()), 1e-6)
         view = self._scene.view_settings
-        if self._tone is None:  # that of all frames
-            looks = ["None", "Medium High Contrast", "High Contrast"]
-            self._tone = self._rng.uniform(0.7, 1.5), str(self._rng.choice(looks))
-        view.exposure, view.look = math.log2(AGX_LEVEL * self._tone[0] / max(self._level, 1e-6)), self._tone[1]
+        view.exposure = math.log2(AGX_LEVEL * self._rng.uniform(0.7, 1.5) / level)
+        view.look = str(self._rng.choice(["None", "Medium High Contrast", "High Contrast"]))
         return linear(self._read("PNG", "16", "AgX"))
-
-    def ids(self, finer: int, window: Sequence[int]) -> Any:
-        """Render what each pixel of a window shows, one ray through its centre, shape (height, width) of the window.
-
-        Parameters
-        ----------
-        finer : int
-            Samples a pixel and direction.
-        window : sequence of 4 ints
-            x0, y0, x1, y1 in the finer picture.
-        """
-        scene, cycles, render = self._scene, self._scene.cycles, self._scene.render
-        for geom, thing in self._geoms.items():
-            thing.data.materials[0] = self._flat((self._group(geom) + 1) / 8)
-        for thing in scene.objects:
-            if thing.type == "LIGHT" or (thing.type == "MESH" and thing not in self._geoms.values()):
-                thing.hide_render = True
-        scene.world = None
-        width, height = (finer * side for side in self._exported.size)
-        x0, y0, x1, y1 = window
-        render.resolution_percentage, render.use_border, render.use_crop_to_border = 100 * finer, True, False
-        render.border_min_x, render.border_max_x = x0 / width, x1 / width
-        render.border_min_y, render.border_max_y = 1 - y1 / height, 1 - y0 / height
-        cycles.samples, cycles.use_denoising, cycles.max_bounces = 1, False, 0
-        cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
-        scene.view_settings.exposure = 0.0
-        self._bpy.ops.render.render()
-        groups = np.rint(self._read("OPEN_EXR", "32", "Raw")[y0:y1, x0:x1, 0] * 8).astype(int) - 1
-        return np.where(groups < 0, NOTHING, groups).astype(np.uint8)
-
-    def _flat(self, level: float) -> Any:
-        name = f"flat {level}"
-        known = self._bpy.data.materials.get(name)
-        if known:
-            return known
-        material = self._bpy.data.materials.new(name)
-        material.use_nodes = True
-        tree = material.node_tree
-        tree.nodes.clear()
-        emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
-        emission.inputs["Color"].default_value = (level, level, level, 1.0)
-        tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
-        return material
 
     def _read(self, file_format: str, depth: str, view: str) -> Array:
         """Save what was rendered last, and read it as values of red, green and blue, the first row the top."""
@@ -272,30 +227,16 @@ def render(table: dict[str, Any]) -> None:
     Parameters
     ----------
     table : dict
-        ``scene``: path of an `ExportedScene`. ``replaced``: of textures, ground and light. ``light``: sun or lamps;
-        ``dusk``: whether the sun is low. ``ground_m``, ``ceiling_m``: z of the foreign yard, and of what is highest on
-        it. ``photographs``: path of an archive of pictures for it. ``seed``, ``samples``, ``threads``. ``out``: where
-        linear light goes as an array. ``ids``: where ids go as an array, or none; ``ids_finer`` and ``ids_window``.
-        Of a scene of several frames, which is given in the jib frame of its first frame: ``jib_poses``, pose of each
-        frame's jib frame in that one, shape (frames, 4, 4); ``grain``, whether each frame has noise of the path tracer
-        of its own and an exposure by its own brightness, in place of those of the first.
+        ``scene``: path of what `scripts.foreign.export.export` returns, as NumPy's archive. ``replaced``: of textures,
+        ground and light. ``light``: sun or lamps; ``dusk``: whether the sun is low. ``ground_m``, ``ceiling_m``: z of
+        the foreign yard, and of what is highest on it. ``photographs``: path of an archive of pictures for it.
+        ``seed``, ``samples``, ``threads``. ``out``: where linear light goes as an array.
     """
-    made = Foreign(ExportedScene.load(Path(table["scene"])), table)
-    if table["out"]:
-        np.save(table["out"], made.light(table["samples"]).astype(np.float16))
-    if table["ids"]:
-        np.save(table["ids"], made.ids(table["ids_finer"], table["ids_window"]))
-
-
-def main(path: Path) -> None:
-    """Render a list of scenes; or serve the frames of one, of whose table ``out`` and ``ids`` are not needed."""
-    job = json.loads(path.read_text())
-    if isinstance(job, dict):
-        serve(functools.partial(Foreign, table=job), Path(job["scene"]))
-        return
-    for each in job:
-        render(each)
+    with np.load(table["scene"]) as file:
+        made = Foreign(dict(file), table)
+    np.save(table["out"], made.light(table["samples"]).astype(np.float16))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    for job in json.loads(Path(sys.argv[1]).read_text()):
+        render(job)

@@ -59,21 +59,6 @@ def photographed(
     tuple of bytes and str
         The file and its suffix: JPEG as simgrab stores it, or PNG of what another coder left.
     """
-    rgb = before_coding(scenario, buffers, light, replaced, rng, rng)
-    if "coder" in replaced:
-        return encode(cv2.cvtColor(foreign_coder(rgb, rng), cv2.COLOR_RGB2BGR), "png", 0), ".png"
-    rgb = recompress(rgb, scenario.optics.recompress_quality)
-    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality), ".jpg"
-
-
-def before_coding(
-    scenario: Scenario, buffers: Buffers, light: Light, replaced: Collection[str], rng: Generator, noise: Generator
-) -> Picture:
-    """Make the picture that `photographed` codes, RGB of shape (height, width, 3).
-
-    ``rng`` is of the camera: its properties, fonts and colours. ``noise`` is of the exposure. Where ``rng`` is the same
-    and ``noise`` another one, the same camera takes another picture.
-    """
     own = structs.replace(
         scenario,
         display=structs.replace(scenario.display, layout="none"),
@@ -86,13 +71,16 @@ def before_coding(
             optics=structs.replace(own.optics, exposure=FixedExposure()),
         )
     if "sensor" in replaced:
-        rgb = foreign_sensor(_lit(own, buffers, light), rng, noise)
+        rgb = foreign_sensor(_lit(own, buffers, light), rng)
     else:
         rgb = Camera(own).develop(replace(buffers, rgb=light)).rgb
     layout, shown = scenario.display_layout, buffers.projection.nominal.shown
     if layout and shown:
         rgb = foreign_digits(rgb, layout, shown, rng) if "digits" in replaced else Overlay(layout).blend(rgb, shown)
-    return rgb
+    if "coder" in replaced:
+        return encode(cv2.cvtColor(foreign_coder(rgb, rng), cv2.COLOR_RGB2BGR), "png", 0), ".png"
+    rgb = recompress(rgb, scenario.optics.recompress_quality)
+    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality), ".jpg"
 
 
 def _lit(scenario: Scenario, buffers: Buffers, light: Light) -> Light:
@@ -110,12 +98,8 @@ def _lit(scenario: Scenario, buffers: Buffers, light: Light) -> Light:
     return lamps.lit(light, by)
 
 
-def foreign_sensor(light: Light, rng: Generator, noise: Generator | None = None) -> Picture:
-    """Take a picture with a colour filter mosaic, Poisson and read noise, denoising, sharpening and tone curve.
-
-    The noise is of ``rng`` too unless ``noise`` is given; see `before_coding`.
-    """
-    noise = noise or rng
+def foreign_sensor(light: Light, rng: Generator) -> Picture:
+    """Take a picture with a colour filter mosaic, Poisson and read noise, denoising, sharpening and tone curve."""
     height, width = light.shape[:2]
     y, x = np.mgrid[-1 : 1 : complex(height), -1 : 1 : complex(width)]
     x, y = x - rng.uniform(-0.1, 0.1), y - rng.uniform(-0.1, 0.1)
@@ -129,7 +113,7 @@ def foreign_sensor(light: Light, rng: Generator, noise: Generator | None = None)
     mosaic = np.empty((height, width))
     for channel, (rows, columns) in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
         mosaic[rows::2, columns::2] = (level[..., channel] * balance[channel])[rows::2, columns::2]
-    electrons = noise.poisson(np.minimum(mosaic, 4.0) * well) + noise.normal(0, read, mosaic.shape)
+    electrons = rng.poisson(np.minimum(mosaic, 4.0) * well) + rng.normal(0, read, mosaic.shape)
     raw = np.clip(electrons / well, 0, 1) * 65535
     rgb = cv2.demosaicing(raw.astype(np.uint16), cv2.COLOR_BayerBG2RGB).astype(np.float32) / 65535
     shoulder = rng.uniform(0.0, 0.6)

@@ -20,9 +20,48 @@ from simgrab.model.scenario.grab import Jaw
 
 Point = Sequence[float]
 Paints = dict[str, PBRMaterial]
-Pieces = list[tuple[Trimesh, str]]  # each with the name of its paint
 PLATE_M = 0.025
 PAINTS_HSV = ((0.03, 0.85), (0.10, 0.9), (0.16, 0.75), (0.33, 0.5), (0.55, 0.6), (0.62, 0.75), (0.0, 0.0), (0.95, 0.7))
+
+
+class Pieces(list[tuple[Trimesh, str]]):
+    """Parts that move together, each with the name of its paint."""
+
+    def block(self, paint: str, a: Point, b: Point) -> None:
+        """Add a box between two corners."""
+        self.append((box(bounds=np.array([np.minimum(a, b), np.maximum(a, b)])), paint))
+
+    def bar(self, paint: str, start: Point, end: Point, radius: float, sections: int = 14) -> None:
+        """Add a round bar."""
+        self.append((cylinder(radius=radius, segment=np.array([start, end]), sections=sections), paint))
+
+    def wheel(self, paint: str, centre: Point, radius: float, width: float, axis: int) -> None:
+        """Add a wheel about an axis, 0 to 2."""
+        half = np.zeros(3)
+        half[axis] = width / 2
+        self.bar(paint, tuple(np.subtract(centre, half)), tuple(np.add(centre, half)), radius, 24)
+
+    def beam(self, paint: str, start: Point, end: Point, width: float, height: float) -> None:
+        """Add a rectangular tube's outside from point to point; its width stays level."""
+        a, b = np.asarray(start, float), np.asarray(end, float)
+        along = b - a
+        length = float(np.linalg.norm(along))
+        along /= length
+        side = np.cross((0.0, 0.0, 1.0), along)
+        side = np.array((0.0, 1.0, 0.0)) if np.linalg.norm(side) < 1e-6 else side / np.linalg.norm(side)
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([along, side, np.cross(along, side)])
+        pose[:3, 3] = (a + b) / 2
+        self.append((box((length, width, height), transform=pose), paint))
+
+    def plate(self, paint: str, outline: Any, y: float, thickness: float = PLATE_M, side: int = 1) -> None:
+        """Add an upright plate: its outline in (x, z), mirrored at x = 0 for side −1, its middle at y."""
+        shape = outline if hasattr(outline, "exterior") else shapely.Polygon(outline)
+        self.append((_upright(shape if side > 0 else _mirrored(shape), y, thickness), paint))
+
+
+Grab = tuple[dict[str, Pieces], dict[str, Any]]
+"""Pieces by node, and the other keys of ``[grab] model = "mesh"``."""
 
 
 def write(path: Path, kind: str, rng: Generator) -> dict[str, Any]:
@@ -72,40 +111,13 @@ def _rgb(h: float, s: float, v: float) -> tuple[float, float, float]:
     return colorsys.hsv_to_rgb(h, s, v)
 
 
-def _block(low: Point, high: Point) -> Trimesh:
-    return box(bounds=np.array([low, high]))
-
-
-def _bar(start: Point, end: Point, radius: float, sections: int = 14) -> Trimesh:
-    return cylinder(radius=radius, segment=np.array([start, end]), sections=sections)
-
-
-def _beam(start: Point, end: Point, width: float, height: float) -> Trimesh:
-    """Return a rectangular tube's outside from point to point; its width stays level."""
-    a, b = np.asarray(start, float), np.asarray(end, float)
-    along = b - a
-    length = float(np.linalg.norm(along))
-    along /= length
-    side = np.cross((0.0, 0.0, 1.0), along)
-    side = np.array((0.0, 1.0, 0.0)) if np.linalg.norm(side) < 1e-6 else side / np.linalg.norm(side)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([along, side, np.cross(along, side)])
-    pose[:3, 3] = (a + b) / 2
-    return box((length, width, height), transform=pose)
-
-
-def _plate(outline: Any, y: float, thickness: float = PLATE_M) -> Trimesh:
-    """Stand a plate upright: its outline in (x, z), its middle at y."""
-    mesh = extrude_polygon(shapely.Polygon(outline) if not hasattr(outline, "exterior") else outline, thickness)
+def _upright(shape: Any, y: float, thickness: float) -> Trimesh:
     turn = np.array([(1, 0, 0, 0), (0, 0, -1, y + thickness / 2), (0, 1, 0, 0), (0, 0, 0, 1)], float)
-    mesh.apply_transform(turn)
-    return mesh
+    return extrude_polygon(shape, thickness).apply_transform(turn)
 
 
-def _wheel(centre: Point, radius: float, width: float, axis: int) -> Trimesh:
-    half = np.zeros(3)
-    half[axis] = width / 2
-    return _bar(tuple(np.subtract(centre, half)), tuple(np.add(centre, half)), radius, 24)
+def _mirrored(outline: Any) -> Any:
+    return shapely.affinity.scale(outline, -1, 1, origin=(0, 0))
 
 
 def _shell(side: int, hinge: tuple[float, float], reach: float, bottom: float, length: float, rng: Generator) -> Pieces:
@@ -121,51 +133,33 @@ def _shell(side: int, hinge: tuple[float, float], reach: float, bottom: float, l
         How far its back is from x = 0, z of its lip, and its extent along y.
     """
     x0, top = hinge[0], hinge[1]
-    corners = np.array(
-        [
-            (0.012, bottom),
-            (0.45 * reach, bottom + 0.02),
-            (0.86 * reach, bottom + 0.28 * (top - bottom)),
-            (reach, bottom + 0.72 * (top - bottom)),
-            (0.93 * reach, top + 0.10),
-        ]
-    )
-    curve = _rounded(corners, int(rng.integers(1, 3)))
+    deep = top - bottom
+    corners = [(0.012, bottom), (0.45 * reach, bottom + 0.02), (0.86 * reach, bottom + 0.28 * deep)]
+    corners += [(reach, bottom + 0.72 * deep), (0.93 * reach, top + 0.10)]
+    curve = _rounded(np.array(corners), int(rng.integers(1, 3)))
     back = shapely.LineString(curve).buffer(PLATE_M / 2, cap_style="flat", join_style="mitre")
-    end = [*curve, (x0 + 0.16, top + 0.16), (x0 - 0.05, top), (0.012, 0.6 * bottom + 0.4 * top)]
-    pieces: Pieces = [(_plate(_sided(back, side), 0.0, length), "paint")]
+    end = shapely.Polygon([*curve, (x0 + 0.16, top + 0.16), (x0 - 0.05, top), (0.012, 0.6 * bottom + 0.4 * top)])
+    pieces = Pieces()
+    pieces.plate("paint", back, 0.0, length, side)
     for y in (-length / 2, length / 2):
-        pieces.append((_plate(_sided(shapely.Polygon(end).buffer(0), side), y), "paint"))
-        pieces.append((_wheel((side * x0, y, top), 0.13, 0.09, 1), "steel"))
-    ribs = int(rng.integers(2, 6))
-    depth = float(rng.uniform(0.05, 0.11))
+        pieces.plate("paint", end.buffer(0), y, side=side)
+        pieces.wheel("steel", (side * x0, y, top), 0.13, 0.09, 1)
+    ribs, depth = int(rng.integers(2, 6)), float(rng.uniform(0.05, 0.11))
     outer = shapely.LineString(curve[1:]).buffer(depth, cap_style="flat", single_sided=False)
-    rib = outer.difference(shapely.Polygon(end).buffer(0.01))
+    rib = outer.difference(end.buffer(0.01))
     parts = [rib] if rib.geom_type == "Polygon" else list(rib.geoms)
     for y in np.linspace(-0.4 * length, 0.4 * length, ribs):
-        pieces += [(_plate(_sided(part, side), float(y), 0.03), "second") for part in parts if part.area > 1e-3]
+        for part in parts:
+            if part.area > 1e-3:
+                pieces.plate("second", part, float(y), 0.03, side)
     lip = [(0.012, bottom - 0.03), (0.012, bottom + 0.10), (0.42 * reach, bottom + 0.07), (0.42 * reach, bottom - 0.01)]
-    pieces.append((_plate(_sided(shapely.Polygon(lip), side), 0.0, length * 1.02), "worn"))
+    pieces.plate("worn", lip, 0.0, length * 1.02, side)
     if rng.random() < 0.5:
         for y in np.linspace(-0.45 * length, 0.45 * length, int(rng.integers(3, 8))):
-            pieces.append(
-                (
-                    _block(
-                        *_ordered(
-                            (0.012 * side, float(y) - 0.05, bottom - 0.16),
-                            (0.13 * side, float(y) + 0.05, bottom + 0.05),
-                        )
-                    ),
-                    "steel",
-                )
-            )
-    pieces.append(
-        (
-            _block(
-                *_ordered((side * 0.90 * reach, -length / 2, top + 0.04), (side * 1.02 * reach, length / 2, top + 0.15))
-            ),
-            "second",
-        )
+            tooth = (0.012 * side, y - 0.05, bottom - 0.16), (0.13 * side, y + 0.05, bottom + 0.05)
+            pieces.block("steel", *tooth)
+    pieces.block(
+        "second", (side * 0.90 * reach, -length / 2, top + 0.04), (side * 1.02 * reach, length / 2, top + 0.15)
     )
     return pieces
 
@@ -179,36 +173,27 @@ def _rounded(corners: Array, times: int) -> Array:
     return corners
 
 
-def _ordered(a: Point, b: Point) -> tuple[Point, Point]:
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    return tuple(map(float, low)), tuple(map(float, high))
-
-
-def _sided(outline: Any, side: int) -> Any:
-    return outline if side > 0 else shapely.affinity.scale(outline, -1, 1, origin=(0, 0))
-
-
 def _head(z0: float, z1: float, half_x: float, half_y: float, ends: Sequence[Point], rng: Generator) -> Pieces:
     """Make a head: a box of rolled sections with sheaves between, sockets for the ropes, and striped edges."""
-    pieces: Pieces = []
+    pieces, middle = Pieces(), (z0 + z1) / 2
     for y in (-half_y, half_y):
-        pieces.append((_block((-half_x, y - 0.06, z0), (half_x, y + 0.06, z0 + 0.05)), "paint"))
-        pieces.append((_block((-half_x, y - 0.06, z1 - 0.05), (half_x, y + 0.06, z1)), "paint"))
-        pieces.append((_block((-half_x, y - 0.015, z0), (half_x, y + 0.015, z1)), "paint"))
+        pieces.block("paint", (-half_x, y - 0.06, z0), (half_x, y + 0.06, z0 + 0.05))
+        pieces.block("paint", (-half_x, y - 0.06, z1 - 0.05), (half_x, y + 0.06, z1))
+        pieces.block("paint", (-half_x, y - 0.015, z0), (half_x, y + 0.015, z1))
         for x in np.linspace(-half_x, half_x, 4):
-            pieces.append((_block((float(x) - 0.012, y - 0.06, z0), (float(x) + 0.012, y + 0.06, z1)), "second"))
+            pieces.block("second", (x - 0.012, y - 0.06, z0), (x + 0.012, y + 0.06, z1))
     for x in (-half_x, half_x):
-        pieces.append((_block((x - 0.05, -half_y, z0), (x + 0.05, half_y, z1 - 0.04)), "paint"))
-        pieces.append((_block((x - 0.055, -0.3 * half_y, z0 + 0.08), (x + 0.055, 0.3 * half_y, z1 - 0.1)), "stripe"))
+        pieces.block("paint", (x - 0.05, -half_y, z0), (x + 0.05, half_y, z1 - 0.04))
+        pieces.block("stripe", (x - 0.055, -0.3 * half_y, z0 + 0.08), (x + 0.055, 0.3 * half_y, z1 - 0.1))
     for x in np.linspace(-0.45 * half_x, 0.45 * half_x, int(rng.integers(2, 5))):
-        pieces.append((_wheel((float(x), 0.0, (z0 + z1) / 2), 0.48 * (z1 - z0) + 0.1, 0.07, 0), "steel"))
-    pieces.append((_bar((-half_x, 0.0, (z0 + z1) / 2), (half_x, 0.0, (z0 + z1) / 2), 0.07), "worn"))
+        pieces.wheel("steel", (float(x), 0.0, middle), 0.48 * (z1 - z0) + 0.1, 0.07, 0)
+    pieces.bar("worn", (-half_x, 0.0, middle), (half_x, 0.0, middle), 0.07)
     if rng.random() < 0.6:  # a deck of chequered plate, with a hole for the sheaves on either side
         for y0, y1 in ((-half_y, -0.35 * half_y), (0.35 * half_y, half_y)):
-            pieces.append((_block((-half_x, y0, z1 - 0.02), (half_x, y1, z1 + 0.005)), "second"))
+            pieces.block("second", (-half_x, y0, z1 - 0.02), (half_x, y1, z1 + 0.005))
     for x, y, z in ends:
-        pieces.append((_bar((x, y, z1 - 0.05), (x, y, z), 0.055), "steel"))
-        pieces.append((_block((x - 0.09, y - 0.09, z1 - 0.06), (x + 0.09, y + 0.09, z1 + 0.03)), "worn"))
+        pieces.bar("steel", (x, y, z1 - 0.05), (x, y, z), 0.055)
+        pieces.block("worn", (x - 0.09, y - 0.09, z1 - 0.06), (x + 0.09, y + 0.09, z1 + 0.03))
     return pieces
 
 
@@ -225,7 +210,12 @@ def _keys(ropes: int, ends: tuple[Point, ...], height: float, kg: float, jaws: l
     return {"ropes": ropes, "rope_ends_m": ends, "centre_m": (0.0, 0.0, height / 2), "mass_kg": kg, "jaws": made}
 
 
-def _framed(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
+def _jaw(node: str, hinge: Any, open_deg: float, lips: tuple[Point, ...] = ()) -> dict[str, Any]:
+    made = {"node": node, "hinge_m": tuple(map(float, hinge)), "axis": (0.0, 1.0, 0.0), "open_deg": open_deg}
+    return made | ({"lips_m": lips} if lips else {})
+
+
+def _framed(rng: Generator) -> Grab:
     """Make a clamshell whose shells turn on pins of a stiff frame of plates, worked by hydraulic rams."""
     height, reach = float(rng.uniform(2.7, 3.5)), float(rng.uniform(1.15, 1.55))
     length, pin = float(rng.uniform(1.6, 2.5)), 0.16
@@ -233,58 +223,36 @@ def _framed(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
     half_x, half_y = float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.55, 0.8))
     ends = _ends(4, height, 0.35, 0.45)
     head = _head(head_z, height - 0.06, half_x, half_y, ends, rng)
+    half = [(0.30, hinge_z - 0.18), (0.34, hinge_z + 0.15), (0.8 * half_x, head_z + 0.05)]
+    (a, b, c), (d, e, f) = half, [(-x, z) for x, z in half]
+    hole = shapely.Point(0, (hinge_z + head_z) / 2).buffer(0.16)
     for y in (-0.42 * length, 0.42 * length):
-        outline = [
-            (-0.30, hinge_z - 0.18),
-            (0.30, hinge_z - 0.18),
-            (0.34, hinge_z + 0.15),
-            (0.8 * half_x, head_z + 0.05),
-            (-0.8 * half_x, head_z + 0.05),
-            (-0.34, hinge_z + 0.15),
-        ]
-        hole = shapely.Point(0, (hinge_z + head_z) / 2).buffer(0.16)
-        head.append((_plate(shapely.Polygon(outline).difference(hole), y, 0.04), "paint"))
-    head.append((_beam((0, -0.42 * length, hinge_z + 0.02), (0, 0.42 * length, hinge_z + 0.02), 0.22, 0.22), "second"))
-    head.append((_beam((0, -half_y, head_z + 0.1), (0, half_y, head_z + 0.1), 0.3, 0.12), "second"))
-    nodes, jaws = {"head": head}, list[dict[str, Any]]()
+        head.plate("paint", shapely.Polygon([d, a, b, c, f, e]).difference(hole), y, 0.04)
+    head.beam("second", (0, -0.42 * length, hinge_z + 0.02), (0, 0.42 * length, hinge_z + 0.02), 0.22, 0.22)
+    head.beam("second", (0, -half_y, head_z + 0.1), (0, half_y, head_z + 0.1), 0.3, 0.12)
+    nodes, jaws, lips = {"head": head}, list[dict[str, Any]](), ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03))
     opening = float(rng.uniform(42, 58))
     for name, side in (("left", -1), ("right", 1)):
         nodes[name] = _shell(side, (pin, hinge_z), reach, 0.03, length, rng)
-        jaws.append(
-            {
-                "node": name,
-                "hinge_m": (side * pin, 0.0, hinge_z),
-                "axis": (0.0, 1.0, 0.0),
-                "open_deg": -side * opening,
-                "lips_m": ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03)),
-            }
-        )
+        jaws.append(_jaw(name, (side * pin, 0.0, hinge_z), -side * opening, lips))
     for side, y in ((-1, -0.3), (-1, 0.3), (1, -0.3), (1, 0.3)):
+        hinge = np.array((side * pin, y * length, hinge_z))
         top = np.array((side * 0.7 * half_x, y * length, head_z + 0.02))
         foot = np.array((side * 0.93 * reach, y * length, hinge_z + 0.08))
-        turn = np.radians(-side * opening)
-        arm = foot - (side * pin, y * length, hinge_z)
-        moved = np.array((side * pin, y * length, hinge_z)) + (
-            np.cos(turn) * arm[0] + np.sin(turn) * arm[2],
-            0.0,
-            -np.sin(turn) * arm[0] + np.cos(turn) * arm[2],
-        )
+        cos, sin = np.cos(np.radians(-side * opening)), np.sin(np.radians(-side * opening))
+        arm = foot - hinge
+        moved = hinge + (cos * arm[0] + sin * arm[2], 0.0, -sin * arm[0] + cos * arm[2])
         before, after = foot - top, moved - top
-        name = f"ram{len(nodes)}"
-        half = tuple(map(float, top + 0.55 * before))
-        nodes[name] = [
-            (_bar(tuple(map(float, top)), half, 0.085), "black"),
-            (_bar(half, tuple(map(float, foot)), 0.05), "steel"),
-        ]
+        name, half_way = f"ram{len(nodes)}", tuple(map(float, top + 0.55 * before))
+        nodes[name] = ram = Pieces()
+        ram.bar("black", tuple(map(float, top)), half_way, 0.085)
+        ram.bar("steel", half_way, tuple(map(float, foot)), 0.05)
         angle = float(np.degrees(np.arctan2(after[0], after[2]) - np.arctan2(before[0], before[2])))
-        angle = (angle + 180) % 360 - 180
-        jaws.append(
-            {"node": name, "hinge_m": tuple(map(float, top)), "axis": (0.0, 1.0, 0.0), "open_deg": angle or 0.1}
-        )
+        jaws.append(_jaw(name, top, (angle + 180) % 360 - 180 or 0.1))
     return nodes, _keys(4, ends, height, float(rng.uniform(7000, 11000)), jaws)
 
 
-def _levered(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
+def _levered(rng: Generator) -> Grab:
     """Make a grab whose shells hang on pairs of plate levers that cross at a pin."""
     height, reach = float(rng.uniform(2.8, 3.6)), float(rng.uniform(1.25, 1.7))
     length, pin_z = float(rng.uniform(1.5, 2.2)), float(rng.uniform(0.46, 0.54)) * height
@@ -292,101 +260,57 @@ def _levered(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
     ends = _ends(4, height, 0.30, 0.40)
     head = _head(head_z, height - 0.05, 0.55, 0.55, ends, rng)
     for x, y in ((-0.4, -0.45), (0.4, -0.45), (-0.4, 0.45), (0.4, 0.45)):
-        head.append((_bar((x, y, head_z + 0.05), (0.25 * x, y, pin_z), 0.045), "steel"))
-    head.append((_bar((0.0, -0.6 * length, pin_z), (0.0, 0.6 * length, pin_z), 0.11), "worn"))
-    nodes, jaws = {"head": head}, list[dict[str, Any]]()
-    opening = float(rng.uniform(35, 50))
+        head.bar("steel", (x, y, head_z + 0.05), (0.25 * x, y, pin_z), 0.045)
+    head.bar("worn", (0.0, -0.6 * length, pin_z), (0.0, 0.6 * length, pin_z), 0.11)
+    nodes, jaws, lips = {"head": head}, list[dict[str, Any]](), ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03))
+    opening, up = float(rng.uniform(35, 50)), head_z - 0.12
     for name, side in (("left", -1), ("right", 1)):
-        pieces = _shell(side, (0.2, 0.62 * pin_z), reach, 0.03, length, rng)
-        up = head_z - 0.12
-        lever = [
-            (0.85 * reach, 0.55 * pin_z),
-            (1.0 * reach, 0.72 * pin_z),
-            (0.12, pin_z + 0.16),
-            (-0.80 * reach, up + 0.1),
-            (-0.92 * reach, up - 0.12),
-            (-0.10, pin_z - 0.16),
-        ]
+        nodes[name] = pieces = _shell(side, (0.2, 0.62 * pin_z), reach, 0.03, length, rng)
+        lever = [(0.85 * reach, 0.55 * pin_z), (1.0 * reach, 0.72 * pin_z), (0.12, pin_z + 0.16)]
+        lever += [(-0.80 * reach, up + 0.1), (-0.92 * reach, up - 0.12), (-0.10, pin_z - 0.16)]
         for y in (-0.36, 0.36):
-            pieces.append((_plate(_sided(shapely.Polygon(lever), side), (y + 0.035 * side) * length, 0.05), "second"))
-        pieces.append(
-            (
-                _beam((-side * 0.86 * reach, -0.4 * length, up), (-side * 0.86 * reach, 0.4 * length, up), 0.2, 0.2),
-                "paint",
-            )
-        )
-        nodes[name] = pieces
-        jaws.append(
-            {
-                "node": name,
-                "hinge_m": (0.0, 0.0, pin_z),
-                "axis": (0.0, 1.0, 0.0),
-                "open_deg": -side * opening,
-                "lips_m": ((0.0, -length / 2, 0.03), (0.0, length / 2, 0.03)),
-            }
-        )
+            pieces.plate("second", lever, (y + 0.035 * side) * length, 0.05, side)
+        along = (-side * 0.86 * reach, -0.4 * length, up), (-side * 0.86 * reach, 0.4 * length, up)
+        pieces.beam("paint", *along, 0.2, 0.2)
+        jaws.append(_jaw(name, (0.0, 0.0, pin_z), -side * opening, lips))
     return nodes, _keys(4, ends, height, float(rng.uniform(7000, 12000)), jaws)
 
 
-def _tined(rng: Generator) -> tuple[dict[str, Pieces], dict[str, Any]]:
+def _tined(rng: Generator) -> Grab:
     """Make an orange-peel grab of bent tines round a hub, worked by hydraulic rams."""
     height, reach = float(rng.uniform(2.3, 3.1)), float(rng.uniform(1.1, 1.5))
     tines, ropes = int(rng.integers(4, 7)), int(rng.choice([1, 2, 4]))
     hub_z, hub_r = float(rng.uniform(0.55, 0.66)) * height, float(rng.uniform(0.45, 0.6))
-    ends = _ends(ropes, height, 0.25, 0.35)
-    head: Pieces = [
-        (_bar((0, 0, hub_z - 0.2), (0, 0, height - 0.25), 0.30, 28), "second"),
-        (_bar((0, 0, hub_z - 0.15), (0, 0, hub_z + 0.08), hub_r, 28), "paint"),
-        (_bar((0, 0, height - 0.42), (0, 0, height - 0.2), 0.75 * hub_r, 28), "paint"),
-        (_bar((0, 0, height - 0.2), (0, 0, height - 0.12), 0.5 * hub_r, 28), "stripe"),
-    ]
+    ends, head = _ends(ropes, height, 0.25, 0.35), Pieces()
+    head.bar("second", (0, 0, hub_z - 0.2), (0, 0, height - 0.25), 0.30, 28)
+    head.bar("paint", (0, 0, hub_z - 0.15), (0, 0, hub_z + 0.08), hub_r, 28)
+    head.bar("paint", (0, 0, height - 0.42), (0, 0, height - 0.2), 0.75 * hub_r, 28)
+    head.bar("stripe", (0, 0, height - 0.2), (0, 0, height - 0.12), 0.5 * hub_r, 28)
     for x, y, z in ends:
-        head.append((_bar((x, y, height - 0.3), (x, y, z), 0.06), "steel"))
+        head.bar("steel", (x, y, height - 0.3), (x, y, z), 0.06)
     nodes, jaws = {"head": head}, list[dict[str, Any]]()
     opening = float(rng.uniform(40, 55))
     shut = float(rng.uniform(0.35, 0.95))  # share of the gap between tines that their plates fill
+    bent = [(hub_r, hub_z), (0.95 * reach, 0.78 * hub_z), (reach, 0.45 * hub_z), (0.66 * reach, 0.15 * hub_z)]
+    profile = shapely.LineString(_rounded(np.array([*bent, (0.05, 0.02)]), 2))
     for i in range(tines):
-        angle = 2 * np.pi * i / tines
-        turn = trimesh.transformations.rotation_matrix(angle, (0, 0, 1))
-        profile = np.array(
-            [
-                (hub_r, hub_z),
-                (0.95 * reach, 0.78 * hub_z),
-                (reach, 0.45 * hub_z),
-                (0.66 * reach, 0.15 * hub_z),
-                (0.05, 0.02),
-            ]
-        )
-        profile = _rounded(profile, 2)
-        spine = shapely.LineString(profile).buffer(0.09, cap_style="flat")
-        pieces: Pieces = [(_plate(spine, 0.0, 0.09), "paint")]
-        blade = _plate(shapely.LineString(profile).buffer(0.014, cap_style="flat"), 0.0, 1.0)
+        turn = trimesh.transformations.rotation_matrix(2 * np.pi * i / tines, (0, 0, 1))
+        tine, ram = Pieces(), Pieces()
+        tine.plate("paint", profile.buffer(0.09, cap_style="flat"), 0.0, 0.09)
+        blade = _upright(profile.buffer(0.014, cap_style="flat"), 0.0, 1.0)
         half = np.tan(np.pi / tines) * np.abs(blade.vertices[:, 0]) * shut + 0.04
         blade.vertices[:, 1] = np.sign(blade.vertices[:, 1]) * half
-        pieces.append((blade, "second"))
-        pieces.append((icosphere(1, 0.12).apply_translation((0.13, 0, 0.1)), "worn"))
-        pieces.append((_wheel((hub_r, 0.0, hub_z), 0.11, 0.24, 1), "steel"))
+        tine.append((blade, "second"))
+        tine.append((icosphere(1, 0.12).apply_translation((0.13, 0, 0.1)), "worn"))
+        tine.wheel("steel", (hub_r, 0.0, hub_z), 0.11, 0.24, 1)
         arm = (0.3, 0.0, height - 0.5), (0.88 * reach, 0.0, 0.85 * hub_z)
         half_way = tuple(float(v) for v in 0.6 * np.array(arm[0]) + 0.4 * np.array(arm[1]))
-        ram: Pieces = [(_bar(arm[0], half_way, 0.075), "black"), (_bar(half_way, arm[1], 0.045), "steel")]
-        name = f"tine{i}"
-        nodes[name] = [(piece.apply_transform(turn), paint) for piece, paint in pieces]
+        ram.bar("black", arm[0], half_way, 0.075)
+        ram.bar("steel", half_way, arm[1], 0.045)
         axis = tuple(map(float, turn[:3, :3] @ (0.0, 1.0, 0.0)))
-        jaws.append(
-            {
-                "node": name,
-                "hinge_m": tuple(map(float, turn[:3, :3] @ (hub_r, 0.0, hub_z))),
-                "axis": axis,
-                "open_deg": -opening,
-            }
-        )
-        nodes[f"ram{i}"] = [(piece.apply_transform(turn), paint) for piece, paint in ram]
-        jaws.append(
-            {
-                "node": f"ram{i}",
-                "hinge_m": tuple(map(float, turn[:3, :3] @ arm[0])),
-                "axis": axis,
-                "open_deg": -0.45 * opening,
-            }
-        )
+        for name, pieces, hinge, angle in (
+            (f"tine{i}", tine, (hub_r, 0.0, hub_z), -opening), (f"ram{i}", ram, arm[0], -0.45 * opening),
+        ):  # fmt: skip
+            nodes[name] = Pieces((piece.apply_transform(turn), paint) for piece, paint in pieces)
+            jaws.append(_jaw(name, turn[:3, :3] @ hinge, angle) | {"axis": axis})
     return nodes, _keys(ropes, ends, height, float(rng.uniform(4000, 9000)), jaws)

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from scripts.foreign import grabs
 from simgrab.model import scenes
 from simgrab.model.rng import stream
-from simgrab.model.scenario import Clutter, Hold, Iid, Light, Mesh, Plain, Scenario
+from simgrab.model.scenario import Clutter, Hold, Iid, Mesh, Plain, Scenario
 from simgrab.world.extensions import Recipe
 
 #: Base scene of each family of grabs. The default grab is in every second world.
@@ -21,9 +21,9 @@ FAMILIES = (
     (DEFAULT_FAMILY, "exam-calm"), ("clamshell or orange-peel", "exam-family-known"),
     (DEFAULT_FAMILY, "exam-calm"), ("scissors", "exam-family-scissors"),
 )  # fmt: skip
+KINDS = {DEFAULT_FAMILY: ("frame",), "clamshell or orange-peel": ("frame", "tines"), "scissors": ("levers",)}
 TIMES = ("day", "dusk", "night")
 SEEDS = {"tune": 9_310_000, "final": 9_710_000}  # neither half shares a world with the other, training or an exam
-CLIP_SEEDS = 9_510_000  # of `scripts.foreign_clips`, which shares no world with these
 PLAIN_HEADS_M = 22.0, 35.0  # which `jib.head_height_m` allows
 
 
@@ -146,8 +146,10 @@ class World:
         return scenario
 
     def foreign_grab(self, folder: Path) -> Mesh:
-        """Make a grab of the world's family by other code."""
-        return foreign_grab(self.family, folder, stream(self.seed, 0, "foreign.grab"))
+        """Make a grab of the world's family by other code; its file goes into the folder."""
+        rng = stream(self.seed, 0, "foreign.grab")
+        keys = grabs.write(folder / "grab.glb", str(rng.choice(KINDS[self.family])), rng)
+        return Mesh.of(folder / "grab.glb", **keys)
 
 
 def at_time(scenario: Scenario, time: str, rng: Generator) -> Scenario:
@@ -164,15 +166,6 @@ def at_time(scenario: Scenario, time: str, rng: Generator) -> Scenario:
     return structs.replace(scenario, light=light, optics=optics)
 
 
-def foreign_grab(family: str, folder: Path, rng: Generator) -> Mesh:
-    """Make a grab of a family by other code; its file goes into the folder."""
-    kinds = {DEFAULT_FAMILY: ("frame",), "clamshell or orange-peel": ("frame", "tines"), "scissors": ("levers",)}
-    kind = str(rng.choice(kinds[family]))
-    path = folder / "grab.glb"
-    keys = grabs.write(path, kind, rng)
-    return Mesh.of(path, **keys)
-
-
 def levelled(scenario: Scenario) -> Scenario:
     """Put a level yard so far below the jib head that the longest rope of the place reaches no deeper."""
     depth = scenario.place.depth_m if isinstance(scenario.place, Hold) else 0.0
@@ -180,8 +173,3 @@ def levelled(scenario: Scenario) -> Scenario:
     head = min(max(scenario.jib.head_height_m + depth, low), high)
     jib = structs.replace(scenario.jib, head_height_m=head)
     return structs.replace(scenario, place=Plain(), clutter=Clutter(), jib=jib)
-
-
-def sky_of(light: Light) -> str:
-    """Kind of light that another renderer takes for a scenario's: "sun" or "lamps"."""
-    return "lamps" if light.floodlights else "sun"

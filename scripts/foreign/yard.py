@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from scripts.bench_blender import blender_image
 from scripts.foreign.surfaces import Surfaces
 
 HALF_WIDTH_M = 150.0
 REACH = 0.85  # of the depth: how far from the optical axis things stand
-APART = 0.5  # of the depth: by how much the camera moves until more things stand there
 RADII_M = (6.5, 4.5, 5.0, 4.5, 2.0, 0.6, 2.0)  # of what stands there, in the order of `Yard.build`
 TINTS = ((0.9, 0.88, 0.84), (0.8, 0.62, 0.45), (0.6, 0.63, 0.68), (0.95, 0.85, 0.65), (0.45, 0.42, 0.40))
 LIVERY = (
@@ -42,27 +40,19 @@ class Yard:
         self._metal = self._surfaces.metal((0.5, 0.5, 0.5))
 
     def build(self, jib_from_camera: Any, *, ground: float, ceiling: float) -> None:
-        """Build it where cameras of some poses, shape (n, 4, 4), look; ``ground`` and ``ceiling`` are z, m."""
+        """Build it where a camera of some pose, shape (4, 4), looks; ``ground`` and ``ceiling`` are z, m."""
         rng = self._rng
         image = self._images[int(rng.integers(len(self._images)))]
         tint = TINTS[int(rng.integers(len(TINTS)))]
         soil = self._surfaces.photograph(image, tint, float(rng.uniform(1.5, 5.0)), wet=rng.random() < 0.4)
         self._box((0, 0, ground - 0.5), (2 * HALF_WIDTH_M, 2 * HALF_WIDTH_M, 1.0), 0.0, soil)
-        depth = float(jib_from_camera[0][2, 3]) - ground
-        middles = list[Any]()
-        for pose in jib_from_camera:
-            middle = pose[:3, 3] + pose[:3, 2] * depth / max(-pose[2, 2], 0.3)
-            if all(math.dist(middle, other) > APART * depth for other in middles):
-                middles.append(middle)
-        tallest = max(ceiling - ground, 0.0)
-        for middle in middles:
-            self._patches(middle, ground, depth)
+        pose, depth, tallest = jib_from_camera, float(jib_from_camera[2, 3]) - ground, max(ceiling - ground, 0.0)
+        middle = pose[:3, 3] + pose[:3, 2] * depth / max(-pose[2, 2], 0.3)
+        self._patches(middle, ground, depth)
         kinds = [self._container, self._vehicle, self._heap, self._pipes, self._drums, self._person, self._slabs]
         weights = np.array([2, 2, 2, 2, 2, 3, 2], float) * rng.uniform(0.2, 1.0, 7)
         taken = list[tuple[float, float, float]]()
-        count = int(rng.integers(20, 48)) * len(middles)
-        for number, kind in enumerate(rng.choice(7, size=count, p=weights / weights.sum())):
-            middle = middles[number % len(middles)]
+        for kind in rng.choice(7, size=int(rng.integers(20, 48)), p=weights / weights.sum()):
             angle, far = rng.uniform(0, 2 * math.pi), depth * REACH * math.sqrt(rng.random())
             x, y, radius = middle[0] + far * math.cos(angle), middle[1] + far * math.sin(angle), RADII_M[kind]
             if all(math.hypot(x - a, y - b) > radius + r for a, b, r in taken):
@@ -218,3 +208,17 @@ class Yard:
             modifier.width, modifier.segments = bevel, 2
         self._bpy.context.scene.collection.objects.link(thing)
         return thing
+
+
+def blender_image(bpy: Any, name: str, picture: Any, colours: str) -> Any:
+    """Make Blender's image of RGB, uint8 of shape (height, width, 3), the first row the bottom.
+
+    ``colours`` is its colour space: "sRGB" or "Non-Color".
+    """
+    height, width = picture.shape[:2]
+    made = bpy.data.images.new(name, width, height)
+    made.colorspace_settings.name = colours
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = picture / np.float32(255)
+    made.pixels.foreach_set(rgba.ravel())
+    return made

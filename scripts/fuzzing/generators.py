@@ -1,23 +1,20 @@
-"""How inputs of each kind are made: from the structure of sound files by hypothesis, and from their bytes."""
+"""How inputs of each kind are made: by replacing values in sound files, and by damaging their bytes."""
 
 from __future__ import annotations
 
 import json
 import os
-import random
 import re
+import shutil
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from random import Random
 from typing import Any
 
-import hypothesis
-from hypothesis import HealthCheck, Phase, settings
-from hypothesis import strategies as st
-
 from scripts.fuzzing import bytewise, corpus, documents, media, nets, tables
-from scripts.fuzzing.case import Case, Files
 from simgrab.io.resources import SCENES
 from simgrab.judge.check import suite
 from simgrab.lab.stress import catalogue
@@ -26,10 +23,60 @@ from simgrab.model import layouts, scenes
 # Names that a user's files may have; without suffix.
 NAMES = (
     "a b", "a\nb", "\x1b[31mred", "\udcff\udcfe", "é", "年月日", "-x", "%05d", "a'b\"c", "x" * 200, "[ab]*", "#?&",
-    "{0}", "\u202eb",
-    "a\tb", "\u2028", "$HOME", "~",
+    "{0}", "\u202eb", "a\tb", "\u2028", "$HOME", "~",
 )  # fmt: skip
-PLAIN = "input"
+
+Made = tuple[str, Mapping[str, bytes]]
+"""Suffix, and files by name. A single one without a name is opened; of several, their folder is."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input: the files that a user would hand to simgrab.
+
+    Attributes
+    ----------
+    kind : str
+    number : int
+        Among the inputs of its kind.
+    generator : str
+        ``"structure"`` or ``"bytes"``.
+    content : dict of str to bytes
+        By path below the folder that they are written to. Names that are no UTF-8 hold surrogates, as Python decodes
+        them.
+    target : str
+        The file or folder among them that simgrab opens.
+    """
+
+    kind: str
+    number: int
+    generator: str
+    content: Mapping[str, bytes]
+    target: str
+
+    def write(self, folder: Path) -> None:
+        """Write all files below a folder."""
+        for name, data in self.content.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+
+    def keep(self, folder: Path, report: str) -> Path:
+        """Write it with what went wrong; returns the file that `load` takes."""
+        shutil.rmtree(folder, ignore_errors=True)
+        self.write(folder / "input")
+        (folder / "report.txt").write_text(report, encoding="utf-8", errors="backslashreplace")
+        about = {name: getattr(self, name) for name in ("kind", "number", "generator", "target")}
+        (folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="ascii")
+        return folder / "case.json"
+
+    @classmethod
+    def load(cls, path: Path) -> Case:
+        """Read what `keep` wrote."""
+        root = path.parent / "input"
+        files = (file for file in root.rglob("*") if file.is_file())
+        content = {str(file.relative_to(root)): file.read_bytes() for file in files}
+        return cls(content=content, **json.loads(path.read_text(encoding="ascii")))
 
 
 @dataclass(frozen=True)
@@ -38,30 +85,28 @@ class Kind:
 
     Attributes
     ----------
-    structured : SearchStrategy of (suffix, dict of name to bytes)
-        Files of one input. A single one without a name is the file that is opened; of several, their folder is.
-    seeds : tuple of (suffix, dict of name to bytes)
+    structured : callable
+        Makes the files of one input of random numbers.
+    seeds : tuple of Made
         Sound ones for the byte mutator.
     damaged : tuple of str
         Names of the files that it may damage; empty for all.
     """
 
-    structured: st.SearchStrategy[tuple[str, Mapping[str, bytes]]]
-    seeds: tuple[tuple[str, Mapping[str, bytes]], ...]
+    structured: Callable[[Random], Made]
+    seeds: tuple[Made, ...]
     damaged: tuple[str, ...] = ()
 
 
-def _alone(suffix: str) -> Callable[[bytes], tuple[str, Mapping[str, bytes]]]:
-    return lambda data: (suffix, {"": data})
+def _alone(suffix: str, data: bytes) -> Made:
+    return suffix, {"": data}
 
 
 def _documents(suffix: str, found: list[Any]) -> Kind:
     """Kind of a TOML or JSON file."""
-    as_text, strategy = (
-        (documents.as_json, documents.jsons) if suffix == ".json" else (documents.as_toml, documents.toml)
-    )
-    seeds = tuple(_alone(suffix)(as_text(one).encode()) for one in found)
-    return Kind(strategy(found).map(_alone(suffix)), seeds)
+    write = documents.as_json if suffix == ".json" else documents.as_toml
+    seeds = tuple(_alone(suffix, write(one).encode()) for one in found)
+    return Kind(lambda rng: _alone(suffix, documents.hostile(rng, found, write)), seeds)
 
 
 def _toml(path: Path) -> dict[str, Any]:
@@ -77,40 +122,28 @@ def _scenario() -> Kind:
     return _documents(".toml", [*(_toml(SCENES / f"{name}.toml") for name in scenes.names()), *whole, *whole])
 
 
-def _manifest(made: Path) -> Kind:
-    return _documents(".json", [_json(made / corpus.DATASET / "manifest.json"), _json(made / "swing.manifest.json")])
-
-
 def _set() -> Kind:
     """Arguments of ``--set``, one after another with NUL bytes between them."""
     flat = dict(_dotted(scenes.load("quay-day").to_dict()))
 
-    @st.composite
-    def near(draw: st.DrawFn) -> str:
-        key = draw(st.sampled_from(sorted(flat)))
-        return f"{key}={documents.inline(documents.changed(draw, flat[key]))}"
+    def argument(rng: Random) -> str:
+        key = rng.choice(sorted(flat))
+        if rng.random() < 2 / 3:
+            return f"{key}={documents.inline(documents.changed(rng, flat[key]))}"
+        text = rng.choice((documents.inline(documents.value(rng)), rng.choice(documents.TEXTS), documents.text(rng)))
+        equal = rng.choice(("=", "=", "=", "", "==", " = "))
+        return rng.choice((key, rng.choice(documents.KEYS), f"{key}.a")) + equal + text
 
-    keys = (
-        st.sampled_from(sorted(flat))
-        | st.sampled_from(documents.KEYS)
-        | st.sampled_from(sorted(flat)).map(lambda key: f"{key}.a")
-    )
-    texts = documents.values.map(documents.inline) | st.sampled_from(documents.TEXTS) | st.text(max_size=8)
-    argument = near() | near() | st.tuples(keys, st.sampled_from(("=", "=", "=", "", "==", " = ")), texts).map("".join)
-    joined = st.lists(argument, min_size=1, max_size=3).map(
-        lambda parts: os.fsencode("\0".join(map(_encodable, parts)))
-    )
+    def joined(rng: Random) -> Made:
+        text = "\0".join(argument(rng) for _ in range(rng.randint(1, 3)))
+        encodable = re.sub("[\ud800-\udc7f\udd00-\udfff]", "?", text)  # what no bytes of an argument are decoded to
+        return _alone(".txt", os.fsencode(encodable))
+
     seeds = (
-        "camera.beta_deg=5.0",
-        "swing.alpha.sigma_deg=2\0frames=3",
-        'camera.mount={model="fixed"}',
-        "display.start=2022-01-26",
-    )
-    return Kind(joined.map(_alone(".txt")), tuple(_alone(".txt")(text.encode()) for text in seeds))
-
-
-def _encodable(text: str) -> str:
-    return re.sub("[\ud800-\udc7f\udd00-\udfff]", "?", text)  # what no bytes of an argument are decoded to
+        b"camera.beta_deg=5.0", b"swing.alpha.sigma_deg=2\0frames=3", b'camera.mount={model="fixed"}',
+        b"display.start=2022-01-26",
+    )  # fmt: skip
+    return Kind(joined, tuple(_alone(".txt", data) for data in seeds))
 
 
 def _dotted(table: Mapping[str, Any], head: str = "") -> Iterator[tuple[str, Any]]:
@@ -121,99 +154,89 @@ def _dotted(table: Mapping[str, Any], head: str = "") -> Iterator[tuple[str, Any
             yield from _dotted(value, f"{head}{key}.")
 
 
-def _folder(sound: Mapping[str, bytes], changed: Mapping[str, st.SearchStrategy[bytes]]) -> Kind:
-    """Kind of a folder, of which one file is changed."""
-    one = st.sampled_from(sorted(changed)).flatmap(lambda name: st.tuples(st.just(name), changed[name] | st.none()))
+def _folder(sound: Mapping[str, bytes], names: tuple[str, ...], end: str = "") -> Kind:
+    """Kind of a folder, of which one of the named files is changed or missing; ``end`` is what is opened in it."""
 
-    def files(change: tuple[str, bytes | None]) -> tuple[str, Mapping[str, bytes]]:
-        rest = {name: data for name, data in sound.items() if name != change[0]}
-        return "", rest if change[1] is None else rest | {change[0]: change[1]}
+    def structured(rng: Random) -> Made:
+        name = rng.choice(names)
+        rest = {other: data for other, data in sound.items() if other != name}
+        return end, rest if rng.random() < 0.1 else rest | {name: near(rng, name)}
 
-    return Kind(one.map(files), (("", sound),), tuple(sorted(changed)))
+    def near(rng: Random, name: str) -> bytes:
+        data = sound[name]
+        if name.endswith(".parquet"):
+            return tables.parquet(rng, data)
+        if name.endswith(".json"):
+            return documents.hostile(rng, [json.loads(data)], documents.as_json)
+        return documents.hostile(rng, [tomllib.loads(data.decode())], documents.as_toml)
+
+    return Kind(structured, ((end, sound),), names)
 
 
-def _content(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+def _content(folder: Path, keep: Callable[[str], bool]) -> dict[str, bytes]:
+    paths = ((str(path.relative_to(folder)), path) for path in sorted(folder.rglob("*")) if path.is_file())
+    return {name: path.read_bytes() for name, path in paths if keep(name)}
+
+
+def _either(kinds: list[Kind]) -> Kind:
+    seeds = tuple(seed for kind in kinds for seed in kind.seeds)
+    return Kind(lambda rng: rng.choice(kinds).structured(rng), seeds, kinds[0].damaged)
 
 
 def _run(made: Path) -> Kind:
-    kinds = []
-    for name in (corpus.RUN, corpus.RUN_OF_VIDEO):
-        sound = _content(made / name)
-        sound.pop("angles.csv")
-        kinds.append(
-            _folder(
-                sound,
-                {
-                    "run.json": documents.jsons([_json(made / name / "run.json")]),
-                    "alarms.json": documents.jsons([_json(made / name / "alarms.json")]),
-                    "camera.toml": documents.toml([_toml(made / name / "camera.toml")]),
-                    "angles.parquet": tables.parquet(sound["angles.parquet"]),
-                },
-            )
-        )
-    return Kind(kinds[0].structured | kinds[1].structured, kinds[0].seeds + kinds[1].seeds, kinds[0].damaged)
+    names = ("run.json", "alarms.json", "camera.toml", "angles.parquet")
+    runs = (_content(made / name, lambda file: file != "angles.csv") for name in (corpus.RUN, corpus.RUN_OF_VIDEO))
+    return _either([_folder(sound, names) for sound in runs])
 
 
 def _truth(made: Path) -> Kind:
     sound = {f"x{end}": (made / f"swing{end}").read_bytes() for end in (".parquet", ".manifest.json")}
-    kind = _folder(
-        sound,
-        {
-            "x.parquet": tables.parquet(sound["x.parquet"]),
-            "x.manifest.json": documents.jsons([_json(made / "swing.manifest.json")]),
-        },
-    )
-    return Kind(kind.structured.map(lambda made: ("x.parquet", made[1])), (("x.parquet", sound),), kind.damaged)
+    return _folder(sound, tuple(sound), "x.parquet")
 
 
 def _dataset(made: Path) -> Kind:
-    whole = _content(made / corpus.DATASET)
-    sound = {
-        name: data
-        for name, data in whole.items()
-        if name.startswith("images/") or name in ("labels.parquet", "manifest.json")
-    }
-    return _folder(
-        sound,
-        {
-            "labels.parquet": tables.parquet(sound["labels.parquet"]),
-            "manifest.json": documents.jsons([json.loads(sound["manifest.json"])]),
-        },
-    )
+    names = ("labels.parquet", "manifest.json")
+    return _folder(_content(made / corpus.DATASET, lambda file: file in names or file.startswith("images/")), names)
 
 
 def _table(made: Path) -> Kind:
     csv, parquet = (made / corpus.RECORD).read_bytes(), (made / corpus.DATASET / "labels.parquet").read_bytes()
-    structured = tables.csv(csv).map(_alone(".csv")) | tables.parquet(parquet).map(_alone(".parquet"))
-    return Kind(structured, (_alone(".csv")(csv), _alone(".parquet")(parquet)))
+    return _either([
+        Kind(lambda rng: _alone(".csv", tables.csv(rng, csv)), (_alone(".csv", csv),)),
+        Kind(lambda rng: _alone(".parquet", tables.parquet(rng, parquet)), (_alone(".parquet", parquet),)),
+    ])  # fmt: skip
 
 
 def _picture(made: Path) -> Kind:
-    """Folder of a sound picture and another."""
+    """Folder of a picture, half of them beside a sound one."""
     sound = next(iter(sorted((made / corpus.DATASET).glob("images/*/*.jpg")))).read_bytes()
-    some = examples(media.picture(), 24, 0)
+    some = [media.picture(Random(i)) for i in range(24)]
     seeds = tuple(("", {f"1{suffix}": data}) for suffix, data in [(".jpg", sound), *some] if len(data) < 1 << 18)
-    structured = media.picture().map(lambda one: ("", {"0.jpg": sound, f"1{one[0]}": one[1]}))
-    return Kind(structured | media.picture().map(lambda one: ("", {f"1{one[0]}": one[1]})), seeds)
+
+    def structured(rng: Random) -> Made:
+        suffix, data = media.picture(rng)
+        return "", {f"1{suffix}": data} | ({"0.jpg": sound} if rng.random() < 0.5 else {})
+
+    return Kind(structured, seeds)
 
 
 def _video(made: Path) -> Kind:
-    some = [(suffix, data) for suffix, data in examples(media.video(), 24, 0) if 100 < len(data) < 1 << 18]
-    seeds = tuple(_alone(suffix)(data) for suffix, data in [(".mp4", (made / corpus.VIDEO).read_bytes()), *some])
-    return Kind(media.video().map(lambda one: _alone(one[0])(one[1])), seeds)
+    some = [one for one in (media.video(Random(i)) for i in range(24)) if 100 < len(one[1]) < 1 << 18]
+    seeds = [(".mp4", (made / corpus.VIDEO).read_bytes()), *some]
+    return Kind(lambda rng: _alone(*media.video(rng)), tuple(_alone(*one) for one in seeds))
 
 
 def _baseline() -> Kind:
     found = [_json(path) for path in sorted((suite.FOLDER / "baselines").glob("*/baseline.json"))]
-    smoke = [one for one in found if one["suite"] == "smoke"]
-    in_folder = documents.jsons(smoke).map(lambda data: ("", {"baseline.json": data}))
-    return Kind(in_folder, tuple(("", {"baseline.json": documents.as_json(one).encode()}) for one in smoke))
+    (smoke,) = (one for one in found if one["suite"] == "smoke")
+    return _folder({"baseline.json": json.dumps(smoke).encode()}, ("baseline.json",))
 
 
 KINDS: dict[str, Callable[[Path], Kind]] = {
     "scenario": lambda _: _scenario(),
-    "manifest": _manifest,
+    "manifest": lambda made: _documents(
+        ".json", [_json(made / corpus.DATASET / "manifest.json"), _json(made / "swing.manifest.json")]
+    ),
     "set": lambda _: _set(),
     "camera": lambda made: _documents(".toml", [_toml(made / corpus.CAMERA), _toml(made / "swing.camera.toml")]),
     "layout": lambda _: _documents(".toml", [_toml(layouts.FOLDER / f"{name}.toml") for name in layouts.names()]),
@@ -227,11 +250,13 @@ KINDS: dict[str, Callable[[Path], Kind]] = {
     "table": _table,
     "picture": _picture,
     "video": _video,
-    "detector": lambda _: Kind(nets.net().map(_alone(".onnx")), tuple(_alone(".onnx")(one) for one in nets.seeds())),
+    "detector": lambda _: Kind(
+        lambda rng: _alone(".onnx", nets.net(rng)), tuple(map(partial(_alone, ".onnx"), nets.seeds()))
+    ),
 }
 
 
-def cases(name: str, count: int, seed: int, made: Path) -> list[Case]:
+def cases(name: str, count: int, seed: int, made: Path) -> Iterator[Case]:
     """Make inputs of a kind, half of them by each generator; the same for the same seed and versions of libraries.
 
     Parameters
@@ -244,45 +269,22 @@ def cases(name: str, count: int, seed: int, made: Path) -> list[Case]:
         Folder of `scripts.fuzzing.corpus.make`.
     """
     kind = KINDS[name](made)
-    rng = random.Random(f"{seed}/{name}")
-    structured = examples(kind.structured, count - count // 2, rng.getrandbits(64))
-    result = [Case(name, i, "structure", _placed(files, rng)) for i, files in enumerate(structured)]
-    while len(result) < count:
-        suffix, sound = rng.choice(kind.seeds)
-        file = rng.choice(kind.damaged or tuple(sorted(sound)))
-        others = [files[file] for _, files in kind.seeds if file in files]
-        damaged = {**sound, file: bytewise.mutate(sound[file], rng, others)}
-        result.append(Case(name, len(result), "bytes", _placed((suffix, damaged), rng)))
-    return result
+    for number in range(count):
+        rng = Random(f"{seed}/{name}/{number}")
+        if number % 2:
+            suffix, sound = rng.choice(kind.seeds)
+            file = rng.choice(kind.damaged or tuple(sorted(sound)))
+            others = [files[file] for _, files in kind.seeds if file in files]
+            damaged = {**sound, file: bytewise.mutate(sound[file], rng, others)}
+            yield Case(name, number, "bytes", *_placed((suffix, damaged), rng))
+        else:
+            yield Case(name, number, "structure", *_placed(kind.structured(rng), rng))
 
 
-def _placed(made: tuple[str, Mapping[str, bytes]], rng: random.Random) -> Files:
+def _placed(made: Made, rng: Random) -> tuple[dict[str, bytes], str]:
     """Name the file or folder that is opened, every eighth in a way that few programs expect."""
     end, content = made
-    name = rng.choice(NAMES) if rng.random() < 1 / 8 else PLAIN
+    name = rng.choice(NAMES) if rng.random() < 1 / 8 else "input"
     if set(content) == {""}:
-        return Files({f"{name}{end}": content[""]}, f"{name}{end}")
-    return Files({f"{name}/{file}": data for file, data in content.items()}, f"{name}/{end}" if end else name)
-
-
-def examples(strategy: st.SearchStrategy[Any], count: int, seed: int) -> list[Any]:
-    """Draw values of a strategy, the same for the same seed."""
-    rng = random.Random(seed)
-    return [_example(strategy, rng.getrandbits(64)) for _ in range(count)]
-
-
-def _example(strategy: st.SearchStrategy[Any], seed: int) -> Any:
-    """Draw one value, in a run of its own: within a run hypothesis departs from what it drew before."""
-    found: list[Any] = []
-
-    @hypothesis.seed(seed)
-    @settings(
-        max_examples=2,  # of which the first is the simplest there is
-        database=None, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
-    @hypothesis.given(strategy)
-    def collect(value: Any) -> None:
-        found.append(value)
-
-    collect()
-    return found[-1]
+        return {f"{name}{end}": content[""]}, f"{name}{end}"
+    return {f"{name}/{file}": data for file, data in content.items()}, f"{name}/{end}" if end else name

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
+import zlib
 from fractions import Fraction
+from random import Random
 from typing import Any
 
 import av
 import numpy as np
-from hypothesis import assume
-from hypothesis import strategies as st
 from PIL import Image
 
 from scripts.fuzzing import corpus
@@ -30,18 +30,17 @@ _SAVED: tuple[tuple[str, dict[str, Any]], ...] = (
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".JPG")
 
 
-@st.composite
-def picture(draw: st.DrawFn) -> tuple[str, bytes]:
+def picture(rng: Random) -> tuple[str, bytes]:
     """Suffix and content of a picture file."""
-    kind, options = draw(st.sampled_from(_SAVED))
-    if kind == "PNG" and draw(st.booleans()):
-        return ".png", _blank_png(draw)
-    size = draw(st.just(FITTING) | st.tuples(st.sampled_from(SIZES), st.sampled_from(SIZES)))
-    data = _saved(_picture(size, draw(st.sampled_from(MODES))), kind, options, draw(st.integers(0, 9)))
-    if draw(st.integers(0, 3)) == 0:
-        data = _promising(data, kind, draw(st.sampled_from(SIDES)), draw(st.sampled_from(SIDES)))
+    kind, options = rng.choice(_SAVED)
+    if kind == "PNG" and rng.random() < 0.5:
+        return ".png", _blank_png(rng)
+    size = FITTING if rng.random() < 0.5 else (rng.choice(SIZES), rng.choice(SIZES))
+    data = _saved(_picture(size, rng.choice(MODES)), kind, options, rng.randrange(10))
+    if rng.random() < 0.25:
+        data = _promising(data, kind, rng.choice(SIDES), rng.choice(SIDES))
     suffix = {"JPEG": ".jpg", "PNG": ".png", "BMP": ".bmp", "TIFF": ".tif", "WEBP": ".webp"}.get(kind, ".png")
-    return draw(st.sampled_from([*[suffix] * 6, *SUFFIXES])), data
+    return rng.choice([*[suffix] * 6, *SUFFIXES]), data
 
 
 def _picture(size: tuple[int, int], mode: str) -> Image.Image:
@@ -94,12 +93,10 @@ def _patch_tags(tiff: bytearray, tags: dict[int, int]) -> None:
                 )
 
 
-def _blank_png(draw: st.DrawFn) -> bytes:
+def _blank_png(rng: Random) -> bytes:
     """PNG of one colour, of few bytes, which may be large."""
-    import zlib
-
-    width, height = draw(st.sampled_from((1, 64, 4096, 20000, 65535))), draw(st.sampled_from((1, 64, 4096, 20000)))
-    depth, colour = draw(st.sampled_from(((1, 0), (8, 0), (8, 2), (16, 2), (8, 6), (16, 6), (1, 3), (2, 3))))
+    width, height = rng.choice((1, 64, 4096, 20000, 65535)), rng.choice((1, 64, 4096, 20000))
+    depth, colour = rng.choice(((1, 0), (8, 0), (8, 2), (16, 2), (8, 6), (16, 6), (1, 3), (2, 3)))
     channels = {0: 1, 2: 3, 3: 1, 6: 4}[colour]
     row = 1 + (width * channels * depth + 7) // 8
     packer, body = zlib.compressobj(1), []
@@ -140,19 +137,16 @@ PLAYLISTS = (
 )  # fmt: skip
 
 
-@st.composite
-def video(draw: st.DrawFn) -> tuple[str, bytes]:
+def video(rng: Random) -> tuple[str, bytes]:
     """Suffix and content of a video file."""
-    if draw(st.integers(0, 7)) == 0:
-        suffix = draw(st.sampled_from((".mp4", ".avi", ".mkv", ".m3u8", ".txt", ".sdp", ".y4m")))
-        return suffix, draw(st.sampled_from(PLAYLISTS))
-    container, suffix, codec, pixels = draw(st.sampled_from(CODED))
-    width, height = draw(st.sampled_from(((64, 64), FITTING, FITTING, (16, 16), (66, 2), (480, 272), (1280, 720))))
-    steps = draw(st.lists(st.sampled_from(_STEPS), max_size=12))
-    data = _coded(container, codec, pixels, (width, height), draw(st.sampled_from(_RATES)), steps)
-    assume(data is not None)
-    assert data is not None
-    return suffix, data
+    if rng.random() < 1 / 8:
+        suffix = rng.choice((".mp4", ".avi", ".mkv", ".m3u8", ".txt", ".sdp", ".y4m"))
+        return suffix, rng.choice(PLAYLISTS)
+    container, suffix, codec, pixels = rng.choice(CODED)
+    width, height = rng.choice(((64, 64), FITTING, FITTING, (16, 16), (66, 2), (480, 272), (1280, 720)))
+    steps = rng.choices(_STEPS, k=rng.randrange(13))
+    data = _coded(container, codec, pixels, (width, height), rng.choice(_RATES), steps)
+    return video(rng) if data is None else (suffix, data)
 
 
 def _coded(

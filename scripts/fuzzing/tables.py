@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from random import Random
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from hypothesis import strategies as st
 
-from scripts.fuzzing.documents import CHANGES, KEYS, NUMBERS, TEXTS
+from scripts.fuzzing.documents import CHANGES, FLOATS, INTEGERS, KEYS, TEXTS, number
 
 CELLS = (
     "", " ", "nan", "NaN", "inf", "-inf", "1e999", "1,5", "0x10", "1_000", "٣", "--", "NULL", "None", "true", '"',
@@ -57,121 +57,95 @@ COLUMNS: tuple[Callable[[int], pa.Array], ...] = (
 )
 
 
-def _cell(draw: st.DrawFn, table: pa.Table) -> pa.Table:
+def _cell(rng: Random, table: pa.Table) -> pa.Table:
     """Replace one value by another of its type, where there is one."""
-    if not table.num_columns or not table.num_rows:
+    if not table.num_rows:
         return table
-    i, row = draw(st.integers(0, table.num_columns - 1)), draw(st.integers(0, table.num_rows - 1))
+    i, row = rng.randrange(table.num_columns), rng.randrange(table.num_rows)
     column, kind = table.column(i).to_pylist(), table.schema.field(i).type
-    column[row] = draw(_value(kind, column[row]))
+    column[row] = rng.choice((*_values(rng, kind, column[row]), None))
     try:
         return table.set_column(i, pa.field(table.column_names[i], kind), pa.array(column, kind))
     except (pa.ArrowException, OverflowError, ValueError, TypeError):
         return table
 
 
-def _value(kind: pa.DataType, old: Any) -> st.SearchStrategy[Any]:
+def _values(rng: Random, kind: pa.DataType, old: Any) -> tuple[Any, ...]:
     if pa.types.is_floating(kind):
-        return st.sampled_from([float(min(max(x, -1e308), 1e308)) for x in NUMBERS]) | st.none() | st.floats()
+        return *(min(max(x, -1e308), 1e308) for x in FLOATS), number(rng), number(rng)
     if pa.types.is_integer(kind):
-        return st.sampled_from([x for x in NUMBERS if isinstance(x, int)]) | st.none()
+        return INTEGERS
     if pa.types.is_string(kind):
-        return (
-            st.sampled_from(TEXTS)
-            | st.none()
-            | st.sampled_from(("ok", "lost", "missed", "read", "train", "../x", "[]", "{}"))
-        )
+        return *TEXTS, *("ok", "lost", "missed", "read", "train", "../x", "[]", "{}") * 5
     if pa.types.is_boolean(kind):
-        return st.booleans() | st.none()
+        return True, False
     if pa.types.is_list(kind):
-        return st.sampled_from(([], None, [1e308] * 12, [float("nan")] * 30, list(old or ()) * 2, list(old or ())[:-1]))
-    return st.none()
+        return [], [1e308] * 12, [float("nan")] * 30, list(old or ()) * 2, list(old or ())[:-1]
+    return ()
 
 
-def _retyped(draw: st.DrawFn, table: pa.Table) -> pa.Table:
-    if not table.num_columns:
-        return table
-    i = draw(st.integers(0, table.num_columns - 1))
-    return table.set_column(i, table.column_names[i], draw(st.sampled_from(COLUMNS))(table.num_rows))
+def _retyped(rng: Random, table: pa.Table) -> pa.Table:
+    i = rng.randrange(table.num_columns)
+    return table.set_column(i, table.column_names[i], rng.choice(COLUMNS)(table.num_rows))
 
 
-def _renamed(draw: st.DrawFn, table: pa.Table) -> pa.Table:
-    if not table.num_columns:
-        return table
+def _renamed(rng: Random, table: pa.Table) -> pa.Table:
     names = list(table.column_names)
-    names[draw(st.integers(0, len(names) - 1))] = draw(
-        st.sampled_from((*KEYS, *names)).filter(lambda n: "\x00" not in n)
-    )
+    names[rng.randrange(len(names))] = rng.choice([name for name in (*KEYS, *names) if "\x00" not in name])
     return table.rename_columns(names)
 
 
-def _without(draw: st.DrawFn, table: pa.Table) -> pa.Table:
-    return table.remove_column(draw(st.integers(0, table.num_columns - 1))) if table.num_columns else table
-
-
-def _twice(draw: st.DrawFn, table: pa.Table) -> pa.Table:
-    if not table.num_columns:
-        return table
-    i = draw(st.integers(0, table.num_columns - 1))
+def _twice(rng: Random, table: pa.Table) -> pa.Table:
+    i = rng.randrange(table.num_columns)
     return table.append_column(table.column_names[i], table.column(i))
 
 
-def _rows(draw: st.DrawFn, table: pa.Table) -> pa.Table:
+def _rows(rng: Random, table: pa.Table) -> pa.Table:
     count = table.num_rows
-    some = draw(st.sampled_from((range(0), range(1), range(count - 1, -1, -1), [*range(count)] * 2, [0] * count)))
+    some = rng.choice((range(0), range(1), range(count - 1, -1, -1), [*range(count)] * 2, [0] * count))
     return table.take(pa.array([i for i in some if i < count], pa.int64()))
 
 
-_CHANGES = (_cell, _cell, _cell, _cell, _retyped, _retyped, _renamed, _without, _twice, _rows)
+_CHANGES: tuple[Callable[[Random, pa.Table], pa.Table], ...] = (
+    *[_cell] * 4, _retyped, _retyped, _renamed, _twice, _rows,
+    lambda rng, table: table.remove_column(rng.randrange(table.num_columns)),
+)  # fmt: skip
 
 
-def parquet(sound: bytes) -> st.SearchStrategy[bytes]:
-    """Parquet files near a sound one."""
-
-    @st.composite  # without arguments, which hypothesis would write out
-    def file(draw: st.DrawFn) -> bytes:
-        table = pq.ParquetFile(pa.BufferReader(sound)).read(use_threads=False)
-        for _ in range(draw(st.sampled_from(CHANGES))):
-            table = draw(st.sampled_from(_CHANGES))(draw, table)
-        out = io.BytesIO()
-        packed = draw(st.sampled_from(("none", "snappy", "gzip", "zstd", "brotli")))
-        pq.write_table(table, out, compression=packed, use_dictionary=draw(st.booleans()), row_group_size=3)
-        return out.getvalue()
-
-    return file()
+def parquet(rng: Random, sound: bytes) -> bytes:
+    """Parquet file near a sound one."""
+    table = pq.ParquetFile(pa.BufferReader(sound)).read(use_threads=False)
+    for _ in range(rng.choice(CHANGES)):
+        table = rng.choice(_CHANGES)(rng, table) if table.num_columns else table
+    out = io.BytesIO()
+    packed = rng.choice(("none", "snappy", "gzip", "zstd", "brotli"))
+    pq.write_table(table, out, compression=packed, use_dictionary=rng.random() < 0.5, row_group_size=3)
+    return out.getvalue()
 
 
-def csv(sound: bytes) -> st.SearchStrategy[bytes]:
-    """CSV files near a sound one."""
-
-    @st.composite
-    def file(draw: st.DrawFn) -> bytes:
-        return _csv(draw, [line.split(",") for line in sound.decode("utf-8").splitlines()])
-
-    return file()
-
-
-def _csv(draw: st.DrawFn, rows: list[list[str]]) -> bytes:
-    for _ in range(draw(st.sampled_from(CHANGES))):
-        change, at = draw(st.sampled_from(range(9))), draw(st.integers(1, len(rows) - 1)) if len(rows) > 1 else 0
-        column = draw(st.integers(0, max(len(rows[at]) - 1, 0)))
+def csv(rng: Random, sound: bytes) -> bytes:
+    """CSV file near a sound one."""
+    rows = [line.split(",") for line in sound.decode("utf-8").splitlines()]
+    for _ in range(rng.choice(CHANGES)):
+        change, at = rng.randrange(9), rng.randrange(1, len(rows)) if len(rows) > 1 else 0
+        column = rng.randrange(max(len(rows[at]), 1))
         if change <= 2 and rows[at]:
-            rows[at][column] = draw(st.sampled_from(CELLS) | st.floats().map(str))
+            rows[at][column] = rng.choice((*CELLS, *[str(number(rng))] * 20))
         elif change == 3 and column < len(rows[0]):
-            rows[0][column] = draw(st.sampled_from(HEADERS))
+            rows[0][column] = rng.choice(HEADERS)
         elif change == 4:
-            rows[at] = draw(st.sampled_from(([], [""], rows[at][:-1], [*rows[at], "1"], rows[at] * 50)))
+            rows[at] = rng.choice(([], [""], rows[at][:-1], [*rows[at], "1"], rows[at] * 50))
         elif change == 5:
-            rows = draw(st.sampled_from((rows[:1], rows[1:], rows[:2], rows * 2, [*rows[:1], *rows[:0:-1]])))
+            rows = rng.choice((rows[:1], rows[1:], rows[:2], rows * 2, [*rows[:1], *rows[:0:-1]]))
         elif change == 6:
             rows = [[*row, row[column] if column < len(row) else ""] for row in rows]
         elif change == 7:
             rows = [row[:column] + row[column + 1 :] for row in rows]
         else:
-            value = draw(st.sampled_from(CELLS))
+            value = rng.choice(CELLS)
             rows = [rows[0], *([*row[:column], value, *row[column + 1 :]] for row in rows[1:])]
         rows = rows or [[]]
-    comma = draw(st.sampled_from([*[","] * 20, ";", "\t", ", "]))
-    end = draw(st.sampled_from([*["\n"] * 20, "\r\n", "\r", "\n\n"]))
-    code = draw(st.sampled_from([*["utf-8"] * 20, "utf-8-sig", "utf-16", "latin-1"]))
+    comma = rng.choice([*[","] * 20, ";", "\t", ", "])
+    end = rng.choice([*["\n"] * 20, "\r\n", "\r", "\n\n"])
+    code = rng.choice([*["utf-8"] * 20, "utf-8-sig", "utf-16", "latin-1"])
     return (end.join(comma.join(row) for row in rows) + end).encode(code, errors="replace")

@@ -29,17 +29,7 @@ _POLL_S = 0.05
 
 @dataclass(frozen=True)
 class Limits:
-    """What one input may take.
-
-    Attributes
-    ----------
-    seconds : float
-        Of processor time until it is accepted or refused, which other work on the machine does not change.
-    waiting : float
-        Seconds in all, of which it may be idle in most.
-    memory_mib : float
-        Resident memory of the process that opens it, that process's own included.
-    """
+    """What one input may take: processor time, waiting in all, and resident memory of the process that opens it."""
 
     seconds: float = 20.0
     waiting: float = 300.0
@@ -48,19 +38,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an input.
-
-    Attributes
-    ----------
-    status : str
-        One of `ACCEPTED` to `LIMIT`.
-    text : str
-        The refusal, the traceback, the signal or the limit.
-    seconds : float
-        Of processor time.
-    memory_mib : float
-        The process's at its peak, itself included.
-    """
+    """What became of an input: a status, and the refusal, traceback, signal or limit; processor time, peak memory."""
 
     status: str
     text: str = ""
@@ -71,14 +49,8 @@ class Outcome:
 class Watched:
     """A process that opens inputs, replaced where it dies. Use as a context manager.
 
-    Parameters
-    ----------
-    openers : str
-        Module whose ``OPENERS`` are called with the path of an input and ``corpus``.
-    corpus : Path
-    log : Path
-        File of what libraries print.
-    limits : Limits
+    ``openers`` is a module whose ``OPENERS`` are called with the path of an input and ``corpus``; ``log`` gets what
+    libraries print.
     """
 
     def __init__(self, openers: str, corpus: Path, log: Path, limits: Limits) -> None:

@@ -72,7 +72,7 @@ class Pipeline:
     estimator : Estimator or None
         By default `RopeAware` where the camera file states a display, for the camera hangs beside the rope exit: with
         that offset, 0.6 m, known to 5 cm, it errs by 0.17° in five minutes of calm working cycles, where the estimators
-        that take no rope length err by 0.6° and more (``scripts/instrument.py``). `PendulumSmoother` errs by 0.16°,
+        that take no rope length err by 0.6° and more (docs/results/estimators.md). `PendulumSmoother` errs by 0.16°,
         takes a second or two for it, and cannot go on frame by frame. Without a display `MeanRay`, which needs none.
     calibrate_s : float or None
         The tilt comes from the first so many seconds; None, as in the paper, from the whole record.

@@ -74,8 +74,7 @@ class Card:
     def to_dict(self, model: bytes) -> dict[str, Any]:
         """Plain data, with the digest of the model's bytes, the versions and the machine."""
         return asdict(self) | {
-            "model_sha256": hashlib.sha256(model).hexdigest(),
-            "model_bytes": len(model),
+            **_digest(model),
             "machine": machine(str(self.recipe.get("device", "cpu"))),
             "versions": versions(),
             "licence": LICENCE,
@@ -83,45 +82,21 @@ class Card:
 
     def save(self, model: Path) -> Path:
         """Write the card beside a model: ``find.onnx`` gets ``find.json`` and ``find.md``. Returns the JSON's path."""
-        content = self.to_dict(model.read_bytes())
         path = model.with_suffix(".json")
-        write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
-        write(model.with_suffix(".md"), markdown(content).encode())
+        _write(path, self.to_dict(model.read_bytes()))
         return path
 
 
 def redigest(card: Path, model: bytes) -> None:
     """State another model's digest and size in a card, and in the text beside it."""
-    _restate(card, read_json(card, TrainingError), model)
+    _write(card, read_json(card, TrainingError) | _digest(model))
 
 
-def rejudge(card: Path, judged: Sequence[Data], figures: Mapping[str, Any], **facts: Any) -> None:
-    """State a detector's figures in the card of one of its nets, after any of its nets has changed.
-
-    Parameters
-    ----------
-    card : Path
-        The JSON, beside the model.
-    judged : sequence of Data
-        Of whose validation frames alone the figures are.
-    figures : mapping
-        They replace all others.
-    **facts
-        More to state.
-    """
-    content = read_json(card, TrainingError)
-    metrics = {"best_epoch": content["metrics"].get("best_epoch"), **figures}
-    content |= {
-        "metrics": metrics,
-        "judged_by": [asdict(one) for one in judged],
-        "judged_by_these_alone": True,
-        **facts,
-    }
-    _restate(card, content, card.with_suffix(".onnx").read_bytes())
+def _digest(model: bytes) -> dict[str, Any]:
+    return {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
 
 
-def _restate(card: Path, content: dict[str, Any], model: bytes) -> None:
-    content |= {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
+def _write(card: Path, content: dict[str, Any]) -> None:
     write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
     write(card.with_suffix(".md"), markdown(content).encode())
 
@@ -153,20 +128,12 @@ def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
     start = content.get("started_from")
     began = f" It began with the weights of the model `{start[:16]}…`." if start else ""
-    if content.get("kept"):
-        began += (
-            f" After the training, its weights were interpolated: {content['kept']:.0%} of these, the rest as learned."
-        )
     real = content.get("real")
     also = f" and {real['frames']} real frames of {real['videos']} videos, {real['times']} times each" if real else ""
     judged = _sets(content.get("judged_by", ()))
-    if not content.get("judged_by_these_alone"):
-        judged = f"these and of {judged}" if judged else "these"
-    together = ""
-    if "alone" in content["metrics"]:
-        together = " “alone” is of this net, the rest of all the nets together."
-    elif content.get("judged_by_these_alone"):
-        together = " The figures are of all the nets together."
+    judged = f"these and of {judged}" if judged else "these"
+    alone = "alone" in content["metrics"]
+    together = " “alone” is of this net, the rest of all the nets together." if alone else ""
     lines = [
         f"# {content['name']}",
         "",

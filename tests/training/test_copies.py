@@ -73,11 +73,3 @@ print(torch.get_num_threads())
 """
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert told.stdout.split() == ["2"]
-
-
-def test_what_goes_wrong_in_a_part_is_told():
-    def broken(_learner, _part):
-        raise MemoryError
-
-    with pytest.raises(MemoryError):
-        Copies(net(), 2).gradients(broken, batch(8))

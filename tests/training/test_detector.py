@@ -18,7 +18,7 @@ from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E
 from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
-from simgrab.training.detector.train import NETS, Frames, Result, fit, train  # noqa: E402
+from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
 from simgrab.training.loop import Report  # noqa: E402
 
@@ -113,16 +113,6 @@ def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frame
     assert [cards[name]["examples"] for name in ("find", "refine")] == [4, 4]
     assert cards["settle"]["examples"] > alone
     assert out.metrics["frames"] == trained.metrics["frames"] * (frames - 2) / 2
-
-
-@pytest.mark.slow
-def test_no_hard_dataset_is_needed_to_fit_and_one_that_shows_the_grab_is(trained, halves, tmp_path):
-    """Frames by hand."""
-    frames = Frames.of([datasets.read(halves)])
-    fitted = fit(Frames(frames.train, frames.val), tmp_path, tiny(len(frames.train)))
-    assert fitted.metrics == trained.metrics
-    with pytest.raises(TrainingError, match="no validation frame shows the grab"):
-        fit(Frames(frames.train, frames.val[1:]), tmp_path, tiny(4))
 
 
 def run(*arguments):

@@ -187,27 +187,6 @@ def test_no_hard_example_is_of_the_grab(dataset, tmp_path):
     np.testing.assert_array_less([640, 360], other.to_picture([0.5, 0.5]))
 
 
-def test_refine_is_judged_by_the_places_that_are_known(dataset, tmp_path, monkeypatch):
-    row = datasets.read(dataset).rows[0]
-    frames = [frame_of(row, BOXES[0], tmp_path / "0.png")]
-    far = msgspec.structs.replace(frames[0].row, grab_u_px=5000.0)  # the centre of a grab cut by a corner
-    frames.append(dataclasses.replace(frames[0], row=far))
-    some = refine.crops(tmp_path / "crops", frames, [[], []], seed=0)
-    task = refine.Refining(some, some)
-
-    def answers(_, batch):
-        out = torch.zeros(len(batch["present"]), nets.PRESENCE + 1)
-        out[:, :6] = torch.where(batch["known"] == 1, batch["places"], 0.5)
-        out[:, nets.PRESENCE] = 2 * batch["present"] - 1
-        out[:, nets.CENTRE.start] += 0.01
-        return out
-
-    monkeypatch.setattr(refine, "answers", answers)
-    figures = task.validate(None)
-    assert (figures["mean_iou"], figures["told_apart"]) == (pytest.approx(1.0), 1.0)
-    assert 0.005 < figures["centre_error"] < 0.02  # the crop is up to 1.9 boxes
-
-
 class Says(torch.nn.Module):
     """A refine that sees the grab in the middle of a crop, or left of it, level, and the sooner the lighter that is."""
 
@@ -280,31 +259,6 @@ def test_settle_does_not_learn_that_the_grab_beside_is_none(dataset, tmp_path):
     finds = Says()
     finds.left = 0.5
     assert [example.there for example in settle._looked_at(crops, finds)] == [True]
-
-
-def test_centres_a_tenth_aside_cost_settle_as_much_as_wrong_answers(dataset, tmp_path, monkeypatch):
-    frames = [frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")]
-    some = [refine.crops(tmp_path / "crops", frames, [[]], seed=0)]
-    task = settle.Settling(some, some, Says())
-
-    def validated(aside, present):
-        def answers(_, batch):
-            out = torch.zeros(len(batch["present"]), nets.PRESENCE + 1)
-            out[:, :6], out[:, nets.YAW] = batch["places"], batch["turned"]
-            out[:, nets.CENTRE.start] += aside / settle.LEVEL_ROOM
-            out[:, nets.PRESENCE] = present(batch["present"])
-            return out
-
-        monkeypatch.setattr(settle, "answers", answers)
-        return task.validate(None)
-
-    right, aside, wrong = (
-        validated(0.0, lambda is_: 2 * is_ - 1), validated(0.1, lambda is_: 2 * is_ - 1),
-        validated(0.0, lambda is_: 1 - 2 * is_),
-    )  # fmt: skip
-    assert (right["told_apart"], aside["told_apart"], wrong["told_apart"]) == (1, 1, 0)
-    assert right["score"] == pytest.approx(2.0)
-    assert aside["score"] == pytest.approx(wrong["score"]) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("aside", [0.0, 60.0, 300.0])
@@ -383,40 +337,7 @@ def test_positions_lie_in_the_middle_of_cells():
     np.testing.assert_allclose(told(profile, torch.zeros(1, 1))[0].detach(), 7.5 / 40, atol=1e-6)
 
 
-@pytest.mark.slow
-def test_edges_between_pixels_come_back_without_bias():
-    torch.manual_seed(0)
-    torch.set_num_threads(1)
-    told, rng = nets._Positions(1, 1), np.random.default_rng(0)
-    optimiser = torch.optim.Adam(told.parameters(), 3e-3)
-
-    def draw(count):
-        ends = np.sort(rng.uniform(0.05, 0.95, (count, 2)), axis=1)
-        edges = np.linspace(0, 1, 161)
-        pixels = np.diff(np.clip(edges, ends[:, :1], ends[:, 1:])) * 160  # light in each of 160 pixels
-        cells = torch.from_numpy(pixels.reshape(count, 40, 4).mean(-1)).float()
-        return torch.stack([cells, cells], 1), torch.from_numpy(ends).float()
-
-    for step in range(300):
-        profile, ends = draw(32)
-        loss = (told(profile, torch.zeros(32, 1))[0][:, :2] - ends).abs().mean()
-        for group in optimiser.param_groups:
-            group["lr"] = 3e-3 * (1 - step / 300)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-    profile, ends = draw(400)
-    error = 160 * (told(profile, torch.zeros(400, 1))[0][:, :2] - ends).detach().numpy()
-    assert np.median(np.abs(error)) < 0.5
-    assert np.abs(np.median(error, axis=0)).max() < 0.15  # px of the crop; half a pixel would be 0.5
-
-
 # The nets --------------------------------------------------------------------------------------------------------
-
-
-def test_nets_are_small():
-    sizes = [sum(p.numel() for p in net.parameters()) for net in (nets.Find(), nets.Refine())]
-    assert sum(sizes) * 2 < 6e6  # bytes, at half precision
 
 
 def test_nets_give_the_shapes_they_state():

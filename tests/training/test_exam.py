@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import slow_but
 from PIL import Image
 
 from scripts import background_photographs, build_weights
@@ -18,10 +19,7 @@ EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
 FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
 LEARNED = ("training", "training-shapes")
-SOURCES = (
-    *build_weights.DETECTOR, *build_weights.HARD, *build_weights.VERIFY, *build_weights.MORE, *build_weights.PRESENCE,
-    *build_weights.JUDGED, *build_weights.LONG, build_weights.READER,
-)  # fmt: skip
+SOURCES = (*build_weights.DETECTOR, *build_weights.HARD, *build_weights.VERIFY, build_weights.READER)
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
 load = cache(scenes.load)
@@ -49,7 +47,7 @@ def test_there_is_an_exam_for_each_weather():
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
 
 
-@pytest.mark.parametrize("quick", [False, True])
+@pytest.mark.parametrize("quick", slow_but([False, True], False))
 def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path):
     for folder in (tmp_path / build_weights.BACKGROUNDS, tmp_path / build_weights.COLLAGES):
         (folder / "photographs").mkdir(parents=True)

@@ -103,23 +103,6 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
         train([dataset], tmp_path / "out", tiny, resume=True)
 
 
-@pytest.mark.parametrize("learning", [("find", "refine"), ("settle",)])
-def test_nets_are_copied_where_they_are_not_trained(dataset, tmp_path, learning):
-    start, out = WEIGHTS / "any-grab", tmp_path / "out"
-    found = train([dataset], out, tiny, start=start, learning=learning)
-    assert found.metrics == {}
-    for name in (*NETS, "verify"):
-        same = (out / f"{name}.onnx").read_bytes() == (start / f"{name}.onnx").read_bytes()
-        assert same != (name in learning), name
-        assert (out / f"{name}.json").exists(), name
-    before, after = Bundled(start), Bundled(out)
-    assert after.settings == before.settings
-    assert after.trust == before.trust
-    absent = next(name for name in NETS if name not in learning)
-    with pytest.raises(TrainingError, match=f"no {absent} to copy"):
-        train([dataset], tmp_path / "other", tiny, learning=learning)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
 def test_a_detector_learns_a_users_own_grab(tmp_path):

@@ -30,7 +30,7 @@ _RESAMPLES = 80
 _ROUNDS = 12
 _TUNE = 2.5  # robust deviations at which a block begins to count less
 # A coder that predicts each frame from the one before lets noise correlate in time, and takes a part of it. Measured on
-# videos of known noise (``scripts/match_truth.py``): the share lost is about this of the correlation, within so much.
+# videos of known noise (docs/results/match.md): the share lost is about this of the correlation, within so much.
 LOST_ALWAYS, LOST, LOST_SD, LOST_SD_PER = 0.02, 0.8, 0.06, 0.35
 MOST_CORRELATION = 0.45
 LEAST_STEPS = 0.5  # deviation over the coder's step, below which even more is lost

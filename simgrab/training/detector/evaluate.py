@@ -70,12 +70,7 @@ def watch(
 
 
 def calibrated(
-    looks: Bundled,
-    seen: Sequence[Seen],
-    real: Sequence[Seen] = (),
-    easy: Sequence[Seen] = (),
-    before: float = 0.0,
-    least: float = 0.0,
+    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
@@ -85,13 +80,9 @@ def calibrated(
         Whose other settings are kept.
     seen, real : sequence of Seen
         Of rendered frames, and of real ones.
-    easy : sequence of Seen
-        To which the factors are fitted too, and the threshold is not: few of the frames are hard.
     before : float
         Presence threshold of the detector that this one began with. It becomes no lower unless enough of the frames
         show no grab: else too few show what else may be taken for one.
-    least : float
-        The lowest presence threshold, however many frames show no grab.
 
     Returns
     -------
@@ -100,12 +91,12 @@ def calibrated(
     figures : dict
         `metrics` of the rendered frames then.
     """
-    presence = max(round(least_presence([*seen, *real]), 4), least)
+    presence = round(least_presence([*seen, *real]), 4)
     if sum(not one.frame.labelled for one in [*seen, *real]) < _FEWEST_EMPTY:
         presence = max(presence, before)
     seen, real = by(presence, seen), by(presence, real)
     settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
-    factors = trust([*seen, *real, *by(presence, easy)])
+    factors = trust([*seen, *real])
     return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(seen, factors.outward))
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, aroun
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
+from simgrab.model.truth import Boxed, Row
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn
@@ -34,6 +36,9 @@ from simgrab.training.detector.nets import (
     Refine,
 )  # fmt: skip
 from simgrab.training.loop import SCORE
+
+E = TypeVar("E")
+Cut: TypeAlias = Callable[[E, np.random.Generator, Dirt | None], dict[str, NDArray[np.generic]]]
 
 CROP = 384  # px of a cached crop
 ROOM = 3.0  # its side over the box's longer one
@@ -168,6 +173,43 @@ class Refining:
         mean = float(overlap.mean()) if whole.any() else 0.0
         score = mean + float(correct.mean()) - min(error, 1.0)
         return {"mean_iou": mean, "centre_error": error, "told_apart": float(correct.mean()), SCORE: score}
+
+
+class CropTask(Generic[E]):
+    """A task of examples whose crops are cut anew whenever they are learned from (`simgrab.training.loop.Task`).
+
+    ``cut`` takes an example, chance, and dirt, or None as at work; ``name`` is of the chance of validation crops.
+    """
+
+    def __init__(self, train: Sequence[E], validation: Sequence[E], cut: Cut[E], name: str) -> None:
+        self._train, self._cut, self._dirt = train, cut, Dirt()
+        rng = stream(0, 0, name)
+        examples = [cut(example, rng, None) for example in validation]
+        self._validation = stack(examples) if examples else {}
+
+    @property
+    def examples(self) -> int:
+        """Number of training crops."""
+        return len(self._train)
+
+    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Cut crops, augmented."""
+        return stack([self._cut(self._train[i], rng, self._dirt) for i in chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A cached crop, and whether it shows the grab."""
+
+    crops: Crops
+    frame: int
+    slot: int
+    there: bool
+
+    @property
+    def row(self) -> Row | Boxed:
+        """Of its frame."""
+        return self.crops.frames[self.frame].row
 
 
 def answers(net: nn.Module, batch: Batch) -> Tensor:

@@ -25,9 +25,10 @@ from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
 from simgrab.model.truth import Boxed, Row
 from simgrab.training.copies import Batch
+from simgrab.training.detector import refine
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import CENTRE, PRESENCE, YAW
-from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, answers, apart, doubled, lost, stack
+from simgrab.training.detector.refine import CROP, FARTHEST, ROOM, Crops, CropTask, answers, apart, doubled, lost
 from simgrab.training.loop import SCORE
 
 # How far refine may be off: centre in shares of the box's longer side, yaw in rad, side as a logarithm; mostly little,
@@ -48,18 +49,14 @@ def learner(refined: nn.Module) -> nn.Module:
 
 
 @dataclass(frozen=True, eq=False)
-class _Example:
-    """A cached crop, whether it shows the grab, and refine's output for it: its presence and the level part."""
+class _Example(refine.Example):
+    """A cached crop with refine's output for it: its presence and the level part."""
 
-    crops: Crops
-    frame: int
-    slot: int
-    there: bool
     presence: float
     said: Level
 
 
-class Settling:
+class Settling(CropTask[_Example]):
     """Settle's task (`simgrab.training.loop.Task`).
 
     Parameters
@@ -70,19 +67,7 @@ class Settling:
     """
 
     def __init__(self, train: Sequence[Crops], validation: Sequence[Crops], refined: nn.Module) -> None:
-        self._train, self._dirt = _chosen(train, refined), Dirt()
-        rng = stream(0, 0, "settling")
-        examples = [_learned(example, rng, None) for example in _chosen(validation, refined)]
-        self._validation = stack(examples) if examples else {}
-
-    @property
-    def examples(self) -> int:
-        """Number of training crops."""
-        return len(self._train)
-
-    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        """Level crops again by a yaw as refine may predict it, augmented."""
-        return stack([_learned(self._train[i], rng, self._dirt) for i in chosen])
+        super().__init__(_chosen(train, refined), _chosen(validation, refined), _learned, "settling")
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
         """Compose the loss of presence, centre, yaw and their scales."""
@@ -182,8 +167,7 @@ def _whole(crops: Crops, i: int, slot: int) -> Picture:
 
 def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
     """Turn one crop level; without dirt as it is seen at work, and not turned further."""
-    row, patch = example.crops.frames[example.frame].row, example.crops.patches[example.frame][example.slot]
-    level = _level(example, rng)
+    row, patch, level = example.row, example.crops.patches[example.frame][example.slot], _level(example, rng)
     cut = turned(_whole(example.crops, example.frame, example.slot), patch, level, REFINE_SIZE)
     places, lean = np.full((3, 2), np.nan), 0.0
     if example.there:
@@ -220,7 +204,7 @@ def _on(level: Level, point: Array) -> bool:
 
 def _true(example: _Example) -> Level:
     """Tell the level part around a labelled grab; of a box alone, about its middle, turned as refine said."""
-    row = example.crops.frames[example.frame].row
+    row = example.row
     box = labels.box(row)
     assert box is not None
     side = LEVEL_ROOM * float((box[2:] - box[:2]).max())

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import hashlib
 import shutil
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,7 +64,6 @@ def train(
     hard: Sequence[str | Path] = (),
     real: Real | None = None,
     start: str | Path | None = None,
-    learning: Collection[str] = NETS,
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None,
@@ -92,9 +91,6 @@ def train(
         Real frames: to learn from beside the others, to choose the presence threshold by, and to judge by.
     start : path, optional
         Folder of a trained detector whose weights the nets begin with, instead of random ones.
-    learning : collection of str
-        Which of the nets to train. If not all, the others of ``start`` are copied, thresholds and deviations are those
-        of ``start``, and nothing is measured of the nets together: `simgrab.training.detector.blend.blend` does.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -106,8 +102,6 @@ def train(
     ------
     DatasetError, TrainingError
     """
-    if missing := [name for name in NETS if name not in learning and start is None]:
-        raise TrainingError(f"without a detector to start from, there is no {missing[0]} to copy")
     out = Path(out)
     check(out, resume=resume)
     first = start_digests(start)
@@ -120,8 +114,8 @@ def train(
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
         fitted = fit(
-            frames, out, chosen, hard=doubtful, start=start, learning=learning, resume=resume, watch=watch,
-            report=report, loaders=loaders,
+            frames, out, chosen, hard=doubtful, start=start, resume=resume, watch=watch, report=report,
+            loaders=loaders,
         )  # fmt: skip
         if real:
             fitted = Fitted(fitted.nets, fitted.metrics | real.figures(out, start, watch))
@@ -168,7 +162,7 @@ class Fitted:
 
 def fit(
     frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, start: str | Path | None = None,
-    learning: Collection[str] = NETS, resume: bool = False, watch: Watch | None = None,
+    resume: bool = False, watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.Report], None]] | None = None, loaders: int = 0,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
@@ -189,12 +183,9 @@ def fit(
     trained: dict[str, loop.Trained] = {}
 
     def learn(name: str, build: Callable[[], torch.nn.Module], task: loop.Task, taken: str) -> torch.nn.Module:
-        """Train a net, or take it as it is."""
+        """Train a net."""
         if start is not None:
             build = functools.partial(_begun, build, Path(start) / f"{name}.onnx", task, taken)
-        if name not in learning:
-            export.copy([name], Path(str(start)), out)
-            return build()
         (out / name).mkdir(exist_ok=True)
         trained[name] = loop.train(
             build, task, getattr(recipes, name), out / name, data=digest, resume=resume, report=follow(name),
@@ -203,9 +194,8 @@ def fit(
         return trained[name].net
 
     found = learn("find", Find, find.Finding(*small), "pictures")
-    if "find" in learning:
-        example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
-        export.export(found, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
+    example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
+    export.export(found, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
     key = _digest(out / "find.onnx")
 
@@ -217,12 +207,7 @@ def fit(
     digest += key
     refined = learn("refine", Refine, refine.Refining(*crops), "crops")
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
-    if "refine" in learning:
-        export.export(refined, example, ["told"], out / "refine.onnx", {"task": REFINE})
-    if "settle" not in learning:
-        assert start is not None
-        export.copy(_settling(start), Path(start), out)
-        return Fitted(trained, {})
+    export.export(refined, example, ["told"], out / "refine.onnx", {"task": REFINE})
 
     learned, judged = ([one] for one in crops)
     for name, some, sets in (("train", hard.train, learned), ("val", hard.val, judged)):
@@ -236,13 +221,9 @@ def fit(
     write = functools.partial(export.export, last, example, ["told"])
 
     facts: dict[str, Any] = {"task": SETTLE}
-    if start is not None and "verify" in _settling(start):
+    if start is not None and open_net(Path(start) / "settle.onnx").facts.get("verified") is True:
         facts["verified"] = True  # what verify goes by is the same for all grabs: it is taken over as it is
         export.copy(["verify"], Path(start), out)
-    if not set(NETS) <= set(learning):
-        assert start is not None
-        write(out / "settle.onnx", open_net(Path(start) / "settle.onnx", TrainingError).facts)
-        return Fitted(trained, {})
     with scratch(out / "settle.onnx") as draft:  # a folder with settle.onnx in it is a detector, settings and all
         for name in ("find.onnx", "refine.onnx", *(["verify.onnx"] if "verified" in facts else [])):
             shutil.copyfile(out / name, draft / name)
@@ -259,12 +240,6 @@ def fit(
         before = evaluate.watch(first, [*val_frames, *hard.val], step("detecting with the first weights"))
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
     return Fitted(trained, figures)
-
-
-def _settling(folder: str | Path) -> tuple[str, ...]:
-    """Name the nets of a detector that come after refine."""
-    verified = open_net(Path(folder) / "settle.onnx").facts.get("verified") is True
-    return ("verify", "settle") if verified else ("settle",)
 
 
 def start_digests(start: str | Path | None) -> dict[str, str]:

@@ -11,7 +11,7 @@ import dataclasses
 import functools
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +31,13 @@ from simgrab.instrument.net import open_net
 from simgrab.io.files import sha256
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
-from simgrab.model.rng import stream
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache, evaluate, export, refine
 from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import Refine, Verify
-from simgrab.training.detector.refine import CROP, ROOM, Crops, stack
+from simgrab.training.detector.refine import CROP, ROOM, Crops, CropTask, Example
 from simgrab.training.detector.settings import has_half_units
 from simgrab.training.detector.start import begun, some_examples
 from simgrab.training.detector.train import NETS
@@ -64,17 +63,7 @@ def recipe(*, quick: bool = False, **changes: Any) -> Recipe:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Example:
-    """A cached crop, and whether it shows the grab."""
-
-    crops: Crops
-    frame: int
-    slot: int
-    there: bool
-
-
-class Verifying:
+class Verifying(CropTask[Example]):
     """Verify's task (`simgrab.training.loop.Task`).
 
     Parameters
@@ -83,19 +72,7 @@ class Verifying:
     """
 
     def __init__(self, train: Sequence[Crops], validation: Sequence[Crops]) -> None:
-        self._train, self._dirt = _listed(train), Dirt()
-        rng = stream(0, 0, "verifying")
-        examples = [_learned(example, rng, None) for example in _listed(validation)]
-        self._validation = stack(examples) if examples else {}
-
-    @property
-    def examples(self) -> int:
-        """Number of training crops."""
-        return len(self._train)
-
-    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        """Cut crops about boxes that are a little off, augmented."""
-        return stack([_learned(self._train[i], rng, self._dirt) for i in chosen])
+        super().__init__(_listed(train), _listed(validation), _learned, "verifying")
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
         """Cross entropy of the presence, and how far the ropes' direction is off: so that ropes are looked for."""
@@ -124,17 +101,17 @@ class Verifying:
         }
 
 
-def _listed(sets: Sequence[Crops]) -> list[_Example]:
+def _listed(sets: Sequence[Crops]) -> list[Example]:
     """All crops of the grab and of other things."""
     return [
-        _Example(crops, i, slot, frame.labelled and slot == 0)
+        Example(crops, i, slot, frame.labelled and slot == 0)
         for crops in sets
         for i, frame in enumerate(crops.frames)
         for slot in (0, 1)
     ]
 
 
-def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
+def _learned(example: Example, rng: np.random.Generator, dirt: Dirt | None) -> dict[str, NDArray[np.generic]]:
     """Cut one crop; without dirt as it is seen at work, and not turned."""
     picture, inside = example.crops.part(example.frame, example.slot, _window(rng), VERIFY_SIZE)
     way = _ropes(example)
@@ -149,9 +126,9 @@ def _learned(example: _Example, rng: np.random.Generator, dirt: Dirt | None) -> 
     }
 
 
-def _ropes(example: _Example) -> Array:
+def _ropes(example: Example) -> Array:
     """Give the unit direction in which the ropes leave the grab; 0 where there is none, or it is seen from above."""
-    row = example.crops.frames[example.frame].row
+    row = example.row
     box = labels.box(row)
     if not example.there or box is None:
         return np.zeros(2)
