@@ -109,7 +109,7 @@ def test_the_model_is_the_world():
     imu = ImuReadings(got.true("time [s]"), got.values[:, :3], got.values[:, 3:], np.eye(3))
     summed = preintegrate(time, imu, straight)
     assert np.abs(rotation_vector(attitude[1:].swapaxes(1, 2) @ attitude[:-1] @ summed.turn)).max() < 1e-6
-    unit = np.einsum("nij,nj->ni", level_from_jib, [m.grab.jib_from_grab[:3, 3] for m in moments]) / rope[:, None]
+    unit = np.einsum("nij,nj->ni", level_from_jib, [m.grab.jib_from_grab.translation for m in moments]) / rope[:, None]
     state = np.zeros((len(time), model.STATE))
     state[:, model.SWING] = unit[:, :2]
     parameters = np.zeros(model.PARAMETERS)

@@ -65,7 +65,7 @@ def test_balls_hang_between_o_and_the_rope_ends_and_count_as_ropes():
     scenario = small_scene(**STEADY, markers={"balls": {"distances_m": [3.0, 4.5], "diameter_m": 0.4}})
     frame = next(iter(simgrab.frames(scenario, [1])))
     grab = Trajectory(scenario).at(1).grab
-    end = grab.jib_from_grab @ (0.0, 0.0, design_of(scenario.grab).terminations[0, 2], 1.0)
+    end = grab.jib_from_grab.apply((0.0, 0.0, design_of(scenario.grab).terminations[0, 2]))
     camera = np.reshape(frame.truth.jib_from_camera, (3, 4))
     for distance in (3.0, 4.5):
         point = (distance * end[:3] / np.linalg.norm(end[:3]) - camera[:, 3]) @ camera[:, :3]
