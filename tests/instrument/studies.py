@@ -110,13 +110,6 @@ def beats(one: Score, other: Score) -> float:
     return float(gain.mean() / max(gain.std() / np.sqrt(gain.size), 1e-300)) if gain.size > 1 else np.nan
 
 
-def best(scores: dict[str, Score]) -> list[str]:
-    """Name those that the one of least RMSE does not beat by 2 standard errors, first itself; none that refuses 1 %."""
-    solved = {name: s for name, s in scores.items() if s.refused < 0.01}
-    first = min(solved, key=lambda name: solved[name].rmse)
-    return [first, *(k for k, s in solved.items() if k != first and not beats(solved[first], s) >= 2)]
-
-
 @cache
 def offsets(law: str, offset_m: float, records: int, frames: int = 3699) -> dict[str, Score]:
     """Camera behind the rope exit, as seen along the tilt; ropes of 8 to 35 m, an offset prior of 0 ± 0.5 m."""

@@ -56,9 +56,9 @@ def crane():
     return swinging.record(fixed=False, frames=FRAMES, seed=100, camera__mount={"model": "levelled"})
 
 
-def estimated(crane, imu, pixels=None, **settings):
+def estimated(crane, imu, pixels=None):
     noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.5, crane.pixels.shape) if pixels is None else pixels
-    estimator = InertialFusion(imu=imu, **settings)
+    estimator = InertialFusion(imu=imu)
     return estimator.estimate(noisy, crane.calibration, rope_length=crane.rope, time=crane.time)
 
 
@@ -128,7 +128,7 @@ def test_the_model_is_the_world():
     still = dataclasses.replace(summed, force=9.80665 * attitude[:-1, 2])  # as if nothing accelerated the jib head
     missed = []
     for imu in (summed, still):
-        links = model.Links.of(imu, rope, length, 10.0)
+        links = model.Links.of(imu, rope, length)
         residual = model.derivatives_of_advance(attitude, state, parameters, links)[0]
         missed.append(np.abs(residual[5:-5]))  # the momentum of the ends is a one-sided difference
     assert missed[0][:, model.SWING].max() < 2e-4
