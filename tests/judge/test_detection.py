@@ -197,6 +197,8 @@ def test_a_picture_that_cannot_be_read_and_a_video_are_refused(known, tmp_path):
     with pytest.raises(SourceError, match="is a video"):
         detections.detect(film(tmp_path / "a.mp4", [0.0]), Fixed(known))
 
+
+def test_the_picture_that_a_detector_cannot_look_at_is_named(known):
     def refuses(_):
         raise DetectorError("too small")
 
