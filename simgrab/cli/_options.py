@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 
 import click
 
-from simgrab.dataset.stores import is_url
 from simgrab.errors import DatasetError, RunError, SimgrabError
 from simgrab.io.destination import check_file, check_folder, check_new_folder
+from simgrab.io.stores import is_url
 
 
 class _Place(click.Path):
