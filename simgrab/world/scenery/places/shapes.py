@@ -116,6 +116,11 @@ def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] 
     return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]]) + [*centre, 0.0]
 
 
+def outline(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float]]:
+    """Corners of a rectangle on the ground, from one to the opposite one."""
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
 def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trimesh.Trimesh:
     """Join round bars along a polyline, with a ball at every inner corner."""
     p = [np.asarray(q, float) for q in points]
