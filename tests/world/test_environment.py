@@ -11,7 +11,7 @@ import pytest
 from conftest import SMALL
 
 from simgrab.runtime import environment
-from simgrab.world import gl, gl_variables, llvm
+from simgrab.world import gl, llvm
 
 LIBRARIES = {"libOpenGL.so.0", "libOSMesa.so.8"}
 
@@ -242,7 +242,7 @@ def test_osmesa_renders_what_egl_renders_and_a_renderer_left_open_ends_quietly()
 
 
 def test_every_ignored_variable_is_taken_out(monkeypatch):
-    for name in gl_variables._IGNORED:
+    for name in environment._DRAWING:
         monkeypatch.setenv(name, "1")
-    assert set(gl_variables.take_out()) == set(gl_variables._IGNORED)
-    assert not set(gl_variables._IGNORED) & set(os.environ)
+    assert set(environment.take_out_drawing()) == environment._DRAWING
+    assert not environment._DRAWING & set(os.environ)

@@ -27,14 +27,9 @@ NEUTRAL, GREY = Exposure(0.0, False), Exposure(0.0, True)
 NOISY = Optics(sensor=Sensor(full_well_e=1000, read_noise_e=20))
 # Everything at once.
 NIGHT = Optics(
-    vignetting_stops=1.5,
-    defocus_px=2.5,
-    chromatic_px=1.5,
-    exposure=AutoExposure(),
-    sensor=Sensor(full_well_e=6000, read_noise_e=4, fixed_pattern_percent=1),
-    night_mode="auto",
-    recompress_quality=40,
-)
+    vignetting_stops=1.5, defocus_px=2.5, chromatic_px=1.5, exposure=AutoExposure(), night_mode="auto",
+    sensor=Sensor(full_well_e=6000, read_noise_e=4, fixed_pattern_percent=1), recompress_quality=40,
+)  # fmt: skip
 
 
 def flat(level, width=WIDTH, height=HEIGHT):
@@ -52,9 +47,6 @@ def take(optics, light, *, intrinsics=PLAIN, seed=0, frame=0, exposure=NEUTRAL):
     return expose(optics, light, intrinsics=intrinsics, seed=seed, frame=frame, exposure=exposure)
 
 
-# Light and picture
-
-
 def test_the_transfer_is_srgb_and_gives_back_every_value():
     values = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
     assert (to_display(to_linear(values)) == values).all()
@@ -64,15 +56,13 @@ def test_the_transfer_is_srgb_and_gives_back_every_value():
     assert to_display(flat(-1.0)).max() == 0
 
 
-# Off
-
-
 def test_all_effects_off_leave_every_byte():
     light = scene()
     assert Optics().off
     assert Optics(sharpening=Sharpening(radius_px=0.3)).off
     assert (take(Optics(), light, intrinsics=CROOKED) == to_display(light)).all()
     assert (recompress(to_display(light), 0) == to_display(light)).all()
+    assert (defocus(light, 1.0) == light).all()  # up to a pixel there is none
     assert metered(Optics(), light) == NEUTRAL
 
 
@@ -100,18 +90,12 @@ def test_each_effect_alone_changes_the_picture(optics):
     assert (seen != to_display(light)).mean() > 0.05
 
 
-# Contract
-
-
 def test_light_is_left_alone_and_a_frame_can_be_taken_again():
     light = scene()
-    before = light.copy()
+    light.flags.writeable = False
     exposure = metered(NIGHT, light)
     first = take(NIGHT, light, exposure=exposure, frame=7)
-    recompress(first, 40)
-    again = take(NIGHT, light, exposure=exposure, frame=7)
-    assert (light == before).all()
-    assert (first == again).all()
+    assert (first == take(NIGHT, light, exposure=exposure, frame=7)).all()
 
 
 def test_noise_differs_between_frames_and_seeds():
@@ -135,9 +119,6 @@ def test_bytes_do_not_depend_on_the_number_of_threads(defocus_px, grey):
     finally:
         cv2.setNumThreads(before)
     assert all((p == pictures[0]).all() for p in pictures)
-
-
-# Lens
 
 
 @pytest.mark.parametrize("intrinsics", [PLAIN, CROOKED], ids=["plain", "crooked"])
@@ -175,11 +156,6 @@ def test_a_defocused_point_is_a_disc_of_the_diameter_that_was_asked_for(diameter
     assert np.ptp(inside) < 0.01 * inside.mean()
 
 
-def test_defocus_up_to_a_pixel_is_none():
-    light = scene()
-    assert (defocus(light, 1.0) == light).all()
-
-
 def test_chromatic_aberration_grows_with_the_radius():
     rng = np.random.default_rng(4)
     light, centre = np.zeros((HEIGHT, WIDTH, 3), np.float32), np.array([CROOKED.cx_px, CROOKED.cy_px])
@@ -196,9 +172,6 @@ def test_chromatic_aberration_grows_with_the_radius():
         assert moved[0] == pytest.approx(expected, abs=0.06)
         assert moved[1] == pytest.approx((0, 0), abs=1e-6)
         assert moved[2] == pytest.approx(-expected, abs=0.06)
-
-
-# Exposure
 
 
 @pytest.mark.parametrize("ev", [-2.0, 1.0, 1.5])
@@ -235,23 +208,14 @@ def exposures(optics, rate, lights):
 
 @pytest.mark.parametrize("rate", [5.0, 25.0])
 def test_the_exposure_lags_by_its_time_constant(rate):
-    optics, lights = (
-        Optics(exposure=AutoExposure(target_level=0.2, lag_s=2.0)),
-        [flat(0.2)] + [flat(0.05)] * round(2 * rate),
-    )
+    optics = Optics(exposure=AutoExposure(target_level=0.2, lag_s=2.0))
+    lights = [flat(0.2)] + [flat(0.05)] * round(2 * rate)
     first, *gains = (exposure.gain for exposure in exposures(optics, rate, lights))
     assert first == pytest.approx(1)  # settled when a clip begins
     assert math.log2(gains[-1]) / 2 == pytest.approx(1 - math.exp(-1))  # of the two stops, after one time constant
     assert all(a < b for a, b in itertools.pairwise(gains))
-
-
-def test_without_a_lag_every_frame_is_metered():
-    optics = Optics(exposure=AutoExposure(lag_s=0.0))
-    lights = [flat(level) for level in (0.2, 0.01, 0.7)]
-    assert list(exposures(optics, 25.0, lights)) == [metered(optics, light) for light in lights]
-
-
-# Sensor
+    prompt = Optics(exposure=AutoExposure(lag_s=0.0))
+    assert list(exposures(prompt, rate, lights[:2])) == [metered(prompt, light) for light in lights[:2]]
 
 
 def photon_transfer(optics, gain, *, grey=False):
@@ -310,9 +274,6 @@ def test_the_fixed_pattern_stays_and_is_the_cameras_own():
     assert (doubled == pictures[0]).all()  # it multiplies light
 
 
-# Night
-
-
 def test_grey_is_the_luminance_of_bt709():
     light = scene()
     seen = take(Optics(night_mode="on"), light, exposure=Exposure(0.0, True))
@@ -321,9 +282,6 @@ def test_grey_is_the_luminance_of_bt709():
     assert to_linear(seen)[..., 0] == pytest.approx(light @ BT709, abs=0.005)
     assert metered(Optics(night_mode="on"), light).grey
     assert not metered(Optics(night_mode="off", exposure=AutoExposure()), flat(1e-4)).grey
-
-
-# Processing
 
 
 def test_scenes_without_the_keys_of_processing_are_digested_as_before_there_were_any():
@@ -365,9 +323,6 @@ def test_night_begins_at_its_gain_and_ends_well_below():
     assert seen == [False, True, True, True, False, False]
 
 
-# Coding
-
-
 def test_artefacts_grow_as_the_quality_falls():
     rgb = take(NOISY, scene())
     psnr = [cv2.PSNR(rgb, recompress(rgb, quality)) for quality in (10, 30, 50, 70, 90, 100)]
@@ -382,9 +337,6 @@ def test_coding_keeps_colours_in_their_channels_and_grey_grey():
     assert recompress(red, 80)[16, 16] == pytest.approx((200, 0, 0), abs=6)
     grey = recompress(take(NOISY, scene(), exposure=Exposure(0.0, True)), 30)
     assert np.ptp(grey.astype(int), axis=2).max() <= 1
-
-
-# Settings
 
 
 @pytest.mark.parametrize(

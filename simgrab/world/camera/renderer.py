@@ -360,7 +360,7 @@ class Renderer:
         if self._aim.still is None:
             stand = [geom for geom in self._geoms if geom.stands]
             rect = self.aim(self._aim.drawn, self._scene)
-            ids, buffer = self._passes.keep_ids(self._scene, rect, stand)
+            ids, buffer = self._passes.identify(self._scene, rect, stand, keep=True)
             self._aim.still = ids, _metres(buffer)
         return self._aim.still
 
@@ -376,10 +376,11 @@ class Renderer:
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
                 if not self._shade_kept:  # it is the same for every camera
-                    passes.keep_shade(scene, stand)
+                    passes.shade(scene, stand, keep=True)
                     self._shade_kept = True
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
-            rgb = passes.keep_colour(scene, self.aim(self._aim.drawn, scene), stand, shadowed=self._aim.shadowed)
+            rect = self.aim(self._aim.drawn, scene)
+            rgb = passes.colour(scene, rect, stand, shadowed=self._aim.shadowed, keep=True)
             self._aim.backdrop = rgb, cells
         return self._aim.backdrop
 

@@ -24,10 +24,6 @@ class Layer:
     keep: Picture
     glow: Picture
 
-    def block(self, rows: slice) -> Layer:
-        """Return some rows."""
-        return Layer(self.keep[rows], self.glow[rows])
-
     def behind(self, front: Layer) -> Layer:
         """Join this layer and one before it, which dims what this one keeps and adds."""
         glow = cv2.multiply(self.glow, front.keep)
@@ -49,8 +45,3 @@ Maker = Callable[[slice], Layer | None]  # makes a block of a layer; None where 
 def matte(keep: Picture, brightness: float = 1.0) -> Layer:
     """Return a layer that is as bright as the colour, times ``brightness``, wherever it hides what lies behind."""
     return Layer(keep, cv2.addWeighted(keep, -brightness, keep, 0.0, brightness))
-
-
-def clear(shape: tuple[int, int]) -> Layer:
-    """Return a layer that changes nothing."""
-    return Layer(np.ones(shape, np.float32), np.zeros(shape, np.float32))
