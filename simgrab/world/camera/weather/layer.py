@@ -24,6 +24,10 @@ class Layer:
     keep: Picture
     glow: Picture
 
+    def block(self, rows: slice) -> Layer:
+        """Return some rows."""
+        return Layer(self.keep[rows], self.glow[rows])
+
     def behind(self, front: Layer) -> Layer:
         """Join this layer and one before it, which dims what this one keeps and adds."""
         glow = cv2.multiply(self.glow, front.keep)
