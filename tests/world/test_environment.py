@@ -32,16 +32,11 @@ def machine(monkeypatch):
     [
         ({}, "", "egl", ""),
         ({}, "egl", "osmesa", ""),
-        ({}, "libOSMesa.so.8", "egl", ""),
         ({}, "libOpenGL.so.0", "osmesa", ""),
-        ({"MUJOCO_GL": "osmesa"}, "", "osmesa", ""),
         ({"MUJOCO_GL": " OSMesa "}, "", "osmesa", ""),
-        ({"MUJOCO_GL": "EGL"}, "", "egl", ""),
         ({"MUJOCO_GL": "osmesa"}, "libOSMesa.so.8", "egl", "MUJOCO_GL=osmesa (not available)"),
         ({"MUJOCO_GL": "egl"}, "egl", "osmesa", "MUJOCO_GL=egl (not available)"),
         ({"MUJOCO_GL": "glfw"}, "", "egl", "MUJOCO_GL=glfw"),
-        ({"MUJOCO_GL": "glx"}, "egl", "osmesa", "MUJOCO_GL=glx"),
-        ({"MUJOCO_GL": "off"}, "", "egl", "MUJOCO_GL=off"),
         ({"MUJOCO_GL": "no\nsuch"}, "", "egl", r"MUJOCO_GL=no\nsuch"),
         ({"PYOPENGL_PLATFORM": "osmesa"}, "", "egl", "PYOPENGL_PLATFORM=osmesa"),
         ({"PYOPENGL_PLATFORM": "Egl"}, "", "egl", ""),
@@ -87,19 +82,15 @@ def test_without_any_backend_the_refusal_names_what_is_set_and_what_to_install(m
     [
         ("OPENCV_IO_MAX_IMAGE_PIXELS", "abc", True),
         ("OPENCV_IO_MAX_IMAGE_PIXELS", "", True),
-        ("OPENCV_IO_MAX_IMAGE_PIXELS", "-1", True),
         ("OPENCV_IO_MAX_IMAGE_PIXELS", "1000", True),
         ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**40), False),
         ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**64), True),
-        ("OPENCV_IO_MAX_IMAGE_WIDTH", "10", True),
         ("OPENCV_IO_MAX_IMAGE_HEIGHT", "1MB", False),
-        ("OPENCV_IO_MAX_IMAGE_PARAMS", "0", True),
         ("OPENCV_FOR_THREADS_NUM", "two", True),
         ("OPENCV_FOR_THREADS_NUM", "2", False),
         ("OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN", "x", True),
         ("NUMPY_MADVISE_HUGEPAGE", "on", True),
         ("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;udp", False),
-        ("OPENCV_LOG_LEVEL", "ERROR", False),
     ],
 )
 def test_numbers_with_which_opencv_ends_the_process_are_ignored(monkeypatch, caplog, name, value, taken):
@@ -227,18 +218,15 @@ def test_no_variable_changes_a_picture_unsaid(cases):
 def test_osmesa_renders_what_egl_renders_and_a_renderer_left_open_ends_quietly():
     code = (
         "import hashlib, json, os, simgrab, sys\n"
-        "os.environ['MUJOCO_GL'] = sys.argv[2]\n"
-        "os.environ['PYOPENGL_PLATFORM'] = ''\n"
+        "os.environ |= {'MUJOCO_GL': sys.argv[2], 'PYOPENGL_PLATFORM': ''}\n"
         "generator = simgrab.frames(simgrab.load('quay-day', json.loads(sys.argv[1])))\n"
         "print(hashlib.sha256(next(generator).rgb.tobytes()).hexdigest(), os.environ['MUJOCO_GL'])"
     )
-    done = [
-        subprocess.run([sys.executable, "-c", code, json.dumps(SIZE), name], capture_output=True, text=True, check=True)
-        for name in gl.BACKENDS
-    ]
-    assert [one.stdout.split()[1] for one in done] == list(gl.BACKENDS)
-    assert done[0].stdout.split()[0] == done[1].stdout.split()[0]
-    assert [one.stderr for one in done] == ["", ""]
+    done = [subprocess.run([sys.executable, "-c", code, json.dumps(SIZE), name], capture_output=True, text=True)
+            for name in gl.BACKENDS]  # fmt: skip
+    (one, by), (other, then) = (run.stdout.split() for run in done)
+    assert (one, by, then) == (other, *gl.BACKENDS)
+    assert [run.stderr for run in done] == ["", ""]
 
 
 def test_every_ignored_variable_is_taken_out(monkeypatch):
