@@ -23,9 +23,10 @@ MOVING = {
     "swing": {"model": "dynamic", "start": {"alpha_deg": 4.0}}, "shutter__exposure_s": 0.01, "shutter__rolling_s": 0.02,
     "optics__exposure": {"model": "auto", "lag_s": 1.0},
 }  # fmt: skip
+FOGGY = {"camera__distortion": {"k1": -0.28, "k2": 0.09}, "weather__visibility_m": 60.0}
 SCENES = {
     "still": small_scene(frames=4, **PNG),
-    "clip": small_scene(frames=4, **PNG, **MOVING),
+    "clip": small_scene(frames=4, **PNG, **MOVING, **FOGGY),
     "varied": small_scene(
         frames=4, clip__clip_frames=2, vary={"camera.beta_deg": {"dist": "uniform", "low": 1.0, "high": 5.0}}, **PNG
     ),
@@ -182,23 +183,11 @@ def test_iterators_do_not_disturb_each_other_and_closing_one_leaves_another_as_i
         np.testing.assert_array_equal(next(lasting).rgb, alone[0][number])
 
 
-FOGGY = {"camera__distortion": {"k1": -0.28, "k2": 0.09}, "weather__visibility_m": 60.0, "image__format": "png"}
-
-
 @pytest.mark.parametrize("kept", [False, True])
 def test_asking_for_buffers_changes_neither_pixels_nor_truth(kept):
     """Behind a lens ids are rendered more finely for labels than for weather, unless the scenario stores them."""
-    scene = small_scene(frames=2, image__depth=kept, **FOGGY)
+    scene = small_scene(frames=2, image__format="png", image__depth=kept, **FOGGY)
     for plain, full in zip(simgrab.frames(scene, buffers=False), simgrab.frames(scene), strict=True):
         np.testing.assert_array_equal(plain.rgb, full.rgb)
         assert plain.truth == full.truth
         assert full.ids.shape == (270, 480)
-
-
-def test_nothing_depends_on_what_was_rendered_before():
-    """Exposure that lags, weather, a lens and stored depth: frames alone are those of a whole clip."""
-    scene = small_scene(frames=4, image__depth=True, **FOGGY, **MOVING)
-    whole = [frame.rgb for frame in simgrab.frames(scene)]
-    for index in (3, 1):
-        (alone,) = simgrab.frames(scene, [index])
-        np.testing.assert_array_equal(alone.rgb, whole[index])

@@ -5,7 +5,6 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from scipy.special import erf
 
 from simgrab.model import geometry
 from simgrab.model.geometry import Distortion, Intrinsics
@@ -123,13 +122,9 @@ def test_a_cloud_drifts_spreads_and_thins():
     assert old.radius_m > young.radius_m
 
 
-@pytest.mark.parametrize("rate", [2.0, 20.0, 80.0])
-def test_rain_blocks_half_of_marshall_and_palmers_extinction(rate):
-    # Their drops extinguish 0.365 R^0.63 a kilometre, half of it by diffraction.
-    assert precipitation.rain(rate).extinction.sum() * 1000 == pytest.approx(0.365 / 2 * rate**0.63, rel=0.1)
-
-
-def test_heavy_snow_begins_where_visibility_is_a_quarter_mile():
+def test_rain_blocks_half_of_marshall_and_palmers_extinction_and_heavy_snow_leaves_a_quarter_mile():
+    for rate in (2.0, 20.0, 80.0):  # their drops extinguish 0.365 R^0.63 a kilometre, half of it by diffraction
+        assert precipitation.rain(rate).extinction.sum() * 1000 == pytest.approx(0.365 / 2 * rate**0.63, rel=0.1)
     # Counting diffraction, as visibility does; Rasmussen et al. (1999) find a spread of a factor of two and more.
     visibility = air.KOSCHMIEDER / (2 * precipitation.snow(2.5).extinction.sum())
     assert 250 < visibility < 800
@@ -211,18 +206,10 @@ def test_streaks_of_rain_point_to_where_it_falls():
     assert np.degrees(np.abs(errors)).mean() < 7
 
 
-@pytest.mark.parametrize(
-    ("key", "amounts"),
-    [
-        ("visibility_m", (500.0, 100.0, 30.0)),
-        ("rain_mm_h", (5.0, 50.0, 150.0)),
-        ("snow_mm_h", (0.5, 5.0, 20.0)),
-        ("dust_thickness", (0.2, 1.0, 5.0)),
-        ("lens_drops", (3, 20, 100)),
-        ("lens_dirt", (0.05, 0.3, 0.8)),
-        ("lens_snow", (0.1, 0.4, 0.9)),
-    ],
-)
+@pytest.mark.parametrize(("key", "amounts"), [
+    ("visibility_m", (500.0, 100.0, 30.0)), ("rain_mm_h", (5.0, 50.0, 150.0)), ("snow_mm_h", (0.5, 5.0, 20.0)),
+    ("dust_thickness", (0.2, 1.0, 5.0)), ("lens_drops", (3, 20, 100)),
+])  # fmt: skip
 def test_more_weather_hides_more(key, amounts):
     mask = np.zeros((180, 320), bool)
     mask[40:140, 80:240] = True
@@ -311,7 +298,7 @@ def test_a_lamp_lights_the_flakes_near_it():
 
 
 @pytest.mark.parametrize(("key", "opacity"), [("lens_dirt", 0.75), ("lens_snow", 0.95)])
-@pytest.mark.parametrize("share", [0.1, 0.5])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_the_glass_is_covered_by_its_share(key, opacity, share):
     assert weathered(render_pass(), **{key: share}).attenuation.mean() == pytest.approx(share * opacity, abs=0.03)
 
@@ -323,11 +310,6 @@ def test_the_glass_stays_as_it_is_for_a_clip(key):
     first, later, other = (glass(frame=f, clip=clip).attenuation for f, clip in ((0, 0), (9, 0), (9, 1)))
     assert np.array_equal(first, later)
     assert not np.array_equal(later, other)
-
-
-def test_the_error_function_is_good_enough_for_dust():
-    x = np.linspace(-4, 4, 2001, dtype=np.float32)
-    assert np.abs(dust._erf(x) - erf(x)).max() < 4e-4
 
 
 @pytest.mark.parametrize(

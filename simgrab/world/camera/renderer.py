@@ -22,7 +22,7 @@ from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, NOTHING, ROPE, World
-from simgrab.world.scenery.places.photo import MATERIAL
+from simgrab.world.scenery.places.plain import PHOTOGRAPH
 from simgrab.world.trajectory.moment import Moment, Tilt
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ class Renderer:
             self._boxes = geoms.boxes(model)
             self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
-            screen = MATERIAL if self._background else ""
+            screen = PHOTOGRAPH if self._background else ""
             self._passes = Passes(model, world.textures, self._buffer, self._aim.size, screen)
             self._aim.target, self._aims = self._passes.target, [self._aim]
             self.fingerprint = gl.fingerprint()
@@ -470,16 +470,12 @@ class Renderer:
             for x in range(x0, x1, self._aim.size[0]):
                 tile = (x, y, min(x + self._aim.size[0], x1), min(y + self._aim.size[1], y1))
                 at = np.s_[y - y0 : tile[3] - y0, x - x0 : tile[2] - x0]
-                ids[at], depth[at] = self._draw_ids(tile, finer)
+                rect, (left, top, right, bottom) = self.aim(tile, self._scene, finer), (v / finer for v in tile)
+                near, _, _, low = self._aim.drawn
+                some = self._geoms_in((left - near, low - bottom, right - near, low - top))
+                own, buffer = self._passes.identify(self._scene, rect, some)
+                ids[at], depth[at] = own[::-1], _metres(buffer)[::-1]
         return ids, depth
-
-    def _draw_ids(self, window: Window, finer: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        rect = self.aim(window, self._scene, finer)
-        x0, y0, x1, y1 = (v / finer for v in window)
-        left, _, _, bottom = self._aim.drawn
-        some = self._geoms_in((x0 - left, bottom - y1, x1 - left, bottom - y0))
-        ids, buffer = self._passes.identify(self._scene, rect, some)
-        return ids[::-1], _metres(buffer)[::-1]
 
 
 def _bent(lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32]) -> View:

@@ -16,6 +16,7 @@ from simgrab.world.scenery.places.shapes import (
     loft,
     outline,
     placed,
+    plates,
     rectangle,
     sheet,
     shell,
@@ -92,13 +93,13 @@ def loader() -> list[Part]:
     weight = across([(-3.6, 0.6), (-3.0, 0.6), (-3.0, 1.5), (-3.5, 1.5)], -1.15, 1.15)
     front = across([(-0.5, 0.8), (1.7, 0.7), (1.6, 1.5), (0.3, 1.9), (-0.3, 1.4)], -0.5, 0.5)
     arm = [(0.4, 1.55), (0.7, 1.95), (2.6, 1.0), (3.0, 0.45), (2.8, 0.3), (2.3, 0.75)]
-    arms = [across(arm, s * 0.55 - 0.09, s * 0.55 + 0.09) for s in (-1, 1)]
+    arms = plates(arm, (-0.55, 0.55), 0.09)
     guard = [(-2.75, 1.55), (-2.5, 1.75), (-1.3, 1.75), (-1.05, 1.55), (-1.3, 1.68), (-2.5, 1.68)]
-    wings = [across(guard, s * 1.1 - 0.3, s * 1.1 + 0.3) for s in (-1, 1)]
+    wings = plates(guard, (-1.1, 1.1), 0.3)
     bowl = [(2.75, 1.25), (2.68, 0.35), (3.0, -0.01), (3.9, -0.01), (3.9, 0.05), (3.05, 0.07)]
     bowl += [(2.76, 0.4), (2.84, 1.28)]
     cheek = [(2.75, 1.25), (2.68, 0.35), (3.0, 0.0), (3.85, 0.0), (3.3, 0.9)]
-    bucket = [across(bowl, -1.4, 1.4), *(across(cheek, s * 1.4 - 0.02, s * 1.4 + 0.02) for s in (-1, 1))]
+    bucket = [across(bowl, -1.4, 1.4), *plates(cheek, (-1.4, 1.4), 0.02)]
     cab = loft([rectangle(1.45, 1.5, 1.5, (-0.6, 0)), rectangle(1.25, 1.4, 2.9, (-0.65, 0))])
     pillars = [
         bar((x, s * 0.76, 1.5), (x * 0.9 - 0.06, s * 0.71, 2.95), 0.05, sides=6) for x in (-1.31, 0.13) for s in (-1, 1)

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from simgrab.world.scenery.places.clutter import turned
-from simgrab.world.scenery.places.shapes import across, bar, box, join, loft, placed, rectangle
+from simgrab.world.scenery.places.shapes import across, bar, box, join, loft, placed, plates, rectangle
 
 
 @cache
@@ -46,8 +46,7 @@ def folded(width: float) -> trimesh.Trimesh:
         solids.append(across(panel, -width / 2, width / 2))
         foot = x + (0.33 if x > 0 else -0.33)
         rib = [(foot - 0.09, 0.1), (foot + 0.09, 0.1), (foot + lean + 0.09, 4.5), (foot + lean - 0.09, 4.5)]
-        for y in np.arange(-width / 2 + 0.5, width / 2, 1.25):
-            solids.append(across(rib, y - 0.02, y + 0.02))
+        solids += plates(rib, np.arange(-width / 2 + 0.5, width / 2, 1.25), 0.02)
     for y in np.linspace(-0.4 * width, 0.4 * width, 4):
         solids.append(bar((-0.45, y, 4.55), (0.45, y, 4.55), 0.10))
     return join(solids)

@@ -73,6 +73,11 @@ def across(outline: Sequence[Sequence[float]], y0: float, y1: float) -> trimesh.
     return profile([(-x, z) for x, z in outline], (0, y0, 0), (0, y1, 0))
 
 
+def plates(outline: Sequence[Sequence[float]], middles: Iterable[float], half: float) -> list[trimesh.Trimesh]:
+    """Extrude a side view to plates about some y, each ``half`` to either side."""
+    return [across(outline, y - half, y + half) for y in middles]
+
+
 def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     """Join rings of equally many points (counter-clockwise seen from the last ring) and cap both ends."""
     ring = [np.asarray(r, float) for r in rings]

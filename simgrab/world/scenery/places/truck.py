@@ -8,7 +8,7 @@ import trimesh
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import materials
 from simgrab.world.scenery.places.heap import Cargo, cones, roughened, warped
-from simgrab.world.scenery.places.shapes import across, bar, beam, box, join, loft, outline, sheet
+from simgrab.world.scenery.places.shapes import across, bar, beam, box, join, loft, outline, plates, sheet
 from simgrab.world.scenery.textures import load
 
 PAINTS = ((0.40, 0.16, 0.13), (0.20, 0.29, 0.40), (0.56, 0.55, 0.52), (0.24, 0.34, 0.26), (0.52, 0.39, 0.16))
@@ -61,10 +61,9 @@ def _cab() -> list[trimesh.Trimesh]:
     solids = [across(body, -1.2, 1.2), across([(3.85, 2.66), (4.12, 2.62), (4.12, 2.67), (3.85, 2.72)], -1.15, 1.15)]
     deflector = [(2.15, 2.85), (3.25, 2.90), (2.85, 3.18), (2.2, 3.30)]
     solids.append(across(deflector, -0.85, 0.85))
+    wing = [(2.4, 0.95), (2.55, 1.2), (3.55, 1.2), (3.7, 0.95)]
     for side in (-1, 1):  # front wings over the wheels, steps, mirrors
-        solids.append(
-            across([(2.4, 0.95), (2.55, 1.2), (3.55, 1.2), (3.7, 0.95)], side * 1.2 - 0.06, side * 1.2 + 0.06)
-        )
+        solids += plates(wing, [side * 1.2], 0.06)
         for z, y in ((2.45, 1.42), (1.95, 1.42)):
             solids.append(bar((3.75, side * 1.15, z), (4.0, side * y, z), 0.018, sides=5))
         solids.append(box((3.95, side * 1.30, 1.80), (4.03, side * 1.54, 2.5)))
@@ -73,11 +72,8 @@ def _cab() -> list[trimesh.Trimesh]:
 
 def _windows() -> list[trimesh.Trimesh]:
     screen = [(4.075, 1.78), (4.11, 1.78), (3.955, 2.58), (3.92, 2.58)]
-    solids = [across(screen, -1.05, 1.05)]
-    for side in (-1, 1):
-        pane = [(2.75, 1.75), (3.85, 1.75), (3.72, 2.5), (2.8, 2.55)]
-        solids.append(across(pane, side * 1.2 - 0.015, side * 1.2 + 0.015))
-    return solids
+    pane = [(2.75, 1.75), (3.85, 1.75), (3.72, 2.5), (2.8, 2.55)]
+    return [across(screen, -1.05, 1.05), *plates(pane, (-1.2, 1.2), 0.015)]
 
 
 def _bed() -> list[trimesh.Trimesh]:
@@ -90,17 +86,11 @@ def _bed() -> list[trimesh.Trimesh]:
         for x in np.linspace(REAR + 0.15, FRONT - 0.15, 9):
             solids.append(box((x - 0.05, outer, FLOOR), (x + 0.05, outer + side * 0.07, SIDE)))
     solids.append(box((FRONT, -half, FLOOR - 0.05), (FRONT + wall, half, SIDE + 0.25)))
-    solids.append(
-        across([(FRONT, SIDE + 0.20), (FRONT + 0.75, 3.02), (FRONT + 0.75, 3.07), (FRONT, SIDE + 0.26)], -half, half)
-    )
-    solids.append(
-        across(
-            [(REAR, FLOOR), (REAR + 0.05, FLOOR), (REAR - 0.10, SIDE), (REAR - 0.15, SIDE)], -half + wall, half - wall
-        )
-    )
-    for y in np.linspace(-0.95, 0.95, 5):
-        gate = [(REAR - 0.02, FLOOR), (REAR + 0.02, FLOOR), (REAR - 0.13, SIDE), (REAR - 0.20, SIDE)]
-        solids.append(across(gate, y - 0.05, y + 0.05))
+    roof = [(FRONT, SIDE + 0.20), (FRONT + 0.75, 3.02), (FRONT + 0.75, 3.07), (FRONT, SIDE + 0.26)]
+    back = [(REAR, FLOOR), (REAR + 0.05, FLOOR), (REAR - 0.10, SIDE), (REAR - 0.15, SIDE)]
+    gate = [(REAR - 0.02, FLOOR), (REAR + 0.02, FLOOR), (REAR - 0.13, SIDE), (REAR - 0.20, SIDE)]
+    solids += [across(roof, -half, half), across(back, -half + wall, half - wall)]
+    solids += plates(gate, np.linspace(-0.95, 0.95, 5), 0.05)
     solids += [
         beam((x, -half, FLOOR - 0.12), (x, half, FLOOR - 0.12), 0.10, 0.14) for x in np.linspace(REAR + 0.2, FRONT, 8)
     ]
@@ -117,18 +107,8 @@ def _chassis() -> list[trimesh.Trimesh]:
     solids += [bar((0.3, -0.95, z), (1.5, -0.95, z), 0.13) for z in (0.72, 0.98)]  # air tanks
     solids += [box((x, s * 0.4, 0.78), (x + 0.08, s * 0.95, 0.86)) for x in (0.5, 1.2) for s in (-1, 1)]
     solids.append(bar((1.78, -1.0, 0.8), (1.78, -1.0, 3.15), 0.07))  # exhaust
-    for side in (-1, 1):
-        for x in AXLES[1:]:
-            flap = [
-                (x - 0.62, 0.75),
-                (x - 0.4, 1.13),
-                (x + 0.4, 1.13),
-                (x + 0.62, 0.75),
-                (x + 0.45, 1.08),
-                (x - 0.45, 1.08),
-            ]
-            solids.append(across(flap, side * 1.0 - 0.28, side * 1.0 + 0.28))
-    return solids
+    flap = np.array([(-0.62, 0.75), (-0.4, 1.13), (0.4, 1.13), (0.62, 0.75), (0.45, 1.08), (-0.45, 1.08)])
+    return solids + [plate for side in (-1.0, 1.0) for x in AXLES[1:] for plate in plates(flap + (x, 0), [side], 0.28)]
 
 
 def _lamps(end: int) -> list[trimesh.Trimesh]:
@@ -138,11 +118,8 @@ def _lamps(end: int) -> list[trimesh.Trimesh]:
 
 
 def _wheels() -> list[tuple[trimesh.Trimesh, trimesh.Trimesh]]:
-    wheels = [wheel(AXLES[0], side * 1.02, 0.53, 0.32) for side in (-1, 1)]
-    for x in AXLES[1:]:
-        for y in (-1.12, -0.78, 0.78, 1.12):
-            wheels.append(wheel(x, y, 0.53, 0.29))
-    return wheels
+    front = [wheel(AXLES[0], side * 1.02, 0.53, 0.32) for side in (-1, 1)]
+    return front + [wheel(x, y, 0.53, 0.29) for x in AXLES[1:] for y in (-1.12, -0.78, 0.78, 1.12)]
 
 
 def _load(cargo: Cargo, rng: np.random.Generator) -> trimesh.Trimesh:
