@@ -265,13 +265,11 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
             "OpenGL was in use when this process was forked, and would never answer here: start workers by "
             'multiprocessing\'s "spawn", as DataLoader(…, multiprocessing_context="spawn") does'
         )
-    old = _old_pyopengl()
-    if old and os.environ["MUJOCO_GL"] == "disabled":
-        raise RendererError(
-            f"no offscreen OpenGL: PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo; {PYOPENGL_HINT}"
-        )
     if os.environ["MUJOCO_GL"] == "disabled":
-        raise RendererError(f"no offscreen OpenGL (EGL lists no device, and OSMesa is not installed); {_advice()}")
+        why = f"(EGL lists no device, and OSMesa is not installed); {_advice()}"
+        if old := _old_pyopengl():
+            why = f"(PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo); {PYOPENGL_HINT}"
+        raise RendererError(f"no offscreen OpenGL {why}")
     llvm.keep_apart()
     _used_by = os.getpid()
     try:

@@ -77,22 +77,14 @@ def test_without_any_backend_the_refusal_names_what_is_set_and_what_to_install(m
     assert caplog.messages == []
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "taken"),
-    [
-        ("OPENCV_IO_MAX_IMAGE_PIXELS", "abc", True),
-        ("OPENCV_IO_MAX_IMAGE_PIXELS", "", True),
-        ("OPENCV_IO_MAX_IMAGE_PIXELS", "1000", True),
-        ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**40), False),
-        ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**64), True),
-        ("OPENCV_IO_MAX_IMAGE_HEIGHT", "1MB", False),
-        ("OPENCV_FOR_THREADS_NUM", "two", True),
-        ("OPENCV_FOR_THREADS_NUM", "2", False),
-        ("OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN", "x", True),
-        ("NUMPY_MADVISE_HUGEPAGE", "on", True),
-        ("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;udp", False),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "taken"), [
+    ("OPENCV_IO_MAX_IMAGE_PIXELS", "abc", True), ("OPENCV_IO_MAX_IMAGE_PIXELS", "", True),
+    ("OPENCV_IO_MAX_IMAGE_PIXELS", "1000", True), ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**40), False),
+    ("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**64), True), ("OPENCV_IO_MAX_IMAGE_HEIGHT", "1MB", False),
+    ("OPENCV_FOR_THREADS_NUM", "two", True), ("OPENCV_FOR_THREADS_NUM", "2", False),
+    ("OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN", "x", True), ("NUMPY_MADVISE_HUGEPAGE", "on", True),
+    ("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;udp", False),
+])  # fmt: skip
 def test_numbers_with_which_opencv_ends_the_process_are_ignored(monkeypatch, caplog, name, value, taken):
     monkeypatch.setenv(name, value)
     environment.take_out_numbers()
@@ -176,24 +168,19 @@ FEW = [
     ({"LP_NO_RAST": "1", "MUJOCO_GL": "glx", "PYOPENGL_PLATFORM": "glx"}, IGNORED),
 ]
 MANY = [
-    ({"MUJOCO_EGL_DEVICE_ID": "3"}, REFUSED),
-    ({"LP_PERF": "no_mipmap,no_depth"}, IGNORED),
-    ({"MUJOCO_EGL_DEVICE_ID": "-1"}, REFUSED),
-    ({"GALLIUM_DRIVER": "none"}, REFUSED),
-    ({"LIBGL_DRIVERS_PATH": "/none"}, REFUSED),
-    ({"DRAW_USE_LLVM": "0"}, IGNORED),
-    ({"GALLIUM_DDEBUG": "flush"}, IGNORED),
-    ({"GALLIUM_NOOP": "1"}, IGNORED),
-    ({"GALLIUM_TESTS": "1"}, IGNORED),
-    ({"GALLIVM_PERF": "brilinear"}, IGNORED),
-    ({"LP_NATIVE_VECTOR_WIDTH": "512"}, IGNORED),
-    ({"MESA_EXTENSION_OVERRIDE": "-GL_ARB_clip_control"}, IGNORED),
-    ({"MESA_GL_VERSION_OVERRIDE": "2.1"}, IGNORED),
-    ({"MESA_MVP_DP4": "1"}, IGNORED),
+    *(({name: value}, REFUSED) for name, value in (
+        ("MUJOCO_EGL_DEVICE_ID", "3"), ("MUJOCO_EGL_DEVICE_ID", "-1"), ("GALLIUM_DRIVER", "none"),
+        ("LIBGL_DRIVERS_PATH", "/none"),
+    )),
+    *(({name: value}, IGNORED) for name, value in (
+        ("LP_PERF", "no_mipmap,no_depth"), ("DRAW_USE_LLVM", "0"), ("GALLIUM_DDEBUG", "flush"), ("GALLIUM_NOOP", "1"),
+        ("GALLIUM_TESTS", "1"), ("GALLIVM_PERF", "brilinear"), ("LP_NATIVE_VECTOR_WIDTH", "512"),
+        ("MESA_EXTENSION_OVERRIDE", "-GL_ARB_clip_control"), ("MESA_GL_VERSION_OVERRIDE", "2.1"), ("MESA_MVP_DP4", "1"),
+    )),
+    ({"PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_ERROR_ON_COPY": "1", "PYOPENGL_CONTEXT_CHECKING": "1"}, IGNORED),
     ({"CUDA_VISIBLE_DEVICES": "", "DISPLAY": ":9", "WAYLAND_DISPLAY": "none", "XDG_SESSION_TYPE": "wayland"}, SAME),
     ({"EGL_PLATFORM": "x11", "DRI_PRIME": "1", "LP_NUM_THREADS": "many", "LIBGL_ALWAYS_SOFTWARE": "1"}, SAME),
     ({"MESA_DEBUG": "silent", "MESA_GLSL_VERSION_OVERRIDE": "330", "MESA_GLSL": "nopt", "ST_DEBUG": ""}, SAME),
-    ({"PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_ERROR_ON_COPY": "1", "PYOPENGL_CONTEXT_CHECKING": "1"}, IGNORED),
     ({"PYOPENGL_USE_ACCELERATE": "0", "PYOPENGL_STORE_POINTERS": "0", "PYOPENGL_ARRAY_SIZE_CHECKING": "0"}, SAME),
 ]  # fmt: skip
 

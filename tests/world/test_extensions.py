@@ -162,12 +162,11 @@ def test_a_randomiser_is_checked_as_strictly_as_a_scene_file(change, key):
 
 
 def test_installed_packages_offer_functions_by_name(monkeypatch, tmp_path):
+    offered = {"speckle": ("speckle", "effects"), "circle": ("circle", "trajectories"), "gone": ("nothing", "effects")}
     points = importlib.metadata.EntryPoints(
         importlib.metadata.EntryPoint(name, f"world.user_functions:{function}", f"simgrab.{group}")
-        for name, function, group in (
-            ("speckle", "speckle", "effects"), ("circle", "circle", "trajectories"), ("gone", "nothing", "effects")
-        )
-    )  # fmt: skip
+        for name, (function, group) in offered.items()
+    )
     monkeypatch.setattr("simgrab.world.extensions.entry_points", lambda group: points.select(group=group))
     assert Extensions.of(None, "circle", ["speckle"]) == Extensions(None, circle, (speckle,))
     with pytest.raises(ExtensionError, match=r"effect 'gone' .* cannot be imported: AttributeError"):

@@ -89,18 +89,16 @@ def test_noise_differs_between_frames_and_seeds():
 @pytest.mark.parametrize("defocus_px", [2.5, 20.0])  # small kernels are summed, large ones go through a DFT
 @pytest.mark.parametrize("grey", [False, True])
 def test_bytes_do_not_depend_on_the_number_of_threads(defocus_px, grey):
-    light, before = scene(width=640, height=360), cv2.getNumThreads()
-    k = Intrinsics(640, 360, 548.0, 330.0, 170.0)
+    light, before, pictures = scene(width=640, height=360), cv2.getNumThreads(), set()
     optics = Optics(1.5, defocus_px, 1.5, sensor=NIGHT.sensor)
+    k, exposure = Intrinsics(640, 360, 548.0, 330.0, 170.0), Exposure(math.log2(3.0), grey)
     try:
-        pictures = []
         for threads in (1, 2, 5):
             cv2.setNumThreads(threads)
-            taken = take(optics, light.copy(), intrinsics=k, exposure=Exposure(math.log2(3.0), grey))
-            pictures.append(recompress(taken, 40))
+            pictures.add(recompress(take(optics, light.copy(), intrinsics=k, exposure=exposure), 40).tobytes())
     finally:
         cv2.setNumThreads(before)
-    assert all((p == pictures[0]).all() for p in pictures)
+    assert len(pictures) == 1
 
 
 @pytest.mark.parametrize("intrinsics", [PLAIN, CROOKED], ids=["plain", "crooked"])
@@ -259,17 +257,6 @@ def test_grey_is_the_luminance_of_bt709():
     assert to_linear(seen)[..., 0] == pytest.approx(light @ BT709, abs=0.005)
     assert metered(Optics(night_mode="on"), light).grey
     assert not metered(Optics(night_mode="off", exposure=AutoExposure()), flat(1e-4)).grey
-
-
-def test_scenes_without_the_keys_of_processing_are_digested_as_before_there_were_any():
-    plain = scenes.load("quay-day")
-    stated = scenes.load("quay-day", {"optics.white_balance": [1.0, 1.0, 1.0], "optics.sharpening.amount": 0.0})
-    assert not {"white_balance", "sharpening"} & set(plain.to_dict()["optics"])
-    assert stated.digest() == plain.digest()
-    for key, value in (("white_balance", [1.1, 1.0, 0.9]), ("sharpening", {"amount": 0.5, "radius_px": 2.0})):
-        other = scenes.load("quay-day", {f"optics.{key}": value})
-        assert other.digest() != plain.digest()
-        assert other.to_dict()["optics"][key] == value
 
 
 def test_white_balance_multiplies_light_and_leaves_grey_alone():

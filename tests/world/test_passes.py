@@ -116,19 +116,11 @@ def quays():
             yield generator, renderer
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"present": False},
-        {"grab__load": 0.0, "grab__jaw": 0.5},
-        {"grab__load": 1.0},
-        {"grab__alpha": 0.3, "grab__rope_length": 25.0},
-        {"grab__rope_length": 4.0},
-        {"grab__rope_length": 1.0, "grab__alpha": 0.1},
-        {"jib": simgrab.JibState(0.0, 30.0, 0.0), "time": 0.0},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("changes", [
+    {"present": False}, {"grab__load": 0.0, "grab__jaw": 0.5}, {"grab__load": 1.0},
+    {"grab__alpha": 0.3, "grab__rope_length": 25.0}, {"grab__rope_length": 4.0},
+    {"grab__rope_length": 1.0, "grab__alpha": 0.1}, {"jib": simgrab.JibState(0.0, 30.0, 0.0), "time": 0.0},
+], ids=str)  # fmt: skip
 def test_any_moment_at_rest_is_drawn_as_whole_and_whatever_came_before(changes, quays):
     generator, whole = quays
     first, renderer = generator.project(0).moment, generator.scene(0).renderer

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places.canvas import Picture, Plane, cloud, noise, tiled, toned
-from simgrab.world.scenery.places.shapes import Vector, sheet
+from simgrab.world.scenery.places.shapes import sheet
 from simgrab.world.scenery.textures import load
 
 SIZE, PIXELS, TILE = 48.0, 2048, 16.0  # metres, pixels, metres of the ripple tile
@@ -63,18 +63,14 @@ def sea(
                 if i == 2 and -half <= y[0] and y[1] <= half:
                     x = np.linspace(-half, half, n)
                     y = np.linspace(y[0], y[1], max(2, round((y[1] - y[0]) / SIZE * n)))
-                    fade = np.minimum(
-                        np.clip((half - np.abs(x)) / 3, 0, 1)[:, None], np.clip((half - np.abs(y)) / 3, 0, 1)
-                    )
+                    fade_x, fade_y = (np.clip((half - np.abs(v)) / 3, 0, 1) for v in (x, y))
+                    fade = np.minimum(fade_x[:, None], fade_y)
                     field = swell[:, : len(y)] * fade
                 inside = -half <= y[0] and y[-1] <= half
-                parts.append(_sheet(f"water {band}{i}{j}", x, y, z + field, z, near if inside else far))
+                mesh = sheet(x, y, z + field, bottom=z - 1.0)
+                uv = mesh.vertices[:, :2] / SIZE + 0.5
+                parts.append(Part(f"water {band}{i}{j}", mesh, near if inside else far, uv))
     return parts
-
-
-def _sheet(name: str, x: Vector, y: Vector, field: Vector, z: float, water: Material) -> Part:
-    mesh = sheet(x, y, field, bottom=z - 1.0)
-    return Part(name, mesh, water, mesh.vertices[:, :2] / SIZE + 0.5)
 
 
 def _ripples(chop: float, shifts: NDArray[np.int64], windy: list[Plane], tone: list[Plane]) -> Picture:

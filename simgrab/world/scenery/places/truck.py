@@ -108,7 +108,9 @@ def _chassis() -> list[trimesh.Trimesh]:
     solids += [box((x, s * 0.4, 0.78), (x + 0.08, s * 0.95, 0.86)) for x in (0.5, 1.2) for s in (-1, 1)]
     solids.append(bar((1.78, -1.0, 0.8), (1.78, -1.0, 3.15), 0.07))  # exhaust
     flap = np.array([(-0.62, 0.75), (-0.4, 1.13), (0.4, 1.13), (0.62, 0.75), (0.45, 1.08), (-0.45, 1.08)])
-    return solids + [plate for side in (-1.0, 1.0) for x in AXLES[1:] for plate in plates(flap + (x, 0), [side], 0.28)]
+    return solids + [
+        plate for side in (-1.0, 1.0) for x in AXLES[1:] for plate in plates((flap + (x, 0)).tolist(), [side], 0.28)
+    ]
 
 
 def _lamps(end: int) -> list[trimesh.Trimesh]:
