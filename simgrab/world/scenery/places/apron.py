@@ -192,10 +192,10 @@ def edge(apron: Apron, water_z: float, first: float) -> list[Part]:
             ]
     return [
         *parts,
-        Part("fender rubber", join(tyres), materials.rubber()),
+        Part("fender rubber", join(tyres), materials.RUBBER),
         Part("fender panels", join(panels), materials.plain("fender panel", (0.13, 0.14, 0.15))),
         Part("bollards", join(posts), materials.painted("bollard paint", (0.36, 0.30, 0.16), tile_m=2.0)),
-        Part("quay ladders", join(rungs), materials.yellow_paint()),
+        Part("quay ladders", join(rungs), materials.SAFETY_YELLOW),
     ]
 
 

@@ -24,10 +24,11 @@ from simgrab.world.scenery.places.shapes import (
 from simgrab.world.scenery.places.truck import wheel
 
 
-def turned(outline: list[tuple[float, float]], *, sides: int = 14) -> trimesh.Trimesh:
-    """Solid of revolution about z from (radius, z) points, bottom to top."""
+def turned(outline: list[tuple[float, float]], *, sides: int = 14, lying: bool = False) -> trimesh.Trimesh:
+    """Solid of revolution about z from (radius, z) points, bottom to top; or, lying, about x."""
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    return loft([np.stack([r * np.cos(angle), r * np.sin(angle), np.full(sides, z)], 1) for r, z in outline])
+    mesh = loft([np.stack([r * np.cos(angle), r * np.sin(angle), np.full(sides, z)], 1) for r, z in outline])
+    return mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0))) if lying else mesh
 
 
 def cones(spots: list[tuple[float, float]]) -> list[Part]:
@@ -117,9 +118,9 @@ def loader() -> list[Part]:
     return [
         Part("loader body", join([hood, weight, front, *arms, *wings, *hubs, roof, *pillars]), yellow),
         Part("loader bucket", join(bucket), materials.rusty("loader bucket steel")),
-        Part("loader cab", cab, materials.glass()),
+        Part("loader cab", cab, materials.GLASS),
         Part("loader black", join(black), materials.plain("loader black", (0.12, 0.12, 0.12))),
-        Part("loader tyres", join(tyres), materials.rubber()),
+        Part("loader tyres", join(tyres), materials.RUBBER),
     ]
 
 

@@ -97,14 +97,11 @@ def winch() -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     frame += [bar((-1.9, 0, 0.75), (1.3, 0, 0.75), 0.09), bar((-1.95, 0, 0.75), (-1.6, 0, 0.75), 0.24, sides=14)]
     frame += [box((1.06, -0.4, 0.1), (1.6, 0.4, 1.1)), bar((1.3, 0.3, 0.5), (1.3, 1.0, 0.5), 0.22, sides=12)]
     frame.append(box((-1.75, -0.7, -0.02), (1.7, 0.75, 0.10)))
-    rope = [
-        turned([(0.46, -1.27), (0.50, -1.1), (0.48, -0.8), (0.50, -0.5), (0.46, -0.40)]),
-        turned([(0.40, 0.0), (0.43, 0.3), (0.40, 0.82)]),
-    ]
-    turn = trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0))
-    for coil in rope:
-        coil.apply_transform(turn)
-        coil.apply_translation((0, 0, 0.75))
+    wound = (
+        [(0.46, -1.27), (0.50, -1.1), (0.48, -0.8), (0.50, -0.5), (0.46, -0.40)],
+        [(0.40, 0.0), (0.43, 0.3), (0.40, 0.82)],
+    )
+    rope = [placed(turned(outline, lying=True), 0, 0, 0.75) for outline in wound]
     return join(frame), join(rope)
 
 

@@ -56,8 +56,8 @@ def hopper(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
         Part("hopper frame", join(_frame()), paint),
         Part("hopper grid", join(_grid(rng)), materials.rusty("hopper grid steel")),
         Part("hopper cargo", _residue(rng), floor),
-        Part("hopper walkway", join(_walkway()), materials.galvanised()),
-        Part("hopper rails", join(_rails()), materials.yellow_paint()),
+        Part("hopper walkway", join(_walkway()), materials.GALVANISED),
+        Part("hopper rails", join(_rails()), materials.SAFETY_YELLOW),
         Part("hopper conveyor", join(_conveyor()), materials.painted("conveyor steel", (0.36, 0.37, 0.36))),
         Part("hopper belt", box((-9, -0.48, 1.10), (4.6, 0.48, 1.14)), materials.plain("belt", (0.10, 0.10, 0.10))),
     ]

@@ -45,10 +45,10 @@ def truck(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
     load_material = Material("truck load", texture=load(cargo.texture), tile_m=cargo.tile_m, specular=0.02)
     return [
         Part("truck cab", join(_cab()), cab),
-        Part("truck windows", join(_windows()), materials.glass()),
+        Part("truck windows", join(_windows()), materials.GLASS),
         Part("truck bed", join(_bed()), bed),
         Part("truck chassis", join(_chassis()), materials.plain("truck black", (0.13, 0.13, 0.13))),
-        Part("truck tyres", join(tyres), materials.rubber()),
+        Part("truck tyres", join(tyres), materials.RUBBER),
         Part("truck hubs", join(hubs), materials.plain("truck hub", (0.34, 0.32, 0.30))),
         Part("truck lamps", join(_lamps(1)), materials.plain("tail lamp", (0.42, 0.07, 0.05))),
         Part("truck headlamps", join(_lamps(-1)), materials.plain("headlamp", (0.72, 0.72, 0.68), specular=0.5)),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 
 from simgrab.model.scenario import Water
 from simgrab.world.scenery.meshes.part import Material, Part
@@ -63,11 +62,8 @@ def _floats(side: float, level: float, rng: np.random.Generator) -> Part:
     bodies = []
     for x in (float(rng.uniform(-9, -6)), float(rng.uniform(5, 8))):
         outline = [(0.15, -1.5), (0.55, -1.3), (0.75, -0.9), (0.78, 0.0), (0.75, 0.9), (0.55, 1.3), (0.15, 1.5)]
-        body = clutter.turned(outline, sides=18)
-        body.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
-        bodies.append(placed(body, x, side - 0.80, level + 0.25))
+        bodies.append(placed(clutter.turned(outline, sides=18, lying=True), x, side - 0.80, level + 0.25))
         for z in np.linspace(-1.1, 1.1, 5):
-            hoop = clutter.turned([(0.70, z - 0.07), (0.83, z - 0.04), (0.83, z + 0.04), (0.70, z + 0.07)], sides=16)
-            hoop.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
-            bodies.append(placed(hoop, x, side - 0.80, level + 0.25))
-    return Part("floating fenders", join(bodies), materials.rubber())
+            hoop = [(0.70, z - 0.07), (0.83, z - 0.04), (0.83, z + 0.04), (0.70, z + 0.07)]
+            bodies.append(placed(clutter.turned(hoop, sides=16, lying=True), x, side - 0.80, level + 0.25))
+    return Part("floating fenders", join(bodies), materials.RUBBER)
