@@ -129,7 +129,7 @@ def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Qua
     """
     from simgrab.dataset import shards, stored, tables
     from simgrab.dataset.shard_reader import table as shard_labels
-    from simgrab.dataset.stores import Store
+    from simgrab.io.stores import Store
     from simgrab.world.frames import FrameGenerator
 
     scenario = scenes.load(scene, {"frames": max(frames, 2)}, size=size)

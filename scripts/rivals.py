@@ -40,7 +40,7 @@ from simgrab.lab.rivals.camera import conclude, kawai, matsuo, optical_flow, tar
 from simgrab.lab.rivals.contract import Sensors, Series
 from simgrab.lab.rivals.inertial import INERTIAL
 from simgrab.lab.rivals.lidar import Scans, lidar
-from simgrab.lab.rivals.marks import Fiducial, Layer, Layered, circles, level_layers, target
+from simgrab.lab.rivals.marks import FINDERS, Fiducial, Layer, Layered, level_layers
 from simgrab.lab.rivals.ropes import okubanjo
 from simgrab.lab.rivals.side import View, read_view
 from simgrab.lab.rivals.tracking import template
@@ -62,7 +62,6 @@ MARKED_SIZE, MARKED_FRAMES = (960, 540), 135
 TARGET: dict[str, Any] = {"markers.target": {}}
 SIDES_M, UP_M = {"wu": 0.4, "matsuo-target": 0.5}, 1.64  # of marks, and of the rope ends over A
 PLACES_M = {"wu": (1.0, -0.45, UP_M), "matsuo-target": (-1.0, -0.45, UP_M)}
-FINDERS = {"wu": circles, "matsuo-target": target}
 LIDAR = {"sensors.lidar0": {"model": "lidar", "rate_hz": 5.0}}
 UPRIGHT = {"model": "camera", "width_px": 360, "height_px": 640, "focal_length_px": 600.0, "rate_hz": RATE_HZ}
 BESIDE = {"mount": "jib-head", "position_m": [0.0, -22.0, -10.0], "azimuth_deg": 90.0, "elevation_deg": 3.0}

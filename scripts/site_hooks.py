@@ -31,8 +31,8 @@ PYTHON = {
     "Motion of your own": ["Moment", "GrabState", "JibState", "Tilt"],
     "Sensors": ["sensors"],
     "Datasets and videos": [
-        "render", "world.output.summary.Summary", "render_video", "world.output.video.render.VideoSummary",
-        "open", "labels.datasets.Dataset", "labels.datasets.LabelledFrame", "labels.shards.ShardedDataset",
+        "render", "world.output.summary.Summary", "render_video", "world.output.summary.VideoSummary",
+        "open", "labels.datasets.Dataset", "labels.datasets.LabelledFrame",
         "audit", "judge.audit.proof.Audit",
     ],
     "Measurement": [

@@ -2,12 +2,12 @@
 
 import json
 import re
-import shutil
 import subprocess
 
 import pytest
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+from scripts.chromium import COMMAND as CHROMIUM
+
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
 
 NAMELESS = """[...document.querySelectorAll("button, select, input")].filter((one) =>

@@ -42,7 +42,7 @@ def _made(scene, changes):
     scenario = scenes.load(scene, {"display.layout": "two-by-four"} | json.loads(changes))
     story, camera = Trajectory(scenario), scenario.camera
     moments = [story.at(frame) for frame in range(scenario.frames)]
-    centres = np.array([m.grab.jib_from_grab[:3, 3] for m in moments])
+    centres = np.array([m.grab.jib_from_grab.translation for m in moments])
     rotations = np.array([m.tilt.jib_from_camera for m in moments])
     return Swinging(
         np.array([m.time for m in moments]),

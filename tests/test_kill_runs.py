@@ -7,14 +7,15 @@ from scripts.kill_runs import WORKER, Killer
 
 @pytest.fixture(scope="module")
 def killer(tmp_path_factory):
-    killer = Killer(tmp_path_factory.mktemp("kills"), ["render"])
+    killer = Killer(tmp_path_factory.mktemp("kills"), ["render", "video"])
     killer.prepare()
     return killer
 
 
 @pytest.mark.slow
-def test_killed_and_run_again_it_gives_the_same_bytes(killer):
-    killer.kill("render", WORKER, 0.5)
+@pytest.mark.parametrize(("command", "kind"), [("render", WORKER), ("video", "SIGKILL")])
+def test_killed_and_run_again_it_gives_the_same_bytes(killer, command, kind):
+    killer.kill(command, kind, 0.6)
     assert killer.notes == []
 
 

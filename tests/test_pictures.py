@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import AppendingTiffWriter
 
 from simgrab.errors import DatasetError, PictureError
 from simgrab.instrument.source import open_source
@@ -93,9 +94,11 @@ def test_what_holds_several_pictures_is_refused_and_one_with_a_preview_is_not(tm
     assert refused(path, path.read_bytes()) == "it holds several pictures"
     Image.fromarray(rgb()).save(path, save_all=True, append_images=[], **WHOLE[name])
     np.testing.assert_array_equal(read(path), rgb())
-    smaller = Image.fromarray(rgb(24, 18))
-    smaller.encoderinfo = {"tiffinfo": {254: 1}}
-    np.testing.assert_array_equal(read(saved(tmp_path / "b.tif", save_all=True, append_images=[smaller])), rgb())
+    with AppendingTiffWriter(tmp_path / "b.tif", True) as file:
+        saved(file, format="TIFF")
+        file.newFrame()
+        Image.fromarray(rgb(24, 18)).save(file, "TIFF", tiffinfo={254: 1})
+    np.testing.assert_array_equal(read(tmp_path / "b.tif"), rgb())
 
 
 @pytest.mark.parametrize("channels", [1, 3])

@@ -111,8 +111,7 @@ class Maker:
             np.savez(place / "photographs.npz", **surface_photographs())
             lights = {CONDITIONS[name].light: CONDITIONS[name].render for name in missing}
             points = generator.scene(0).world.plan.grab_points(projection.moment.grab)
-            pose = projection.moment.grab.jib_from_grab
-            lowest = float((points @ pose[:3, :3].T + pose[:3, 3])[:, 2].min())
+            lowest = float(projection.moment.grab.jib_from_grab.apply(points)[:, 2].min())
             jobs = [
                 {
                     "scene": str(place / "scene.npz"), "photographs": str(place / "photographs.npz"),

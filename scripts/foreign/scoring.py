@@ -10,7 +10,7 @@ import msgspec
 
 from scripts.foreign.making import picture
 from scripts.foreign.worlds import DEFAULT_FAMILY, World, with_mujoco
-from simgrab.dataset.stored import Record
+from simgrab.dataset.record import Record
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
 from simgrab.io import pictures

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
-from simgrab.dataset.stores import is_url
 from simgrab.errors import DatasetError, RunError, SimgrabError
 from simgrab.io.destination import check_file, check_folder, check_new_folder
+from simgrab.io.stores import is_url
 
 
 class _Place(click.Path):
@@ -67,6 +67,20 @@ class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from cli
 
 
 AUTO_WORKERS = _Automatic()
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def together(*options: Callable[[F], F]) -> Callable[[F], F]:
+    """Make one decorator of several options, which the help lists in this order."""
+
+    def add(function: F) -> F:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
 detector_option = click.option(
     "--detector",
     "detector_name",

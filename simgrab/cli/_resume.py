@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from simgrab.dataset.stores import is_url
 from simgrab.errors import ClusterError, WorkerError
+from simgrab.io.stores import is_url
 
 
 @contextmanager

@@ -2,61 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
+from simgrab.cli._options import together
 from simgrab.errors import ScenarioError
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
 
-F = TypeVar("F", bound=Callable[..., Any])
-
 SHORT_NAMES = {"beta": "camera.beta_deg", "sigma": "swing.alpha.sigma_deg", "frames": "frames", "seed": "seed"}
 
 
-def scene_options(function: F) -> F:
-    """Add SCENE and the options that change it."""
-    for option in (
-        click.option(
-            "--set",
-            "assignments",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="Set any key, each once, e.g. camera.roll_deg=3; --beta and similar options take precedence.",
-        ),
-        click.option("--size", metavar="WxH", help="Size of the image, e.g. 640x360; keys in pixels scale with it."),
-        click.option("--seed", type=int, help="Random seed."),
-        click.option("--frames", type=int, help="Number of frames."),
-        click.option("--sigma", type=float, help="Swing: √E[α²], degrees."),
-        click.option("--beta", type=float, help="Camera tilt β, degrees."),
-        click.argument("scene", default="quay-day"),
-    ):
-        function = option(function)
-    return function
-
-
-def extension_options(function: F) -> F:
-    """Add the options that name functions of the user's, which installed packages offer as entry points."""
-    for option in (
-        click.option(
-            "--effect",
-            "effects",
-            metavar="NAME",
-            multiple=True,
-            help="Image effect of simgrab.effects; may be repeated.",
-        ),
-        click.option(
-            "--trajectory", metavar="NAME", help="Replaces the swing; an entry point of simgrab.trajectories."
-        ),
-        click.option(
-            "--randomiser", metavar="NAME", help="Changes keys clip by clip; an entry point of simgrab.randomisers."
-        ),
-    ):
-        function = option(function)
-    return function
+# SCENE and what changes it.
+scene_options = together(
+    click.argument("scene", default="quay-day"),
+    click.option("--beta", type=float, help="Camera tilt β, degrees."),
+    click.option("--sigma", type=float, help="Swing: √E[α²], degrees."),
+    click.option("--frames", type=int, help="Number of frames."),
+    click.option("--seed", type=int, help="Random seed."),
+    click.option("--size", metavar="WxH", help="Size of the image, e.g. 640x360; keys in pixels scale with it."),
+    click.option(
+        "--set",
+        "assignments",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Set any key, each once, e.g. camera.roll_deg=3; --beta and similar options take precedence.",
+    ),
+)
+# Functions of the user's, which installed packages offer as entry points.
+extension_options = together(
+    click.option(
+        "--randomiser", metavar="NAME", help="Changes keys clip by clip; an entry point of simgrab.randomisers."
+    ),
+    click.option("--trajectory", metavar="NAME", help="Replaces the swing; an entry point of simgrab.trajectories."),
+    click.option(
+        "--effect",
+        "effects",
+        metavar="NAME",
+        multiple=True,
+        help="Image effect of simgrab.effects; may be repeated.",
+    ),
+)
 
 
 def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:

@@ -13,7 +13,7 @@ from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_opti
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
-from simgrab.dataset.stores import is_url
+from simgrab.io.stores import is_url
 from simgrab.text import printable
 
 
@@ -47,8 +47,8 @@ def command(
     from simgrab.dataset.pool import automatic
     from simgrab.dataset.render import render
     from simgrab.dataset.shards import frames_of
-    from simgrab.dataset.summary import Summary, doubts
-    from simgrab.dataset.video.render import VideoSummary, render_video
+    from simgrab.dataset.summary import Summary, VideoSummary, doubts
+    from simgrab.dataset.video.render import render_video
     from simgrab.judge.own_grab import doubts_of_axis
     from simgrab.model.scenario import Iid
     from simgrab.reports.terminal import stdout, table

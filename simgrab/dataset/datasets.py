@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import bisect
+import contextlib
 import hashlib
 import operator
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +19,8 @@ from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, first_line
 from simgrab.io import pictures
-from simgrab.io.parse import is_file, parse_json, read_bytes, read_json
+from simgrab.io.parse import MOST_BYTES, is_file, parse_json, read_bytes
+from simgrab.io.stores import Store
 from simgrab.model import calibration
 from simgrab.model import label_arrays as labels
 from simgrab.model.calibration import Calibration
@@ -29,7 +32,8 @@ from simgrab.model.truth import SPLITS, Row
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
 
-MANIFEST = "manifest.json"
+MANIFEST, CAMERA = "manifest.json", "camera.toml"
+MOST_MANIFEST_BYTES = 2**30
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
@@ -200,29 +204,81 @@ class _Folder:
         return str(self.masks.file(row.split))
 
 
+class Rows(Protocol):
+    """The rows of a dataset or of one of its splits, by frame, with where the files of each are."""
+
+    def __len__(self) -> int: ...
+
+    def at(self, positions: range) -> Iterator[tuple[Row, Files]]:
+        """Give the rows at some positions, in that order."""
+
+    def find(self, number: int) -> int:
+        """Position of a frame; raises `KeyError` where it is not there."""
+
+    def split(self, name: str) -> Rows:
+        """Keep those of a split."""
+
+
+@dataclass(frozen=True)
+class FolderRows:
+    """The rows of ``labels.parquet``, all of them in memory, and files of a folder; see `Rows`."""
+
+    rows: tuple[Row, ...]
+    files: Files = field(repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def at(self, positions: range) -> Iterator[tuple[Row, Files]]:  # noqa: D102
+        return ((self.rows[position], self.files) for position in positions)
+
+    def find(self, number: int) -> int:  # noqa: D102
+        position = bisect.bisect_left(self.rows, number, key=lambda row: row.frame)
+        if position == len(self.rows) or self.rows[position].frame != number:
+            raise KeyError(number)
+        return position
+
+    def split(self, name: str) -> FolderRows:  # noqa: D102
+        return replace(self, rows=tuple(row for row in self.rows if row.split == name))
+
+
 @dataclass(frozen=True)
 class Dataset(Sequence[LabelledFrame]):
     """A rendered dataset, as a sequence of its frames; a slice of it, or a split, is a dataset again.
 
+    Labels of a dataset of shards are read shard by shard, and the few shards used last are kept. Taken in order, its
+    frames come with pictures that were read some megabytes at a time; a single frame's picture is read alone.
+
     Attributes
     ----------
-    path : Path
-    rows : tuple of Row
-        By frame.
+    store : Store
+        Where its files lie.
     data : Data
         What names it.
     least_visible_fraction : float
         From which on the dataset's detection labels hold a box.
     """
 
-    path: Path
-    rows: tuple[Row, ...]
+    store: Store
     data: Data
     least_visible_fraction: float
-    _files: Files = field(repr=False, compare=False)
+    _rows: Rows = field(repr=False)
+    _positions: range = field(repr=False)  # among these rows
+
+    @property
+    def path(self) -> Path:
+        """Folder of a dataset that lies in one; raises `DatasetError` for another."""
+        if self.store.folder is None:
+            raise DatasetError(f"{self.store.place} is not a folder")
+        return self.store.folder
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """Rows of labels, by frame."""
+        return tuple(row for row, _ in self._rows.at(self._positions))
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self._positions)
 
     @overload
     def __getitem__(self, index: int) -> LabelledFrame: ...
@@ -232,18 +288,21 @@ class Dataset(Sequence[LabelledFrame]):
 
     def __getitem__(self, index: int | slice) -> LabelledFrame | Dataset:
         if isinstance(index, slice):
-            return replace(self, rows=self.rows[index])
+            return replace(self, _positions=self._positions[index])
         try:
-            row = self.rows[operator.index(index)]
+            position = self._positions[operator.index(index)]
         except IndexError:
-            raise IndexError(f"{self.path}: index {index} is out of range of {len(self)} frames") from None
-        return LabelledFrame(row, self.is_labelled(row), self._files)
+            raise IndexError(f"{self.store.place}: index {index} is out of range of {len(self)} frames") from None
+        return self._frame(position)
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether these are all frames of the dataset, in its order."""
-        numbers = [row.frame for row in self.rows]
-        return len(numbers) == self.data.frames and numbers == sorted(numbers)
+    def __iter__(self) -> Iterator[LabelledFrame]:
+        return (self._labelled(row, files) for row, files in self._rows.at(self._positions))
+
+    def _frame(self, position: int) -> LabelledFrame:
+        return self._labelled(*next(self._rows.at(range(position, position + 1))))
+
+    def _labelled(self, row: Row, files: Files) -> LabelledFrame:
+        return LabelledFrame(row, self.is_labelled(row), files)
 
     def frame(self, number: int) -> LabelledFrame:
         """Give the frame of this number, which `simgrab.model.truth.Row.frame` holds.
@@ -253,19 +312,24 @@ class Dataset(Sequence[LabelledFrame]):
         KeyError
             If it is not among them.
         """
-        try:
-            return self[self._index[number]]
-        except KeyError:
-            raise KeyError(f"{self.path}: no frame {number} among these {len(self)}") from None
+        with contextlib.suppress(KeyError):
+            position = self._rows.find(operator.index(number))
+            if position in self._positions:
+                return self._frame(position)
+        raise KeyError(f"{self.store.place}: no frame {number} among these {len(self)}")
 
-    @cached_property
-    def _index(self) -> dict[int, int]:
-        return {row.frame: index for index, row in enumerate(self.rows)}
+    @property
+    def is_whole(self) -> bool:
+        """Whether these are all frames of the dataset, in its order."""
+        return self._positions == range(self.data.frames) == range(len(self._rows))
 
     @property
     def splits(self) -> dict[str, int]:
         """Number of frames in each split that has any."""
-        count = Counter(row.split for row in self.rows)
+        if self._positions == range(len(self._rows)):  # which are counted without reading labels of shards
+            count = Counter({split: len(self._rows.split(split)) for split in SPLITS})
+        else:
+            count = Counter(row.split for row in self.rows)
         return {split: count[split] for split in SPLITS if count[split]}
 
     def split(self, name: str) -> Dataset:
@@ -275,26 +339,45 @@ class Dataset(Sequence[LabelledFrame]):
         ------
         KeyError
             If no split is called so.
+        ValueError
+            If this is a slice.
         """
         if name not in SPLITS:
             raise KeyError(f"no split {name!r}; one of: {', '.join(SPLITS)}")
-        return replace(self, rows=tuple(row for row in self.rows if row.split == name))
+        if self._positions != range(len(self._rows)):
+            raise ValueError("a split is taken of a whole dataset: take it first, and slices of it")
+        rows = self._rows.split(name)
+        return replace(self, _rows=rows, _positions=range(len(rows)))
+
+    def with_rows(self, rows: tuple[Row, ...]) -> Dataset:
+        """Take some rows of the same folder, by frame, in place of these."""
+        assert isinstance(self._rows, FolderRows)
+        return replace(self, _rows=replace(self._rows, rows=rows), _positions=range(len(rows)))
 
     @property
     def calibration(self) -> Calibration:
         """What an instrument may know of the camera, from ``camera.toml``."""
-        return calibration.load(self.path / "camera.toml")
+        text = self.store.read(CAMERA, most_bytes=MOST_BYTES).decode(errors="replace")
+        return calibration.parse(text, f"{self.store.place}/{CAMERA}")
+
+    @property
+    def manifest(self) -> Any:
+        """Plain data of its manifest."""
+        return read_manifest(self.store)
 
     @property
     def scenario(self) -> Scenario:
         """The scenario that it was rendered from, with every default filled in."""
         from simgrab.model import scenes
 
-        return scenes.load(self.path / MANIFEST)
+        def read(name: str, most_bytes: int) -> bytes:
+            return self.store.read(name, most_bytes=most_bytes)
+
+        return scenes.of_manifest(self.manifest, f"{self.store.place}/{MANIFEST}", read)
 
     def weather(self, row: Row) -> str:
         """Name a row's weather: what a varied scene calls it, or else the scene."""
-        where = f"{self.path}: labels.parquet, frame {row.frame}: varied is not JSON"
+        where = f"{self.store.place}: labels, frame {row.frame}: varied is not JSON"
         varied = parse_json(row.varied, DatasetError, where) if row.varied else {}
         items = varied.items() if isinstance(varied, dict) else ()
         return next((str(value) for key, value in items if "weather" in key.split("+")), self.data.scenario)
@@ -308,6 +391,12 @@ class Dataset(Sequence[LabelledFrame]):
         return labels.is_labelled(row, self.least_visible_fraction)
 
 
+def read_manifest(store: Store) -> Any:
+    """Read a dataset's manifest, as plain data."""
+    data = store.read(MANIFEST, most_bytes=MOST_MANIFEST_BYTES)
+    return parse_json(data, DatasetError, f"{store.place}/{MANIFEST}: it is not valid JSON")
+
+
 def read(path: str | Path) -> Dataset:
     """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too.
 
@@ -318,7 +407,7 @@ def read(path: str | Path) -> Dataset:
     """
     path = Path(path)
     rows, _, labels_sha256 = frame_files.read_rows(path, Row)
-    known = named(read_json(path / MANIFEST, DatasetError), path)
+    known = named(read_manifest(Store(str(path))), path)
     frame_files.check_files(path, rows)
     data = known.data(labels_sha256, len(rows))
     return in_folder(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
@@ -328,7 +417,8 @@ def in_folder(
     path: Path, rows: tuple[Row, ...], data: Data, least_visible_fraction: float, masks: MaskFiles
 ) -> Dataset:
     """Make the dataset of rows whose pictures lie in a folder."""
-    return Dataset(path, rows, data, least_visible_fraction, _Folder(path, masks))
+    found = FolderRows(rows, _Folder(path, masks))
+    return Dataset(Store(str(path)), data, least_visible_fraction, found, range(len(rows)))
 
 
 def named(manifest: Any, where: object) -> Manifest:

@@ -17,20 +17,19 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from simgrab.dataset import folder, manifest, preview, sensors, shards, tables
+from simgrab.dataset import manifest, preview, sensor_files, shards, tables
 from simgrab.dataset import shard_reader as sharded
 from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
-from simgrab.dataset.shard_reader import ShardedDataset
 from simgrab.dataset.shards import Packed
-from simgrab.dataset.stores import Store, is_url
-from simgrab.dataset.tables import Coco, Labels, Tables
+from simgrab.dataset.tables import Coco, Labels
 from simgrab.errors import DatasetError
 from simgrab.io import files
 from simgrab.io.destination import check_new_folder
-from simgrab.io.parse import parse_json
+from simgrab.io.stores import Store, is_url
+from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import Row
-from simgrab.world.gl import Fingerprint
+from simgrab.runtime.versions import Fingerprint
 
 Progress = Callable[[int, int], None]
 Add = Callable[[LabelledFrame], None]
@@ -46,30 +45,27 @@ class Source:
 
     Attributes
     ----------
-    dataset : Dataset or ShardedDataset
+    dataset : Dataset
     scenario : Scenario
     core : dict
         Of its manifest, what says which dataset it is.
     rendered_by : Fingerprint
     shard_frames : int
         Frames of a file that holds many.
-    store : Store
-        Where its files lie.
     sensors : dict of str to str
         SHA-256 of the files of its sensors, by name, which every format carries.
     """
 
-    dataset: Dataset | ShardedDataset
+    dataset: Dataset
     scenario: Scenario
     core: dict[str, Any]
     rendered_by: Fingerprint
     shard_frames: int
-    store: Store
     sensors: dict[str, str]
 
 
 def export(
-    dataset: str | Path | Dataset | ShardedDataset,
+    dataset: str | Path | Dataset,
     out: str | Path,
     *,
     format: str,
@@ -84,7 +80,7 @@ def export(
 
     Parameters
     ----------
-    dataset : str, Path, Dataset or ShardedDataset
+    dataset : str, Path or Dataset
         What `simgrab.open` opens, or has opened.
     out : str or Path
         New folder, which appears whole or not at all; or a URL below which there is nothing. There, an export without
@@ -111,30 +107,28 @@ def export(
         raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
     if part and format == "webdataset":
         raise DatasetError("a part of a dataset cannot be exported as webdataset; choose another format")
-    opened = dataset if isinstance(dataset, Dataset | ShardedDataset) else sharded.open(dataset)
+    opened = dataset if isinstance(dataset, Dataset) else sharded.open(dataset)
     source = _source(opened, shard_frames, part=part)
     if is_url(out):
         store = Store(str(out))
-        if store.sizes() or store.holds_folders():
+        if store.names():
             raise DatasetError(f"{out} is not empty; choose another --out")
         _write(source, store, format, progress)
         return
     check_new_folder(Path(out), DatasetError)
     try:
         with files.drafted_folder(Path(out).absolute()) as draft:
-            _write(source, Store(draft.as_uri()), format, progress)
+            _write(source, Store(str(draft)), format, progress)
     except OSError as problem:
         raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
-def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part: bool) -> Source:
-    store = dataset.store if isinstance(dataset, ShardedDataset) else Store(dataset.path.absolute().as_uri())
+def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> Source:
     if not dataset.is_whole:
         if not part:
             raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
         _check_part(dataset)
-    where = f"{store.url}/{MANIFEST}"
-    known = parse_json(store.read(MANIFEST, most_bytes=sharded.MOST_MANIFEST_BYTES), DatasetError, where)
+    known, where = dataset.manifest, f"{dataset.store.place}/{MANIFEST}"
     try:
         about = {key: value for key, value in known["renderer"].items() if key != "fingerprint"}
         rendered_by = Fingerprint(**about)
@@ -150,15 +144,15 @@ def _source(dataset: Dataset | ShardedDataset, shard_frames: int | None, *, part
     listed = known.get("files")
     listed = listed if isinstance(listed, dict) else {}
     carried: dict[str, str] = {}
-    for name in sensors.names(scenario):
+    for name in sensor_files.names(scenario):
         if name not in listed:
             raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
         carried[name] = str(listed[name])
-    return Source(dataset, scenario, core, rendered_by, each, store, carried)
+    return Source(dataset, scenario, core, rendered_by, each, carried)
 
 
-def _check_part(dataset: Dataset | ShardedDataset) -> None:
-    if isinstance(dataset, ShardedDataset):
+def _check_part(dataset: Dataset) -> None:
+    if "shards" in dataset.manifest:
         raise DatasetError("a part of a dataset of shards cannot be exported: export the whole as simgrab first")
     numbers = [row.frame for row in dataset.rows]
     if not numbers or numbers != sorted(set(numbers)):
@@ -168,9 +162,9 @@ def _check_part(dataset: Dataset | ShardedDataset) -> None:
 def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
     total = len(source.dataset)
     for name, digest in source.sensors.items():
-        data = source.store.read(name, most_bytes=MOST_SENSOR_BYTES)
+        data = source.dataset.store.read(name, most_bytes=MOST_SENSOR_BYTES)
         if hashlib.sha256(data).hexdigest() != digest:
-            raise DatasetError(f"{source.store.url}: {name} was changed since it was written")
+            raise DatasetError(f"{source.dataset.store.place}: {name} was changed since it was written")
         store.write(name, data)
     with FORMATS[format](source, store) as add:
         for done, frame in enumerate(source.dataset, 1):
@@ -184,16 +178,16 @@ def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
     """Write ``labels.parquet`` and ``camera.toml``, and at the end the manifest."""
     schema = tables.with_identity(tables.labels_schema(), source.core)
     with (
-        store.writing("labels.parquet") as path,
+        store.writing(LABELS) as path,
         path.open("wb") as file,
         closing(Labels(file, schema)) as labels,
     ):
         yield lambda row: labels.add(msgspec.structs.asdict(row))
-    store.write("camera.toml", tables.calibration_of(source.scenario).to_toml().encode())
-    copies = tables.grabs(source.scenario)
-    for name, data in copies.items():
+    digests = dict(source.sensors)
+    for name, data in tables.beside(source.scenario).items():
         store.write(name, data)
-    digests = {name: hashlib.sha256(data).hexdigest() for name, data in copies.items()} | source.sensors
+        if name != "camera.toml":
+            digests[name] = hashlib.sha256(data).hexdigest()
     store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, digests))
 
 
@@ -296,21 +290,18 @@ def _webdataset(source: Source, store: Store) -> Iterator[Add]:
 
 @contextlib.contextmanager
 def _simgrab(source: Source, store: Store) -> Iterator[Add]:
-    with Tables(store.writing, source.core, source.scenario) as written:
+    with tables.tables_of(store, source.core, source.scenario) as write:
 
         def add(frame: LabelledFrame) -> None:
-            row = frame.truth
             for name, data in _files(frame).items():
                 store.write(name, data)
-            store.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, source.scenario))
-            written.add(row, _mask(frame))
+            write(frame.truth, _mask(frame))
 
         yield add
     tiles = ((frame.picture[..., ::-1], frame.truth) for frame in source.dataset[: preview.MOST_TILES])
-    folder.finish(
-        store, source.core, written.splits, preview.of(tiles), source.scenario, source.rendered_by,
-        written=list(source.sensors),
-    )  # fmt: skip
+    tables.finish(
+        store, source.core, source.scenario, source.rendered_by, tiles, source.dataset.splits, list(source.sensors)
+    )
 
 
 @contextlib.contextmanager

@@ -4,17 +4,35 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import asdict
 from typing import Any
 
 from simgrab._version import __version__
+from simgrab.errors import DatasetError
+from simgrab.model.scenario import Scenario
 from simgrab.runtime import versions
-from simgrab.world.extensions import Recipe
-from simgrab.world.gl import Fingerprint
+from simgrab.runtime.versions import Fingerprint
 
 
-def identity(recipe: Recipe) -> dict[str, Any]:
-    """Return what must be equal for two runs to make the same dataset, but for the renderer."""
-    scenario, extensions = recipe.scenario, recipe.extensions.describe()
+def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
+    """Refuse a renderer that is not the first one of a dataset's."""
+    if first is not None and found != first:
+        raise DatasetError(
+            f"{place} was started with {first}, and this is {found}: "
+            "choose another --out, or delete what one of them rendered"
+        )
+    return found
+
+
+def identity(scenario: Scenario, extensions: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return what must be equal for two runs to make the same dataset, but for the renderer.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    extensions : dict, optional
+        What a manifest states of functions of the user's, if there are any.
+    """
     return {
         "simgrab": __version__,
         "scenario": scenario.to_dict(),
@@ -37,13 +55,7 @@ def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, s
         SHA-256 of the files, by name; a dataset's pictures have theirs in their row of labels.
     """
     manifest = core | {
-        "renderer": {
-            "renderer": rendered_by.renderer,
-            "version": rendered_by.version,
-            "mujoco": rendered_by.mujoco,
-            "passes": rendered_by.passes,
-            "fingerprint": rendered_by.digest,
-        },
+        "renderer": asdict(rendered_by) | {"fingerprint": rendered_by.digest},
         "files": dict(sorted(digests.items())),
     }
     return json.dumps(manifest | {"manifest_digest": digest(manifest)}, indent=1).encode()

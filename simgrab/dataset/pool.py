@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
-from collections.abc import Callable, Generator, Iterable, Sized
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 import cv2
 
@@ -18,16 +19,15 @@ from simgrab.runtime.processes import pickled, tick
 from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.gl import Fingerprint
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery.plan import Plan, draw_up
 from simgrab.world.trajectory.trajectory import Trajectory
 
 T = TypeVar("T")
-Item = TypeVar("Item")
 Progress = Callable[[int, int], None]
 Tick = Callable[[], None]
-Work = Callable[[FrameGenerator, int, Tick], T]
+Frames = Sequence[int]
+Work = Callable[[FrameGenerator, Frames, Tick], T]
 FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
 WORLD_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 200, 24
 """What a process needs for a world and its textures, for each pixel of the picture, and for each of its samples."""
@@ -163,12 +163,10 @@ def vetted(
         found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
         return replace(found, plan=None) if elsewhere else found
-    clips = range(scenario.clip.count(scenario.frames))
-    done = report(checking, 0, len(clips))
+    worlds = [scenario.span(clip) for clip in range(scenario.clip.count(scenario.frames))]
+    done = report(checking, 0, len(worlds))
     with contextlib.closing(
-        map_items(
-            recipe, None, clips, _vet, workers=workers, cluster=cluster, unit="world", frames=no_frames, progress=done
-        )
+        map_items(recipe, None, worlds, _vet, workers=workers, cluster=cluster, progress=done)
     ) as each:
         seen, kept = 0, dict[int, Projection]()
         for one in each:
@@ -178,15 +176,10 @@ def vetted(
     return Vetted(seen, None, kept)
 
 
-def _vet(generator: FrameGenerator, clip: int, tick: Tick) -> Vetted:
-    found = vet(generator.recipe, clip)
+def _vet(generator: FrameGenerator, frames: Frames, tick: Tick) -> Vetted:
+    found = vet(generator.recipe, generator.scenario.clip.of(frames[0]))
     tick()
     return replace(found, plan=None)
-
-
-def no_frames(_item: object) -> Iterable[int]:
-    """Frames of an item of which none was projected before."""
-    return ()
 
 
 def refuse_unseen(frames: int, seen: int) -> None:
@@ -210,76 +203,105 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
     return done
 
 
-def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
-    """Refuse a renderer that is not the first one of a dataset's."""
-    if first is not None and found != first:
-        raise DatasetError(
-            f"{place} was started with {first}, and this is {found}: "
-            "choose another --out, or delete what one of them rendered"
-        )
-    return found
+class Output(Protocol):
+    """What a recipe is rendered into, unit by unit: a run of frames each."""
+
+    def check(self, *, resume: bool) -> bool:
+        """Refuse a place that cannot be used, before anything is written; whether anything remains to be made."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether an earlier run found the recipe possible."""
+
+    def opened(self) -> AbstractContextManager[Sequence[Frames]]:
+        """Claim the place; gives the units that remain."""
+
+    @property
+    def work(self) -> Work[Any]:
+        """What makes a unit; picklable, and gives the same when it is done again."""
+
+    def take(self, made: Any) -> None:
+        """Take what `work` gave."""
+
+    def finish(self) -> None:
+        """Write what depends on all units."""
+
+
+def fill(
+    output: Output, recipe: Recipe, *, workers: int = 1, cluster: str | None = None, resume: bool = False,
+    progress: Progress | None = None, checking: Progress | None = None,
+) -> int:  # fmt: skip
+    """Make the units that an output lacks, and finish it; gives how many frames were made."""
+    if not output.check(resume=resume):
+        return 0
+    known = None if output.begun else vetted(recipe, workers, checking, cluster=cluster)
+    with output.opened() as units:
+        frames = sum(map(len, units))
+        told = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
+        rendering = map_items(recipe, known, units, output.work, workers=workers, cluster=cluster, progress=told)
+        with contextlib.closing(rendering):
+            for made in rendering:
+                output.take(made)
+        output.finish()
+    return frames
 
 
 def map_items(
     recipe: Recipe,
     known: Vetted | None,
-    items: Iterable[Item],
-    work: Callable[[FrameGenerator, Item, Tick], T],
+    units: Sequence[Frames],
+    work: Work[T],
     *,
     workers: int,
-    unit: str,
-    frames: Callable[[Item], Iterable[int]],
     progress: Callable[[int], None],
     cluster: str | None = None,
 ) -> Generator[T, None, None]:
-    """Do a piece of work for each item, in no set order, and yield what each gives. Close it to end the processes.
+    """Do a piece of work for each unit, in no set order, and yield what each gives. Close it to end the processes.
 
     Parameters
     ----------
     recipe : Recipe
     known : Vetted or None
         Of the same recipe, as far as it was worked out already.
-    items : iterable
-        Frames, clips or shards.
+    units : sequence of sequence of int
+        Frames that are made one after another in one process.
     work : callable
-        Takes a frame generator, an item, and what it must call after every frame; picklable when there are several
-        workers. It is done again where its process died, and then calls for every frame of the item again.
+        Takes a frame generator, a unit, and what it must call after every frame; picklable when there are several
+        workers. It is done again where its process died, and then calls for every frame of the unit again.
     workers : int
         Processes. The software renderer uses every core already, so more than one gains little there.
-    unit : str
-        What an item is: a frame, a clip, a shard or a world.
-    frames : callable
-        Numbers of an item's frames.
     progress : callable
-        Called with the frames done so far, and with all of them before the last item is yielded.
+        Called with the frames done so far, and with all of them before the last unit is yielded.
     cluster : str, optional
         Address of a Ray cluster that works in place of processes of this machine.
 
     Raises
     ------
     WorkerError
-        If processes die of an item again and again. What work raises is raised as it is.
+        If processes die of a unit again and again. What work raises is raised as it is.
     """
     if workers > 1 or cluster is not None:
-        busy = min(workers, len(items)) if isinstance(items, Sized) else workers
-        threads = max(1, machine.cores() // max(busy, 1)) if cluster is None else None
+        threads = max(1, machine.cores() // max(min(workers, len(units)), 1)) if cluster is None else None
         with open_pool(
             workers, cluster, setup=functools.partial(_open, recipe, threads), memory_bytes=memory_bytes(recipe),
             environment=gl.threads(threads), silent_s=SILENT_S,
         ) as pool:  # fmt: skip
             found = known.projections if known else {}
-            orders = ((item, {n: found[n] for n in frames(item) if n in found}) for item in items)
-            done = pool.map(
-                functools.partial(_serve, work), orders, name=lambda order: f"{unit} {order[0]}", ticked=progress
-            )
+            orders = ((unit, {n: found[n] for n in unit if n in found}) for unit in units)
+            done = pool.map(functools.partial(_serve, work), orders, name=_named, ticked=progress)
             with contextlib.closing(done):
                 yield from done
         return
     counted = itertools.count(1)
     plan, projections = (known.plan, known.projections) if known else (None, None)
     with FrameGenerator(recipe, plan, projections) as generator:
-        for item in items:
-            yield work(generator, item, lambda: progress(next(counted)))
+        for unit in units:
+            yield work(generator, unit, lambda: progress(next(counted)))
+
+
+def _named(order: tuple[Frames, object]) -> str:
+    frames, _ = order
+    return f"frame {frames[0]}" if len(frames) == 1 else f"frames {frames[0]} to {frames[-1]}"
 
 
 _generator: FrameGenerator | None = None
@@ -295,7 +317,7 @@ def _open(recipe: Recipe, threads: int | None) -> None:
     _generator = FrameGenerator(recipe)
 
 
-def _serve(work: Callable[[FrameGenerator, Item, Tick], T], order: tuple[Item, dict[int, Projection]]) -> T:
+def _serve(work: Work[T], order: tuple[Frames, dict[int, Projection]]) -> T:
     assert _generator is not None
-    item, _generator.projections = order
-    return work(_generator, item, tick)
+    unit, _generator.projections = order
+    return work(_generator, unit, tick)

@@ -12,6 +12,7 @@ from simgrab.dataset import overlay
 from simgrab.io import pictures
 from simgrab.model.truth import KEYPOINT_NAMES, Row
 
+NAME = "preview.jpg"
 TILE_WIDTH = 640
 COLUMNS = 4
 MOST_TILES = 16

@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Generator, Iterable, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
-from simgrab.dataset import manifest, pool, preview, sensors, shards, stored, tables
+from simgrab.dataset import manifest, pool, preview, record, sensors, stored, tables
 from simgrab.dataset.datasets import MANIFEST
-from simgrab.dataset.folder import Folder, finish, writing
-from simgrab.dataset.pool import Progress, Tick
-from simgrab.dataset.stored import StoredFrame
-from simgrab.dataset.stores import is_url
+from simgrab.dataset.pool import Frames, Progress, Tick, Work
+from simgrab.dataset.record import StoredFrame
+from simgrab.dataset.shard_reader import table
+from simgrab.dataset.shards import Done, Packed, Shards, frames_of
 from simgrab.dataset.summary import Seen, Summary, Tally
-from simgrab.dataset.tables import Tables
-from simgrab.dataset.video.files import VideoFiles
-from simgrab.dataset.video.render import ClipWork, render_clips
+from simgrab.dataset.video.render import Clips, ClipWork, files_of
 from simgrab.errors import DatasetError
 from simgrab.io import pictures
+from simgrab.io.journal import Journal
 from simgrab.io.parse import read_json
+from simgrab.io.stores import Store, is_url
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import Scenario
-from simgrab.model.truth import Row
+from simgrab.model.truth import SPLITS, Row
+from simgrab.runtime.versions import Fingerprint
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.gl import Fingerprint
 
 MOST_FETCHED = 16
 """Frames that a task of a cluster makes for a folder, and sends here."""
@@ -107,164 +108,188 @@ def render(
         raise DatasetError(
             "a video is rendered by this machine, beside a dataset in a folder: give neither cluster nor URL"
         )
-    if is_url(out):
-        return shards.render(
-            recipe, str(out), workers=workers, cluster=cluster, resume=resume, shard_frames=shard_frames,
-            progress=progress, checking=checking,
-        )  # fmt: skip
-    if shard_frames is not None:
+    if shard_frames is not None and not is_url(out):
         raise DatasetError(
             f"{out} is a folder, which has no shards; give a URL such as {Path(out).absolute().as_uri()}"
         )
-    folder, videos = Folder(Path(out)), VideoFiles(recipe, Path(video)) if video is not None else None
-    return _render(recipe, folder, videos, workers, cluster, progress, checking, resume=resume)
-
-
-def _render(
-    recipe: Recipe, folder: Folder, videos: VideoFiles | None, workers: int, cluster: str | None,
-    progress: Progress | None, checking: Progress | None, *, resume: bool,
-) -> Summary:  # fmt: skip
-    """Render into a folder."""
-    scenario, identity = recipe.scenario, manifest.identity(recipe)
-    folder.check(identity, resume=resume)  # before it takes time to find out whether the scenario can be
-    clips = videos.unfinished(resume=resume) if videos else []
-    known = None if folder.begun else pool.vetted(recipe, workers, checking, cluster=cluster)
-    made = 0
-    if folder.open(identity, resume=resume):
-        with folder.lock(), videos.claim() if videos and clips else nullcontext():
-            done = folder.done()
-            missing = [frame for frame in range(scenario.frames) if frame not in done]
-            if videos and clips:
-                drawn = _film(videos, clips, folder, known, missing, workers, progress)
-            elif cluster is not None:
-                drawn = _fetch(folder, recipe, known, missing, cluster, progress)
-            else:
-                drawn = _draw(folder, recipe, known, missing, workers, progress)
-            with closing(drawn):
-                rendered_by = _same(drawn, folder.record(min(done)).rendered_by if done else None, folder.path)
-            with writing(folder.path):
-                _finish(folder, recipe, rendered_by)
-        made = len(missing)
-    if videos is None:
-        return _summary(folder.path, scenario, made)
-    # Makes the video where only that remains; else finds it finished.
-    summary = render_clips(recipe, videos.path, workers=workers, resume=True, progress=progress)
-    return replace(_summary(folder.path, scenario, made), video=replace(summary, made=len(clips)))
-
-
-def _draw(
-    folder: Folder, recipe: Recipe, known: pool.Vetted | None, missing: Sequence[int], workers: int,
-    progress: Progress | None,
-) -> Generator[Fingerprint, None, None]:  # fmt: skip
-    """Draw and store missing frames, clip by clip where each clip is a world of its own."""
-    scenario = recipe.scenario
-    work_on = functools.partial(pool.map_items, recipe, known, workers=workers)
-    if not recipe.varies:
-        report = pool.report(progress, scenario.frames - len(missing), scenario.frames)
-        return work_on(missing, functools.partial(_store, folder), unit="frame", frames=lambda n: (n,), progress=report)
-    clips = sorted(set(map(scenario.clip.of, missing)))
-    report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
-    work = functools.partial(_store_clip, folder)
-    return work_on(clips, work, unit="clip", frames=scenario.span, progress=report)
-
-
-def _fetch(
-    folder: Folder, recipe: Recipe, known: pool.Vetted | None, missing: Sequence[int], cluster: str,
-    progress: Progress | None,
-) -> Generator[Fingerprint, None, None]:  # fmt: skip
-    """Let a cluster render missing frames, and store them here: its machines need not share a file system."""
-    scenario, each = recipe.scenario, MOST_FETCHED
-    if recipe.varies and scenario.clip.clip_frames:
-        each = min(each, scenario.clip.clip_frames)  # so that a task builds one world
-    tasks = [tuple(group) for _, group in groupby(missing, key=lambda frame: frame // each)]
-    report = pool.report(progress, scenario.frames - len(missing), scenario.frames)
-    drawn = pool.map_items(
-        recipe, known, tasks, _made, workers=1, cluster=cluster, unit="frames", frames=iter, progress=report
+    videos = Clips(files_of(recipe, video)) if video is not None else None
+    output: _Folder | _Shards
+    output = _Shards(recipe, str(out), shard_frames) if is_url(out) else _Folder(recipe, Path(out), videos, cluster)
+    made = pool.fill(
+        output, recipe, workers=workers, cluster=cluster, resume=resume, progress=progress, checking=checking
     )
-    with closing(drawn):
-        for frames in drawn:
-            for frame in frames:
-                folder.store(frame)
-            yield frames[0].record.rendered_by
+    summary = output.summary(made)
+    if videos is None:
+        return summary
+    clips = len(videos.remaining)
+    # Makes the video where only that remains; else finds it finished.
+    pool.fill(videos, recipe, workers=workers, resume=True, progress=progress)
+    return replace(summary, video=videos.videos.summary(clips))
 
 
-def _made(generator: FrameGenerator, frames: tuple[int, ...], tick: Tick) -> list[StoredFrame]:
+class _Folder:
+    """A dataset in a folder as an output of `pool.fill`: its units are frames, or clips where a video is made too.
+
+    Frames of one clip are made together where each clip has a world of its own. A cluster, whose machines need not
+    share a file system, sends frames here.
+    """
+
+    def __init__(self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None) -> None:
+        self.journal, self._recipe, self._videos, self._cluster = Journal.of(path), recipe, videos, cluster
+        self._core = manifest.identity(recipe.scenario, recipe.extensions.describe())
+        self._rendered_by: Fingerprint | None = None
+        self._films = False
+
+    @property
+    def begun(self) -> bool:
+        return self.journal.begun
+
+    def check(self, *, resume: bool) -> bool:
+        remaining = self.journal.check(self._core, resume=resume)
+        self._films = self._videos is not None and self._videos.check(resume=resume)
+        return remaining
+
+    @contextmanager
+    def opened(self) -> Iterator[list[Frames]]:
+        with ExitStack() as stack:
+            stack.enter_context(self.journal.opened(self._core))
+            clips = stack.enter_context(self._videos.opened()) if self._videos and self._films else []
+            units = self.journal.units()
+            done = {int(name.partition(".")[0]) for name in units}
+            missing = [frame for frame in range(self._recipe.scenario.frames) if frame not in done]
+            if done:
+                self._rendered_by = record.known(self.journal, min(done)).rendered_by
+            yield self._clips(clips, missing) if self._films else self._groups(missing)
+
+    def _clips(self, unfinished: list[Frames], missing: Sequence[int]) -> list[Frames]:
+        scenario = self._recipe.scenario
+        clips = {*map(scenario.clip.of, missing), *(scenario.clip.of(frames[0]) for frames in unfinished)}
+        return [scenario.span(clip) for clip in sorted(clips)]
+
+    def _groups(self, missing: Sequence[int]) -> list[Frames]:
+        clip_of, varies = self._recipe.scenario.clip.of, self._recipe.varies
+        most = MOST_FETCHED if self._cluster is not None else 1
+
+        def group(frame: int) -> object:
+            return (clip_of(frame) if varies else 0), (frame // most if self._cluster or not varies else 0)
+
+        return [tuple(frames) for _, frames in groupby(missing, key=group)]
+
+    @property
+    def work(self) -> Work[Any]:
+        if self._films:
+            assert self._videos is not None
+            return ClipWork(self._videos.videos, self.journal)
+        return functools.partial(_made, None if self._cluster is not None else self.journal)
+
+    def take(self, made: Fingerprint | list[StoredFrame]) -> None:
+        if isinstance(made, list):
+            for frame in made:
+                frame.keep(self.journal)
+            made = made[0].record.rendered_by
+        self._rendered_by = manifest.same_renderer(made, self._rendered_by, self.journal.folder)
+
+    def finish(self) -> None:
+        """Write everything that depends on all frames, one frame at a time; the manifest comes last."""
+        scenario, store, core = self._recipe.scenario, self.journal.store, self._core
+        first, tally = list[Row](), Tally()
+        assert self._rendered_by is not None
+        with store.guarded():
+            with tables.tables_of(store, core, scenario) as add:
+                for frame in range(scenario.frames):
+                    known = record.known(self.journal, frame)
+                    manifest.same_renderer(known.rendered_by, self._rendered_by, store.place)
+                    add(known.truth, known.mask)
+                    tally += Tally.of([known.truth], scenario)
+                    first += [known.truth] * (len(first) < preview.MOST_TILES)
+            tiles = ((pictures.read(self.journal.folder / row.file)[..., ::-1], row) for row in first)
+            others = sensors.write(self._recipe, store.writing)
+            splits = [split for split, count in zip(SPLITS, tally.splits, strict=True) if count]
+            core = core | tally.stated(scenario)
+            tables.finish(store, core, scenario, self._rendered_by, tiles, splits, others)
+            if self._videos and self._films:
+                self._videos.finish()
+            self.journal.close()
+
+    def summary(self, made: int) -> Summary:
+        path, scenario = self.journal.folder, self._recipe.scenario
+        rows, _, _ = frame_files.read_rows(path, Seen)
+        written = read_json(path / MANIFEST, DatasetError)
+        return Summary.of(path, Tally.of(rows, scenario), scenario, made, written["renderer"]["fingerprint"])
+
+
+def _made(journal: Journal | None, generator: FrameGenerator, frames: Frames, tick: Tick) -> Any:
+    """Make frames: gives their renderer once they are stored, or, without a journal, the frames themselves."""
     made = []
     for frame in frames:
-        made.append(stored.make(generator, frame))
-        tick()
-    return made
-
-
-def _frames_of(scenario: Scenario, clips: Iterable[int]) -> int:
-    return sum(len(scenario.span(clip)) for clip in clips)
-
-
-def _store(folder: Folder, generator: FrameGenerator, frame: int, tick: Tick) -> Fingerprint:
-    made = stored.make(generator, frame)
-    folder.store(made)
-    tick()
-    return made.record.rendered_by
-
-
-def _store_clip(folder: Folder, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
-    """Make the missing frames of a clip, whose world is built once."""
-    for frame in generator.scenario.span(clip):
-        if folder.has(frame):
-            tick()
+        one = stored.make(generator, frame)
+        if journal is None:
+            made.append(one)
         else:
-            _store(folder, generator, frame, tick)
-    return folder.record(frame).rendered_by
+            one.keep(journal)
+        tick()
+    return made or one.record.rendered_by
 
 
-def _film(
-    videos: VideoFiles,
-    unfinished: Sequence[int],
-    folder: Folder,
-    known: pool.Vetted | None,
-    missing: Sequence[int],
-    workers: int,
-    progress: Progress | None,
-) -> Generator[Fingerprint, None, None]:
-    """Film unfinished clips and store missing frames, each rendered once."""
-    scenario, clip = videos.scenario, videos.scenario.clip
-    clips = sorted({*unfinished, *map(clip.of, missing)})
-    report = pool.report(progress, scenario.frames - _frames_of(scenario, clips), scenario.frames)
-    work = ClipWork(videos, folder)
-    return pool.map_items(
-        videos.recipe, known, clips, work, workers=workers, unit="clip", frames=scenario.span, progress=report
-    )
+class _Shards:
+    """A dataset of shards as an output of `pool.fill`, whose units are shards."""
+
+    def __init__(self, recipe: Recipe, url: str, shard_frames: int | None) -> None:
+        self._recipe, scenario = recipe, recipe.scenario
+        self._core = manifest.identity(scenario, recipe.extensions.describe())
+        self._shards = Shards(Store(url), scenario, frames_of(scenario, shard_frames, varies=recipe.varies))
+        self._done: dict[int, Done] = {}
+        self._rendered_by: Fingerprint | None = None
+        self.work = functools.partial(_shard, self._shards)
+
+    @property
+    def begun(self) -> bool:
+        return self._shards.journal.begun
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        return self._core | {"shard_frames": self._shards.frames}
+
+    def check(self, *, resume: bool) -> bool:
+        remaining = self._shards.journal.check(self._identity, resume=resume)
+        for one in self._shards.done():
+            self.take(one)
+        return remaining or len(self._done) < len(self._shards.spans)
+
+    @contextmanager
+    def opened(self) -> Iterator[list[Frames]]:
+        journal = self._shards.journal
+        with journal.opened(self._identity):
+            if journal.store.exists(MANIFEST):  # of a finished dataset that lost shards
+                journal.store.remove(MANIFEST)
+            yield [frames for number, frames in enumerate(self._shards.spans) if number not in self._done]
+
+    def take(self, made: Done) -> None:
+        where = f"{self._shards.store.place}, {table(made.number)}"
+        self._rendered_by = manifest.same_renderer(made.rendered_by, self._rendered_by, where)
+        self._done[made.number] = made
+
+    def finish(self) -> None:
+        assert self._rendered_by is not None
+        self._shards.check_claimed()
+        written = sensors.write(self._recipe, self._shards.store.writing)
+        self._shards.finish(self._core, self._done, self._rendered_by, written)
+
+    def summary(self, made: int) -> Summary:
+        assert self._rendered_by is not None
+        tally = functools.reduce(Tally.__add__, (self._done[number].tally for number in sorted(self._done)))
+        store, scenario = self._shards.store, self._recipe.scenario
+        return Summary.of(store.place, tally, scenario, made, self._rendered_by.digest)
 
 
-def _same(drawn: Iterable[Fingerprint], first: Fingerprint | None, path: Path) -> Fingerprint:
-    """Exhaust the rendering; returns its renderer, which must be the same for all frames."""
-    for fingerprint in drawn:
-        first = pool.same_renderer(fingerprint, first, path)
-    assert first is not None
-    return first
+def _shard(shards: Shards, generator: FrameGenerator, frames: range, tick: Tick) -> Done:
+    """Make a shard and write it."""
 
+    def packed() -> Iterator[Packed]:
+        for frame in frames:
+            made = stored.make(generator, frame)
+            row, mask = made.record.truth, made.record.mask
+            yield Packed(row, mask if tables.is_labelled(row, generator.scenario) else None, made.files)
+            tick()
 
-def _finish(folder: Folder, recipe: Recipe, rendered_by: Fingerprint) -> None:
-    """Write everything that depends on all frames, one frame at a time; the manifest comes last."""
-    scenario, core = recipe.scenario, manifest.identity(recipe)
-    first, tally = list[Row](), Tally()
-    with Tables(folder.writing, core, scenario) as written:
-        for frame in range(scenario.frames):
-            record = folder.record(frame)
-            pool.same_renderer(record.rendered_by, rendered_by, folder.path)
-            row = record.truth
-            written.add(row, record.mask)
-            folder.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, scenario))
-            tally += Tally.of([row], scenario)
-            first += [row] * (len(first) < preview.MOST_TILES)
-    tiles = ((pictures.read(folder.path / row.file)[..., ::-1], row) for row in first)
-    others = sensors.write(recipe, folder.writing)
-    core |= tally.stated(scenario)
-    finish(folder, core, written.splits, preview.of(tiles), scenario, rendered_by, written=others)
-    folder.close()
-
-
-def _summary(path: Path, scenario: Scenario, made: int) -> Summary:
-    rows, _, _ = frame_files.read_rows(path, Seen)
-    written = read_json(path / MANIFEST, DatasetError)
-    return Summary.of(path, Tally.of(rows, scenario), scenario, made, written["renderer"]["fingerprint"])
+    return shards.write(frames, packed(), generator.scene(frames[0]).renderer.fingerprint)

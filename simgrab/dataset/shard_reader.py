@@ -14,32 +14,24 @@ import itertools
 import operator
 import tarfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from typing import Annotated
 
 import msgspec
 import pyarrow as pa
 
 from simgrab.dataset import datasets
-from simgrab.dataset.datasets import MANIFEST, Data, Dataset, LabelledFrame, Manifest
-from simgrab.dataset.stores import Store, is_url
+from simgrab.dataset.datasets import MANIFEST, Dataset, Files, FolderRows, Manifest, Rows
 from simgrab.errors import DatasetError, first_line
 from simgrab.io import parquet, pictures
-from simgrab.io.parse import MOST_BYTES, is_dir, parse_json
-from simgrab.model import calibration
-from simgrab.model import label_arrays as arrays
-from simgrab.model.calibration import Calibration
+from simgrab.io.parse import is_dir
+from simgrab.io.stores import Store, is_url
 from simgrab.model.masks import Coded
 from simgrab.model.records import frame_files
 from simgrab.model.truth import SPLITS, Row
 
-if TYPE_CHECKING:
-    from simgrab.model.scenario import Scenario
-
-CAMERA, PREVIEW = "camera.toml", "preview.jpg"
-MOST_MANIFEST_BYTES = 2**30
 READ_AHEAD_BYTES = 16 * 2**20
 """Of pictures that lie one after another, and are read at once where frames are taken in order."""
 MOST_GAP_BYTES = 2**18
@@ -96,7 +88,7 @@ class Shard:
 def _read_shard(store: Store, number: int, digest: str) -> Shard:
     """Read a shard's labels, whose file must have this SHA-256; those read last are kept."""
     name = table(number)
-    data, where = store.read(name, most_bytes=parquet.MOST_BYTES), f"{store.url}: {name}"
+    data, where = store.read(name, most_bytes=parquet.MOST_BYTES), f"{store.place}: {name}"
     if hashlib.sha256(data).hexdigest() != digest:
         raise DatasetError(f"{where} does not match the digest in the manifest: it was changed or damaged")
     return parse_shard(data, where)
@@ -183,143 +175,60 @@ class _Archives:
         return None if counts is None else Coded((row.height_px, row.width_px), counts)
 
     def name(self, row: Row) -> str:
-        return f"{self.store.url}: {self.places[row.frame].shard}, frame {row.frame}"
+        return f"{self.store.place}: {self.places[row.frame].shard}, frame {row.frame}"
 
     def mask_name(self, row: Row) -> str:  # noqa: ARG002
-        return f"{self.store.url}: labels"
+        return f"{self.store.place}: labels"
 
 
 @dataclass(frozen=True)
-class ShardedDataset(Sequence[LabelledFrame]):
-    """A rendered dataset of shards, as a sequence of its frames; a slice of it, or a split, is a dataset again.
-
-    Labels are read shard by shard, and the few shards used last are kept. Taken in order, frames come with pictures
-    that were read some megabytes at a time; a single frame's picture is read alone.
+class ShardRows:
+    """The rows of shards, read shard by shard; see `simgrab.dataset.datasets.Rows`.
 
     Attributes
     ----------
     store : Store
     manifest : Manifest
+    name : str or None
+        Of the split, where it is one.
     """
 
     store: Store
     manifest: Manifest
-    _counts: tuple[int, ...] = field(repr=False)  # of each shard
-    _split: str | None = None
-    _range: range | None = field(default=None, repr=False)  # of positions among the split's frames
+    name: str | None = None
 
-    @property
-    def data(self) -> Data:
-        """What names it; its ``labels_sha256`` is the manifest's digest of the shards' labels."""
-        return self.manifest.data(_digest(self.manifest), sum(self.splits.values()))
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether these are all frames of the dataset, in its order."""
-        return self._split is None and self._positions == range(sum(self._counts))
-
-    @property
-    def least_visible_fraction(self) -> float:
-        """From which on detection labels hold a box."""
-        return self.manifest.scenario.labels.least_visible_fraction
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        """Rows of each shard."""
+        assert self.manifest.shards is not None
+        each = self.manifest.shards.splits
+        return tuple(sum(counts) if self.name is None else counts[SPLITS.index(self.name)] for counts in each)
 
     @cached_property
     def _ends(self) -> tuple[int, ...]:
         return tuple(itertools.accumulate(self._counts))
 
-    @property
-    def _positions(self) -> range:
-        return range(sum(self._counts)) if self._range is None else self._range
-
     def __len__(self) -> int:
-        return len(self._positions)
+        return sum(self._counts)
 
-    @overload
-    def __getitem__(self, index: int) -> LabelledFrame: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> ShardedDataset: ...
-
-    def __getitem__(self, index: int | slice) -> LabelledFrame | ShardedDataset:
-        if isinstance(index, slice):
-            return replace(self, _range=self._positions[index])
-        try:
-            position = self._positions[operator.index(index)]
-        except IndexError:
-            raise IndexError(f"{self.store.url}: index {index} is out of range of {len(self)} frames") from None
-        shard, rank = self._at(position)
-        files, rows = self._shard(shard)
-        return self._frame(rows[rank], files)
-
-    def __iter__(self) -> Iterator[LabelledFrame]:
-        for shard, positions in itertools.groupby(map(self._at, self._positions), key=operator.itemgetter(0)):
+    def at(self, positions: range) -> Iterator[tuple[Row, Files]]:  # noqa: D102
+        for shard, places in itertools.groupby(map(self._at, positions), key=operator.itemgetter(0)):
             files, rows = self._shard(shard)
-            yield from self._ahead(files, [rows[rank] for _, rank in positions])
+            yield from _ahead(files, [rows[rank] for _, rank in places])
 
-    def frame(self, number: int) -> LabelledFrame:
-        """Give the frame of this number.
-
-        Raises
-        ------
-        KeyError
-            If it is not among them.
-        """
+    def find(self, number: int) -> int:  # noqa: D102
         shards = self.manifest.shards
         assert shards is not None
-        number = operator.index(number)
         shard = number // shards.frames
         if 0 <= shard < len(self._counts):
-            files, rows = self._shard(shard)
+            _, rows = self._shard(shard)
             rank = bisect.bisect_left(rows, number, key=lambda row: row.frame)
-            first = self._ends[shard] - self._counts[shard]
-            if rank < len(rows) and rows[rank].frame == number and first + rank in self._positions:
-                return self._frame(rows[rank], files)
-        raise KeyError(f"{self.store.url}: no frame {number} among these {len(self)}")
+            if rank < len(rows) and rows[rank].frame == number:
+                return self._ends[shard] - self._counts[shard] + rank
+        raise KeyError(number)
 
-    @property
-    def splits(self) -> dict[str, int]:
-        """Number of frames in each split of the whole dataset that has any."""
-        assert self.manifest.shards is not None
-        sums = (sum(counts) for counts in zip(*self.manifest.shards.splits, strict=True))
-        return {split: count for split, count in zip(SPLITS, sums, strict=True) if count}
-
-    def split(self, name: str) -> ShardedDataset:
-        """Keep the frames of one split of a whole dataset, maybe none.
-
-        Raises
-        ------
-        KeyError
-            If no split is called so.
-        ValueError
-            If this is a part of a dataset already.
-        """
-        if name not in SPLITS:
-            raise KeyError(f"no split {name!r}; one of: {', '.join(SPLITS)}")
-        if self._split is not None or self._range is not None:
-            raise ValueError("a split is taken of a whole dataset: take it first, and slices of it")
-        assert self.manifest.shards is not None
-        counts = tuple(counts[SPLITS.index(name)] for counts in self.manifest.shards.splits)
-        return replace(self, _counts=counts, _split=name)
-
-    @property
-    def calibration(self) -> Calibration:
-        """What an instrument may know of the camera, from ``camera.toml``."""
-        text = self.store.read(CAMERA, most_bytes=MOST_BYTES).decode(errors="replace")
-        return calibration.parse(text, f"{self.store.url}/{CAMERA}")
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario that it was rendered from, with every default filled in."""
-        from simgrab.model import scenes
-
-        def read(name: str, most_bytes: int) -> bytes:
-            return self.store.read(name, most_bytes=most_bytes)
-
-        return scenes.of_manifest(_read_manifest(self.store), f"{self.store.url}/{MANIFEST}", read)
-
-    def is_labelled(self, row: Row) -> bool:
-        """Whether detection labels hold a box for the row."""
-        return arrays.is_labelled(row, self.least_visible_fraction)
+    def split(self, name: str) -> Rows:  # noqa: D102
+        return replace(self, name=name) if self.name in (None, name) else FolderRows((), _Archives(self.store, {}))
 
     def _at(self, position: int) -> tuple[int, int]:
         """Shard of a position, and the rank among the split's frames there."""
@@ -328,39 +237,36 @@ class ShardedDataset(Sequence[LabelledFrame]):
 
     def _shard(self, number: int) -> tuple[_Archives, tuple[Row, ...]]:
         found = _read_shard(self.store, number, self.manifest.files.get(table(number), ""))
-        rows = tuple(row for row in found.rows if self._split in (None, row.split))
+        rows = tuple(row for row in found.rows if self.name in (None, row.split))
         if len(rows) != self._counts[number]:
-            raise DatasetError(f"{self.store.url}: {table(number)} does not hold the frames that the manifest states")
+            raise DatasetError(f"{self.store.place}: {table(number)} does not hold the frames that the manifest states")
         return _Archives(self.store, found.places), rows
 
-    def _frame(self, row: Row, files: _Archives) -> LabelledFrame:
-        return LabelledFrame(row, self.is_labelled(row), files)
 
-    def _ahead(self, files: _Archives, rows: Sequence[Row]) -> Iterator[LabelledFrame]:
-        """Give frames of a shard whose pictures are read some megabytes at a time, once the first is asked for."""
-        groups, latest = dict[int, _Group](), dict[str, _Group]()
-        for row in rows:
-            place = files.places[row.frame]
-            if place.shard not in latest or not latest[place.shard].takes(place):
-                latest[place.shard] = _Group(self.store)
-            groups[row.frame] = latest[place.shard]
-            groups[row.frame].places[row.frame] = place
-        latest.clear()
-        for row in rows:
-            yield self._frame(row, replace(files, group=groups.pop(row.frame)))
+def _ahead(files: _Archives, rows: Sequence[Row]) -> Iterator[tuple[Row, Files]]:
+    """Give rows of a shard whose pictures are read some megabytes at a time, once the first is asked for."""
+    groups, latest = dict[int, _Group](), dict[str, _Group]()
+    for row in rows:
+        place = files.places[row.frame]
+        if place.shard not in latest or not latest[place.shard].takes(place):
+            latest[place.shard] = _Group(files.store)
+        groups[row.frame] = latest[place.shard]
+        groups[row.frame].places[row.frame] = place
+    latest.clear()
+    for row in rows:
+        yield row, replace(files, group=groups.pop(row.frame))
 
 
-def _digest(manifest: Manifest) -> str:
-    names = sorted(name for name in manifest.files if name.startswith("labels/"))
-    return hashlib.sha256("".join(manifest.files[name] for name in names).encode()).hexdigest()
+def of_shards(store: Store, known: Manifest) -> Dataset:
+    """Make the dataset of shards that a manifest describes; the digest of its labels is that of the shards' digests."""
+    rows = ShardRows(store, known)
+    names = sorted(name for name in known.files if name.startswith("labels/"))
+    digest = hashlib.sha256("".join(known.files[name] for name in names).encode()).hexdigest()
+    least, total = known.scenario.labels.least_visible_fraction, range(len(rows))
+    return Dataset(store, known.data(digest, len(rows)), least, rows, total)
 
 
-def _read_manifest(store: Store) -> Any:
-    data = store.read(MANIFEST, most_bytes=MOST_MANIFEST_BYTES)
-    return parse_json(data, DatasetError, f"{store.url}/{MANIFEST}: it is not valid JSON")
-
-
-def read(store: Store) -> ShardedDataset:
+def read(store: Store) -> Dataset:
     """Open a finished dataset of shards.
 
     Raises
@@ -370,14 +276,14 @@ def read(store: Store) -> ShardedDataset:
     """
     if not store.exists(MANIFEST):
         state = "unfinished; continue with simgrab render --resume" if store.sizes() else "not a dataset"
-        raise DatasetError(f"{store.url} is {state}: it has no {MANIFEST}")
-    known = datasets.named(_read_manifest(store), store.url)
+        raise DatasetError(f"{store.place} is {state}: it has no {MANIFEST}")
+    known = datasets.named(datasets.read_manifest(store), store.place)
     if known.shards is None:
-        raise DatasetError(f"{store.url} is a dataset of files; give its path")
-    return ShardedDataset(store, known, tuple(map(sum, known.shards.splits)))
+        raise DatasetError(f"{store.place} is a dataset of files; give its path")
+    return of_shards(store, known)
 
 
-def open(place: str | Path) -> Dataset | ShardedDataset:
+def open(place: str | Path) -> Dataset:
     """Open a finished dataset; `simgrab.open` is this function.
 
     Of a folder, labels are read at once, and that each picture is there is checked. Of a dataset of shards, labels are
@@ -390,7 +296,7 @@ def open(place: str | Path) -> Dataset | ShardedDataset:
 
     Returns
     -------
-    Dataset or ShardedDataset
+    Dataset
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Render a scenario into a dataset of shards, below a URL; `simgrab.dataset.shard_reader` has the format and reads it.
+"""Write a dataset of shards, below a URL; `simgrab.dataset.shard_reader` has the format and reads it.
 
 A shard is a run of frames that depends on the scenario and its number alone. Its archives are written first, its labels
 last, and a shard whose labels are there is done. So any process on any machine may make any shard, twice as well as
@@ -11,7 +11,6 @@ import contextlib
 import functools
 import hashlib
 import io
-import json
 import math
 import tarfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,23 +22,19 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from simgrab.dataset import manifest, pool, preview, sensors, stored, tables
+from simgrab.dataset import manifest, preview, tables
 from simgrab.dataset import shard_reader as shards
 from simgrab.dataset.datasets import MANIFEST, Manifest
-from simgrab.dataset.folder import refuse_other
-from simgrab.dataset.pool import Progress, Tick
-from simgrab.dataset.shard_reader import CAMERA, PLACE, PREVIEW, Place, ShardedDataset, archive
-from simgrab.dataset.stores import Store
-from simgrab.dataset.summary import Summary, Tally
+from simgrab.dataset.shard_reader import PLACE, Place, archive
+from simgrab.dataset.summary import Tally
 from simgrab.errors import DatasetError
 from simgrab.io import parquet
 from simgrab.io.files import sha256
-from simgrab.io.parse import parse_json
+from simgrab.io.journal import Journal
+from simgrab.io.stores import Store
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import Row
-from simgrab.world.extensions import Recipe
-from simgrab.world.frames import FrameGenerator
-from simgrab.world.gl import Fingerprint
+from simgrab.runtime.versions import Fingerprint
 
 FRAMES = 256
 """Of a shard, unless given: 100 to 150 MB of 1080p JPEG."""
@@ -103,123 +98,72 @@ class Shards:
     Parameters
     ----------
     store : Store
-    recipe : Recipe
+    scenario : Scenario
     frames : int
         Of each shard; see `frames_of`.
     """
 
     store: Store
-    recipe: Recipe
+    scenario: Scenario
     frames: int
 
     @property
-    def count(self) -> int:
-        """Number of shards."""
-        return math.ceil(self.recipe.scenario.frames / self.frames)
-
-    def span(self, number: int) -> range:
-        """Frames of a shard."""
-        return range(number * self.frames, min((number + 1) * self.frames, self.recipe.scenario.frames))
+    def spans(self) -> list[range]:
+        """Frames of the shards."""
+        total = self.scenario.frames
+        return [range(first, min(first + self.frames, total)) for first in range(0, total, self.frames)]
 
     @property
-    def identity(self) -> dict[str, Any]:
-        """What must be equal for two runs to make the same shards, but for the renderer."""
-        return manifest.identity(self.recipe) | {"shard_frames": self.frames}
+    def journal(self) -> Journal:
+        """What the dataset is, and whether it is finished; which shards are, `done` finds out."""
+        return Journal(self.store, partial="", claim=UNFINISHED, whole=MANIFEST)
 
-    def check(self, *, resume: bool) -> bool:
-        """Whether the dataset is unfinished, or not begun; refuses a place that holds anything else."""
-        sizes = self.store.sizes()
-        name = MANIFEST if MANIFEST in sizes else UNFINISHED
-        if name in sizes:
-            unfinished = name == UNFINISHED
-            refuse_other(self.store.url, self._known(name), self.identity, unfinished=unfinished, resume=resume)
-        elif sizes or self.store.holds_folders():
-            raise DatasetError(
-                f"{self.store.url} contains something other than a simgrab dataset; choose another --out"
-            )
-        return name == UNFINISHED or name not in sizes
-
-    def begun(self) -> bool:
-        """Whether a dataset is begun there: whose scenario was found possible, then."""
-        return self.store.exists(UNFINISHED)
-
-    def _check_claimed(self) -> None:
+    def check_claimed(self) -> None:
         """Refuse a place that was claimed and is so no more: a file system that is not mounted any longer, say."""
-        if not self.begun():
-            raise DatasetError(f"{self.store.url} is gone, or another process finished it: it has no {UNFINISHED}")
-        if self._known(UNFINISHED).get("digest") != self.recipe.scenario.digest():
-            raise DatasetError(f"{self.store.url} is being written by another simgrab, of another scenario")
-
-    def _known(self, name: str) -> dict[str, Any]:
-        """Read the manifest, or what an unfinished dataset has in its place."""
-        data = self.store.read(name, most_bytes=shards.MOST_MANIFEST_BYTES)
-        known = parse_json(data, DatasetError, f"{self.store.url}/{name}: it is not valid JSON")
-        known = known if isinstance(known, dict) else {}
-        if isinstance(known.get("shards"), dict):
-            known["shard_frames"] = known["shards"].get("frames")
-        return known
-
-    def begin(self) -> None:
-        """Claim the place."""
-        self.store.write(UNFINISHED, json.dumps(self.identity, indent=1).encode())
+        claimed = self.journal.known(UNFINISHED)
+        if claimed is None:
+            raise DatasetError(f"{self.store.place} is gone, or another process finished it: it has no {UNFINISHED}")
+        if claimed.get("digest") != self.scenario.digest():
+            raise DatasetError(f"{self.store.place} is being written by another simgrab, of another scenario")
 
     def done(self) -> Iterator[Done]:
         """Find the shards that are whole: their labels can be read, and their archives are there."""
         sizes = self.store.sizes("shards")
         there = self.store.sizes("labels")
-        for number in range(self.count):
+        for number in range(len(self.spans)):
             name = shards.table(number)
             if name not in there:
                 continue
             data = self.store.read(name, most_bytes=parquet.MOST_BYTES)
             try:
-                found = shards.parse_shard(data, f"{self.store.url}: {name}")
-                about = _about(found.schema, f"{self.store.url}: {name}")
+                found = shards.parse_shard(data, f"{self.store.place}: {name}")
+                about = _about(found.schema, f"{self.store.place}: {name}")
             except DatasetError:  # damaged: it is made again
                 continue
-            if about.digest != self.recipe.scenario.digest():
-                raise DatasetError(f"{self.store.url}: {name} is of another dataset; choose another --out")
+            if about.digest != self.scenario.digest():
+                raise DatasetError(f"{self.store.place}: {name} is of another dataset; choose another --out")
             if all(sizes.get(key) == size for key, (size, _) in about.archives.items()):
-                tally = Tally.of(found.rows, self.recipe.scenario)
+                tally = Tally.of(found.rows, self.scenario)
                 yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
 
-    def make(self, generator: FrameGenerator, number: int, tick: Tick) -> Done:
-        """Make a shard and write it."""
-        self._check_claimed()
-        scenario = self.recipe.scenario
+    def write(self, frames: range, made: Iterable[Packed], rendered_by: Fingerprint) -> Done:
+        """Write the shard of these frames as they come."""
+        self.check_claimed()
+        return write(self.store, frames.start // self.frames, made, self.scenario, rendered_by)
 
-        def frames() -> Iterator[Packed]:
-            for frame in self.span(number):
-                made = stored.make(generator, frame)
-                row, mask = made.record.truth, made.record.mask
-                yield Packed(row, mask if tables.is_labelled(row, scenario) else None, made.files)
-                tick()
-
-        rendered_by = generator.scene(self.span(number)[0]).renderer.fingerprint
-        return write(self.store, number, frames(), scenario, rendered_by)
-
-    def finish(self, done: dict[int, Done], rendered_by: Fingerprint) -> None:
-        """Write what depends on all shards; the manifest comes last."""
-        self._check_claimed()
+    def finish(
+        self, core: dict[str, Any], done: dict[int, Done], rendered_by: Fingerprint, written: Sequence[str]
+    ) -> None:
+        """Write what depends on all shards, and list other files that are ``written``; the manifest comes last."""
+        self.check_claimed()
         there = self.store.sizes("labels")
-        for number in range(self.count):
+        for number in range(len(self.spans)):
             if shards.table(number) not in there:
-                raise DatasetError(f"{self.store.url}: {shards.table(number)} is gone; run it again with --resume")
-        known = [done[number] for number in range(self.count)]
-        written = {name: self.store.sha256(name) for name in sensors.write(self.recipe, self.store.writing)}
-        core, scenario = manifest.identity(self.recipe), self.recipe.scenario
-        finish(self.store, core, self.frames, known, scenario, rendered_by, written)
-        self.release()
-
-    def release(self) -> None:
-        """Give the place up: what is there is finished, even where this fails."""
-        with contextlib.suppress(DatasetError):
-            self.store.remove(UNFINISHED)
-
-    def reopen(self) -> None:
-        """Make a finished dataset that lost shards an unfinished one."""
-        self.begin()
-        self.store.remove(MANIFEST)
+                raise DatasetError(f"{self.store.place}: {shards.table(number)} is gone; run it again with --resume")
+        digests = {name: self.store.sha256(name) for name in written}
+        known = [done[number] for number in range(len(self.spans))]
+        finish(self.store, core, self.frames, known, self.scenario, rendered_by, digests)
+        self.journal.close()
 
 
 class Packed(NamedTuple):
@@ -278,10 +222,9 @@ def finish(
     if "selection" not in core:  # of which a manifest counts nothing
         core = core | functools.reduce(Tally.__add__, (one.tally for one in done)).stated(scenario)
     known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
-    dataset = ShardedDataset(store, known, tuple(sum(one.tally.splits) for one in done))
+    dataset = shards.of_shards(store, known)
     tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
-    camera = tables.calibration_of(scenario).to_toml().encode()
-    files = {CAMERA: camera, PREVIEW: preview.of(tiles)} | tables.grabs(scenario)
+    files = {preview.NAME: preview.of(tiles)} | tables.beside(scenario)
     for name, data in files.items():
         store.write(name, data)
         digests[name] = hashlib.sha256(data).hexdigest()
@@ -342,47 +285,3 @@ def _about(schema: pa.Schema, where: str) -> About:
         return msgspec.json.decode((schema.metadata or {})[_ABOUT.encode()], type=About)
     except (msgspec.DecodeError, KeyError, RecursionError, UnicodeDecodeError) as problem:
         raise DatasetError(f"{where}: not labels of a shard ({type(problem).__name__})") from None
-
-
-def render(
-    recipe: Recipe,
-    url: str,
-    *,
-    workers: int,
-    cluster: str | None,
-    resume: bool,
-    shard_frames: int | None,
-    progress: Progress | None,
-    checking: Progress | None,
-) -> Summary:
-    """Render a recipe into shards below a URL; parameters as those of `simgrab.render`."""
-    scenario = recipe.scenario
-    output = Shards(Store(url), recipe, frames_of(scenario, shard_frames, varies=recipe.varies))
-    remaining, known = output.check(resume=resume), None
-    if remaining and not output.begun():
-        known = pool.vetted(recipe, workers, checking, cluster=cluster)
-        output.begin()
-    done = {one.number: one for one in output.done()}
-    missing = [number for number in range(output.count) if number not in done]
-    if missing and not remaining:
-        output.reopen()
-    made = sum(len(output.span(number)) for number in missing)
-    rendered_by = None
-    for one in done.values():
-        rendered_by = pool.same_renderer(one.rendered_by, rendered_by, f"{url}, {shards.table(one.number)}")
-    if missing or remaining:
-        report = pool.report(progress, scenario.frames - made, scenario.frames)
-        rendering = pool.map_items(
-            recipe, known, missing, output.make, workers=workers, cluster=cluster, unit="shard", frames=output.span,
-            progress=report,
-        )  # fmt: skip
-        with contextlib.closing(rendering):
-            for one in rendering:
-                rendered_by = pool.same_renderer(one.rendered_by, rendered_by, url)
-                done[one.number] = one
-        assert rendered_by is not None
-        output.finish(done, rendered_by)
-    elif output.begun():  # the process that finished it had no time to
-        output.release()
-    tally = functools.reduce(Tally.__add__, (done[number].tally for number in range(output.count)))
-    return Summary.of(url, tally, scenario, made, done[0].rendered_by.digest)

@@ -1,9 +1,8 @@
-"""From a frame to what a dataset stores of it: its row of labels, its mask, and its files."""
+"""From a frame to what a dataset stores of it."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from simgrab.dataset.record import Record, StoredFrame
 from simgrab.io.pictures import encode
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Iid
@@ -19,33 +19,8 @@ from simgrab.model.truth import Row, Truth
 from simgrab.world.camera.renderer import View
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import Frame, FrameGenerator
-from simgrab.world.gl import Fingerprint
 
 DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
-
-
-class Record(msgspec.Struct, frozen=True):
-    """What is known of a stored frame.
-
-    Attributes
-    ----------
-    truth : Row
-    mask : dict
-        The visible grab in the whole picture, as COCO's compressed run lengths.
-    rendered_by : Fingerprint
-    """
-
-    truth: Row
-    mask: dict[str, Any]
-    rendered_by: Fingerprint
-
-
-@dataclass(frozen=True, eq=False)
-class StoredFrame:
-    """A stored frame: its record, and its files by name."""
-
-    record: Record
-    files: dict[str, bytes]
 
 
 def make(generator: FrameGenerator, number: int) -> StoredFrame:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 
-from simgrab.dataset.video.render import VideoSummary
 from simgrab.model.scenario import CLAMPABLE, Scenario
 from simgrab.model.truth import SPLITS, Row
 
@@ -64,7 +63,6 @@ class Tally(msgspec.Struct, frozen=True):
         least = max(scenario.labels.least_visible_fraction, 1e-12)
         names = [row.split for row in rows]
         ropes, betas = [row.rope_length_m for row in rows], [row.beta_deg for row in rows]
-        jaws, shortened = (sum(key in row.clamped.split("+") for row in rows) for key in CLAMPABLE)
         return cls(
             (names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
             sum(row.visible_fraction >= least for row in rows),
@@ -74,7 +72,7 @@ class Tally(msgspec.Struct, frozen=True):
             max(betas, default=-math.inf),
             min(ropes, default=math.inf),
             max(ropes, default=-math.inf),
-            (jaws, shortened),
+            clamped(row.clamped for row in rows),
         )
 
     def __add__(self, other: Tally) -> Tally:
@@ -96,6 +94,45 @@ class Tally(msgspec.Struct, frozen=True):
         counts = dict(zip(CLAMPABLE, self.clamped, strict=True))
         keys = scenario.swing.clamped
         return {"clamped": {key: counts[key] for key in keys}} if keys else {}
+
+
+def clamped(columns: Iterable[str]) -> tuple[int, int]:
+    """Count frames in which each of `CLAMPABLE` was replaced, from the column ``clamped`` of their labels."""
+    keys = [column.split("+") for column in columns]
+    jaws, shortened = (sum(key in some for some in keys) for key in CLAMPABLE)
+    return jaws, shortened
+
+
+@dataclass(frozen=True)
+class VideoSummary:
+    """What finished videos hold.
+
+    Attributes
+    ----------
+    path : Path
+    clips, made : int
+        Clips, and those made in this run; the others were there already.
+    frames, sent, repeated, dropped : int
+        Frames that the camera took, pictures in the videos, those among them that were sent again, and frames of which
+        nothing was sent.
+    mbit_s : float
+        Size of the videos over the time that they show.
+    clamped : dict of str to int, or None
+        Frames in the videos by key of the swing that was replaced by the nearest possible value; None without
+        ``swing.clamp``.
+    fingerprint : str
+    """
+
+    path: Path
+    clips: int
+    made: int
+    frames: int
+    sent: int
+    repeated: int
+    dropped: int
+    mbit_s: float
+    clamped: dict[str, int] | None
+    fingerprint: str
 
 
 @dataclass(frozen=True)

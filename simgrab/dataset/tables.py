@@ -7,23 +7,29 @@ import io
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import cache
 from pathlib import Path, PurePosixPath
-from types import TracebackType
 from typing import Any, BinaryIO, TextIO
 
 import msgspec
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from simgrab.dataset import manifest, preview
+from simgrab.dataset.datasets import MANIFEST
 from simgrab.io import models
-from simgrab.model import label_arrays as labels
+from simgrab.io.stores import Store
+from simgrab.model import label_arrays as arrays
 from simgrab.model.calibration import Calibration
+from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
+from simgrab.runtime.versions import Fingerprint
 
 _GROUP_ROWS = 1024  # of a Parquet table, in memory at once
 _SPOOLED = 2**20  # bytes of annotations in memory
@@ -65,7 +71,7 @@ def _arrow_type(annotation: str) -> pa.DataType:
 
 def is_labelled(row: Row, scenario: Scenario) -> bool:
     """Whether detection labels hold a box for the row, by the scenario's least fraction."""
-    return labels.is_labelled(row, scenario.labels.least_visible_fraction)
+    return arrays.is_labelled(row, scenario.labels.least_visible_fraction)
 
 
 def _box(row: Row) -> tuple[int, int, int, int]:
@@ -131,6 +137,11 @@ def metadata(rows: Iterable[Row], split: str) -> bytes:
         if row.split == split:
             table.add(row)
     return text.getvalue().encode()
+
+
+def coco_name(split: str) -> str:
+    """Where a split's COCO file lies in the dataset."""
+    return f"annotations/instances_{split}.json"
 
 
 def metadata_name(split: str) -> str:
@@ -235,6 +246,8 @@ class Labels:
         self._writer.close()
 
 
+Add = Callable[[Row, dict[str, Any] | None], None]
+"""Takes a row, and the visible grab as COCO's compressed run lengths where it is labelled."""
 Writing = Callable[[str], AbstractContextManager[Path]]
 """Gives a path to write to for a file of the dataset, which takes its name when the context is left."""
 
@@ -251,79 +264,82 @@ def into(folder: Path) -> Writing:
     return writing
 
 
-class Tables:
-    """The tables of a dataset in a folder, which take frames in order and hold few of them. Use as a context manager.
+@contextmanager
+def tables_of(
+    store: Store, core: dict[str, Any], scenario: Scenario
+) -> Iterator[Callable[[Row, dict[str, Any] | None], None]]:
+    """Write the tables of a dataset of files, frame by frame in their order; few of them are in memory.
 
     Parameters
     ----------
-    writing : callable
-    identity : dict
-        Is kept in ``labels.parquet`` under the schema key ``simgrab``.
+    store : Store
+    core : dict
+        The dataset's identity, which is kept in ``labels.parquet`` under the schema key ``simgrab``.
     scenario : Scenario
+
+    Yields
+    ------
+    Add
     """
+    with ExitStack() as stack:
 
-    def __init__(self, writing: Writing, identity: dict[str, Any], scenario: Scenario) -> None:
-        self._writing, self._scenario, self._identity = writing, scenario, identity
-        self._stack = ExitStack()
+        def text(name: str) -> TextIO:
+            path = stack.enter_context(store.writing(name))
+            return stack.enter_context(path.open("w", encoding="utf-8", newline=""))
 
-    def __enter__(self) -> Tables:
-        schema = with_identity(labels_schema(), self._identity)
-        with self._stack:  # undone where one of them cannot be opened
-            labels = Labels(self._binary("labels.parquet"), schema)
-            self._labels = self._stack.enter_context(closing(labels))
-            self._coco = {split: self._opened_coco(f"annotations/instances_{split}.json") for split in SPLITS}
-            self._metadata: dict[str, Metadata] = {}
-            self._stack = self._stack.pop_all()
-        return self
+        binary = stack.enter_context(stack.enter_context(store.writing(LABELS)).open("wb"))
+        labels = stack.enter_context(closing(Labels(binary, with_identity(labels_schema(), core))))
+        coco = {split: stack.enter_context(closing(Coco(text(coco_name(split)), scenario))) for split in SPLITS}
+        metadata: dict[str, Metadata] = {}
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._stack.__exit__(kind, error, at)
+        def add(row: Row, mask: dict[str, Any] | None) -> None:
+            labels.add(msgspec.structs.asdict(row))
+            coco[row.split].add(row, mask)
+            if row.split not in metadata:
+                metadata[row.split] = Metadata(text(metadata_name(row.split)))
+            metadata[row.split].add(row)
+            store.write(f"labels/{row.split}/{row.frame:06d}.txt", yolo(row, scenario))
 
-    @property
-    def splits(self) -> list[str]:
-        """Splits that have frames."""
-        return [split for split in SPLITS if split in self._metadata]
-
-    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
-        """Write a frame; ``mask``, where it is labelled, is the visible grab as COCO's compressed run lengths."""
-        self._labels.add(msgspec.structs.asdict(row))
-        self._coco[row.split].add(row, mask)
-        if row.split not in self._metadata:
-            self._metadata[row.split] = Metadata(self._text(metadata_name(row.split)))
-        self._metadata[row.split].add(row)
-
-    def _opened_coco(self, name: str) -> Coco:
-        return self._stack.enter_context(closing(Coco(self._text(name), self._scenario)))
-
-    def _binary(self, name: str) -> BinaryIO:
-        path = self._stack.enter_context(self._writing(name))
-        return self._stack.enter_context(path.open("wb"))
-
-    def _text(self, name: str) -> TextIO:
-        path = self._stack.enter_context(self._writing(name))
-        return self._stack.enter_context(path.open("w", encoding="utf-8", newline=""))
+        yield add
 
 
-def others(splits: Sequence[str], scenario: Scenario) -> dict[str, bytes]:
-    """Write what stands beside the tables of a dataset with frames in these splits, by name."""
-    camera = calibration_of(scenario).to_toml().encode()
-    return {"data.yaml": yolo_yaml(splits), "camera.toml": camera} | grabs(scenario)
+def finish(
+    store: Store, core: dict[str, Any], scenario: Scenario, rendered_by: Fingerprint,
+    tiles: Iterable[tuple[NDArray[np.uint8], Row]], splits: Collection[str], written: Sequence[str],
+) -> None:  # fmt: skip
+    """Write what a dataset of files has besides frames and tables; the manifest comes last.
+
+    Parameters
+    ----------
+    store : Store
+    core : dict
+        See `simgrab.dataset.manifest.identity`.
+    scenario : Scenario
+    rendered_by : Fingerprint
+    tiles : iterable of (ndarray, Row)
+        First frames, BGR.
+    splits : collection of str
+        Those that have frames.
+    written : sequence of str
+        Names of other files that are there.
+    """
+    full = [split for split in SPLITS if split in splits]
+    if store.folder is not None:
+        for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
+            (store.folder / "images" / split).mkdir(parents=True, exist_ok=True)
+    others = {"data.yaml": yolo_yaml(full), preview.NAME: preview.of(tiles)} | beside(scenario)
+    for name, data in others.items():
+        store.write(name, data)
+    names = {LABELS, *map(coco_name, SPLITS), *map(metadata_name, full), *others, *written}
+    store.write(MANIFEST, manifest.compose(core, rendered_by, {name: store.sha256(name) for name in names}))
 
 
-def grabs(scenario: Scenario) -> dict[str, bytes]:
-    """Copy the files of users' own grabs, by their names in a dataset."""
-    found: dict[str, bytes] = {}
+def beside(scenario: Scenario) -> dict[str, bytes]:
+    """Write what lies beside the labels of every dataset, by name: the camera file, and copies of users' own grabs."""
+    found = {"camera.toml": calibration_of(scenario).to_toml().encode()}
     for model in scenario.models:
         found |= {f"{models.copied(model.sha256)}/{name}": data for name, data in model.files.items()}
     return found
-
-
-def names(splits: Sequence[str]) -> list[str]:
-    """Name the tables, and what always lies beside them, of a dataset with frames in these splits."""
-    return [
-        "labels.parquet", "data.yaml", "camera.toml", "preview.jpg",
-        *(f"annotations/instances_{split}.json" for split in SPLITS), *map(metadata_name, splits),
-    ]  # fmt: skip
 
 
 def calibration_of(scenario: Scenario) -> Calibration:

@@ -39,14 +39,17 @@ def check_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
 
 
 @contextmanager
-def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab") -> Iterator[None]:
-    """Make a folder, and refuse it to every other process until left; ``who`` is what writes there."""
+def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab", name: str = "") -> Iterator[None]:
+    """Make a folder, and refuse it to every other process until left.
+
+    Messages call what writes there ``who``, and the folder by its path unless it has a ``name``.
+    """
     with ExitStack() as stack:
         try:
             path.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(path / LOCK))
         except BlockingIOError:
-            raise refuse(f"{path} is being written by another {who}") from None
+            raise refuse(f"{name or path} is being written by another {who}") from None
         except OSError as problem:
             raise refuse(f"cannot write to {path}: {first_line(problem)}") from None
         yield

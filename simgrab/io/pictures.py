@@ -173,7 +173,7 @@ def decode(data: bytes, path: Path | str, bits: int | None = None, *, half: bool
             raise _damaged(path, problem) from None
         with suppress(Exception):  # EXIF may be damaged, and the picture sound
             ImageOps.exif_transpose(image, in_place=True)
-        return np.asarray(image.convert("RGB"))
+        return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
 
 
 def _opened(data: bytes, path: Path | str) -> ImageFile:

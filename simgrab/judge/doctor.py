@@ -20,7 +20,7 @@ import scipy.linalg  # loads its OpenBLAS
 from simgrab._version import __version__
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer import open_second_renderer
-from simgrab.runtime.versions import PACKAGES
+from simgrab.runtime.versions import PACKAGES, Fingerprint
 from simgrab.world import gl
 
 
@@ -66,7 +66,7 @@ class Diagnosis:
     """
 
     backend: str
-    renderer: gl.Fingerprint | None
+    renderer: Fingerprint | None
     problem: str
     second_renderer: str
     second_problem: str
@@ -111,7 +111,7 @@ def examine() -> Diagnosis:
     )
 
 
-def rasterizer(fingerprint: gl.Fingerprint) -> Rasterizer | None:
+def rasterizer(fingerprint: Fingerprint) -> Rasterizer | None:
     """Read Mesa's version, LLVM's and the vector width from the strings of OpenGL; None where they are another's."""
     llvm = re.search(r"\(LLVM ([\d.]+), (\d+) bits\)", fingerprint.renderer)
     mesa = re.search(r"Mesa (\S+)", fingerprint.version)
@@ -140,7 +140,7 @@ def _openblas_kernels(package: ModuleType) -> Iterator[str]:
                 yield kernel().decode()
 
 
-def _open_context() -> gl.Fingerprint:
+def _open_context() -> Fingerprint:
     import mujoco
 
     with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):

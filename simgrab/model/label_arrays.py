@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simgrab.model import geometry
-from simgrab.model.geometry import Array, Distortion, Intrinsics
+from simgrab.model.geometry import Array, Distortion, Intrinsics, Pose
 from simgrab.model.truth import Boxed, Truth
 
 _STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
@@ -27,9 +26,9 @@ def amodal_box(row: Truth) -> Array | None:
     return None if corners[0] is None else np.array(corners, float)
 
 
-def pose(values: tuple[float, ...]) -> Array:
-    """Transform, shape (4, 4), from the 12 values of a pose column."""
-    return np.vstack([np.reshape(values, (3, 4)), (0.0, 0.0, 0.0, 1.0)])
+def pose(values: tuple[float, ...]) -> Pose:
+    """Pose from the 12 values of a column."""
+    return Pose.from_matrix(np.reshape(values, (3, 4)))
 
 
 def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
@@ -51,10 +50,9 @@ def yaw(row: Truth | Boxed) -> float:
     """
     if isinstance(row, Boxed):
         return math.nan
-    grab = np.reshape(row.jib_from_grab, (3, 4))
-    camera = np.reshape(row.jib_from_camera, (3, 4))
-    points = grab[:, 3] + np.array([[-_STEP_M], [_STEP_M]]) * grab[:, 0]
-    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    camera, grab = pose(row.jib_from_camera), pose(row.jib_from_grab)
+    points = grab.translation + np.array([[-_STEP_M], [_STEP_M]]) * grab.rotation[:, 0]
+    ends = intrinsics(row).project(camera.local(points))
     across, down = ends[1] - ends[0]
     return float(np.arctan2(down, across) % np.pi)
 
@@ -63,9 +61,8 @@ def up_the_ropes(row: Truth | Boxed) -> Array:
     """Way from A a twentieth of the ropes' length up to O, px, shape (2,); NaN where boxes alone are known."""
     if isinstance(row, Boxed):
         return np.full(2, np.nan)
-    centre, camera = np.reshape(row.jib_from_grab, (3, 4))[:, 3], np.reshape(row.jib_from_camera, (3, 4))
-    points = np.stack([centre, (1 - _STEP) * centre])
-    ends = intrinsics(row).project(geometry.to_camera(points, camera[:, :3], camera[:, 3]))
+    centre = pose(row.jib_from_grab).translation
+    ends = intrinsics(row).project(pose(row.jib_from_camera).local([centre, (1 - _STEP) * centre]))
     return np.asarray(ends[1] - ends[0])
 
 
@@ -112,9 +109,9 @@ class Labelled:
     @property
     def jib_from_camera(self) -> Array:
         """Pose of the camera, shape (4, 4)."""
-        return pose(self.truth.jib_from_camera)
+        return pose(self.truth.jib_from_camera).as_matrix()
 
     @property
     def jib_from_grab(self) -> Array:
         """Pose of the grab, shape (4, 4)."""
-        return pose(self.truth.jib_from_grab)
+        return pose(self.truth.jib_from_grab).as_matrix()

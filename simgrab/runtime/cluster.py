@@ -1,6 +1,6 @@
 """Work shared among the machines of a Ray cluster, as `simgrab.runtime.processes` shares it among processes.
 
-Ray is imported when a cluster is asked for. It repeats the work of a process or machine that died.
+Ray is imported when a cluster is asked for.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import signal
 import socket
 import threading
 import uuid
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from simgrab.errors import ClusterError, WorkerError, first_line
 from simgrab.runtime import processes, versions
-from simgrab.runtime.processes import STOPS, Pool, RemoteError
+from simgrab.runtime.processes import DONE, RAISED, STOPS, TICK, Answer, Executor, Job, Pool
 
 Item = TypeVar("Item")
 T = TypeVar("T")
@@ -39,15 +38,15 @@ def open_pool(
     environment: Mapping[str, str] | None = None,
     memory_bytes: int = 0,
     silent_s: float | None = None,
-) -> Pool | ClusterPool:
+) -> Executor:
     """Open a pool of so many processes, or the pool of a cluster where one is named; parameters as theirs."""
     if cluster is None:
         return Pool(workers, setup=setup, environment=environment, silent_s=silent_s)
     return ClusterPool(cluster, setup=setup, environment=environment, memory_bytes=memory_bytes)
 
 
-class ClusterPool:
-    """The cores of a Ray cluster, as a pool of processes. Use as a context manager.
+class ClusterPool(Executor):
+    """The cores of a Ray cluster, as a pool of processes. Ray repeats the work of a process or machine that died.
 
     Parameters
     ----------
@@ -89,28 +88,13 @@ class ClusterPool:
             except Exception as problem:  # ConnectionError, TimeoutError, RuntimeError of versions, of gRPC
                 raise ClusterError(_unreached(address, problem)) from None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
     def close(self) -> None:
         """Leave the cluster, which ends this pool's processes."""
         with _own_signals():
             self._ray.shutdown()
 
-    def map(
-        self,
-        work: Callable[[Item], T],
-        items: Iterable[Item],
-        *,
-        name: Callable[[Item], str] | None = None,
-        ticked: Callable[[int], None] | None = None,
-    ) -> Generator[T, None, None]:
-        """Do a piece of work for each item, and yield what each gives, in no set order; parameters as `Pool.map`'s.
-
-        Ticks are counted once their item is done.
+    def map(self, work: Callable[[Item], T], items: Iterable[Item], **options: Any) -> Generator[T, None, None]:
+        """Do a piece of work for each item; see `Executor.map`. Ticks are counted once their item is done.
 
         Raises
         ------
@@ -119,36 +103,35 @@ class ClusterPool:
         WorkerError
             If processes or machines die of one item again and again. What work raises is raised as it is.
         """
-        ray = self._ray
         self.check()
+        ray = self._ray
         with self._reached():
-            order = ray.put((uuid.uuid4().hex, versions.everything(), ray.cloudpickle.dumps((self._setup, work))))
-            task = ray.remote(_do).options(num_cpus=1, memory=self._memory or None, max_retries=RETRIES)
-        waiting = enumerate(items, 1)
-        running: dict[Any, tuple[int, Item]] = {}
-        ticks = 0
-        try:
-            while True:
-                with self._reached():
-                    most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
-                while len(running) < most and (job := next(waiting, None)) is not None:
-                    with self._reached():
-                        running[task.remote(order, job[1])] = job
-                if not running:
-                    return
-                with self._reached():
-                    ready, _ = ray.wait(list(running), num_returns=1, timeout=5.0)  # a cluster may grow meanwhile
-                for answer in ready:
-                    number, item = running.pop(answer)
-                    value, steps = self._value(answer, f"item {number}" if name is None else name(item))
-                    ticks += steps
-                    if ticked and steps:
-                        ticked(ticks)
-                    yield value
-        finally:
-            for answer in running:
-                with contextlib.suppress(Exception):  # the cluster may be gone
-                    ray.cancel(answer, force=True)
+            whole = uuid.uuid4().hex, versions.everything(), ray.cloudpickle.dumps((self._setup, work))
+            self._order = ray.put(whole)
+            self._task = ray.remote(_do).options(num_cpus=1, memory=self._memory or None, max_retries=RETRIES)
+        yield from super().map(work, items, **options)
+
+    def _room(self) -> int:
+        with self._reached():
+            return AHEAD * max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+
+    def _submit(self, _work: Callable[[Item], T], item: Item, _running: Collection[Any]) -> Any:
+        with self._reached():
+            return self._task.remote(self._order, item)
+
+    def _answers(self, running: Mapping[Any, Job[Any]]) -> Iterator[Answer]:
+        with self._reached():
+            ready, _ = self._ray.wait(list(running), num_returns=1, timeout=5.0)  # a cluster may grow meanwhile
+        for handle in ready:
+            kind, value, steps = self._value(handle, running[handle].name)
+            if steps:
+                yield Answer(handle, TICK, steps)
+            yield Answer(handle, kind, value)
+
+    def _cancel(self, running: Collection[Any]) -> None:
+        for handle in running:
+            with contextlib.suppress(Exception):  # the cluster may be gone
+                self._ray.cancel(handle, force=True)
 
     @contextlib.contextmanager
     def _reached(self) -> Iterator[None]:
@@ -174,10 +157,11 @@ class ClusterPool:
                 f"the largest has {most / 1e9:.1f} GB"
             )
 
-    def _value(self, answer: Any, name: str) -> tuple[Any, int]:
+    def _value(self, answer: Any, name: str) -> tuple[str, Any, int]:
+        """Get what `_do` gave."""
         exceptions = self._ray.exceptions
         try:
-            kind, value, steps = self._ray.get(answer)
+            found: tuple[str, Any, int] = self._ray.get(answer)
         except exceptions.OutOfMemoryError:
             raise WorkerError(f"{name}: its process was ended again and again because memory was short") from None
         except (exceptions.WorkerCrashedError, exceptions.NodeDiedError, exceptions.ObjectLostError) as problem:
@@ -192,10 +176,7 @@ class ClusterPool:
             ) from None
         except exceptions.RayError as problem:
             raise ClusterError(f"{name}: {first_line(problem)}") from None
-        if kind == "raised":
-            raised, where = value
-            raise raised from RemoteError(where)
-        return value, steps
+        return found
 
 
 _order = ""
@@ -226,9 +207,9 @@ def _do(order: tuple[str, dict[str, str], bytes], item: Any) -> Any:
         if _problem is not None:
             raise _problem
         assert _work is not None
-        return "done", _work(item), steps
+        return DONE, _work(item), steps
     except Exception as problem:
-        return "raised", processes.portable(problem), steps
+        return RAISED, processes.portable(problem), steps
 
 
 def _versions_problem(wanted: dict[str, str]) -> ClusterError | None:

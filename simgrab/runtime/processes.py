@@ -11,14 +11,15 @@ import signal
 import sys
 import time
 import traceback
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from types import FrameType, TracebackType
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from simgrab.errors import WorkerError
 
@@ -45,12 +46,13 @@ def unpickled(data: bytes) -> Any:
 
 
 @dataclass
-class _Job(Generic[Item]):
+class Job(Generic[Item]):
     """An item under way.
 
     Attributes
     ----------
-    number : int
+    name : str
+        What messages call it.
     item : Item
     deaths : int
         How often a worker died of it.
@@ -60,7 +62,7 @@ class _Job(Generic[Item]):
         When its worker was last heard of, by the monotonic clock.
     """
 
-    number: int
+    name: str
     item: Item
     deaths: int = 0
     ticks: int = 0
@@ -68,37 +70,20 @@ class _Job(Generic[Item]):
     heard_s: float = 0.0
 
 
-class Pool:
-    """Processes that do a piece of work for each of many items. Use as a context manager.
+class Answer(NamedTuple):
+    """What a worker says: under which handle its item was submitted, one of the kinds, and what goes with it."""
 
-    Each worker has a pipe of its own and shares no lock, so that none waits for one that died. A dead worker (out of
-    memory, a crash within a library) is replaced, which is logged as a warning, and its item is done again: so work
-    must give the same when repeated, whatever of it was done before.
+    handle: Any
+    kind: str
+    value: Any
 
-    Parameters
-    ----------
-    workers : int
-        Processes at most; each is started when there is an item for it.
-    setup : callable, optional
-        Called in each process before its first item; picklable. What it raises is raised for each item. It may be
-        replaced, for the processes that are started from then on.
-    environment : mapping of str to str, optional
-        Variables of the processes, besides those of this one.
-    silent_s : float, optional
-        How long a worker may neither tick nor finish, before it is killed and replaced as one that hangs.
-    """
 
-    def __init__(
-        self,
-        workers: int,
-        *,
-        setup: Callable[[], None] | None = None,
-        environment: Mapping[str, str] | None = None,
-        silent_s: float | None = None,
-    ) -> None:
-        self.setup, self._environment, self._silent_s = setup, environment or {}, silent_s
-        self._workers: list[_Worker | None] = [None] * workers
-        atexit.register(self.close)  # else Python, ending with this left open, would wait for the workers
+TICK, DONE, RAISED, DIED = "tick", "done", "raised", "died"
+"""Kinds of an answer: so many steps, the result, an error with its traceback as text, and how its process ended."""
+
+
+class Executor(ABC):
+    """Processes that do a piece of work for each of many items. Use as a context manager."""
 
     def __enter__(self) -> Self:
         return self
@@ -106,10 +91,25 @@ class Pool:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
+    @abstractmethod
     def close(self) -> None:
         """End the processes; those at work give it up."""
-        self._end(range(len(self._workers)))
-        atexit.unregister(self.close)
+
+    @abstractmethod
+    def _room(self) -> int:
+        """Most items that may be under way."""
+
+    @abstractmethod
+    def _submit(self, work: Callable[[Item], T], item: Item, running: Collection[Any]) -> Any:
+        """Let a process do an item; gives a handle, other than those that are running."""
+
+    @abstractmethod
+    def _answers(self, running: Mapping[Any, Job[Any]]) -> Iterator[Answer]:
+        """Wait for answers, a while or until there are some."""
+
+    @abstractmethod
+    def _cancel(self, running: Collection[Any]) -> None:
+        """Give up items."""
 
     def map(
         self,
@@ -138,110 +138,133 @@ class Pool:
         WorkerError
             If workers die of one item `ATTEMPTS` times. What work raises is raised as it is.
         """
-        waiting = deque[_Job[Item]]()
-        fresh = (_Job(number, item) for number, item in enumerate(items, 1))
-        running: dict[int, _Job[Item]] = {}
-        finished = 0
+        waiting, running, finished = deque[Job[Item]](), dict[Any, Job[Item]](), 0
+        fresh = (Job(name(item) if name else f"item {number}", item) for number, item in enumerate(items, 1))
 
-        def called(job: _Job[Item]) -> str:
-            return f"item {job.number}" if name is None else name(job.item)
-
-        def start(place: int) -> None:
-            job = waiting.popleft() if waiting else next(fresh, None)
-            if job is not None:
-                job.ticks, job.heard_s, running[place] = 0, time.monotonic(), job
-                self._give(place, work, job.item)
-
-        def lost(place: int, why: str = "") -> None:
-            job, died = running.pop(place), self._discard(place)
-            how = why or died
-            job.deaths += 1
-            if job.deaths == ATTEMPTS:
-                raise WorkerError(f"{called(job)}: {ATTEMPTS} worker processes died processing it; the last {how}")
-            _log.warning("%s: its worker process %s; the item is retried", called(job), how)
-            waiting.append(job)
+        def fill() -> None:
+            while len(running) < self._room() and (job := waiting.popleft() if waiting else next(fresh, None)):
+                running[self._submit(work, job.item, running)] = job
+                job.ticks, job.heard_s = 0, time.monotonic()
 
         try:
-            for place in range(len(self._workers)):
-                start(place)
-            while running:
-                places = {self._pipe(place): place for place in running}
-                heard = connection.wait(list(places), self._left_s(running.values()))
-                for place in [] if heard else self._silent(running):
-                    self._kill(place)
-                    lost(place, f"neither ticked nor finished for {self._silent_s:g} s, and was killed")
-                    start(place)
-                for pipe in heard:
-                    place = places[pipe]  # type: ignore[index]  # these are pipes, and no other handles
-                    job = running[place]
+            while True:
+                fill()
+                if not running:
+                    return
+                for handle, kind, value in self._answers(running):
+                    job = running[handle]
                     job.heard_s = time.monotonic()
-                    try:
-                        kind, value = self._pipe(place).recv()
-                    except (EOFError, OSError):
-                        lost(place)
-                        start(place)
-                        continue
-                    if kind == _TICK:
-                        job.ticks += 1
+                    if kind == TICK:
+                        job.ticks += value
                         job.most_ticks = max(job.ticks, job.most_ticks)
                         if ticked:
                             ticked(finished + sum(one.most_ticks for one in (*running.values(), *waiting)))
                         continue
-                    del running[place]
-                    if kind == _RAISED:
+                    del running[handle]
+                    if kind == RAISED:
                         problem, where = value
                         raise problem from RemoteError(where)
+                    if kind == DIED:
+                        job.deaths += 1
+                        if job.deaths == ATTEMPTS:
+                            raise WorkerError(
+                                f"{job.name}: {ATTEMPTS} worker processes died processing it; the last {value}"
+                            )
+                        _log.warning("%s: its worker process %s; the item is retried", job.name, value)
+                        waiting.append(job)
+                        continue
                     finished += job.most_ticks
-                    start(place)
+                    fill()
                     yield value
         finally:
-            self._end(running)
+            self._cancel(running)
 
-    def _left_s(self, jobs: Iterable[_Job[Item]]) -> float | None:
-        """How long it takes until the first of these workers has been silent for too long."""
-        if self._silent_s is None:
-            return None
-        return max(0.0, min(job.heard_s for job in jobs) + self._silent_s - time.monotonic())
 
-    def _silent(self, running: Mapping[int, _Job[Item]]) -> list[int]:
-        """Places of workers that have been silent for too long."""
-        most = self._silent_s
-        return [place for place, job in running.items() if most and time.monotonic() - job.heard_s >= most]
+class Pool(Executor):
+    """Processes of this machine.
 
-    def _kill(self, place: int) -> None:
-        worker = self._workers[place]
-        assert worker is not None
-        worker.process.kill()
+    Each worker has a pipe of its own and shares no lock, so that none waits for one that died. A dead worker (out of
+    memory, a crash within a library) is replaced, which is logged as a warning, and its item is done again: so work
+    must give the same when repeated, whatever of it was done before. (An executor of `concurrent.futures` is broken by
+    the first death, knows no ticks, and waits for a worker that hangs.)
 
-    def _pipe(self, place: int) -> Connection[Any, Any]:
-        worker = self._workers[place]
-        assert worker is not None
-        return worker.pipe
+    Parameters
+    ----------
+    workers : int
+        Processes at most; each is started when there is an item for it.
+    setup : callable, optional
+        Called in each process before its first item; picklable. What it raises is raised for each item. It may be
+        replaced, for the processes that are started from then on.
+    environment : mapping of str to str, optional
+        Variables of the processes, besides those of this one.
+    silent_s : float, optional
+        How long a worker may neither tick nor finish, before it is killed and replaced as one that hangs.
+    """
 
-    def _give(self, place: int, work: Callable[[Item], T], item: Item) -> None:
+    def __init__(
+        self,
+        workers: int,
+        *,
+        setup: Callable[[], None] | None = None,
+        environment: Mapping[str, str] | None = None,
+        silent_s: float | None = None,
+    ) -> None:
+        self.setup, self._environment, self._silent_s = setup, environment or {}, silent_s
+        self._workers: list[_Worker | None] = [None] * workers  # by place, which is the handle of an item
+        atexit.register(self.close)  # else Python, ending with this left open, would wait for the workers
+
+    def close(self) -> None:
+        """End the processes; those at work give it up."""
+        self._cancel(range(len(self._workers)))
+        atexit.unregister(self.close)
+
+    def _room(self) -> int:
+        return len(self._workers)
+
+    def _submit(self, work: Callable[[Item], T], item: Item, running: Collection[int]) -> int:
         """Send an item to a worker, which is started where there is none, or only a dead one."""
+        place = next(place for place in range(len(self._workers)) if place not in running)
         if (idle := self._workers[place]) is not None:
             try:
                 idle.pipe.send((work, item))
-                return
+                return place
             except OSError:
                 self._discard(place)
         fresh = self._workers[place] = _Worker(self.setup)
         fresh.start({**self._environment, PLACE: str(place)})
         with contextlib.suppress(OSError):  # it died of this, or at once: its pipe is at its end then
             fresh.pipe.send((work, item))
+        return place
 
-    def _discard(self, place: int) -> str:
-        """Forget a dead worker; returns how it died."""
+    def _answers(self, running: Mapping[int, Job[Any]]) -> Iterator[Answer]:
+        workers = {worker.pipe: place for place, worker in enumerate(self._workers) if worker and place in running}
+        most, now = self._silent_s, time.monotonic()
+        left_s = None if most is None else max(0.0, min(job.heard_s for job in running.values()) + most - now)
+        heard = connection.wait(list(workers), left_s)
+        for pipe, place in workers.items():
+            if pipe in heard:
+                try:
+                    kind, value = pipe.recv()
+                except (EOFError, OSError):
+                    kind, value = DIED, self._discard(place)
+                yield Answer(place, kind, value)
+            elif not heard and most is not None and time.monotonic() - running[place].heard_s >= most:
+                self._discard(place, kill=True)
+                yield Answer(place, DIED, f"neither ticked nor finished for {most:g} s, and was killed")
+
+    def _discard(self, place: int, *, kill: bool = False) -> str:
+        """Forget a dead worker, or one that is killed; returns how it died."""
         worker, self._workers[place] = self._workers[place], None
         assert worker is not None
+        if kill:
+            worker.process.kill()
         worker.pipe.close()
         worker.process.join()
         return _death(worker.process.exitcode)
 
-    def _end(self, places: Iterable[int]) -> None:
+    def _cancel(self, running: Iterable[int]) -> None:
         """End workers: those at work give it up, leaving no drafts behind."""
-        ending = [worker for place in places if (worker := self._workers[place]) is not None]
+        ending = [worker for place in running if (worker := self._workers[place]) is not None]
         try:
             for worker in ending:
                 worker.ask_to_end()
@@ -315,9 +338,6 @@ def _death(status: int | None) -> str:
     return f"{text} (out of memory?)" if -status == signal.SIGKILL else text
 
 
-# Kinds of a worker's messages.
-_TICK, _DONE, _RAISED = "tick", "done", "raised"
-
 _on_tick: Callable[[], None] | None = None
 
 
@@ -348,7 +368,7 @@ def _serve(pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None
         _handle_signals()
         pipe.poll(None)  # for the first item: by then `die_with_parent` can be called
         die_with_parent()
-        call_on_tick(lambda: pipe.send((_TICK, None)))
+        call_on_tick(lambda: pipe.send((TICK, 1)))
         problem = set_up(setup)
         while True:
             data = pipe.recv_bytes()
@@ -410,7 +430,7 @@ def set_up(setup: Callable[[], None] | None) -> BaseException | None:
 def _answer(data: bytes) -> bytes:
     try:
         work, item = ForkingPickler.loads(data)
-        return bytes(ForkingPickler.dumps((_DONE, work(item))))
+        return bytes(ForkingPickler.dumps((DONE, work(item))))
     except _Ended:
         raise
     except BaseException as problem:
@@ -418,7 +438,7 @@ def _answer(data: bytes) -> bytes:
 
 
 def _refusal(problem: BaseException) -> bytes:
-    return bytes(ForkingPickler.dumps((_RAISED, portable(problem))))
+    return bytes(ForkingPickler.dumps((RAISED, portable(problem))))
 
 
 def portable(problem: BaseException) -> tuple[BaseException, str]:

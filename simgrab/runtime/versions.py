@@ -5,10 +5,41 @@ from __future__ import annotations
 import functools
 import hashlib
 import platform
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pillow", "pyarrow", "pycocotools", "scipy", "trimesh")
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too.
+
+    Attributes
+    ----------
+    renderer, version : str
+        Of OpenGL.
+    mujoco : str
+        Version.
+    passes : str
+        Version of simgrab's own render passes; empty in datasets of before there were any.
+    """
+
+    renderer: str
+    version: str
+    mujoco: str
+    passes: str = ""
+
+    def __str__(self) -> str:
+        own = f", passes {self.passes}" if self.passes else ""
+        return f"{self.renderer}, MuJoCo {self.mujoco}{own}"
+
+    @property
+    def digest(self) -> str:
+        """First 16 hexadecimal digits of a SHA-256 over all fields that are not empty."""
+        fields = filter(None, (self.renderer, self.version, self.mujoco, self.passes))
+        return hashlib.sha256("\n".join(fields).encode()).hexdigest()[:16]
 
 
 def packages() -> dict[str, str]:

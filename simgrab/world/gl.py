@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-import hashlib
 import importlib
 import logging
 import os
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from simgrab.errors import RendererError
 from simgrab.runtime import environment
 from simgrab.runtime.processes import PLACE
+from simgrab.runtime.versions import Fingerprint
 from simgrab.world import llvm
 
 if TYPE_CHECKING:
@@ -146,36 +146,6 @@ def _egl_function(egl: Any, name: bytes, result: Any, *arguments: Any) -> Any:
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     address = egl.eglGetProcAddress(name)
     return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
-
-
-@dataclass(frozen=True)
-class Fingerprint:
-    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too.
-
-    Attributes
-    ----------
-    renderer, version : str
-        Of OpenGL.
-    mujoco : str
-        Version.
-    passes : str
-        Version of simgrab's own render passes; empty in datasets of before there were any.
-    """
-
-    renderer: str
-    version: str
-    mujoco: str
-    passes: str = ""
-
-    def __str__(self) -> str:
-        own = f", passes {self.passes}" if self.passes else ""
-        return f"{self.renderer}, MuJoCo {self.mujoco}{own}"
-
-    @property
-    def digest(self) -> str:
-        """First 16 hexadecimal digits of a SHA-256 over all fields that are not empty."""
-        fields = filter(None, (self.renderer, self.version, self.mujoco, self.passes))
-        return hashlib.sha256("\n".join(fields).encode()).hexdigest()[:16]
 
 
 def threads(number: int | None) -> dict[str, str]:

@@ -76,7 +76,7 @@ def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] |
         p2=k.distortion.p2,
         k3=k.distortion.k3,
         jib_from_camera=_floats(camera_pose),
-        jib_from_grab=_floats(state.jib_from_grab[:3]),
+        jib_from_grab=_floats(state.jib_from_grab.as_matrix()[:3]),
         grab_u_px=_number(pixel[0]),
         grab_v_px=_number(pixel[1]),
         ideal_u_px=_number(ideal[0]),

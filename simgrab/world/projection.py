@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from simgrab.errors import ScenarioError
-from simgrab.model import geometry
-from simgrab.model.geometry import Array
+from simgrab.model.geometry import Array, Pose
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES
 from simgrab.world.camera import shutter
@@ -75,14 +74,11 @@ def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
     moment = shutter.exposed(scenario, nominal)
     frame, state = moment.frame, moment.grab
     pose = state.jib_from_grab
-    points = plan.grab_points(state) @ pose[:3, :3].T + pose[:3, 3]
+    points = pose.apply(plan.grab_points(state))
     plan.check_clearance(moment, points)
-    camera, rotation = scenario.camera, moment.tilt.jib_from_camera
-
-    def to_camera(points_jib: Array) -> Array:
-        return geometry.to_camera(points_jib, rotation, camera.offset_m)
-
-    outline = to_camera(points)
+    camera = scenario.camera
+    jib_from_camera = Pose(moment.tilt.jib_from_camera, np.asarray(camera.offset_m))
+    outline = jib_from_camera.local(points)
     if outline[:, 2].min() < NEAREST_DEPTH_M:
         raise ScenarioError(
             "swing", f"frame {frame}: the grab reaches the camera or passes behind it "
@@ -95,17 +91,16 @@ def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
         if len(pixels):
             amodal = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
             oriented = cv2.boxPoints(cv2.minAreaRect(pixels.astype(np.float32)))
-    centre, keypoints = to_camera(pose[:3, 3]), to_camera(_keypoints(plan.grab, state))
+    centre, keypoints = (jib_from_camera.local(each) for each in (pose.translation, _keypoints(plan.grab, state)))
     return Projection(nominal, moment, centre, amodal, oriented, keypoints)
 
 
 def _keypoints(grab: Design, state: GrabState) -> Array:
     """Keypoints in the jib frame, shape (10, 3), in the order of `KEYPOINT_NAMES`; NaN where the grab has no such."""
-    frames, pose = grab.frames(state.jaw), state.jib_from_grab
+    frames = grab.frames(state.jaw)
     lips = [frames[body][:3, :3] @ p + frames[body][:3, 3] for body, points in grab.lips.items() for p in points]
     in_grab = np.concatenate([np.zeros((1, 3)), _four(grab.terminations), _four(lips)])
-    in_jib = in_grab @ pose[:3, :3].T + pose[:3, 3]
-    points = np.insert(in_jib, 1, 0.0, axis=0)  # the rope exit is O
+    points = np.insert(state.jib_from_grab.apply(in_grab), 1, 0.0, axis=0)  # the rope exit is O
     assert len(points) == len(KEYPOINT_NAMES)
     return points
 

@@ -28,8 +28,7 @@ from simgrab.errors import SimgrabError, WorkerError
 from simgrab.judge import doctor
 from simgrab.judge.audit.second_renderer import choice, install_hint
 from simgrab.model import scenes
-from simgrab.runtime.versions import PACKAGES
-from simgrab.world.gl import Fingerprint
+from simgrab.runtime.versions import PACKAGES, Fingerprint
 
 
 def run(*arguments):

@@ -16,7 +16,7 @@ import simgrab
 from scripts import make_reference
 from scripts.make_tables import DOCS, TABLES, filled
 from simgrab.cli import cli
-from simgrab.dataset.sensors import yaml
+from simgrab.dataset.sensor_files import yaml
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Frame, Measurement, TakesSensors
 from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP

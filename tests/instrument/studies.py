@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import pendulum_simulator as pendulum
 
 from simgrab.instrument.estimate import (
     ESTIMATORS,
@@ -22,6 +21,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import camera_rotation, grab_centre, to_camera
 from simgrab.model.records.estimates import Estimates, Intervals
 from simgrab.model.rng import stream
+from tests.instrument import pendulum_simulator as pendulum
 
 H = 1644.82
 AZIMUTH = 0.7
@@ -108,13 +108,6 @@ def beats(one: Score, other: Score) -> float:
     gain = other.squares - one.squares
     gain = gain[np.isfinite(gain)]
     return float(gain.mean() / max(gain.std() / np.sqrt(gain.size), 1e-300)) if gain.size > 1 else np.nan
-
-
-def best(scores: dict[str, Score]) -> list[str]:
-    """Name those that the one of least RMSE does not beat by 2 standard errors, first itself; none that refuses 1 %."""
-    solved = {name: s for name, s in scores.items() if s.refused < 0.01}
-    first = min(solved, key=lambda name: solved[name].rmse)
-    return [first, *(k for k, s in solved.items() if k != first and not beats(solved[first], s) >= 2)]
 
 
 @cache

@@ -13,14 +13,14 @@ from click.testing import CliRunner
 
 import simgrab
 from simgrab.cli.estimate import command
-from simgrab.dataset.sensors import STAMP, yaml
+from simgrab.dataset.sensor_files import yaml
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate import InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial import live, model
 from simgrab.instrument.estimate.inertial.live import InertialTracker
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation, rotation_vector
-from simgrab.instrument.estimate.inertial.readings import ImuReadings, read_imu
+from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, read_imu
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run.run import run
 from simgrab.model import scenes
@@ -56,9 +56,9 @@ def crane():
     return swinging.record(fixed=False, frames=FRAMES, seed=100, camera__mount={"model": "levelled"})
 
 
-def estimated(crane, imu, pixels=None, **settings):
+def estimated(crane, imu, pixels=None):
     noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.5, crane.pixels.shape) if pixels is None else pixels
-    estimator = InertialFusion(imu=imu, **settings)
+    estimator = InertialFusion(imu=imu)
     return estimator.estimate(noisy, crane.calibration, rope_length=crane.rope, time=crane.time)
 
 
@@ -109,7 +109,7 @@ def test_the_model_is_the_world():
     imu = ImuReadings(got.true("time [s]"), got.values[:, :3], got.values[:, 3:], np.eye(3))
     summed = preintegrate(time, imu, straight)
     assert np.abs(rotation_vector(attitude[1:].swapaxes(1, 2) @ attitude[:-1] @ summed.turn)).max() < 1e-6
-    unit = np.einsum("nij,nj->ni", level_from_jib, [m.grab.jib_from_grab[:3, 3] for m in moments]) / rope[:, None]
+    unit = np.einsum("nij,nj->ni", level_from_jib, [m.grab.jib_from_grab.translation for m in moments]) / rope[:, None]
     state = np.zeros((len(time), model.STATE))
     state[:, model.SWING] = unit[:, :2]
     parameters = np.zeros(model.PARAMETERS)
@@ -128,7 +128,7 @@ def test_the_model_is_the_world():
     still = dataclasses.replace(summed, force=9.80665 * attitude[:-1, 2])  # as if nothing accelerated the jib head
     missed = []
     for imu in (summed, still):
-        links = model.Links.of(imu, rope, length, 10.0)
+        links = model.Links.of(imu, rope, length)
         residual = model.derivatives_of_advance(attitude, state, parameters, links)[0]
         missed.append(np.abs(residual[5:-5]))  # the momentum of the ends is a one-sided difference
     assert missed[0][:, model.SWING].max() < 2e-4

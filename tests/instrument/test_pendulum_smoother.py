@@ -1,12 +1,12 @@
 import numpy as np
-import pendulum_simulator as simulator
 import pytest
-import studies
 
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.frames import groups
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, Nodes, advance
 from simgrab.model.geometry import camera_rotation
+from tests.instrument import pendulum_simulator as simulator
+from tests.instrument import studies
 
 TILTED = camera_rotation(np.deg2rad(5.0), 0.7, 0.0)
 
@@ -17,13 +17,13 @@ def test_the_momentum_form_moves_as_the_simulators_vector_form():
     record = simulator.free(np.random.default_rng(3), 1, 12.0, rope, np.deg2rad(8), 0.01, fps=200.0)
     n, time, length = record.direction[0], record.time, rope.length(record.time)
     momentum = np.cross(n, np.gradient(n, time, axis=0)) * (length**2)[:, None]
-    links = Links(np.diff(time), length[:-1], length[1:], 20.0, 10.0)
+    links = Links(np.diff(time), length[:-1], length[1:], 20.0)
     k = 100  # away from the ends, where the gradient is one-sided
     x = np.array([n[k, 0], n[k, 1], -momentum[k, 1] / 400, momentum[k, 0] / 400, 0.0, 0.0])
     parameters = np.zeros(PARAMETERS)
     parameters[5] = 0.01
     for i in range(k, len(time) - k):
-        one = Links(links.step[i : i + 1], links.before[i : i + 1], links.after[i : i + 1], 20.0, 10.0)
+        one = Links(links.step[i : i + 1], links.before[i : i + 1], links.after[i : i + 1], 20.0)
         x = advance(x[None], parameters, one)[0]
         if i % 200 == 0:
             np.testing.assert_allclose(x[:2], n[i + 1, :2], atol=2e-4)  # the start's gradient errs by 1e-4
@@ -64,7 +64,7 @@ def test_gaps_are_bridged_and_long_ones_are_not():
 def test_long_steps_are_divided_and_the_longest_are_not_bridged():
     time = np.array([0.0, 0.1, 1.1, 1.2, 31.2, 31.3])
     record = next(groups(np.full((1, 6, 2), 500.0), np.full((1, 6), 20.0), time, studies.camera()))
-    nodes = Nodes.of(record, slice(None), 0.35, 20.0)
+    nodes = Nodes.of(record, slice(None), 20.0)
     np.testing.assert_allclose(nodes.time[nodes.frame], time)
     assert np.flatnonzero(nodes.first).tolist() == [0, nodes.frame[4]]
     assert np.all(np.diff(nodes.time)[~nodes.first[1:]] <= 0.35)

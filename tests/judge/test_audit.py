@@ -314,7 +314,7 @@ def test_poses_follow_the_suspension(dataset):
         row = msgspec.convert(plain, Row)
         alpha, azimuth, yaw = np.radians((row.alpha_deg, row.gamma_deg + row.tilt_azimuth_deg, row.yaw_deg))
         state = hung(GrabState(alpha, azimuth, row.rope_length_m, yaw, 0.0, 0.0), FourRopes(tilt_ratio=0.2), 1.64)
-        pose = tuple(state.jib_from_grab[:3].ravel().tolist())
+        pose = tuple(np.asarray(state.jib_from_grab)[:3].ravel().tolist())
         rows.append(msgspec.structs.replace(row, jib_from_grab=pose))
 
     def status(suspension, rows=rows):

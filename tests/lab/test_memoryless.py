@@ -7,15 +7,7 @@ from scipy.optimize import minimize
 from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration, RopeAware
 from simgrab.instrument.estimate.frames import gravity
 from simgrab.instrument.estimate.intervals import of_scale
-from simgrab.lab.paper.paper import PaperSettings, study
 from tests.instrument import studies
-
-
-@pytest.mark.slow
-def test_errors_fall_as_the_root_of_n():
-    found = study(PaperSettings(replications=1000, frames=(100, 316, 1000, 3162), starts_deg=(0,)))
-    assert found.slope_beta == pytest.approx(-0.5, abs=0.03)
-    assert found.slope_sigma2 == pytest.approx(-0.5, abs=0.03)
 
 
 @pytest.mark.parametrize("beta_deg", [5.0, 1.0])
@@ -31,15 +23,6 @@ def test_under_rayleigh_none_beats_the_mean_ray(beta_deg):
     scores = studies.rivals("rayleigh", 300, 1000, beta_deg)
     for name in ("paper", "paper, from mean ray", "geometric-median", "zero-tilt"):
         assert studies.beats(scores[name], scores["mean-ray"]) < 2, name
-
-
-def test_those_that_tie_are_named_together():
-    tie = ["mean-ray", "paper", "paper, from mean ray"]
-    scores = studies.rivals("rayleigh", 300, 1000, 5.0)
-    assert sorted(studies.best({k: scores[k] for k in [*tie, "geometric-median", "zero-tilt"]})) == tie
-    scores = studies.rivals("exponential", 300, 1000, 1.0)
-    assert scores["paper"].refused == 1
-    assert studies.best(scores) == ["geometric-median"]
 
 
 def test_the_geometric_median_is_where_the_mean_angle_is_least():

@@ -59,7 +59,7 @@ def _target(scene, time):
     """The grab in pictures, to a third of a pixel, with every tenth frame missing."""
     trajectory = Trajectory(scene)
     moments = [trajectory.at(frame) for frame in range(FRAMES)]
-    centres = np.array([m.grab.jib_from_grab[:3, 3] for m in moments])
+    centres = np.array([m.grab.jib_from_grab.translation for m in moments])
     rotations = np.array([m.tilt.jib_from_camera for m in moments])
     camera = scene.camera
     pixels = camera.intrinsics.project(to_camera(centres, rotations, np.array([0.0, 0.0, 0.0])))

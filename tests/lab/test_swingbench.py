@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from simgrab.cli import cli
-from simgrab.dataset.sensors import yaml
+from simgrab.dataset.sensor_files import yaml
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import BenchError, InstrumentError, RecordError
 from simgrab.instrument.contract import Frame, Measurement

@@ -12,7 +12,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.training import checkpoint, loop  # noqa: E402
+from simgrab.training import loop  # noqa: E402
 from simgrab.training.recipe import Recipe  # noqa: E402
 
 RECIPE = Recipe(epochs=6, batch=16, rate=3e-2, average=0.9, threads=1)
@@ -125,23 +125,6 @@ def test_it_stops_early_when_nothing_gets_better(tmp_path):
 
     trained = loop.train(build, Stuck(), dataclasses.replace(RECIPE, patience=2), tmp_path)
     assert (trained.epoch, trained.epochs) == (1, 3)
-
-
-@pytest.mark.parametrize("where", ["write", "replace"])
-def test_a_checkpoint_is_never_half_written(tmp_path, monkeypatch, where):
-    path = tmp_path / "checkpoint.pt"
-    checkpoint.save(path, {"identity": {}, "value": 1})
-
-    def die(*_):
-        raise KilledError
-
-    if where == "write":
-        monkeypatch.setattr(os, "fsync", die)
-    else:
-        monkeypatch.setattr("pathlib.Path.replace", die)
-    with pytest.raises(KilledError):
-        checkpoint.save(path, {"identity": {}, "value": 2})
-    assert checkpoint.load(path, {})["value"] == 1
 
 
 def test_another_trainings_checkpoint_is_refused(tmp_path, monkeypatch):

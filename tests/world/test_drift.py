@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_weather import render_pass
 
+from simgrab.model.geometry import Pose
 from simgrab.world.camera.weather.drift import SCALE_HEIGHT_M, drift
 from simgrab.world.camera.weather.render_pass import ray_maps
 from simgrab.world.camera.weather.surface import surface
@@ -46,7 +47,7 @@ def test_it_stays_on_the_ground_while_the_jib_slews():
     """The place turns by −slew before the jib, and with it the wind."""
     c, s = np.cos(0.4), np.sin(0.4)
     turn = np.array([[c, s, 0.0, 0.0], [-s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-    slewed = drift(replace(SEEN, jib_from_place=turn), GROUND, 0.4, turn[:3, :3] @ WIND, 3.0, seed=4)
+    slewed = drift(replace(SEEN, jib_from_place=Pose.from_matrix(turn)), GROUND, 0.4, turn[:3, :3] @ WIND, 3.0, seed=4)
     np.testing.assert_allclose(slewed.keep, drift(SEEN, GROUND, 0.4, WIND, 3.0, seed=4).keep, atol=2e-3)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from conftest import by_yolo, small_scene
+from conftest import small_scene
 from pycocotools.coco import COCO
 
 from simgrab.dataset.render import render
@@ -50,20 +50,6 @@ def test_coco(name, request, capsys):
     capsys.readouterr()
 
 
-def test_yolo(dataset):
-    """As a trainer's loader does: data.yaml names folders of pictures, labels lie beside them."""
-    box, table = boxes(dataset)
-    seen = 0
-    for split in SPLITS:
-        if not (table.split == split).any():
-            continue
-        for frame, image, detections in by_yolo(dataset, split):
-            assert image.shape == (table.height_px[frame], table.width_px[frame], 3)
-            np.testing.assert_allclose(detections.xyxy[0], box.loc[frame], atol=1e-4)
-            seen += 1
-    assert seen == len(table)
-
-
 def test_metadata_csv_is_what_imagefolder_reads(split_dataset):
     """A name beside the file, one row a picture, and by pandas' guess the same types in every split."""
     table = pd.read_parquet(split_dataset / "labels.parquet")
@@ -96,11 +82,6 @@ def test_data_yaml_names_only_folders_with_pictures(splits):
         assert keys[split] == f"images/{split if split in splits else splits[0]}"
         assert (f"# {split} has no frames" in text) == (split not in splits)
     assert (keys["nc"], keys["names"]) == ("1", "[grab]")
-
-
-def test_data_yaml_of_full_splits_names_each():
-    expected = "train: images/train\nval: images/val\ntest: images/test\nnc: 1\nnames: [grab]\n"
-    assert yolo_yaml(SPLITS).decode() == expected
 
 
 def test_a_dataset_of_one_frame_trains_on_what_it_has(tmp_path):

@@ -13,7 +13,7 @@ from scipy import signal
 from simgrab.model import geometry
 from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.moment import STANDARD_GRAVITY, Tilt
-from simgrab.world.trajectory.mount import Mount
+from simgrab.world.trajectory.mount import Mount, tilted
 
 STEP = 0.02
 
@@ -43,27 +43,21 @@ def test_a_camera_that_hangs_straight_keeps_its_azimuth():
 
 
 @pytest.mark.parametrize(("frequency", "damping"), [(0.5, 0.2), (0.25, 0.5), (1.0, 0.1)])
-def test_the_step_response_of_a_levelled_mount(frequency, damping):
-    """Against SciPy's second-order system of the stated frequency and damping."""
-    mount = Mount(scene({"model": "levelled", "frequency_hz": frequency, "damping": damping}).camera, STEP)
-    pull = 0.5
-    gravity = np.array([pull, 0.0, -STANDARD_GRAVITY])
-    lean = []
-    for _ in range(400):
-        mount.step(gravity, 0.0)
-        tilt = mount.tilt(np.zeros(2))
-        lean.append(math.tan(tilt.beta - math.radians(4.0)))  # azimuth 0, as the pull
-    w = 2 * np.pi * frequency
-    expected = signal.step(([w * w], [1, 2 * damping * w, w * w]), T=STEP * np.arange(401))[1][1:]
-    np.testing.assert_allclose(lean, pull / STANDARD_GRAVITY * expected, atol=1e-6)
-
-
-def test_a_levelled_mount_settles_on_apparent_gravity():
-    mount = Mount(scene({"model": "levelled"}, camera__beta_deg=0.0).camera, STEP)
-    for _ in range(2000):
-        mount.step(np.array([0.3, -0.4, -STANDARD_GRAVITY]), 0.0)
-    tilt = mount.tilt(np.zeros(2))
-    assert tilt.beta == pytest.approx(math.atan(0.5 / STANDARD_GRAVITY), rel=1e-6)
+def test_a_levelled_mount_answers_as_a_second_order_system_and_settles_on_apparent_gravity(frequency, damping):
+    """At the intervals' ends and within them, against SciPy's system of the stated frequency and damping."""
+    camera = scene({"model": "levelled", "frequency_hz": frequency, "damping": damping}, camera__beta_deg=0.0).camera
+    mount, w, count = Mount(camera, STEP), 2 * np.pi * frequency, 1000
+    gravity = np.tile([0.3, -0.4, -STANDARD_GRAVITY], (count, 1))
+    leans = np.concatenate(
+        [mount.advance(gravity[:400], np.zeros(401)), mount.advance(gravity[400:], np.zeros(601))[1:]]
+    )
+    system, fine = ([w * w], [1, 2 * damping * w, w * w]), STEP / 4 * np.arange(4 * count + 1)
+    way = np.array([0.3, -0.4]) / STANDARD_GRAVITY
+    expected, rate = (answer(system, T=fine)[1][:, None] * way for answer in (signal.step, signal.impulse))
+    np.testing.assert_allclose(leans[:, 0], expected[::4], atol=1e-6)
+    within = mount.within(leans[:-1], np.full(count, STEP / 4), gravity, np.zeros(count), np.zeros(count))
+    np.testing.assert_allclose(within, np.stack([expected, rate], axis=1)[1::4], atol=1e-6)
+    tilt = tilted(camera, way)
     np.testing.assert_allclose(tilt.jib_from_camera[:2, 2], np.array([0.3, -0.4]) / math.hypot(0.5, STANDARD_GRAVITY))
 
 

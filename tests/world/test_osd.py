@@ -16,8 +16,7 @@ from simgrab.model import layouts, scenes
 from simgrab.model.layouts import CLOCK_PATTERN
 from simgrab.model.scenario import Display
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.trajectory.clock import clock_text
-from simgrab.world.trajectory.display import Shown, shown
+from simgrab.world.trajectory.display import Shown, clock_text, shown
 
 FONT = ASSETS / "fonts" / "wqy-microhei-osd.ttf"
 DIGITS = "0123456789"

@@ -145,6 +145,7 @@ WHOLE = png(Image.fromarray(photograph(1)))
         ("yard.txt", WHOLE, r"must be a folder, or end in one of \.jpg"),
         ("yard.mp4", video(grey(60, 120))[:300], "not a video that can be opened"),
         ("yard.mp4", b"", "not a video that can be opened"),
+        ("yard.mp4", b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:6,\nother.ts\n", "playlists are not followed"),
     ],
 )
 def test_what_is_no_photograph_is_refused(tmp_path: Path, name: str, content: bytes, problem: str) -> None:

@@ -9,16 +9,14 @@ import pytest
 import simgrab
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
-from simgrab.model.scenario import IMU_CLASSES, variant
-from simgrab.world.sensors.errors import Clock, Triad, streams
+from simgrab.model.scenario import IMU_CLASSES, ImuNoise, variant
+from simgrab.world.sensors.errors import Clock, Errors, streams
 
 near = functools.partial(np.testing.assert_allclose, rtol=0)
-NONE = {"density": 0.0, "walk": 0.0, "bias": 0.0, "scale_error": 0.0, "misalignment": 0.0, "limit": None,
-        "resolution": 0.0, "rate_hz": 200.0}  # fmt: skip
 
 
 def triad(seed=0, clip=0, name="imu0", **changes):
-    return Triad(**NONE | changes, opened=streams(seed, clip, name))
+    return Errors(3, streams(seed, clip, name), **{"rate_hz": 200.0} | changes)
 
 
 def allan(values, samples):
@@ -120,7 +118,8 @@ def test_a_clock_stamps_late_and_runs_fast():
 
 
 def test_clocks_are_drawn_with_the_spread_that_was_set():
-    drawn = [Clock.draw(100.0, 5.0, 20.0, streams(0, clip, "imu0")) for clip in range(1000)]
+    errors = ImuNoise(clock_offset_ms=5.0, clock_drift_ppm=20.0)
+    drawn = [Clock.draw(100.0, errors, streams(0, clip, "imu0")) for clip in range(1000)]
     assert np.std([clock.offset for clock in drawn]) == pytest.approx(5e-3, rel=0.1)
     assert np.std([clock.drift for clock in drawn]) == pytest.approx(20e-6, rel=0.1)
 

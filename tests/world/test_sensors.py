@@ -2,6 +2,9 @@
 
 import functools
 import math
+import subprocess
+import sys
+from importlib.util import find_spec
 
 import mujoco
 import numpy as np
@@ -9,10 +12,11 @@ import pytest
 from scipy import signal
 
 import simgrab
+from simgrab.errors import ScenarioError
 from simgrab.model import geometry, scenes
 from simgrab.model.geometry import STANDARD_GRAVITY
 from simgrab.model.scenario import Scenario
-from simgrab.world.scenery.grabs import design_of
+from simgrab.world.sensors import table
 from simgrab.world.sensors.motion import motions
 from simgrab.world.sensors.mounts import ROPE_M, body_from_sensor, kinematics
 from simgrab.world.trajectory.clip import ClipMotion
@@ -88,13 +92,10 @@ def offset_from_o(mount, motion, scenario):
         case "camera":
             return np.einsum("nij,j->ni", geometry.rotation_z(motion.slew), np.array(scenario.camera.offset_m))
         case "rope":
-            straight = ROPE_M * (down if motion.link is None else motion.link.direction)
+            straight = ROPE_M * motion.direction
             return straight if motion.waves is None else straight + displaced(motion.waves, ROPE_M)
-        case "grab" if motion.link is not None:
-            height = body_from_sensor(mount, scenario)[2, 3]
-            return motion.centre - height * down
         case "grab":
-            return (motion.rope - body_from_sensor(mount, scenario)[2, 3])[:, None] * down
+            return motion.centre - body_from_sensor(mount, scenario)[2, 3] * down
 
 
 def displaced(waves, distance):
@@ -116,8 +117,7 @@ def test_sensors_and_frames_show_one_motion(suspension):
     near(motion.slew, [m.jib.slew for m in shown], atol=1e-14)
     near(motion.radius, [m.jib.radius for m in shown], atol=1e-13)
     near(turn.transpose(0, 2, 1) @ motion.attitude, poses[:, :3, :3], atol=1e-12)
-    centre = motion.centre if motion.link else motion.rope[:, None] * motion.centre
-    near(np.einsum("nji,nj->ni", turn, centre), down, atol=1e-12)
+    near(np.einsum("nji,nj->ni", turn, motion.centre), down, atol=1e-12)
     camera = np.einsum("nji,njk->nik", turn, kinematics("camera", motion, scenario).attitude)
     near(camera, [m.tilt.jib_from_camera for m in shown], atol=1e-13)
     assert np.ptp(motion.lean, axis=0).min() > 1e-3
@@ -129,7 +129,10 @@ def test_sensors_and_frames_show_one_motion(suspension):
         ({}, MOUNTS, range(60, 2300, 40), (1e-11, 3e-8)),
         ({"camera.mount.model": "rigid"}, ["camera"], range(60, 2300, 40), (1e-11, 3e-8)),
         (ROPED, ["rope", "grab"], range(60, 560, 10), (1e-11, 3e-8)),
-        (WAVED, ["rope", "grab"], range(60, 560, 10), (1e-11, 3e-8)),
+        pytest.param(
+            *(WAVED, ["rope", "grab"], range(60, 560, 10), (1e-11, 3e-8)),
+            marks=pytest.mark.skipif(not find_spec("simgrab.lab"), reason="rope waves are the laboratory's"),
+        ),
         # Its second swing is five times as fast as the first, and is integrated in the same steps.
         (DOUBLE, ["rope", "grab"], range(60, 560, 10), (3e-10, 1e-6)),
     ],
@@ -166,54 +169,8 @@ def _jaws_rest(scenario, times):
     return jaw[:, 0] == jaw[:, 1]
 
 
-@pytest.mark.parametrize("suspension", [{}, ROPED])
-def test_the_force_of_a_smooth_swing_is_a_second_derivative_within_a_nanometre_a_second_squared(suspension):
-    scenario, step = scene(STILL | suspension | {"swing.start": {"alpha_deg": 6.0, "azimuth_deg": 40.0}}), 0.02
-    motion = at(scenario, 2.0 + step * np.arange(9))
-    for mount in ("rope", "grab"):
-        acceleration = SECOND / step**2 @ offset_from_o(mount, motion, scenario) - motion.gravity[4]
-        felt = kinematics(mount, motion, scenario)
-        near(felt.force[4], felt.attitude[4].T @ acceleration, atol=1e-9)
-
-
-def test_forces_and_rates_are_those_of_mujocos_accelerometer_and_gyroscope():
-    scenario = scene(BUSY, frames=270)
-    motion = at(scenario, np.linspace(0.0, 29.9, 200))
-    spec = mujoco.MjSpec()
-    rope = spec.worldbody.add_body(mass=1.0, inertia=(1.0,) * 3, explicitinertial=True)
-    rope.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
-    grab = rope.add_body(mass=1.0, inertia=(1.0,) * 3, explicitinertial=True)
-    grab.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-    height = design_of(scenario.grab).terminations[0, 2]
-    for name, body, z in (("rope", rope, -1.0), ("grab", grab, height)):
-        body.add_site(name=name, pos=(0, 0, z))
-        for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
-            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    felt = {mount: kinematics(mount, motion, scenario) for mount in ("rope", "grab")}
-    for i in range(len(motion.time)):
-        model.opt.gravity = motion.gravity[i]
-        mujoco.mju_mat2Quat(data.qpos[:4], motion.attitude[i].ravel())
-        data.qpos[4], data.qvel = -motion.rope[i], [*motion.rate[i], -motion.rope_rate[i]]
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_sensorVel(model, data)
-        data.qacc = [*motion.acceleration[i], -motion.rope_acceleration[i]]
-        mujoco.mj_rnePostConstraint(model, data)
-        mujoco.mj_sensorAcc(model, data)
-        rope_rate, rope_force, grab_rate, grab_force = data.sensordata.reshape(4, 3)
-        near(felt["grab"].rate[i], grab_rate, atol=1e-14)
-        near(felt["grab"].force[i], grab_force, atol=1e-13)
-        # That body turns about the rope with the grab, the sensor on the rope does not.
-        out = felt["rope"].attitude[i].T @ motion.attitude[i]
-        near(felt["rope"].force[i], out @ rope_force, atol=1e-13)
-        near(felt["rope"].rate[i][:2], (out @ rope_rate)[:2], atol=1e-14)
-    assert np.ptp(felt["grab"].force, axis=0).min() > 0.1
-
-
-@pytest.mark.parametrize("suspension", [ROPED, DOUBLE])
-def test_on_linked_ropes_they_are_those_of_mujocos_sensors_too(suspension):
+@pytest.mark.parametrize("suspension", [{}, ROPED, DOUBLE])
+def test_rates_and_forces_are_those_of_mujocos_gyroscope_and_accelerometer(suspension):
     """On a tree of ball joint, slide and ball joint, which has the positions, rates and accelerations of the motion."""
     scenario = scene(BUSY | suspension, frames=30)
     motion = at(scenario, np.linspace(0.0, 3.3, 40))
@@ -225,15 +182,15 @@ def test_on_linked_ropes_they_are_those_of_mujocos_sensors_too(suspension):
     end.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
     grab = end.add_body(**solid)
     grab.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
-    for name, body, z in (("rope", rope, -1.0), ("grab", grab, 0.0)):
+    for name, body, z in (("rope", rope, -ROPE_M), ("grab", grab, 0.0)):
         body.add_site(name=name, pos=(0, 0, z))
         for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
             spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
     model = spec.compile()
     data = mujoco.MjData(model)
-    felt, link = {mount: kinematics(mount, motion, scenario) for mount in ("rope", "grab")}, motion.link
+    felt = {mount: kinematics(mount, motion, scenario) for mount in ("rope", "grab")}
     for i in range(len(motion.time)):
-        d, d_rate, d_acceleration = link.direction[i], link.direction_rate[i], link.direction_acceleration[i]
+        d, d_rate, d_acceleration = motion.direction[i], motion.direction_rate[i], motion.direction_acceleration[i]
         held = geometry.lean(np.arctan2(np.hypot(d[0], d[1]), -d[2]), np.arctan2(d[1], d[0]))
         spin, spin_up = held.T @ np.cross(d, d_rate), held.T @ np.cross(d, d_acceleration)
         out = held.T @ motion.attitude[i]
@@ -241,7 +198,7 @@ def test_on_linked_ropes_they_are_those_of_mujocos_sensors_too(suspension):
         rate = motion.rate[i] - carried
         mujoco.mju_mat2Quat(data.qpos[:4], held.ravel())
         mujoco.mju_mat2Quat(data.qpos[5:], out.ravel())
-        data.qpos[4], data.qvel = link.end_height[i] - motion.rope[i], [*spin, -motion.rope_rate[i], *rate]
+        data.qpos[4], data.qvel = -motion.length[i], [*spin, -motion.rope_rate[i], *rate]
         model.opt.gravity = motion.gravity[i]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
@@ -250,11 +207,12 @@ def test_on_linked_ropes_they_are_those_of_mujocos_sensors_too(suspension):
         data.qacc = [*spin_up, -motion.rope_acceleration[i], *up]
         mujoco.mj_rnePostConstraint(model, data)
         mujoco.mj_sensorAcc(model, data)
-        _, rope_force, grab_rate, grab_force = data.sensordata.reshape(4, 3)
+        rope_rate, rope_force, grab_rate, grab_force = data.sensordata.reshape(4, 3)
         near(felt["grab"].rate[i], grab_rate, atol=1e-14)
         near(felt["grab"].force[i], grab_force, atol=1e-13)
         turned = felt["rope"].attitude[i].T @ held
         near(felt["rope"].force[i], turned @ rope_force, atol=1e-13)
+        near(felt["rope"].rate[i][:2], (turned @ rope_rate)[:2], atol=1e-14)  # that body does not turn with the jib
     assert np.ptp(felt["grab"].force, axis=0).min() > 0.05
 
 
@@ -269,10 +227,7 @@ def test_what_moving_jaws_do_is_felt_as_the_velocity_that_they_change():
     felt = kinematics("grab", motion, scenario)
     acceleration = np.einsum("nij,nj->ni", felt.attitude, felt.force) + motion.gravity
     gained = np.einsum("k,nki->i", weights * interval / 2, acceleration.reshape(count, 4, 3))
-    up = np.array([0.0, 0.0, 1.0])
-    arm = body_from_sensor("grab", scenario)[2, 3] - ends.rope
-    own = np.cross(ends.rate, arm[:, None] * up) - ends.rope_rate[:, None] * up
-    first, last = np.einsum("nij,nj->ni", ends.attitude, own)
+    first, last = ends.rope_rate[:, None] * ends.direction + ends.length[:, None] * ends.direction_rate
     assert np.linalg.norm(last - first) > 0.3
     near(gained, last - first, atol=1e-5)
 
@@ -301,45 +256,6 @@ def test_at_rest_a_sensor_reads_gravity_upwards():
     expected = STANDARD_GRAVITY * np.array([0.0, -math.sin(tilt), -math.cos(tilt)])
     near(read["camera"].values[:, 3:], np.tile(expected, (200, 1)), atol=1e-12)
     assert not read["camera"].values[:, :3].any()
-
-
-@pytest.mark.parametrize("rope", [10.0, 20.0, 40.0])
-def test_a_pendulum_is_felt_as_its_equation_says(rope):
-    """Transverse g sin α (1 − ρ/L), along the rope g cos α + ρ α̇², ρ below O, L = (I + m l²)/(m l); and turning."""
-    changes = STILL | {"swing.start": {"alpha_deg": 8.0}, "swing.work.rope_length_m": rope}
-    scenario = scene(changes, frames=54, **imus(mounts=("rope", "grab")))
-    mass, height = design_of(scenario.grab).mass_of(0.0, 0.0), design_of(scenario.grab).terminations[0, 2]
-    arm = rope - mass.centre_z
-    length = arm + mass.inertia[1] / (mass.mass * arm)
-    share = {}
-    for mount, below in (("rope", 1.0), ("grab", rope - height)):
-        read = simgrab.sensors(scenario)[mount]
-        # Signed swing, outboard; it starts at 8° with azimuth 0.
-        alpha = np.radians(read.true("alpha [deg]")) * np.cos(np.radians(read.true("azimuth [deg]")))
-        turning, along, up = -read.values[:, 1], read.values[:, 3], read.values[:, 5]
-        energy = 2 * STANDARD_GRAVITY / length * (np.cos(alpha) - math.cos(math.radians(8.0)))
-        near(turning**2, energy, atol=1e-9)
-        near(along, STANDARD_GRAVITY * np.sin(alpha) * (1 - below / length), atol=1e-8)
-        near(up, STANDARD_GRAVITY * np.cos(alpha) + below * turning**2, atol=1e-8)
-        assert np.abs(read.values[:, [0, 2, 4]]).max() < 1e-12
-        share[mount] = np.abs(along).max() / (STANDARD_GRAVITY * math.sin(math.radians(8.0)))
-    # The grab's accelerometer takes the rope for plumb; the one near O shows the swing.
-    assert share["grab"] < 1.9 / rope
-    assert share["rope"] > 1 - 1.1 / rope
-
-
-def test_a_levelling_camera_is_felt_in_its_housing():
-    """Far above its own frequency it stays behind; below it, it hangs along what it feels as gravity."""
-    work = {"model": "turn", "wait_s": 0.0, "ramp_s": 3.0}
-    changes = STILL | {"swing.work": work, "camera.beta_deg": 0.0, "camera.offset_y_m": 0.0, "camera.offset_z_m": 0.0}
-    quick = changes | {"camera.mount": {"model": "levelled", "frequency_hz": 5.0, "damping": 1.0}}
-    read = {name: simgrab.sensors(scene(c, frames=45, **imus())) for name, c in (("slow", changes), ("quick", quick))}
-    late = slice(700, None)
-    jib, camera = read["quick"]["jib-head"].values[late], read["quick"]["camera"].values[late]
-    assert np.hypot(jib[:, 3], jib[:, 4]).min() > 0.3
-    assert np.abs(camera[:, 3:5]).max() < 0.02
-    np.testing.assert_allclose(np.linalg.norm(camera[:, 3:], axis=1), np.linalg.norm(jib[:, 3:], axis=1), rtol=1e-12)
-    assert np.abs(read["slow"]["camera"].values[:, :2]).max() > 1e-3  # it swings about its hinge
 
 
 def test_an_inclinometer_is_a_first_order_filter_of_apparent_gravity():
@@ -389,3 +305,17 @@ def test_a_scenario_without_sensors_is_written_as_ever():
     with_one = scene({}, imu0={"model": "imu", "mount": "grab"})
     assert with_one.digest() != scene({}).digest()
     assert scenes.of_manifest({"scenario": with_one.to_dict()}, "", lambda *_: b"") == with_one
+
+
+def test_a_scene_imports_no_sensor_that_it_has_not(monkeypatch):
+    code = """
+import sys, simgrab
+imu = {"model": "imu", "mount": "rope"}
+simgrab.sensors(simgrab.load("free-swing", {"frames": 2, "display.layout": "none", "sensors.imu0": imu}))
+others = {f"simgrab.world.sensors.{name}" for name in ("encoders", "inclinometer")} | {"simgrab.lab"}
+assert not others & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    monkeypatch.setitem(table.DEVICES, "lidar", "simgrab.nowhere.lidar:LidarDevice")
+    with pytest.raises(ScenarioError, match=r"sensors\.far\.model: needs simgrab\.nowhere\.lidar, which is not"):
+        simgrab.sensors(scene({}, far={"model": "lidar"}))

@@ -51,7 +51,7 @@ def swinging(**changes):
 
 
 def grab_px(scene, moment):
-    point = to_camera(moment.grab.jib_from_grab[:3, 3], moment.tilt.jib_from_camera, scene.camera.offset_m)
+    point = to_camera(moment.grab.jib_from_grab.translation, moment.tilt.jib_from_camera, scene.camera.offset_m)
     return np.asarray(scene.camera.intrinsics.project(point))
 
 

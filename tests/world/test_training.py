@@ -10,7 +10,6 @@ from conftest import slow_but, small_scene
 from test_dataset import digest
 
 from simgrab.dataset import pool, stored
-from simgrab.dataset.folder import Folder
 from simgrab.dataset.render import render
 from simgrab.errors import ScenarioError
 from simgrab.judge.audit.audit import audit
@@ -66,19 +65,13 @@ def test_frames_of_a_variant_stay_in_one_split():
 
 
 @pytest.mark.slow
-def test_resumed_within_a_variant_it_ends_the_same(varied, tmp_path, monkeypatch):
-    real, left = Folder.store, [3]
-
-    def store(self, frame):
-        left[0] -= 1
-        if left[0] < 0:
+def test_resumed_within_a_variant_it_ends_the_same(varied, tmp_path):
+    def stop(done, _total):
+        if done == 3:
             raise KeyboardInterrupt
-        real(self, frame)
 
-    monkeypatch.setattr(Folder, "store", store)
     with pytest.raises(KeyboardInterrupt):
-        render(scene(), tmp_path / "out")
-    monkeypatch.undo()
+        render(scene(), tmp_path / "out", progress=stop)
     assert render(scene(), tmp_path / "out", resume=True).made == 3
     assert digest(tmp_path / "out") == digest(varied)
 

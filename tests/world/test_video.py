@@ -1,12 +1,8 @@
 import hashlib
 import json
-import os
 import resource
 import shutil
-import signal
 import subprocess
-import sys
-import time
 import tracemalloc
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +18,7 @@ from conftest import SMALL, as_options, small_scene
 
 import simgrab
 from simgrab.cli import cli
+from simgrab.dataset.manifest import identity
 from simgrab.dataset.render import render
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
@@ -30,7 +27,6 @@ from simgrab.errors import DatasetError, ScenarioError
 from simgrab.model import scenes
 from simgrab.model.scenario import Camera, Scenario
 from simgrab.model.truth import Truth
-from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 
 ROUGH = {
@@ -158,26 +154,6 @@ def test_a_clip_made_alone_is_the_same_and_no_two_are(videos, rough, tmp_path):
     assert digests(folder) == digests(videos)
 
 
-@pytest.mark.slow
-def test_killed_and_resumed_it_ends_the_same(videos, rough, tmp_path):
-    command = [sys.executable, "-m", "simgrab", "render", "quay-day", *as_options(SMALL | ROUGH), "--quiet"]
-    command += ["--video", str(tmp_path / "swing.mp4"), "--resume", "--workers", "2"]
-    partial = tmp_path / ".swing.mp4.partial"
-    for drafts in (0, 1):
-        process = subprocess.Popen(command, start_new_session=True)
-        while process.poll() is None and len(list(partial.glob("*.mp4"))) < drafts + (not partial.exists()):
-            time.sleep(0.005)
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        finished = {p.name.split(".")[0] for p in tmp_path.glob("*.manifest.json")}
-        for path in tmp_path.glob("swing-*"):  # whatever has its manifest is whole
-            if path.name.split(".")[0] in finished:
-                assert path.read_bytes() == (videos / path.name).read_bytes()
-    render_video(rough, tmp_path / "swing.mp4", resume=True)
-    assert digests(tmp_path) == digests(videos)
-
-
 def test_frames_and_video_come_from_one_run(videos, rough, tmp_path, monkeypatch):
     """Each frame is drawn once, and neither changes the other, interrupted or not."""
     drawn = []
@@ -270,10 +246,8 @@ def test_a_strangers_file_is_no_clip(rough, tmp_path):
 
 
 def test_two_writers_do_not_share_a_place(rough, tmp_path):
-    with (
-        VideoFiles(Recipe(rough), tmp_path / "swing.mp4").claim(),
-        pytest.raises(DatasetError, match="another simgrab"),
-    ):
+    videos = VideoFiles(rough, identity(rough), tmp_path / "swing.mp4")
+    with videos.journal.opened(videos.identity), pytest.raises(DatasetError, match="another simgrab"):
         render_video(rough, tmp_path / "swing.mp4", resume=True)
 
 
@@ -282,7 +256,7 @@ def test_a_full_disk_is_told_and_survived(videos, rough, tmp_path, monkeypatch):
     real = VideoFiles.draft
 
     def draft(self, clip, suffix):
-        return "/dev/full" if (clip, suffix) == (1, ".mp4") else real(self, clip, suffix)
+        return Path("/dev/full") if (clip, suffix) == (1, ".mp4") else real(self, clip, suffix)
 
     monkeypatch.setattr(VideoFiles, "draft", draft)
     with pytest.raises(DatasetError, match=r"no space left.*--resume"):
@@ -320,9 +294,9 @@ def test_memory_does_not_grow_with_the_clip(tmp_path):
         row = msgspec.json.decode(known, type=Truth)
         return Shot(np.full((64, 64, 3), frame % 256, np.uint8), msgspec.structs.replace(row, frame=frame), "train")
 
-    videos = VideoFiles(Recipe(scenario), tmp_path / "long.mp4")
+    videos = VideoFiles(scenario, identity(scenario), tmp_path / "long.mp4")
     tracemalloc.start()
-    with videos.claim():
+    with videos.journal.opened(videos.identity):
         encode_clip(videos, 0, take, rendered_by, tick=lambda: None, also=lambda _: False)
     tracemalloc.stop()
     assert pq.read_metadata(tmp_path / "long.parquet").num_rows == 4000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simgrab.model import geometry
-from simgrab.model.geometry import Distortion, Intrinsics
+from simgrab.model.geometry import Distortion, Intrinsics, Pose
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Weather
 from simgrab.world.camera.weather import Lamp, RenderPass, air, apply, dust, hidden_fraction, precipitation, streaks
@@ -248,7 +248,7 @@ def test_puddles_and_snow_stay_in_place_when_the_camera_tilts_and_the_crane_slew
     straight, tilted = render_pass(), render_pass(0.12)
     turn = np.eye(4)
     turn[:3, :3], turn[:2, 3] = geometry.rotation_z(0.4), (1.0, -2.0)
-    slewed = render_pass(0.12, jib_from_place=turn)
+    slewed = render_pass(0.12, jib_from_place=Pose.from_matrix(turn))
     moved = points @ turn[:2, :2].T + turn[:2, 3]
     first, second, third = (
         at_places(weathered(s, **effect).light[..., 1], s, p)

@@ -6,22 +6,22 @@ which comes last.
 
 from __future__ import annotations
 
-import json
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from simgrab.dataset import manifest
-from simgrab.dataset.folder import differ, differences, locked, writing
+import pyarrow.compute as pc
+
+from simgrab.dataset.summary import VideoSummary
 from simgrab.errors import DatasetError, ScenarioError
+from simgrab.io import parquet
 from simgrab.io.destination import check_file
-from simgrab.io.parse import read_json
+from simgrab.io.journal import IDENTITY, Journal
+from simgrab.io.stores import Store
 from simgrab.model.scenario import Scenario
-from simgrab.world.extensions import Recipe
 
 MANIFEST = ".manifest.json"
 SIDES = (".parquet", ".camera.toml", MANIFEST)  # what lies beside the video, the manifest last
@@ -44,19 +44,17 @@ class VideoFiles:
 
     Parameters
     ----------
-    recipe : Recipe
+    scenario : Scenario
+    core : dict
+        See `simgrab.dataset.manifest.identity`.
     path : Path
         The video, whose suffix selects the container. Where there are several clips each has its number in the
         name: ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
     """
 
-    recipe: Recipe
+    scenario: Scenario
+    core: dict[str, Any]
     path: Path
-
-    @property
-    def scenario(self) -> Scenario:
-        """The recipe's scenario."""
-        return self.recipe.scenario
 
     def __post_init__(self) -> None:
         if self.path.suffix not in CONTAINERS:
@@ -77,9 +75,16 @@ class VideoFiles:
         return self.scenario.clip.count(self.scenario.frames)
 
     @property
+    def journal(self) -> Journal:
+        """Who makes the clips, and what they are; which are finished their manifests say."""
+        partial = f".{self.path.name}.partial"
+        store = Store(str(self.path.parent), drafts=partial)
+        return Journal(store, partial, f"{partial}/{IDENTITY}", kind="video", option="--video", name=str(self.path))
+
+    @property
     def partial(self) -> Path:
         """Working folder; it exists while clips are unfinished."""
-        return self.path.with_name(f".{self.path.name}.partial")
+        return self.path.with_name(self.journal.partial)
 
     def files(self, clip: int) -> dict[str, Path]:
         """Files of a clip, by suffix, in the order in which they are put in place."""
@@ -90,15 +95,15 @@ class VideoFiles:
         """Where a file of a clip is made."""
         return self.partial / f"{clip:03d}{suffix}"
 
+    @cached_property
     def identity(self) -> dict[str, Any]:
-        """Return what must be equal for two runs to make the same videos, except for the renderer."""
-        core = manifest.identity(self.recipe)
-        packages = core["packages"] | {"av": version("av")}
-        return core | {"packages": packages, "container": self.container.name}
+        """What must be equal for two runs to make the same videos, except for the renderer."""
+        packages = self.core["packages"] | {"av": version("av")}
+        return self.core | {"packages": packages, "container": self.container.name}
 
     def known(self, clip: int) -> dict[str, Any] | None:
         """Manifest of a clip, where there is one."""
-        return _read(self.files(clip)[MANIFEST])
+        return self.journal.known(self.files(clip)[MANIFEST].name)
 
     def is_finished(self, clip: int) -> bool:
         """Whether every file of a clip is in place."""
@@ -118,10 +123,10 @@ class VideoFiles:
             If something lies in the way that is not, with ``resume``, of the same scenario.
         """
         check_file(self.files(0)[self.path.suffix], DatasetError, "--video")
-        begun = _read(self.partial / "identity.json")
+        journal, remaining = self.journal, []
+        begun = journal.known(journal.claim)
         if begun is not None and resume:
-            self._refuse_others(self.path, begun)
-        remaining = []
+            journal.refuse_other(begun, self.identity)
         for clip in range(self.count):
             files, known = self.files(clip), self.known(clip)
             there = [path for path in files.values() if path.exists()]
@@ -129,42 +134,37 @@ class VideoFiles:
                 advice = "" if begun is known is None else "continue with --resume, or "
                 raise DatasetError(f"{(there or [self.partial])[0]} exists; {advice}choose another --video")
             if known is not None:
-                self._refuse_others(files[MANIFEST], known)
+                journal.refuse_other(known, self.identity)
             elif there and begun is None:
                 raise DatasetError(f"{there[0]} is not of a video that simgrab made; choose another --video")
             if not self.is_finished(clip):
                 remaining.append(clip)
         return remaining
 
-    def _refuse_others(self, path: Path, known: dict[str, Any]) -> None:
-        wanted = self.identity()
-        if differ(known, wanted):
-            raise DatasetError(
-                f"{path} is of another video (its {differences(known, wanted)} differs); "
-                "--resume needs the same scenario and packages, or choose another --video"
-            )
-
-    @contextmanager
-    def claim(self) -> Iterator[None]:
-        """Hold the place against a second writer. Left without an error, everything is finished."""
-        with writing(self.path):
-            self.partial.mkdir(parents=True, exist_ok=True)
-        with locked(self.partial, self.path):
-            draft = self.partial / "draft"
-            draft.write_text(json.dumps(self.identity(), indent=1), encoding="utf-8")
-            draft.replace(self.partial / "identity.json")
-            yield
-            shutil.rmtree(self.partial)
-
     def put_in_place(self, clip: int) -> None:
         """Move the drafts of a clip to where they will lie; the manifest makes it count."""
         for suffix, target in self.files(clip).items():
             self.draft(clip, suffix).replace(target)
 
-
-def _read(path: Path) -> dict[str, Any] | None:
-    try:
-        data = read_json(path, DatasetError)
-    except DatasetError:
-        return None
-    return data if isinstance(data, dict) and "scenario" in data else None
+    def summary(self, made: int) -> VideoSummary:
+        """Sum up finished clips, of which so many were made just now."""
+        scenario, sent, repeated, size = self.scenario, 0, 0, 0
+        clamped = Counter[str]()
+        for clip in range(self.count):
+            files = self.files(clip)
+            column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
+            sent, repeated = sent + len(column), repeated + pc.sum(column).as_py()
+            clamped.update((self.known(clip) or {}).get("clamped", {}))
+            size += files[self.path.suffix].stat().st_size
+        return VideoSummary(
+            path=self.path,
+            clips=self.count,
+            made=made,
+            frames=scenario.frames,
+            sent=sent,
+            repeated=repeated,
+            dropped=scenario.frames - sent,
+            mbit_s=size * 8e-6 / (scenario.frames / scenario.clip.frame_rate_hz),
+            clamped=dict(clamped) or None,
+            fingerprint=str(self.rendered_by()),
+        )

@@ -2,57 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import pyarrow.compute as pc
-
-from simgrab.dataset import pool, stored
-from simgrab.dataset.folder import Folder
-from simgrab.dataset.pool import Progress, Tick
+from simgrab.dataset import pool, record, stored
+from simgrab.dataset.manifest import identity
+from simgrab.dataset.pool import Frames, Progress, Tick
+from simgrab.dataset.summary import VideoSummary
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
 from simgrab.errors import DatasetError, ScenarioError
-from simgrab.io import parquet
+from simgrab.io.journal import Journal
 from simgrab.model.scenario import Scenario
+from simgrab.runtime.versions import Fingerprint
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.gl import Fingerprint
-
-
-@dataclass(frozen=True)
-class VideoSummary:
-    """What finished videos hold.
-
-    Attributes
-    ----------
-    path : Path
-    clips, made : int
-        Clips, and those made in this run; the others were there already.
-    frames, sent, repeated, dropped : int
-        Frames that the camera took, pictures in the videos, those among them that were sent again, and frames of which
-        nothing was sent.
-    mbit_s : float
-        Size of the videos over the time that they show.
-    clamped : dict of str to int, or None
-        Frames in the videos by key of the swing that was replaced by the nearest possible value; None without
-        ``swing.clamp``.
-    fingerprint : str
-    """
-
-    path: Path
-    clips: int
-    made: int
-    frames: int
-    sent: int
-    repeated: int
-    dropped: int
-    mbit_s: float
-    clamped: dict[str, int] | None
-    fingerprint: str
 
 
 def render_video(
@@ -111,38 +77,42 @@ def render_video(
         raise ScenarioError("sensors", "are written beside a dataset: render one together with the video (--out)")
     if resume:
         recipe.extensions.refuse_unknown()
-    return render_clips(recipe, path, workers=workers, resume=resume, progress=progress, checking=checking)
-
-
-def render_clips(
-    recipe: Recipe,
-    path: str | Path,
-    *,
-    workers: int = 1,
-    resume: bool = False,
-    progress: Progress | None = None,
-    checking: Progress | None = None,
-) -> VideoSummary:
-    """Render a recipe into videos; see `render_video`."""
     pool.check(recipe, workers)
-    scenario, videos = recipe.scenario, VideoFiles(recipe, Path(path))
-    clips = videos.unfinished(resume=resume)
-    if clips or videos.partial.exists():
-        known = pool.vetted(recipe, workers, checking)
-        ahead = scenario.frames - sum(len(scenario.span(clip)) for clip in clips)
-        report = pool.report(progress, ahead, scenario.frames)
-        work = ClipWork(videos, None)
-        with (
-            videos.claim(),
-            closing(
-                pool.map_items(
-                    recipe, known, clips, work, workers=workers, unit="clip", frames=scenario.span, progress=report
-                )
-            ) as summary,
-        ):
-            for _ in summary:
-                pass
-    return _summary(videos, len(clips))
+    clips = Clips(files_of(recipe, path))
+    pool.fill(clips, recipe, workers=workers, resume=resume, progress=progress, checking=checking)
+    return clips.videos.summary(len(clips.remaining))
+
+
+def files_of(recipe: Recipe, path: str | Path) -> VideoFiles:
+    """Name the videos of a recipe."""
+    return VideoFiles(recipe.scenario, identity(recipe.scenario, recipe.extensions.describe()), Path(path))
+
+
+class Clips:
+    """Videos as an output of `pool.fill`, whose units are clips."""
+
+    def __init__(self, videos: VideoFiles) -> None:
+        self.videos, self.remaining = videos, list[int]()
+        self.work = ClipWork(videos, None)
+
+    @property
+    def begun(self) -> bool:  # noqa: D102
+        return self.videos.journal.begun
+
+    def check(self, *, resume: bool) -> bool:  # noqa: D102
+        self.remaining = self.videos.unfinished(resume=resume)
+        return bool(self.remaining) or self.videos.partial.exists()
+
+    @contextmanager
+    def opened(self) -> Iterator[list[Frames]]:  # noqa: D102
+        with self.videos.journal.opened(self.videos.identity):
+            yield [self.videos.scenario.span(clip) for clip in self.remaining]
+
+    def take(self, made: Fingerprint) -> None:
+        """All is done where it was made."""
+
+    def finish(self) -> None:  # noqa: D102
+        self.videos.journal.close()
 
 
 @dataclass(frozen=True)
@@ -152,37 +122,37 @@ class ClipWork:
     Parameters
     ----------
     videos : VideoFiles
-    folder : Folder or None
+    journal : Journal or None
         Of the dataset, if there is one.
     """
 
     videos: VideoFiles
-    folder: Folder | None
+    journal: Journal | None
 
-    def __call__(self, generator: FrameGenerator, clip: int, tick: Tick) -> Fingerprint:
+    def __call__(self, generator: FrameGenerator, frames: Frames, tick: Tick) -> Fingerprint:
         """Make the clip's frames, each once."""
-        span = generator.scenario.span(clip)
-        rendered_by = generator.scene(span.start).renderer.fingerprint
+        clip = generator.scenario.clip.of(frames[0])
+        rendered_by = generator.scene(frames[0]).renderer.fingerprint
         if not self.videos.is_finished(clip):
             self._refuse_other_renderers(rendered_by)
             encode_clip(
                 self.videos, clip, lambda frame: self._take(generator, frame), rendered_by, tick=tick, also=self._lacks
             )
             return rendered_by
-        for frame in span:
+        for frame in frames:
             if self._lacks(frame):
                 self._take(generator, frame)
             tick()
         return rendered_by
 
     def _lacks(self, frame: int) -> bool:
-        return self.folder is not None and not self.folder.has(frame)
+        return self.journal is not None and not self.journal.has(record.unit(frame))
 
     def _take(self, generator: FrameGenerator, number: int) -> Shot:
         frame = generator.frame(number, full=generator.scenario.image.stores_buffers)
-        if self.folder is not None and self._lacks(number):
-            self.folder.store(stored.encoded(generator, frame))
-        return Shot.of(frame, generator.recipe)
+        if self.journal is not None and self._lacks(number):
+            stored.encoded(generator, frame).keep(self.journal)
+        return Shot(frame.rgb, frame.truth, stored.split(generator.recipe, number))
 
     def _refuse_other_renderers(self, rendered_by: Fingerprint) -> None:
         begun_by = self.videos.rendered_by()
@@ -190,28 +160,3 @@ class ClipWork:
             raise DatasetError(
                 f"{self.videos.path} was started with another renderer than {rendered_by}: choose another --video"
             )
-
-
-def _summary(videos: VideoFiles, made: int) -> VideoSummary:
-    scenario = videos.scenario
-    sent = repeated = size = 0
-    clamped = Counter[str]()
-    for clip in range(videos.count):
-        files = videos.files(clip)
-        column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
-        sent += len(column)
-        repeated += pc.sum(column).as_py()
-        clamped.update((videos.known(clip) or {}).get("clamped", {}))
-        size += files[videos.path.suffix].stat().st_size
-    return VideoSummary(
-        path=videos.path,
-        clips=videos.count,
-        made=made,
-        frames=scenario.frames,
-        sent=sent,
-        repeated=repeated,
-        dropped=scenario.frames - sent,
-        mbit_s=size * 8e-6 / (scenario.frames / scenario.clip.frame_rate_hz),
-        clamped=dict(clamped) or None,
-        fingerprint=str(videos.rendered_by()),
-    )

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from types import TracebackType
-from typing import Any
-
-import msgspec
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from simgrab.dataset.tables import labels_schema, with_identity
-from simgrab.model.truth import Truth
+from simgrab.dataset.tables import labels_schema
 
-ROWS_AT_ONCE = 500
+GROUP_ROWS = 500
 
 
 def schema() -> pa.Schema:
@@ -45,41 +38,3 @@ def _for_clips(field: pa.Field) -> pa.Field:
         "time_s": "time within the clip of the instant at which everything in this row holds",
     }.get(field.name)
     return field if text is None else _field(field.name, field.type, field.metadata[b"unit"].decode(), text)
-
-
-class Table:
-    """Writes the table as rows come, a few hundred at a time. Use as a context manager.
-
-    Parameters
-    ----------
-    path : Path
-    metadata : dict
-        Kept under the schema key ``simgrab``.
-    """
-
-    def __init__(self, path: Path, metadata: dict[str, Any]) -> None:
-        self._schema = with_identity(schema(), metadata)
-        self._file = path.open("wb")
-        self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
-        self._rows: list[dict[str, Any]] = []
-
-    def __enter__(self) -> Table:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        try:
-            if kind is None:
-                self._flush()
-        finally:
-            with self._file:
-                self._writer.close()
-
-    def add(self, truth: Truth, **own: Any) -> None:
-        """Add a picture: what it shows, and its own columns."""
-        self._rows.append(msgspec.structs.asdict(truth) | own)
-        if len(self._rows) == ROWS_AT_ONCE:
-            self._flush()
-
-    def _flush(self) -> None:
-        self._writer.write_table(pa.Table.from_pylist(self._rows, schema=self._schema))
-        self._rows.clear()

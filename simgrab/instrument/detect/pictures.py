@@ -138,9 +138,7 @@ def centre(found: Detection) -> Any:
 
 def _row(found: Detection) -> dict[str, Any]:
     def spread(names: Sequence[str], values: Any) -> dict[str, float | None]:
-        return {
-            name: None if values is None else float(v) for name, v in zip(names, _filled(values, names), strict=True)
-        }
+        return dict.fromkeys(names) if values is None else dict(zip(names, map(float, values), strict=True))
 
     edges = ("x0", "y0", "x1", "y1")
     where = centre(found) if found.found else None
@@ -153,10 +151,6 @@ def _row(found: Detection) -> dict[str, Any]:
         "yaw_deg": None if found.yaw is None else float(np.rad2deg(found.yaw)),
         "yaw_sd_deg": None if found.yaw_sd is None else float(np.rad2deg(found.yaw_sd)),
     }  # fmt: skip
-
-
-def _filled(values: Any, names: Sequence[str]) -> Any:
-    return np.zeros(len(names)) if values is None else values
 
 
 def check_table(path: Path) -> None:

@@ -21,6 +21,10 @@ from simgrab.instrument.estimate.chain import jacobian
 from simgrab.instrument.estimate.frames import Frames
 from simgrab.model.geometry import Array, lean
 
+NODE_S = 0.35  # longer steps between frames are divided
+THIN_S = 0.3  # strengths are searched for on frames that are this far apart
+MEMORY_S = 10.0  # correlation time of the slow forcing: gusts, and the jib's own motion
+DEGREES = 4.0  # of Student's t distribution of pixel errors, so that an outlier has little weight
 GRAVITY = 9.81  # m/s²; the frequency parameter takes up what is wrong with it
 
 # Static parameters, in order: tilt (β cos azimuth, β sin azimuth), offset (3), damping ratio, relative stiffness.
@@ -41,15 +45,12 @@ class Links:
         Rope length at both ends, m.
     length : float
         The fixed length that scales p, m.
-    memory_s : float
-        Correlation time of the slow forcing, s.
     """
 
     step: Array
     before: Array
     after: Array
     length: float
-    memory_s: float
 
     @property
     def fast(self) -> Array:
@@ -61,7 +62,7 @@ class Links:
     @property
     def slow(self) -> Array:
         """Variance (k, 1, 1) that slow forcing of unit variance adds to a of an axis in each step."""
-        return np.asarray(-np.expm1(-2 * self.step / self.memory_s))[:, None, None]
+        return np.asarray(-np.expm1(-2 * self.step / MEMORY_S))[:, None, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +89,13 @@ class Nodes:
     first: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, record: Frames, some: slice, longest: float, cut: float = np.inf) -> Nodes:
-        """Take some frames of a single record; steps longer than ``longest`` are divided, up to ``cut``, s."""
+    def of(cls, record: Frames, some: slice, cut: float = np.inf) -> Nodes:
+        """Take some frames of a single record; longer steps than `NODE_S` are divided, up to ``cut``, s."""
         assert record.time is not None
         assert record.rope_length is not None
         time, rope, (seen, place) = record.time[some], record.rope_length[0, some], record.places()
         step = np.diff(time)
-        parts = np.where(step > cut, 1, np.maximum(np.ceil(step / longest - 1e-9), 1)).astype(np.int64)
+        parts = np.where(step > cut, 1, np.maximum(np.ceil(step / NODE_S - 1e-9), 1)).astype(np.int64)
         frame = np.concatenate([[0], np.cumsum(parts)])
         at = np.interp(np.arange(frame[-1] + 1), frame, time)
         places, sees, first = np.zeros((len(at), 2)), np.zeros(len(at), bool), np.zeros(len(at), bool)
@@ -152,7 +153,7 @@ def advance(x: Array, parameters: Array, links: Links) -> Array:
     c = _rates(x + h / 2 * b, parameters, middle, links.length)
     d = _rates(x + h * c, parameters, links.after, links.length)
     result = x + h / 6 * (a + 2 * b + 2 * c + d)
-    result[:, 4:] *= np.exp(-h / links.memory_s)
+    result[:, 4:] *= np.exp(-h / MEMORY_S)
     return np.asarray(result)
 
 

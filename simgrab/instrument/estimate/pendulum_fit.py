@@ -10,6 +10,8 @@ import scipy
 from simgrab.instrument.estimate.chain import Minimum, linear, prior
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.pendulum import (
+    DEGREES,
+    NODE_S,
     OFFSET,
     STATE,
     Links,
@@ -21,30 +23,22 @@ from simgrab.instrument.estimate.pendulum import (
 from simgrab.instrument.estimate.strengths import NOISE, Weighed
 from simgrab.model.geometry import Array
 
+SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
 
 @dataclass(frozen=True)
 class Priors:
-    """Mean and standard deviation of the static parameters, both (7,), and what is not searched for.
+    """Mean and standard deviation of the static parameters, and the focal length.
 
     Attributes
     ----------
     mean, sd : ndarray, shape (7,)
-    degrees : float
-        Of Student's t distribution of pixel errors.
-    memory_s : float
-        Correlation time of the slow forcing.
-    node_s : float
-        Step that stands for one that is not bridged.
     focal_px : float
     """
 
     mean: Array
     sd: Array
-    degrees: float
-    memory_s: float
-    node_s: float
     focal_px: float
 
     def locked(self) -> Priors:
@@ -81,7 +75,7 @@ def first_path(nodes: Nodes, swing: Array) -> Array:
 
 
 def fit(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: Priors, searches: int, rounds: int
+    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: Priors, searches: int = SEARCHES
 ) -> PendulumFit:
     """Gauss–Newton to the posterior mode, with a search for the strengths before each of the first steps.
 
@@ -92,11 +86,11 @@ def fit(
     parameters : ndarray, shape (7,)
     strengths : ndarray, shape (3,)
     priors : Priors
-    searches, rounds : int
-        How many steps search, and how many steps there are at most.
+    searches : int
+        How many steps search at most.
     """
     converged = False
-    for done in range(rounds):
+    for done in range(ROUNDS):
         posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked())
         if searches > 0 and done > 1:  # the first path is too rough to estimate strengths
             before, strengths = strengths, posterior.search(strengths, wide=done == 2)
@@ -110,7 +104,7 @@ def fit(
             break
     posterior, weight, error2 = _linearised(nodes, path, parameters, strengths, priors)
     honest = strengths.copy()
-    honest[NOISE] -= 0.5 * np.log(_information(weight, error2, priors.degrees))
+    honest[NOISE] -= 0.5 * np.log(_information(weight, error2))
     return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), done + 1, converged)
 
 
@@ -119,8 +113,8 @@ def _linearised(
 ) -> tuple[Weighed, Array, Array]:
     """Linearise the posterior about a path; also the weights of the pixels and their squared errors over the noise."""
     k = len(path)
-    step = np.where(nodes.first[1:], priors.node_s, np.diff(nodes.time))
-    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), priors.memory_s)
+    step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
+    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links)
     ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
@@ -138,7 +132,7 @@ def _linearised(
     seen_at, by_state, by_parameter = derivatives_of_place(path, parameters, nodes.rope)
     error = nodes.place - seen_at
     error2 = np.sum(error**2, axis=-1) * nodes.seen * np.exp(-2 * strengths[NOISE])
-    weight = nodes.seen * (priors.degrees + 2) / (priors.degrees + error2)
+    weight = nodes.seen * (DEGREES + 2) / (DEGREES + error2)
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
     links_and_starts = int(joined.sum()) + int(nodes.first.sum())
     posterior = Weighed(
@@ -147,8 +141,8 @@ def _linearised(
     return posterior, weight, error2
 
 
-def _information(weight: Array, error2: Array, degrees: float) -> float:
+def _information(weight: Array, error2: Array) -> float:
     """Ratio of the pixels' information to that of their weights: (mean ψ′)²/mean ψ², as Huber (1967)."""
-    slope = np.sum(weight - weight**2 * error2 / (degrees + 2))
+    slope = np.sum(weight - weight**2 * error2 / (DEGREES + 2))
     score = np.sum(weight**2 * error2) / 2
     return float(np.clip(slope**2 / max(score * weight.sum(), 1e-300), 0.1, 1.0))

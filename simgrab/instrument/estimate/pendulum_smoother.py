@@ -11,13 +11,16 @@ from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
 from simgrab.instrument.estimate.motion import Motion, PathEstimator
-from simgrab.instrument.estimate.pendulum import DAMPING, OFFSET, STATE, STIFFNESS, TILT, Nodes
-from simgrab.instrument.estimate.pendulum_fit import PendulumFit, Priors, first_path, fit
+from simgrab.instrument.estimate.pendulum import DAMPING, DEGREES, OFFSET, STATE, STIFFNESS, THIN_S, TILT, Nodes
+from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, Priors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates, Intervals
+
+CUT_S = 20.0  # longer gaps are not bridged
+THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
 @dataclass(frozen=True)
@@ -31,23 +34,12 @@ class PendulumSmoother(PathEstimator):
 
     Attributes
     ----------
-    degrees : float
-        Of Student's t distribution of pixel errors.
     damping, damping_sd : float
         Prior of the damping ratio.
     stiffness_sd : float
         Prior standard deviation of the relative error of gravity over length.
     tilt_sd : float
         Prior standard deviation of the tilt per axis, rad.
-    memory_s : float
-        Correlation time of the slow forcing: gusts, and the jib's own motion.
-    node_s, cut_s : float
-        Longer steps than the first are divided; gaps longer than the second are not bridged.
-    thin_s : float
-        Records of more than `thin_frames` are thinned to such steps for the search of the strengths.
-    thin_frames : int
-    searches, rounds : int
-        At most so many linearisations search for the strengths, and so many there are.
 
     Notes
     -----
@@ -59,18 +51,10 @@ class PendulumSmoother(PathEstimator):
     name: ClassVar[str] = "pendulum-smoother"
     parameters: ClassVar[int] = 8  # tilt and horizontal offset, and the first position and velocity, two each
 
-    degrees: float = 4.0
     damping: float = 0.005
     damping_sd: float = 0.005
     stiffness_sd: float = 0.003
     tilt_sd: float = 0.35
-    memory_s: float = 10.0
-    node_s: float = 0.35
-    cut_s: float = 20.0
-    thin_s: float = 0.3
-    thin_frames: int = 500
-    searches: int = 10
-    rounds: int = 30
 
     def _motion(self, frames: Frames, calibration: Calibration) -> Motion | str:
         rough = RopeAware().fit(frames, calibration)
@@ -78,29 +62,29 @@ class PendulumSmoother(PathEstimator):
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
         mean = np.array([0.0, 0.0, *calibration.offset_m, self.damping, 0.0])
         sd = np.array([self.tilt_sd] * 2 + [offset_sd] * 3 + [self.damping_sd, self.stiffness_sd])
-        priors = Priors(mean, sd, self.degrees, self.memory_s, self.node_s, focal_px)
+        priors = Priors(mean, sd, focal_px)
         start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *rough.offset[0], self.damping, 0.0])
         try:
             nodes, found = self._fit(frames, rough.swing[0].T, start, priors)
         except np.linalg.LinAlgError:
             return "the record's equations are singular"
-        return self._found(nodes, found, focal_px) if found.converged else f"not converged in {self.rounds} rounds"
+        return self._found(nodes, found, focal_px) if found.converged else f"not converged in {ROUNDS} rounds"
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: Priors) -> tuple[Nodes, PendulumFit]:
         """Fit a thinned record for the strengths where it is long, then the whole one."""
         assert frames.time is not None
         strengths = np.log([1e-3, 3 / priors.focal_px, 1e-3])
-        every = int(self.thin_s / np.median(np.diff(frames.time)))
-        nodes = Nodes.of(frames, slice(None), self.node_s, self.cut_s)
-        if len(swing) > self.thin_frames and every > 1:
+        every = int(THIN_S / np.median(np.diff(frames.time)))
+        nodes = Nodes.of(frames, slice(None), CUT_S)
+        if len(swing) > THIN_FRAMES and every > 1:
             some = slice(None, None, every)
-            thin = Nodes.of(frames, some, self.node_s, self.cut_s)
+            thin = Nodes.of(frames, some, CUT_S)
             if thin.seen.sum() >= self.parameters:
                 path = first_path(thin, swing[some])
-                rough = fit(thin, path, start, strengths, priors, self.searches, self.rounds)
+                rough = fit(thin, path, start, strengths, priors)
                 path = interpolated(nodes.time, thin.time, rough.path)
-                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, self.rounds)
-        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors, self.searches, self.rounds)
+                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0)
+        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors)
 
     def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> Motion:
         tilt, minimum = found.parameters[TILT], found.minimum
@@ -125,7 +109,7 @@ class PendulumSmoother(PathEstimator):
                 "damping": found.parameters[DAMPING],
                 "stiffness": found.parameters[STIFFNESS],
                 "rounds": found.rounds,
-                "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / self.degrees)))),
+                "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
             },
         )
 

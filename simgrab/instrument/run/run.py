@@ -27,7 +27,6 @@ from simgrab.instrument.source import Files, Source, camera_beside, fitting, ope
 from simgrab.io.destination import check_new_folder
 from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
@@ -204,7 +203,6 @@ def _live(
         "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
         "latency_median_s": float(np.median(latency)), "latency_p99_s": float(np.quantile(latency, 0.99)),
     }  # fmt: skip
-    notes = notes.first(len(measured))
     found = _conclude(notes, measured, calibration, instrument, source.name, options.rule, None, tilt, speed)
     return found, overlay
 
@@ -225,11 +223,6 @@ class _Notes:
                 self.notes[frame.note] = None
             yield frame
 
-    def first(self, n: int) -> _Notes:
-        kept = _Notes()
-        kept.times, kept.names, kept.notes = self.times[:n], self.names[:n], self.notes
-        return kept
-
     def check_against(self, run: Run) -> None:
         """Refuse frames that are not those of a run."""
         times = [None] * len(run.names) if run.time is None else run.time.tolist()
@@ -241,10 +234,6 @@ class _Notes:
             f"{run.source}: it changed while it was measured: {len(first)} frames at first, then {len(here)} when read "
             f"again for the annotated video, other ones from frame {k} on"
         )
-
-    @property
-    def time(self) -> Array | None:
-        return None if None in self.times else np.array(self.times, float)
 
 
 def _named(found: Run, source: Source) -> Run:
@@ -266,7 +255,9 @@ def _conclude(
     rule: Rule, estimate: Estimate | None, tilt: Known | None, speed: dict[str, Any],
 ) -> Run:  # fmt: skip
     measurements = tuple(measured)
-    found = () if notes.time is None else alarm.events(notes.time, measurements, rule)
+    times, names = notes.times[: len(measurements)], notes.names[: len(measurements)]  # a live run may be ahead of them
+    time_s = None if None in times else np.array(times, float)
+    found = () if time_s is None else alarm.events(time_s, measurements, rule)
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     about = {
         "simgrab": version("simgrab"),
@@ -278,4 +269,4 @@ def _conclude(
         "notes": list(notes.notes),
         "speed": speed,
     }  # fmt: skip
-    return Run(instrument.name, source, calibration, notes.time, tuple(notes.names), measurements, found, about)
+    return Run(instrument.name, source, calibration, time_s, tuple(names), measurements, found, about)

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from simgrab.dataset import manifest, stored, tables
 from simgrab.dataset.datasets import MANIFEST
-from simgrab.dataset.stored import Record
+from simgrab.dataset.record import Record
 from simgrab.dataset.summary import Tally
 from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.io import pictures
@@ -30,9 +30,9 @@ from simgrab.model.masks import MOST_COCO_BYTES
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import OneBody, Scenario, Suspension
 from simgrab.model.truth import SPLITS, Row, Truth
+from simgrab.runtime.versions import Fingerprint
 from simgrab.world.extensions import Effect, Extensions, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.gl import Fingerprint
 from simgrab.world.scenery.grabs import design_of
 
 # What depends on the renderer. Another fingerprint than the dataset's may differ by so much.

@@ -13,18 +13,18 @@ from platformdirs import user_cache_path
 
 from simgrab.dataset import datasets, manifest
 from simgrab.dataset.datasets import MANIFEST, Dataset
-from simgrab.dataset.folder import writing
 from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, RendererError
+from simgrab.io.destination import writing
 from simgrab.io.files import discard, locked, remove_left
 from simgrab.io.resources import ASSETS
 from simgrab.judge.doctor import examine
 from simgrab.model.scenario import Scenario
-from simgrab.world.extensions import Recipe
 
 PACKAGE = Path(__file__).parents[2]
 # Where the code is that decides pixels and labels.
-DRAWING = ("runtime", "io", "model", "world", "dataset", "lab/sensors", "training/assembled")
+_ROOMS = ("runtime", "io", "model", "world", "dataset", "lab/sensors", "training/assembled")
+DRAWING = ("errors.py", "text.py", *(f"{room}/**/*.py" for room in _ROOMS))
 
 Progress = Callable[[int, int], None]
 
@@ -61,7 +61,7 @@ def rendered(
     """
     folder = where / f"{scenario.name}-{_key(scenario)}"
     with ExitStack() as stack:
-        with writing(where):
+        with writing(where, DatasetError):
             where.mkdir(parents=True, exist_ok=True)
             # another check may be rendering the same
             stack.enter_context(locked(where / f".{folder.name}.lock", wait=True))
@@ -83,7 +83,7 @@ def _sound(folder: Path) -> bool:
 
 
 def _key(scenario: Scenario) -> str:
-    whole = [manifest.identity(Recipe(scenario)), _renderer(), _drawing_code()]
+    whole = [manifest.identity(scenario), _renderer(), _drawing_code()]
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
 
 
@@ -97,8 +97,7 @@ def _renderer() -> str:
 
 def drawing_modules() -> list[Path]:
     """Modules that pictures and labels depend on."""
-    found = (path for place in DRAWING for path in PACKAGE.glob(f"{place}/**/*.py"))
-    return sorted([*found, PACKAGE / "errors.py", PACKAGE / "text.py"])
+    return sorted(path for place in DRAWING for path in PACKAGE.glob(place))
 
 
 @cache

@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.dataset import sensors
+from simgrab.dataset import sensor_files, sensors
 from simgrab.dataset.pool import SILENT_S, memory_bytes, vet
 from simgrab.dataset.tables import into
 from simgrab.dataset.video.render import render_video
@@ -184,7 +184,7 @@ def _finished(season: Season, folder: Path, clip: Clip) -> bool:
     digest = read_json(path, BenchError).get("digest")
     if digest != scenario.digest():
         raise BenchError(f"{path}: rendered by another version of simgrab; choose another --out")
-    return all(_sensor_file(folder, clip, name).exists() for name in sensors.names(season.with_sensors(scenario)))
+    return all(_sensor_file(folder, clip, name).exists() for name in sensor_files.names(season.with_sensors(scenario)))
 
 
 def _drawn(season: Season, clip: Clip) -> Scenario:

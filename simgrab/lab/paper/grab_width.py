@@ -23,30 +23,16 @@ _COLUMNS = ("alpha_deg", "beta_deg", "yaw_deg", "jaw_deg", "rope_length_m", "gra
 
 @dataclass(frozen=True)
 class GrabWidthStudy:
-    """The paper's comparison on the frames it would have picked.
+    """The paper's comparison on k frames that it would have picked; angles in radians, shape (k,)."""
 
-    Attributes
-    ----------
-    frames : ndarray of int, shape (k,)
-        Rows that were picked: grab closed, unturned, nearest to the centre.
-    by_width, estimated, truth : ndarray, shape (k,)
-        α̃, α̂ and α, radians.
-    axis_angle : ndarray, shape (k,)
-        ψ, the angle of the ray from the optical axis, radians.
-    beta, true_beta : float
-        β̂ from all frames, and β; radians.
-    wrong : tuple of (float, float, float)
-        For made-up tilts: the tilt, the largest |ψ − α̂| that it gives, and the largest error of its α̂; radians.
-    """
-
-    frames: NDArray[np.int64]
-    by_width: Array
-    estimated: Array
-    truth: Array
-    axis_angle: Array
-    beta: float
+    frames: NDArray[np.int64]  # rows that were picked: grab closed, unturned, nearest to the centre
+    by_width: Array  # α̃
+    estimated: Array  # α̂
+    truth: Array  # α
+    axis_angle: Array  # ψ, the angle of the ray from the optical axis
+    beta: float  # β̂ from all frames
     true_beta: float
-    wrong: tuple[tuple[float, float, float], ...]
+    wrong: tuple[tuple[float, float, float], ...]  # made-up tilts, the largest |ψ − α̂| of each, and error of α̂
 
 
 def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> GrabWidthStudy:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -202,22 +203,14 @@ class Layered:
         )
 
 
-def wu(layers: Sequence[Layer], side_m: float, up_m: float, rope: Series) -> Layered:
-    """Four circles on a plate, and their shift from rest over the rope's length.
+FINDERS: Mapping[str, Finder] = MappingProxyType({"wu": circles, "matsuo-target": target})
+"""Name → finder of a `Layered` rival.
 
-    After Wu et al. (2020). Known: one camera, four marks, ellipses, calibration in layers of height, no tilt of the
-    camera. Filled in: the finder, and linear interpolation between layers. With layers of `level_layers` it is the
-    method without its calibration.
-    """
-    return Layered("wu", circles, layers, side_m, up_m, rope)
-
-
-def matsuo_target(layers: Sequence[Layer], diameter_m: float, up_m: float, rope: Series) -> Layered:
-    """Bright target found by its colour, and its shift from rest over the rope's length.
-
-    After Matsuo et al. (2004). Known: a commercial video tracker on a target. Filled in: all else, as for `wu`.
-    """
-    return Layered("matsuo-target", target, layers, diameter_m, up_m, rope)
+``wu`` is after Wu et al. (2020). Known: one camera, four marks, ellipses, calibration in layers of height, no tilt of
+the camera. Filled in: the finder, and linear interpolation between layers. With layers of `level_layers` it is the
+method without its calibration. ``matsuo-target`` is after Matsuo et al. (2004). Known: a commercial video tracker on a
+target. Filled in: all else, as for ``wu``.
+"""
 
 
 @dataclass(frozen=True)

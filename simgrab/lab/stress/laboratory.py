@@ -8,8 +8,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
-import json
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,22 +22,18 @@ import pyarrow.parquet as pq
 from simgrab._version import __version__
 from simgrab.errors import StressError
 from simgrab.io import parquet
-from simgrab.io.destination import check_folder, locked_folder, writing
-from simgrab.io.files import drafted, write
-from simgrab.io.parse import read_json
+from simgrab.io.destination import check_folder, locked_folder
+from simgrab.io.files import drafted
+from simgrab.io.journal import Journal
+from simgrab.io.stores import Store
 from simgrab.lab.stress import convergence, estimators, score
 from simgrab.lab.stress.catalogue import columns, depth_of
 from simgrab.lab.stress.records import Records
 from simgrab.lab.stress.study import Study
 from simgrab.lab.stress.summary import Finding, Summary, Verdict, judge
-from simgrab.runtime.cluster import ClusterPool, open_pool
-from simgrab.runtime.processes import Pool
+from simgrab.runtime.cluster import open_pool
+from simgrab.runtime.processes import Executor
 
-_SAME = {
-    "digest": "its settings differ",
-    "simgrab": "made by another version",
-    "made_with": "made by another renderer, or detected with other weights",
-}
 MOST_SLOW_TRIALS = 4
 # One thread a process: more would only get in each other's way.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -120,7 +114,7 @@ def made(study: Study, part: Part) -> bytes:
     return sink.getvalue()
 
 
-def worker_pool(workers: int, cluster: str | None = None) -> Pool | ClusterPool:
+def worker_pool(workers: int, cluster: str | None = None) -> Executor:
     """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
 
     Parameters
@@ -186,33 +180,40 @@ def run(
         stack.enter_context(locked_folder(folder, StressError))
         here = makers = worker_pool(workers)
         stack.enter_context(here)
-        missing: list[tuple[Study, Path, Part]] = []
-        with writing(folder, StressError):
-            for study in studies:
-                missing += _open(study, folder / study.name, resume=resume)
+        journals = {study.name: journal(study, folder) for study in studies}
+        identities = {study.name: _identity(study) for study in studies}
+        unfinished = [one for one in studies if journals[one.name].check(identities[one.name], resume=resume)]
         total = sum(len(study.points) * study.replications for study in studies)
-        done = total - sum(part.last - part.first for _, _, part in missing)
+        missing: list[tuple[Study, Part]] = []
+        for study in unfinished:
+            stack.enter_context(journals[study.name].opened(identities[study.name]))
+            there = journals[study.name].units()
+            missing += [(study, part) for part in parts(study) if part.file not in there]
+        done = total - sum(part.last - part.first for _, part in missing)
         if progress:
             progress(done, total)
         if cluster is not None:
             makers = worker_pool(workers, cluster)
             stack.enter_context(makers)
-        for file, data, count in makers.map(_made, missing, name=_named):
-            with writing(folder, StressError):
-                write(file, data)
-            done += count
+        for name, part, data in makers.map(_made, missing, name=_named):
+            journals[name].add(part.file, data)
+            done += part.last - part.first
             if progress:
                 progress(done, total)
-        unfinished = [study for study in studies if (folder / study.name / PARTIAL).exists()]
-        for _ in here.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
-            pass
+        for name in here.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
+            journals[name].finish(identities[name])
         findings = [read(folder / study.name, study) for study in studies]
         page.write(findings, folder / REPORT, functools.partial(here.map, name=_figured))
     return findings
 
 
-def _named(job: tuple[Study, Path, Part]) -> str:
-    study, _, part = job
+def journal(study: Study, out: Path) -> Journal:
+    """Keep the journal of a study, whose units are parts, in a folder of its name."""
+    return Journal(Store(str(out / study.name), drafts=PARTIAL, refuse=StressError), whole=STUDY, kind="study")
+
+
+def _named(job: tuple[Study, Part]) -> str:
+    study, part = job
     return f"{study.name}, point {part.point + 1}, replications {part.first} to {part.last - 1}"
 
 
@@ -220,48 +221,28 @@ def _figured(finding: Finding) -> str:
     return f"figures of {finding.summary.study.name}"
 
 
-def _made(job: tuple[Study, Path, Part]) -> tuple[Path, bytes, int]:
-    """Make a part; gives its file, what it is to hold, and the number of its replications."""
-    study, path, part = job
-    return path / PARTIAL / part.file, made(study, part), part.last - part.first
+def _made(job: tuple[Study, Part]) -> tuple[str, Part, bytes]:
+    """Make a part; gives the study's name, the part and what its file is to hold."""
+    study, part = job
+    return study.name, part, made(study, part)
 
 
-def _open(study: Study, path: Path, *, resume: bool) -> list[tuple[Study, Path, Part]]:
-    """Claim a study's folder; gives the parts that remain to be made."""
-    file = path / STUDY
-    known = read_json(file, StressError) if file.exists() else None
-    if known is not None and not isinstance(known, dict):
-        raise StressError(f"{file} is not a study that simgrab wrote; choose another --out")
-    if known is not None and not resume:
-        advice = "continue with --resume, or choose" if (path / PARTIAL).exists() else "choose"
-        raise StressError(f"{path} holds a study already; {advice} another --out")
-    if known is None and path.exists() and any(path.iterdir()):
-        raise StressError(f"{path} contains something other than a study; choose another --out")
-    mine: dict[str, Any] = {
+def _identity(study: Study) -> dict[str, Any]:
+    return {
         "simgrab": __version__, "made_with": depth_of(study.depth).made_with(), "digest": study.digest,
         "study": msgspec.to_builtins(study),
     }  # fmt: skip
-    if known is not None:
-        if changed := [why for key, why in _SAME.items() if known.get(key, "") != mine[key]]:
-            why = f"{path} holds another study ({changed[0]})"
-            raise StressError(f"{why}; --resume needs the same, or choose another --out")
-        if (path / SUMMARY).exists():  # it comes last
-            shutil.rmtree(path / PARTIAL, ignore_errors=True)
-            return []
-    (path / PARTIAL).mkdir(parents=True, exist_ok=True)
-    write(file, json.dumps(mine, indent=1, ensure_ascii=False))
-    return [(study, path, part) for part in parts(study) if not (path / PARTIAL / part.file).exists()]
 
 
-def _finish(out: Path, study: Study) -> None:
-    """Join the parts of a study, one at a time, and drop them."""
-    path = out / study.name
+def _finish(out: Path, study: Study) -> str:
+    """Join the parts of a study, one at a time; gives its name."""
+    path, found = out / study.name, journal(study, out)
     with drafted(path / TRIALS) as draft, draft.open("wb") as file, pq.ParquetWriter(file, schema(study)) as writer:
         for part in parts(study):
-            writer.write_table(parquet.read_table(path / PARTIAL / part.file, StressError))
+            writer.write_table(parquet.read_table(path / found.record(part.file), StressError))
     with drafted(path / SUMMARY) as draft, draft.open("wb") as file:
         pyarrow.csv.write_csv(_summed(study, path).table(), file)
-    shutil.rmtree(path / PARTIAL)
+    return study.name
 
 
 def _summed(study: Study, path: Path) -> Summary:

@@ -13,6 +13,7 @@ from simgrab.model.geometry.paper import (
     eq2_cos_alpha,
     image_radius,
 )
+from simgrab.model.geometry.pose import Pose
 from simgrab.model.geometry.rotations import (
     STANDARD_GRAVITY,
     Array,
@@ -35,6 +36,7 @@ __all__ = [
     "Array",
     "Distortion",
     "Intrinsics",
+    "Pose",
     "camera_rotation",
     "eq1_residual",
     "eq2_cos_alpha",

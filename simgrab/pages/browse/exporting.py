@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.dataset.stores import is_url
 from simgrab.errors import DatasetError, SimgrabError, memory_problem
 from simgrab.io.destination import check_new_folder
+from simgrab.io.stores import is_url
 from simgrab.pages.browse.subject import Subject, part
 from simgrab.text import printable
 

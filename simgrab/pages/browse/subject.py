@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -152,7 +152,7 @@ def part(subject: Subject, rows: NDArray[np.int64]) -> Dataset:
             found += msgspec.convert(batch.to_pylist(), list[Row])
     except (ValueError, LookupError, TypeError) as problem:
         raise DatasetError(f"{subject.name}: not labels of simgrab ({first_line(problem)})") from None
-    return replace(subject.dataset, rows=tuple(found))
+    return subject.dataset.with_rows(tuple(found))
 
 
 _CONVERTED_TOGETHER = 1024  # rows of which Python objects are made at once

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
+from simgrab.cli._options import together
 from simgrab.text import printable
 
 if TYPE_CHECKING:
     from simgrab.pages.server.local import Address
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def page_options(function: F) -> F:
-    """Add the options that say where a page is served and whether a browser opens it."""
-    port = click.IntRange(0, 65535)
-    for option in (
-        click.option("--no-open", is_flag=True, help="Print the address only; open no browser."),
-        click.option("--port", type=port, default=0, help="Port of 127.0.0.1.  [default: one that is free]"),
-    ):
-        function = option(function)
-    return function
+page_options = together(
+    click.option(
+        "--port", type=click.IntRange(0, 65535), default=0, help="Port of 127.0.0.1.  [default: one that is free]"
+    ),
+    click.option("--no-open", is_flag=True, help="Print the address only; open no browser."),
+)
 
 
 def show(title: str, serving: AbstractContextManager[Address], *, opens: bool) -> None:

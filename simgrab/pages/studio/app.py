@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import struct
 from pathlib import Path
 from typing import Any, Literal
@@ -71,7 +72,7 @@ class Studio:
     def __init__(self, documents: Documents, rendering: Rendering) -> None:
         self._documents, self._rendering = documents, rendering
         self._measuring = Measuring()
-        self._parsed: list[tuple[bytes, Scenario]] = []
+        self._scenario = functools.lru_cache(_KEPT)(self._parsed)  # those of the requests before are known
 
     @property
     def app(self) -> Starlette:
@@ -151,14 +152,8 @@ class Studio:
             raise ScenarioError("", f"the request cannot be read: {printable(problem)}") from None
         return asked, await run_in_threadpool(self._scenario, bytes(asked.scene))
 
-    def _scenario(self, text: bytes) -> Scenario:
-        """Read a scene; those of the requests before are known."""
-        known = [scenario for data, scenario in self._parsed if data == text]
-        if known:
-            return known[0]
-        made = self._documents.parse(parse_json(text, lambda line: ScenarioError("", line), "the scene"))
-        self._parsed = [(text, made), *self._parsed][:_KEPT]
-        return made
+    def _parsed(self, text: bytes) -> Scenario:
+        return self._documents.parse(parse_json(text, lambda line: ScenarioError("", line), "the scene"))
 
 
 _KEPT = 4  # scenes: two of each side

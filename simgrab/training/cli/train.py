@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from simgrab.cli._options import FOLDER, PATH
+from simgrab.cli._options import FOLDER, PATH, together
 from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.text import printable
@@ -26,20 +26,17 @@ def command() -> None:
     """Train the instrument's networks from rendered datasets. Needs `pip install 'simgrab[train]'`."""
 
 
-def _training(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of every training."""
-    for option in (
-        click.option("--quiet", is_flag=True, help="Print errors only."),
-        click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON."),
-        click.option("--resume", is_flag=True, help="Continue an interrupted training."),
-        click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda."),
-    ):
-        function = option(function)
-    return function
-
-
-threads_option = click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores.")
-half_option = click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: as the hardware allows]")
+_training = together(
+    click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda."),
+    click.option("--resume", is_flag=True, help="Continue an interrupted training."),
+    click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON."),
+    click.option("--quiet", is_flag=True, help="Print errors only."),
+)
+_of_detectors = together(
+    click.option("--threads", default=2, show_default=True, help="torch threads; use 1 on shared cores."),
+    click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]"),
+    _training,
+)
 
 
 def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
@@ -109,9 +106,7 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
 @click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the others]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
-@threads_option
-@half_option
-@_training
+@_of_detectors
 def detector(
     datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: str | None, frames: int | None,
     hard: tuple[Path, ...], also: tuple[Path, ...], real: tuple[Path, ...], grab_classes: tuple[str, ...],
@@ -241,9 +236,7 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
 @click.option("--quick", is_flag=True, help="A third of the time.")
 @click.option("--epochs", type=int, help="Epochs.  [default: 12, or 4 with --quick]")
 @click.option("--batch", default=32, show_default=True, help="Batch size.")
-@threads_option
-@half_option
-@_training
+@_of_detectors
 def verify(
     datasets: tuple[Path, ...], out: Path, start: str, seed: int, quick: bool, epochs: int | None, batch: int,
     device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,

@@ -135,7 +135,7 @@ class Camera:
             centre_m=_vector(offset),
             height_m=scenario.jib.head_height_m + float(offset[2]),
             shutter_s=scenario.shutter.exposure_s,
-            grab_m=_vector(moment.grab.jib_from_grab[:3, 3]),
+            grab_m=_vector(moment.grab.jib_from_grab.translation),
             jib_from_place=moment.jib.jib_from_place if moment.jib else None,
             water_m=-place.quay_height_m if isinstance(place, Water) else None,
         )  # fmt: skip

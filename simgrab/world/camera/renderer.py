@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
-from simgrab.model.geometry import Array, Intrinsics
+from simgrab.model.geometry import Array, Intrinsics, Pose
 from simgrab.model.scenario import Camera, Photo, Scenario
 from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
@@ -352,7 +352,7 @@ class Renderer:
 
     def _at_rest(self, moment: Moment) -> bool:
         """Whether camera and crane are as the scenario has them at rest. It depends on the moment alone."""
-        crane = moment.jib is None or np.array_equal(moment.jib.jib_from_place, np.eye(4))
+        crane = moment.jib is None or not (moment.jib.slew or moment.jib.luffed)
         return self._reuses and crane and moment.tilt == self._aim.rest
 
     def _still_buffers(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -370,8 +370,7 @@ class Renderer:
             scene, passes, cells = self._scene, self._passes, None
             stand = [geom for geom in self._geoms if geom.stands]
             if self._aim.shadowed:
-                jib_from_camera = np.eye(4)
-                jib_from_camera[:3, :3], jib_from_camera[:3, 3] = self._rotation, self._aim.centre
+                jib_from_camera = Pose(self._rotation, self._aim.centre).as_matrix()
                 # Rows counted from the bottom make the camera's y point upwards.
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from simgrab.model.geometry import Array, to_camera
+from simgrab.model.geometry import Array, Pose
 from simgrab.model.scenario import Scenario
 from simgrab.world.trajectory.moment import Moment
 
@@ -73,7 +73,7 @@ def exposed(scenario: Scenario, moment: Moment) -> Moment:
     seen = moment
     if readout and moment.ahead:
         for _ in range(3):  # each time a hundred times nearer
-            row = float(k.project(_in_camera(scenario, seen, seen.grab.jib_from_grab[:3, 3]))[1])
+            row = float(k.project(_in_camera(scenario, seen, seen.grab.jib_from_grab.translation))[1])
             if not math.isfinite(row):
                 return moment
             seen = moment.shifted(row_time(min(max(row, 0.0), k.height_px), k.height_px, readout))
@@ -97,10 +97,9 @@ def _marks(scenario: Scenario, moment: Moment) -> Array:
     corners = np.stack(np.meshgrid((-1.5, 1.5), (-1.2, 1.2), (-1.7, 1.7)), axis=-1).reshape(-1, 3)
     grid = np.stack(np.meshgrid((-10.0, 0.0, 10.0), (-6.0, 0.0, 6.0)), axis=-1).reshape(-1, 2)
     ground = np.column_stack([grid, np.full(len(grid), -scenario.jib.head_height_m)])
-    grab, place = moment.grab.jib_from_grab, moment.jib.jib_from_place
-    points = np.concatenate([c @ pose[:3, :3].T + pose[:3, 3] for c, pose in ((corners, grab), (ground, place))])
+    points = np.concatenate([moment.grab.jib_from_grab.apply(corners), moment.jib.jib_from_place.apply(ground)])
     return scenario.camera.intrinsics.project(_in_camera(scenario, moment, points))
 
 
 def _in_camera(scenario: Scenario, moment: Moment, points: Array) -> Array:
-    return to_camera(points, moment.tilt.jib_from_camera, scenario.camera.offset_m)
+    return Pose(moment.tilt.jib_from_camera, np.asarray(scenario.camera.offset_m)).local(points)

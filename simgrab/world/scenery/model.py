@@ -67,8 +67,8 @@ class World:
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
         model, state = self.model, moment.grab
-        place, slew = (moment.jib.jib_from_place, moment.jib.slew) if moment.jib else (np.eye(4), 0.0)
-        data.mocap_pos[self._mocap("place")] = place[:3, 3]
+        place, slew = (moment.jib.jib_from_place.translation, moment.jib.slew) if moment.jib else (np.zeros(3), 0.0)
+        data.mocap_pos[self._mocap("place")] = place
         data.mocap_quat[self._mocap("place")] = (np.cos(slew / 2), 0, 0, -np.sin(slew / 2))
         lean, azimuth = state.head or (state.alpha, state.azimuth)
         half = lean / 2
@@ -80,7 +80,7 @@ class World:
         )
         if state.head:  # the grab's axis does not go through O: its line hangs from beside it
             pose = state.jib_from_grab
-            model.body_pos[model.body("rope_line").id] = pose[:3, 3] + state.rope_length * pose[:3, 2]
+            model.body_pos[model.body("rope_line").id] = pose.translation + state.rope_length * pose.rotation[:, 2]
         data.joint("hoist").qpos = -state.rope_length
         data.joint("yaw").qpos = state.yaw
         for name, position in self.plan.grab.positions(state.jaw).items():
@@ -101,7 +101,7 @@ class World:
         """Keep the sun where it stands over the place, and its shadows where the camera looks."""
         if moment.jib:
             sun = self.model.light("sun").id
-            direction = moment.jib.jib_from_place[:3, :3] @ self.model.light_dir[sun]
+            direction = moment.jib.jib_from_place.rotation @ self.model.light_dir[sun]
             centre = self.model.light_pos[sun] + SHADOW_LIGHT_DISTANCE_M * self.model.light_dir[sun]
             data.light_xdir[sun] = direction
             data.light_xpos[sun] = centre - SHADOW_LIGHT_DISTANCE_M * direction
@@ -119,8 +119,7 @@ class World:
 
     def _hang_ropes(self, data: mujoco.MjData, moment: Moment) -> None:
         """Draw each rope straight from its termination to its exit, with the shortest mesh that reaches."""
-        pose = moment.grab.jib_from_grab
-        ends = self.plan.grab.terminations @ pose[:3, :3].T + pose[:3, 3]
+        ends = moment.grab.jib_from_grab.apply(self.plan.grab.terminations)
         for rope, (end, top) in enumerate(zip(ends, self.plan.ropes.exits, strict=True)):
             needed = float(np.linalg.norm(top - end))
             shown = next((c for c in ropes.ROPE_CLASSES_M if c >= needed), ropes.ROPE_CLASSES_M[-1])
@@ -133,7 +132,7 @@ class World:
     def _hang_balls(self, data: mujoco.MjData, moment: Moment) -> None:
         """Put the balls on the line from O to the middle of the rope ends."""
         pose = moment.grab.jib_from_grab
-        end = pose[:3, 3] + self.plan.grab.terminations[0, 2] * pose[:3, 2]
+        end = pose.translation + self.plan.grab.terminations[0, 2] * pose.rotation[:, 2]
         for number, distance in enumerate(self.plan.ball_distances_m):
             data.mocap_pos[self._mocap(f"ball_{number}")] = distance / np.linalg.norm(end) * end
             self._show(f"ball_{number}", moment.present, ROPE)

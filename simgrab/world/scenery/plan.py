@@ -99,8 +99,7 @@ class Plan:
         """Shorten the rope of a moment until its grab is clear of what stands below."""
         points, clamped = self.grab_points(moment.grab), (*moment.clamped, "rope_length_m")
         for _ in range(MOST_LIFTS):
-            pose = moment.grab.jib_from_grab
-            missing = CLEARANCE_M - self._gap(moment, points @ pose[:3, :3].T + pose[:3, 3])
+            missing = CLEARANCE_M - self._gap(moment, moment.grab.jib_from_grab.apply(points))
             if missing <= 0:
                 break
             grab = replace(moment.grab, rope_length=moment.grab.rope_length - missing - 0.01)
@@ -111,8 +110,7 @@ class Plan:
     def _gap(self, moment: Moment, points_jib: Array) -> float:
         """Least height of points (N, 3) above what stands below them, m."""
         if moment.jib:
-            place_from_jib = np.linalg.inv(moment.jib.jib_from_place)
-            points_jib = points_jib @ place_from_jib[:3, :3].T + place_from_jib[:3, 3]
+            points_jib = moment.jib.jib_from_place.local(points_jib)
         return self.ground.gap(points_jib)
 
     def check_clearance(self, moment: Moment, points_jib: Array) -> None:

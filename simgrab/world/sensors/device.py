@@ -11,11 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.world.sensors.errors import Clock
+from simgrab.model.scenario import Scenario
+from simgrab.world.sensors.errors import Clock, Open
 from simgrab.world.sensors.motion import Motion
 
 SWING = ("alpha [deg]", "azimuth [deg]")
 """Columns of the truth that is to be found out."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where a sensor is.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    world : int
+        Number of the scenario's variant, which keys what is random about the place.
+    opened : callable
+        Opens the sensor's streams.
+    renders : bool
+        Whether cameras render pictures; their numbers and truth are the same without.
+    """
+
+    scenario: Scenario
+    world: int
+    opened: Open
+    renders: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +63,12 @@ class Rows:
 class Device(ABC):
     """A sensor in one clip, which gives its rows in order.
 
+    Parameters
+    ----------
+    clock : Clock
+    each : int
+        It reports every so many samples.
+
     Attributes
     ----------
     columns, truth_columns : tuple of str
@@ -57,6 +85,7 @@ class Device(ABC):
 
     def __init__(self, clock: Clock, each: int = 1) -> None:
         self.clock, self._each, self._next = clock, each, 0
+        self._kept = slice(None)  # of the samples that are read, those that it reports
         self._close: Callable[[], None] | None = None
         self.pictures: Sequence[bytes] = ()
         self._counts: NDArray[np.int64] | None = None  # rows of each sample that was read last; one unless set
@@ -73,11 +102,11 @@ class Device(ABC):
 
     def rows(self, motion: Motion) -> Rows:
         """Read the motion at the instants given last."""
-        samples = np.arange(self._next - len(motion.time), self._next)
-        kept = samples % self._each == 0
-        values, truth = self._read(motion, kept)
-        stamp = np.round(self.clock.stamps(samples[kept].astype(float)) * 1e9).astype(np.int64)
-        time = motion.time[kept]
+        samples = np.arange(self._next - len(motion.time), self._next, dtype=float)
+        self._kept = slice((len(motion.time) - self._next) % self._each, None, self._each)
+        values, truth = self._read(motion)
+        stamp = np.round(self.clock.stamps(samples[self._kept]) * 1e9).astype(np.int64)
+        time = motion.time[self._kept]
         if self._counts is not None:
             stamp, time = np.repeat(stamp, self._counts), np.repeat(time, self._counts)
         return Rows(stamp, values, np.column_stack([time, truth]), self.pictures)
@@ -89,5 +118,5 @@ class Device(ABC):
             self._close = None
 
     @abstractmethod
-    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Give values and truth at the instants that are kept."""
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
+        """Give values and truth at the instants that it reports."""

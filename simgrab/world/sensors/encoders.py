@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import HoistEncoder, LuffEncoder, SlewEncoder
 from simgrab.model.scenario.sensors import Encoder
-from simgrab.world.sensors.device import Device
-from simgrab.world.sensors.errors import Clock, Open, counted
+from simgrab.world.sensors.device import Device, Setting
+from simgrab.world.sensors.errors import Clock, Errors
 from simgrab.world.sensors.motion import Motion
+
+COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
 
 
 class EncoderDevice(Device):
     """The turn of the jib, its radius, or the rope's length."""
 
-    def __init__(self, sensor: Encoder, opened: Open) -> None:
-        super().__init__(Clock.draw(sensor.rate_hz, sensor.clock_offset_ms, sensor.clock_drift_ppm, opened))
-        self._sensor = sensor
-        zero, scale = (float(opened(name).standard_normal()) for name in ("zero", "scale"))
-        match sensor:
-            case SlewEncoder():
-                column, self._scale = "slew [deg]", 1.0
-                self._zero, self._resolution = zero * sensor.zero_error_deg, sensor.resolution_deg
-            case LuffEncoder() | HoistEncoder():
-                column = "radius [m]" if isinstance(sensor, LuffEncoder) else "rope_length [m]"
-                self._scale = 1 + scale * sensor.scale_error
-                self._zero, self._resolution = zero * sensor.zero_error_m, sensor.resolution_m
-        self.columns, self.truth_columns = (column,), ("time [s]", column)
+    def __init__(self, sensor: Encoder, setting: Setting) -> None:
+        super().__init__(Clock.draw(sensor.rate_hz, sensor, setting.opened))
+        column = COLUMNS[type(sensor)]
+        self.columns, self.truth_columns, self._sensor = (column,), ("time [s]", column), sensor
+        if isinstance(sensor, SlewEncoder):
+            zero, scale, resolution = sensor.zero_error_deg, 0.0, sensor.resolution_deg
+        else:
+            zero, scale, resolution = sensor.zero_error_m, sensor.scale_error, sensor.resolution_m
+        self._errors = Errors(1, setting.opened, bias=zero, scale_error=scale, resolution=resolution)
 
-    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
-        assert kept.all()
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
         match self._sensor:
             case SlewEncoder():
                 true = np.degrees(motion.slew)
@@ -39,4 +35,4 @@ class EncoderDevice(Device):
                 true = motion.radius
             case HoistEncoder():
                 true = motion.rope
-        return counted(self._scale * true + self._zero, self._resolution)[:, None], true[:, None]
+        return self._errors.read(true[:, None])[0], true[:, None]

@@ -10,6 +10,7 @@ import numpy as np
 
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
+from simgrab.model.scenario.sensors import Clocked, ImuNoise
 
 Open = Callable[[str], np.random.Generator]
 """Opens the stream of one of a sensor's variables."""
@@ -36,14 +37,14 @@ class Clock:
     """
 
     rate_hz: float
-    offset: float
-    drift: float
+    offset: float = 0.0
+    drift: float = 0.0
 
     @classmethod
-    def draw(cls, rate_hz: float, offset_ms: float, drift_ppm: float, opened: Open) -> Clock:
-        """Draw a clock, of standard deviations of offset and drift."""
-        offset, drift = opened("clock").standard_normal(2)
-        return cls(rate_hz, float(offset) * offset_ms / 1000, float(drift) * drift_ppm / 1e6)
+    def draw(cls, rate_hz: float, errors: Clocked | ImuNoise, opened: Open) -> Clock:
+        """Draw a clock of stated standard deviations of offset and drift."""
+        offset, drift = opened("clock").standard_normal(2).tolist()
+        return cls(rate_hz, offset * errors.clock_offset_ms / 1000, drift * errors.clock_drift_ppm / 1e6)
 
     def times(self, samples: Array) -> Array:
         """Give the true times of samples by number, s since the clip began."""
@@ -54,8 +55,8 @@ class Clock:
         return np.asarray(self.offset + samples / self.rate_hz)
 
 
-class Triad:
-    """Errors of three axes, sample by sample: y = (I + E) x + b + n, limited and counted.
+class Errors:
+    """Errors of k axes, sample by sample: y = (I + E) x + b + n, limited and counted.
 
     E holds scale errors and misalignments, b a bias that begins at its turn-on value and then walks at random; n is
     white. Of a white noise of density N, a sample has the standard deviation N √rate; the walk of density K grows by
@@ -64,6 +65,9 @@ class Triad:
 
     Parameters
     ----------
+    axes : int
+    opened : callable
+        Opens the streams ``scale``, ``zero``, ``noise`` and ``walk``, of E, the bias at turn-on, n and the walk.
     density, walk : float
         N, in unit/√Hz, and K, in unit/s/√Hz.
     bias, scale_error, misalignment : float
@@ -73,23 +77,23 @@ class Triad:
     resolution : float
         Of a count; 0 is none.
     rate_hz : float
-    opened : callable
     """
 
     def __init__(
-        self, *, density: float, walk: float, bias: float, scale_error: float, misalignment: float,
-        limit: float | None, resolution: float, rate_hz: float, opened: Open,
+        self, axes: int, opened: Open, *, density: float = 0.0, walk: float = 0.0, bias: float = 0.0,
+        scale_error: float = 0.0, misalignment: float = 0.0, limit: float | None = None, resolution: float = 0.0,
+        rate_hz: float = 1.0,
     ) -> None:  # fmt: skip
-        spread = np.full((3, 3), misalignment)
+        spread = np.full((axes, axes), misalignment)
         np.fill_diagonal(spread, scale_error)
-        self._matrix = np.eye(3) + spread * opened("matrix").standard_normal((3, 3))
-        self._bias = bias * opened("bias").standard_normal(3)
+        self._matrix = np.eye(axes) + spread * opened("scale").standard_normal((axes, axes))
+        self._bias = bias * opened("zero").standard_normal(axes)
         self._density, self._walk = density * math.sqrt(rate_hz), walk / math.sqrt(rate_hz)
         self._limit, self._resolution = limit, resolution
         self._noise, self._steps = opened("noise"), opened("walk")
 
     def read(self, true: Array) -> tuple[Array, Array]:
-        """Give the readings of true values (n, 3), and the bias in them, shapes (n, 3)."""
+        """Give the readings of true values (n, k), and the bias in them, shapes (n, k)."""
         steps = self._walk * self._steps.standard_normal(true.shape)
         walked = np.cumsum(np.concatenate([self._bias[None], steps]), axis=0)
         self._bias, bias = walked[-1], walked[:-1]

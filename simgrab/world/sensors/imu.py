@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import Imu, Scenario
-from simgrab.world.sensors.device import SWING, Device
-from simgrab.world.sensors.errors import Clock, Open, Triad
+from simgrab.model.scenario import Imu
+from simgrab.world.sensors.device import SWING, Device, Setting
+from simgrab.world.sensors.errors import Clock, Errors
 from simgrab.world.sensors.motion import Motion
 from simgrab.world.sensors.mounts import body_from_sensor, kinematics
 
@@ -27,32 +26,33 @@ class ImuDevice(Device):
         *(f"b_a_RS_S_{axis} [m s^-2]" for axis in "xyz"), *SWING,
     )  # fmt: skip
 
-    def __init__(self, sensor: Imu, scenario: Scenario, opened: Open) -> None:
-        errors, rate = sensor.errors, sensor.rate_hz
-        super().__init__(Clock.draw(rate, errors.clock_offset_ms, errors.clock_drift_ppm, opened))
-        self._sensor, self._scenario = sensor, scenario
-        self.body_from_sensor = body_from_sensor(sensor.mount, scenario)
-        limit = errors.gyroscope_range_deg_s
-        self._gyroscope = Triad(
-            density=errors.gyroscope_noise_density, walk=errors.gyroscope_random_walk,
-            bias=math.radians(errors.gyroscope_bias_deg_s), scale_error=errors.gyroscope_scale_error,
-            misalignment=math.radians(errors.gyroscope_misalignment_deg),
-            limit=None if limit is None else math.radians(limit),
-            resolution=math.radians(errors.gyroscope_resolution_deg_s), rate_hz=rate,
-            opened=lambda variable: opened(f"gyroscope.{variable}"),
-        )  # fmt: skip
-        self._accelerometer = Triad(
-            density=errors.accelerometer_noise_density, walk=errors.accelerometer_random_walk,
-            bias=errors.accelerometer_bias_m_s2, scale_error=errors.accelerometer_scale_error,
-            misalignment=math.radians(errors.accelerometer_misalignment_deg), limit=errors.accelerometer_range_m_s2,
-            resolution=errors.accelerometer_resolution_m_s2, rate_hz=rate,
-            opened=lambda variable: opened(f"accelerometer.{variable}"),
-        )  # fmt: skip
+    def __init__(self, sensor: Imu, setting: Setting) -> None:
+        super().__init__(Clock.draw(sensor.rate_hz, sensor.errors, setting.opened))
+        self._sensor, self._scenario = sensor, setting.scenario
+        self.body_from_sensor = body_from_sensor(sensor.mount, setting.scenario)
+        self._gyroscope = _errors(sensor, setting, "gyroscope", "deg_s", math.radians(1))
+        self._accelerometer = _errors(sensor, setting, "accelerometer", "m_s2", 1.0)
 
-    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
-        assert kept.all()
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
         true = kinematics(self._sensor.mount, motion, self._scenario)
         rate, rate_bias = self._gyroscope.read(true.rate)
         force, force_bias = self._accelerometer.read(true.force)
         swing = np.degrees(motion.swing).T
         return np.hstack([rate, force]), np.hstack([true.rate, true.force, rate_bias, force_bias, swing])
+
+
+def _errors(sensor: Imu, setting: Setting, kind: str, unit: str, scale: float) -> Errors:
+    """Errors of one of the two triads, whose keys end in a unit of this many SI units."""
+
+    def of(name: str) -> float:
+        return float(getattr(sensor.errors, f"{kind}_{name}"))
+
+    limit = getattr(sensor.errors, f"{kind}_range_{unit}")
+    drawn = {"scale": "matrix", "zero": "bias"}
+    return Errors(
+        3, lambda variable: setting.opened(f"{kind}.{drawn.get(variable, variable)}"),
+        density=of("noise_density"), walk=of("random_walk"), bias=scale * of(f"bias_{unit}"),
+        scale_error=of("scale_error"), misalignment=math.radians(of("misalignment_deg")),
+        limit=None if limit is None else scale * limit, resolution=scale * of(f"resolution_{unit}"),
+        rate_hz=sensor.rate_hz,
+    )  # fmt: skip

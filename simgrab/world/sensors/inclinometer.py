@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import Inclinometer, Scenario
-from simgrab.world.sensors.device import SWING, Device
-from simgrab.world.sensors.errors import Clock, Open, counted
+from simgrab.model.scenario import Inclinometer
+from simgrab.world.sensors.device import SWING, Device, Setting
+from simgrab.world.sensors.errors import Clock, Errors
 from simgrab.world.sensors.motion import Motion
 from simgrab.world.sensors.mounts import Kinematics, body_from_sensor, kinematics
 
@@ -27,14 +26,15 @@ class InclinometerDevice(Device):
         "time [s]", "apparent_tilt_x [deg]", "apparent_tilt_y [deg]", "tilt_x [deg]", "tilt_y [deg]", *SWING,
     )  # fmt: skip
 
-    def __init__(self, sensor: Inclinometer, scenario: Scenario, opened: Open) -> None:
+    def __init__(self, sensor: Inclinometer, setting: Setting) -> None:
         each = math.ceil(FILTER_HZ / sensor.rate_hz)
-        clock = Clock.draw(each * sensor.rate_hz, sensor.clock_offset_ms, sensor.clock_drift_ppm, opened)
+        clock = Clock.draw(each * sensor.rate_hz, sensor, setting.opened)
         super().__init__(clock, each)
-        self._sensor, self._scenario = sensor, scenario
-        self.body_from_sensor = body_from_sensor(sensor.mount, scenario)
-        self._zero = sensor.zero_error_deg * opened("zero").standard_normal(2)
-        self._noise = opened("noise")
+        self._sensor, self._scenario = sensor, setting.scenario
+        self.body_from_sensor = body_from_sensor(sensor.mount, setting.scenario)
+        self._errors = Errors(
+            2, setting.opened, density=sensor.noise_deg, bias=sensor.zero_error_deg, resolution=sensor.resolution_deg
+        )
         # Exact for a force that goes straight from sample to sample.
         step = 2 * math.pi * sensor.bandwidth_hz / clock.rate_hz
         self._pole = math.exp(-step)
@@ -42,14 +42,13 @@ class InclinometerDevice(Device):
         self._taps = 1 - share, share - self._pole
         self._state: Array | None = None
 
-    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
         true = kinematics(self._sensor.mount, motion, self._scenario)
         if self._state is None:  # settled on the first value
             self._state = (1 - self._taps[0]) * true.force[:1]
         slow, self._state = signal.lfilter(self._taps, (1, -self._pole), true.force, axis=0, zi=self._state)
-        noise = self._sensor.noise_deg * self._noise.standard_normal((int(kept.sum()), 2))
-        values = counted(_above_level(slow[kept]) + self._zero + noise, self._sensor.resolution_deg)
-        return values, np.hstack([_above_level(true.force), _true_tilt(true), np.degrees(motion.swing).T])[kept]
+        truth = np.hstack([_above_level(true.force), _true_tilt(true), np.degrees(motion.swing).T])
+        return self._errors.read(_above_level(slow[self._kept]))[0], truth[self._kept]
 
 
 def _above_level(force: Array) -> Array:

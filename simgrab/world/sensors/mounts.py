@@ -11,7 +11,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.scenario import Scenario
 from simgrab.model.scenario.sensors import Mounting
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.sensors.motion import Link, Motion
+from simgrab.world.sensors.motion import Motion
 from simgrab.world.trajectory.moment import Tilt
 
 ROPE_M = 1.0
@@ -59,9 +59,7 @@ def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinema
         case "rope":
             return _on_rope(motion)
         case "grab":
-            if motion.link is not None:
-                return _on_linked_grab(motion, motion.link)
-            return _on_grab(motion, float(body_from_sensor(mounting, scenario)[2, 3]))
+            return _on_grab(motion)
 
 
 def body_from_sensor(mounting: Mounting, scenario: Scenario) -> Array:
@@ -80,9 +78,8 @@ def body_from_sensor(mounting: Mounting, scenario: Scenario) -> Array:
 
 def _on_jib(motion: Motion, rest: Array, lean: Array, lean_rate: Array, offset: Array) -> Kinematics:
     """Kinematics of a housing at an offset from O, which leans by a vector about its attitude ``rest`` on the jib."""
-    turn = geometry.rotation_z(motion.slew)
-    down, down_rate = np.hstack([lean, -np.ones((len(lean), 1))]), np.hstack([lean_rate, np.zeros((len(lean), 1))])
-    leaned, leaned_rate = _leaned(down, down_rate)
+    turn, ones = geometry.rotation_z(motion.slew), np.ones((len(lean), 1))
+    leaned, leaned_rate = _leaned(np.hstack([lean, -ones]), np.hstack([lean_rate, 0 * ones]))
     attitude = turn @ leaned @ rest
     rate = _into(attitude, _about_z(motion.slew_rate)) + leaned_rate @ rest
     arm = np.einsum("nij,j->ni", turn, offset)
@@ -100,36 +97,22 @@ def _on_platform(motion: Motion) -> Kinematics:
 def _on_rope(motion: Motion) -> Kinematics:
     """Kinematics on the rope: with its direction, but without turning about it as the grab does."""
     turn = geometry.rotation_z(motion.slew)
-    direction, direction_rate, bend = motion.ropes
+    direction, direction_rate, bend = motion.direction, motion.direction_rate, motion.direction_acceleration
     if motion.waves is not None:
         acceleration, slope, slope_rate = motion.waves.at(ROPE_M)
         direction, direction_rate, bend = direction + slope, direction_rate + slope_rate, bend + acceleration / ROPE_M
     spin = _about_z(motion.slew_rate)
-    leaned, leaned_rate = _leaned(
-        _into(turn, direction), _into(turn, direction_rate - np.cross(spin, direction))
-    )  # fmt: skip
+    leaned, leaned_rate = _leaned(_into(turn, direction), _into(turn, direction_rate - np.cross(spin, direction)))
     attitude = turn @ leaned
     force = _into(attitude, ROPE_M * bend - motion.gravity)
     return Kinematics(attitude, _into(attitude, spin) + leaned_rate, force)
 
 
-def _on_linked_grab(motion: Motion, link: Link) -> Kinematics:
-    """Kinematics at T, where the ropes end, of a grab that leans otherwise than they do."""
-    length = motion.rope - link.end_height
-    acceleration = (
-        motion.rope_acceleration[:, None] * link.direction + 2 * motion.rope_rate[:, None] * link.direction_rate
-        + length[:, None] * link.direction_acceleration
-    )  # fmt: skip
-    return Kinematics(motion.attitude, motion.rate, _into(motion.attitude, acceleration - motion.gravity))
-
-
-def _on_grab(motion: Motion, height: float) -> Kinematics:
-    """Kinematics on the grab's axis, at a height in its frame."""
-    rate, axis = motion.rate, np.array([0.0, 0.0, 1.0])
-    arm = (height - motion.rope)[:, None] * axis
-    force = np.cross(motion.acceleration, arm) + np.cross(rate, np.cross(rate, arm))
-    force += 2 * np.cross(rate, -motion.rope_rate[:, None] * axis) - motion.rope_acceleration[:, None] * axis
-    return Kinematics(motion.attitude, rate, force - _into(motion.attitude, motion.gravity))
+def _on_grab(motion: Motion) -> Kinematics:
+    """Kinematics at T, where the ropes end: of the vector l d along them, l̈ d + 2 l̇ ḋ + l d̈."""
+    length, rate, acceleration = (v[:, None] for v in (motion.length, motion.rope_rate, motion.rope_acceleration))
+    force = acceleration * motion.direction + 2 * rate * motion.direction_rate + length * motion.direction_acceleration
+    return Kinematics(motion.attitude, motion.rate, _into(motion.attitude, force - motion.gravity))
 
 
 def _leaned(down: Array, down_rate: Array) -> tuple[Array, Array]:
@@ -166,8 +149,3 @@ def _about_z(speed: Array) -> Array:
 def _into(attitude: Array, vector: Array) -> Array:
     """Express vectors (n, 3) in frames of these attitudes (n, 3, 3)."""
     return np.asarray(np.einsum("nji,nj->ni", attitude, vector))
-
-
-def _out_of(attitude: Array, vector: Array) -> Array:
-    """Express vectors (n, 3) of frames of these attitudes (n, 3, 3) outside of them."""
-    return np.asarray(np.einsum("nij,nj->ni", attitude, vector))

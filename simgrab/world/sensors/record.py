@@ -12,27 +12,12 @@ from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import (
-    HoistEncoder,
-    Imu,
-    Inclinometer,
-    Lidar,
-    LuffEncoder,
-    MotionSensor,
-    Scenario,
-    SideCamera,
-    SlewEncoder,
-    Variant,
-)
+from simgrab.model.scenario import MotionSensor, Scenario, Variant
 from simgrab.world.extensions import Randomiser, Recipe
-from simgrab.world.sensors.camera import CameraDevice
-from simgrab.world.sensors.device import Device, Rows
-from simgrab.world.sensors.encoders import EncoderDevice
+from simgrab.world.sensors.device import Device, Rows, Setting
 from simgrab.world.sensors.errors import streams
-from simgrab.world.sensors.imu import ImuDevice
-from simgrab.world.sensors.inclinometer import InclinometerDevice
-from simgrab.world.sensors.lidar import LidarDevice
 from simgrab.world.sensors.motion import motions
+from simgrab.world.sensors.table import DEVICES, implementation
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +121,12 @@ def sensors(
 
 def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[str, Device]:
     """Set up the sensors of one clip, by name; with ``renders`` cameras render their pictures. Close them."""
-    sensors = variant.scenario.sensors.items()
-    return {name: device(name, sensor, variant, clip, renders=renders) for name, sensor in sensors}
+    scenario, devices = variant.scenario, {}
+    for name, sensor in scenario.sensors.items():
+        setting = Setting(scenario, variant.number, streams(scenario.seed, clip, name), renders)
+        kind = str(sensor.__struct_config__.tag)
+        devices[name] = implementation(DEVICES[kind], f"sensors.{name}.model")(sensor, setting)
+    return devices
 
 
 def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, Rows]]:
@@ -165,20 +154,3 @@ def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterato
         for name, made in devices.items():
             if len(due[name]):
                 yield name, made.rows(motion[np.searchsorted(motion.time, due[name])])
-
-
-def device(name: str, sensor: MotionSensor, variant: Variant, clip: int, *, renders: bool = False) -> Device:
-    """Set up a sensor for one clip."""
-    scenario = variant.scenario
-    opened = streams(scenario.seed, clip, name)
-    match sensor:
-        case Imu():
-            return ImuDevice(sensor, scenario, opened)
-        case Inclinometer():
-            return InclinometerDevice(sensor, scenario, opened)
-        case SlewEncoder() | LuffEncoder() | HoistEncoder():
-            return EncoderDevice(sensor, opened)
-        case Lidar():
-            return LidarDevice(sensor, scenario, opened, variant.number)
-        case SideCamera():
-            return CameraDevice(sensor, scenario, variant.number, renders=renders)

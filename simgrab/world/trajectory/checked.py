@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any, TypeVar
 
 from simgrab.model.scenario import MOST_ALPHA_DEG, ROPE_LENGTH_RANGE_M, DoublePendulum, Scenario, Suspension
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
+
+State = TypeVar("State", GrabState, JibState, Tilt)
+_TURN = (-1e3, 1e3)  # and any other number without bounds of its own
 
 
 def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
@@ -46,36 +50,31 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
 
 def _instant(moment: Moment, design: Design, suspension: Suspension) -> Moment:
     """Moment of Python's numbers within bounds; what it is ahead of is left out."""
-    grab, tilt, jib = moment.grab, moment.tilt, moment.jib
-    turn = (-1e3, 1e3)
-    grab = GrabState(
-        alpha=_within("alpha", grab.alpha, 0.0, math.radians(MOST_ALPHA_DEG)),
-        azimuth=_within("azimuth", grab.azimuth, *turn),
-        rope_length=_within("rope_length", grab.rope_length, *ROPE_LENGTH_RANGE_M),
-        yaw=_within("yaw", grab.yaw, *turn),
-        jaw=_within("jaw", grab.jaw, 0.0, design.max_jaw),
-        load=_within("load", grab.load, 0.0, 1.0 if design.holds_cargo else 0.0),
-        head=None if grab.head is None else (
-            _within("head[0]", grab.head[0], -math.pi / 2, math.pi / 2), _within("head[1]", grab.head[1], *turn)
-        ),
+    grab = _bounded(
+        "", moment.grab, alpha=(0.0, math.radians(MOST_ALPHA_DEG)), azimuth=_TURN, rope_length=ROPE_LENGTH_RANGE_M,
+        yaw=_TURN, jaw=(0.0, design.max_jaw), load=(0.0, 1.0 if design.holds_cargo else 0.0),
     )  # fmt: skip
     if grab.head is None:
         grab = hung(grab, suspension, float(design.terminations[0, 2]))
-    elif not isinstance(suspension, DoublePendulum):
+    elif isinstance(suspension, DoublePendulum):
+        lean, azimuth = grab.head
+        head = _within("head[0]", lean, -math.pi / 2, math.pi / 2), _within("head[1]", azimuth, *_TURN)
+        grab = replace(grab, head=head)
+    else:
         raise ValueError('head must be None: with this suspension it follows; suspension.model = "double-pendulum"')
-    tilt = Tilt(
-        _within("tilt.beta", tilt.beta, 0.0, math.pi / 2), _within("tilt.azimuth", tilt.azimuth, *turn),
-        _within("tilt.roll", tilt.roll, *turn),
-    )  # fmt: skip
-    if jib is not None:
-        jib = JibState(
-            _within("jib.slew", jib.slew, *turn), _within("jib.radius", jib.radius, 0.1, 1e3),
-            _within("jib.luffed", jib.luffed, *turn),
-        )  # fmt: skip
-    x, y, z = (_within("apparent_gravity", value, *turn) for value in moment.apparent_gravity)
+    tilt = _bounded("tilt.", moment.tilt, beta=(0.0, math.pi / 2), azimuth=_TURN, roll=_TURN)
+    jib = moment.jib and _bounded("jib.", moment.jib, slew=_TURN, radius=(0.1, 1e3), luffed=_TURN)
+    x, y, z = (_within("apparent_gravity", value, *_TURN) for value in moment.apparent_gravity)
     still = Moment.still(moment.frame, grab, tilt)  # gamma follows from the two azimuths
     time = None if moment.time is None else float(moment.time)
     return replace(still, time=time, jib=jib, apparent_gravity=(x, y, z))
+
+
+def _bounded(table: str, state: State, **bounds: tuple[float, float]) -> State:
+    numbers: dict[str, Any] = {
+        name: _within(f"{table}{name}", getattr(state, name), *ends) for name, ends in bounds.items()
+    }
+    return replace(state, **numbers)
 
 
 def _within(name: str, value: float, least: float, most: float) -> float:

@@ -9,17 +9,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simgrab.model import geometry
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
-from simgrab.model.scenario import Dynamic, OneBody, Scenario, Start
+from simgrab.model.scenario import Dynamic, OneBody, Scenario
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.scenery.grabs.weight import Mass
-from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.display import Shown, shown
 from simgrab.world.trajectory.linked import LinkedPlant
-from simgrab.world.trajectory.moment import GrabState, JibState, Moment
-from simgrab.world.trajectory.mount import Mount
+from simgrab.world.trajectory.moment import JibState, Moment
+from simgrab.world.trajectory.mount import Mount, tilted
 from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
+from simgrab.world.trajectory.one_body import OneBodyPlant
 from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant, turned
 from simgrab.world.trajectory.work import Course, Work
 
@@ -48,6 +46,8 @@ class Block:
         m/s, and m/s².
     shake : ndarray, shape (BLOCK, 2)
         Lean of the jib head from vibration at the intervals' beginnings, jib frame, rad.
+    lean : ndarray, shape (BLOCK + 1, 2, 2)
+        Of the camera's mount and its rate, at the intervals' ends; see `Mount`.
     """
 
     count: int
@@ -59,16 +59,17 @@ class Block:
     wind: Array
     push: Array
     shake: Array
+    lean: Array
 
-    def drives(self) -> Iterator[tuple[Drive, float, float]]:
-        """Give for each interval what acts on the grab, the jaws' opening and the load."""
+    def drives(self) -> Iterator[Drive]:
+        """Give for each interval what acts on the grab."""
         course = self.course
         columns = (
             self.gravity, self.velocity[:-1], (course.slew[:-1] + course.slew[1:]) / 2, course.rope[:-1],
             course.rope_rate[:-1], np.diff(course.rope_rate) / self.interval, self.wind, self.push, course.held[:-1],
+            course.jaw[:-1], course.load[:-1],
         )  # fmt: skip
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        return zip((Drive(*row) for row in rows), course.jaw[:-1].tolist(), course.load[:-1].tolist(), strict=True)
+        return itertools.starmap(Drive, zip(*(column.tolist() for column in columns), strict=True))
 
 
 class ClipMotion:
@@ -85,7 +86,6 @@ class ClipMotion:
     def __init__(self, scenario: Scenario, clip: int) -> None:
         assert isinstance(scenario.swing, Dynamic)
         self._scenario, self._swing, self._clip = scenario, scenario.swing, clip
-        self._grab = design_of(scenario.grab)
         period = 1 / scenario.clip.frame_rate_hz
         self._per_frame = math.ceil(period / MOST_INTERVAL_S)
         self.interval = period / self._per_frame
@@ -95,28 +95,20 @@ class ClipMotion:
         self._layout = scenario.display_layout
 
     def __iter__(self) -> Iterator[Moment]:
-        work, mount = Work(self._scenario, self._clip), Mount(self._scenario.camera, self.interval)
-        plant: Plant | LinkedPlant | None = None
+        work, plant = Work(self._scenario, self._clip), None
         for block in self.blocks(work):
-            course, felt, shake = block.course, block.felt, block.shake
-            for i, (drive, jaw, load) in enumerate(block.drives()):
-                if plant is None:
-                    plant = self.plant(drive.rope, jaw, load)
+            for i, drive in enumerate(block.drives()):
+                plant = plant or self.plant(drive)
                 count, moment = block.count + i, None
                 if count >= 0 and count % self._per_frame == 0:
-                    moment = self._moment(count / self._per_frame, plant, course, i, felt[i], mount, shake[i])
+                    moment = self._moment(count / self._per_frame, plant, block, i)
                     if self._layout:
                         moment = dataclasses.replace(moment, shown=self._shown(moment, work))
-                plant.hold(jaw, load)
                 plant.run(drive, self.interval, self.steps)
-                mount.step(felt[i], float(course.luffed[i + 1]))
-                if moment and self._scenario.shutter.open_s > 0:
-                    after = min(i + 1, BLOCK - 1)  # the next block's tremble and pull are not drawn yet
-                    ahead = self._moment(
-                        (count + 1) / self._per_frame, plant, course, i + 1, felt[after], mount, shake[after]
-                    )
-                    moment = dataclasses.replace(moment, ahead=ahead)
                 if moment:
+                    if self._scenario.shutter.open_s > 0:
+                        ahead = self._moment((count + 1) / self._per_frame, plant, block, i + 1)
+                        moment = dataclasses.replace(moment, ahead=ahead)
                     yield moment
 
     @property
@@ -127,6 +119,7 @@ class ClipMotion:
     def blocks(self, work: Work) -> Iterator[Block]:
         """Give what drives the clip, block by block, without end; ``work`` is sampled as they are asked for."""
         noises = zip(self._wind(), self._forcing(), self._vibration(), strict=True)
+        mount = Mount(self._scenario.camera, self.interval)
         for block, (wind, push, shake) in enumerate(noises):
             # One instant more than intervals: each takes its mean accelerations from both its ends.
             ticks = np.arange(block * BLOCK, (block + 1) * BLOCK + 1, dtype=float)
@@ -136,58 +129,38 @@ class ClipMotion:
             gravity[:, :2] = -np.diff(velocity, axis=0) / self.interval
             count = block * BLOCK - self._settle * self._per_frame
             felt = turned(gravity, -course.slew[:-1])
-            yield Block(count, self.interval, course, gravity, velocity, felt, wind, push, shake)
+            lean = mount.advance(felt, course.luffed)
+            yield Block(count, self.interval, course, gravity, velocity, felt, wind, push, shake, lean)
 
-    def plant(self, rope: float, jaw: float, load: float) -> Plant | LinkedPlant:
+    def plant(self, drive: Drive) -> Plant:
         """Make the grab as the clip begins."""
-        swing, suspension = self._swing, self._scenario.suspension
-        drag_area = self._grab.cd_a_m2 if swing.drag_area_m2 is None else swing.drag_area_m2
-        ropes = Ropes.of(self._scenario.jib, len(self._grab.terminations))
-        shares = {"damping": swing.damping, "yaw_damping": swing.yaw_damping, "drag_area": drag_area}
-        if not isinstance(suspension, OneBody):
-            linked = LinkedPlant(self._grab, ropes, rope, jaw, load, suspension=suspension, **shares)
-            linked.begin(swing.start)
-            return linked
-        plant = Plant(self._grab, ropes, rope, jaw, load, **shares)
-        plant.start(*_begin(swing.start, plant.mass, rope))
-        return plant
+        kind = OneBodyPlant if isinstance(self._scenario.suspension, OneBody) else LinkedPlant
+        return kind(self._scenario, drive)
 
-    def _moment(
-        self, index: float, plant: Plant | LinkedPlant, course: Course, i: int, felt: Array, mount: Mount, shake: Array
-    ) -> Moment:
-        scenario, slew = self._scenario, float(course.slew[i])
-        hung = plant.hung(slew)
-        luffed, tilt = float(course.luffed[i]), mount.tilt(shake)
-        return Moment(
-            frame=self._first + int(index),
-            grab=GrabState(
-                alpha=hung.alpha,
-                azimuth=hung.azimuth,
-                rope_length=hung.rope_length,
-                yaw=float(geometry.wrap(hung.yaw)),
-                jaw=float(course.jaw[i]),
-                load=float(course.load[i]),
-                head=hung.head,
-            ),
-            tilt=tilt,
-            gamma=(hung.azimuth - tilt.azimuth) % (2 * math.pi),
-            clip=self._clip,
-            time=index / scenario.clip.frame_rate_hz,
-            jib=JibState(slew, self._swing.radius_m + luffed, luffed),
-            apparent_gravity=(float(felt[0]), float(felt[1]), float(felt[2])),
-        )
+    def _moment(self, index: float, plant: Plant, block: Block, i: int) -> Moment:
+        """Moment at the beginning of the block's i-th interval, or the end of its last."""
+        course, now = block.course, min(i, BLOCK - 1)  # the next block's tremble and pull are not drawn yet
+        slew, luffed = float(course.slew[i]), float(course.luffed[i])
+        x, y, z = block.felt[now].tolist()
+        still = Moment.still(
+            self._first + int(index), plant.grab_state(slew, float(course.jaw[i]), float(course.load[i])),
+            tilted(self._scenario.camera, block.lean[i, 0] + block.shake[now]),
+        )  # fmt: skip
+        return dataclasses.replace(
+            still, clip=self._clip, time=index / self._scenario.clip.frame_rate_hz,
+            jib=JibState(slew, self._swing.radius_m + luffed, luffed), apparent_gravity=(x, y, z),
+        )  # fmt: skip
 
     def _shown(self, moment: Moment, work: Work) -> Shown:
         """Work out what the display shows; its clock runs on from clip to clip."""
         assert self._layout is not None
-        began = self._first / self._scenario.clip.frame_rate_hz
-        settled = self._settle * self._per_frame * self.interval
+        rate, grab = self._scenario.clip.frame_rate_hz, design_of(self._scenario.grab)
 
         def lengths(time: float) -> tuple[float, float]:
-            rope, jaw = work.rope_and_jaw(max(time - began + settled, 0.0))
-            return rope, rope + self._grab.closing_rope_m(jaw)
+            rope, jaw = work.rope_and_jaw(max(time - self._first / rate + self.settled_s, 0.0))
+            return rope, rope + grab.closing_rope_m(jaw)
 
-        return shown(self._scenario.display, self._layout, moment.frame / self._scenario.clip.frame_rate_hz, lengths)
+        return shown(self._scenario.display, self._layout, moment.frame / rate, lengths)
 
     def _wind(self) -> Iterator[Array]:
         wind = self._swing.wind
@@ -196,23 +169,18 @@ class ClipMotion:
         turn = np.column_stack([along, (-along[1], along[0])])
         gusts = wind.mean_m_s * wind.intensity
         shape = von_karman(wind.scale_m, wind.mean_m_s) if gusts else None
-        return (mean + block @ turn.T for block in self._noise(shape, gusts, "wind"))
+        return (mean + block @ turn.T for block in self.noise(shape, gusts, "wind"))
 
     def _forcing(self) -> Iterator[Array]:
         forcing = self._swing.forcing
-        return self._noise(low_pass(forcing.bandwidth_hz), forcing.rms_m_s2, "forcing")
+        return self.noise(low_pass(forcing.bandwidth_hz), forcing.rms_m_s2, "forcing")
 
     def _vibration(self) -> Iterator[Array]:
         vibration = self._scenario.camera.mount.vibration
         shape = narrow_band(vibration.frequency_hz, vibration.damping)
-        return self._noise(shape, math.radians(vibration.rms_deg), "vibration")
+        return self.noise(shape, math.radians(vibration.rms_deg), "vibration")
 
-    def exit_shaking(self) -> Iterator[Array]:
-        """Acceleration of the rope exits that sets waves going, m/s², block by block, shape (BLOCK, 2)."""
-        waves = self._scenario.suspension.waves
-        return self._noise(low_pass(waves.bandwidth_hz), waves.exit_rms_m_s2, "waves")
-
-    def _noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
+    def noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
         """Blocks (BLOCK, 2) of two independent components, each of this rms."""
         if not shape or not rms:
             return itertools.repeat(np.zeros((BLOCK, 2)))
@@ -228,19 +196,3 @@ def _velocity(radius: float, course: Course) -> Array:
     out = np.stack([np.cos(course.slew), np.sin(course.slew)], axis=-1)
     around = np.stack([-out[:, 1], out[:, 0]], axis=-1)
     return np.asarray(course.luff_rate[:, None] * out + ((radius + course.luffed) * course.slew_rate)[:, None] * around)
-
-
-def _begin(start: Start, mass: Mass, rope: float) -> tuple[Array, Array]:
-    """Attitude (quaternion) and angular velocity (grab frame, rad/s) in which a clip begins."""
-    alpha, azimuth, yaw = np.radians((start.alpha_deg, start.azimuth_deg, start.yaw_deg))
-    half = alpha / 2
-    leaning = np.array([np.cos(half), np.sin(half) * np.sin(azimuth), -np.sin(half) * np.cos(azimuth), 0.0])
-    w, x, y, _ = leaning
-    c, s = np.cos(yaw / 2), np.sin(yaw / 2)
-    attitude = np.array([w * c, x * c + y * s, y * c - x * s, w * s])
-    arm = rope - mass.centre_z
-    frequency = math.sqrt(mass.mass * STANDARD_GRAVITY * arm / (mass.inertia[0] + mass.mass * arm**2))
-    along = geometry.grab_centre(alpha, azimuth, 1.0)
-    sideways = start.roundness * alpha * frequency * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    rotation = geometry.grab_rotation(alpha, azimuth, yaw)
-    return attitude, np.asarray(rotation.T @ np.cross(along, sideways))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import astuple, dataclass, replace
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simgrab.model import geometry
-from simgrab.model.geometry import STANDARD_GRAVITY, Array
+from simgrab.model.geometry import STANDARD_GRAVITY, Array, Pose
 from simgrab.model.scenario import Camera, Clampable
 from simgrab.world.trajectory.display import Shown
 
@@ -43,12 +42,12 @@ class GrabState:
     head: tuple[float, float] | None = None
 
     @property
-    def jib_from_grab(self) -> Array:
-        """Pose, shape (4, 4)."""
-        pose = np.eye(4)
-        pose[:3, :3] = geometry.grab_rotation(*(self.head or (self.alpha, self.azimuth)), self.yaw)
-        pose[:3, 3] = geometry.grab_centre(self.alpha, self.azimuth, self.rope_length)
-        return pose
+    def jib_from_grab(self) -> Pose:
+        """Pose of the grab, whose axis leans as its head does."""
+        return Pose(
+            geometry.grab_rotation(*(self.head or (self.alpha, self.azimuth)), self.yaw),
+            geometry.grab_centre(self.alpha, self.azimuth, self.rope_length),
+        )
 
 
 @dataclass(frozen=True)
@@ -100,12 +99,10 @@ class JibState:
     luffed: float
 
     @property
-    def jib_from_place(self) -> Array:
-        """Pose, shape (4, 4), of what stands on the ground, whose frame is the jib frame unslewed and unluffed."""
-        pose = np.eye(4)
-        pose[:3, :3] = geometry.rotation_z(-self.slew)
-        pose[:3, 3] = pose[:3, :3] @ (self.radius - self.luffed, 0.0, 0.0) - (self.radius, 0.0, 0.0)
-        return pose
+    def jib_from_place(self) -> Pose:
+        """Pose of what stands on the ground, whose frame is the jib frame unslewed and unluffed."""
+        turn = geometry.rotation_z(-self.slew)
+        return Pose(turn, turn @ (self.radius - self.luffed, 0.0, 0.0) - (self.radius, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -168,7 +165,7 @@ class Moment:
         def between(a: float, b: float) -> float:
             return a + share * (b - a)
 
-        start, end = here.jib_from_grab[:3, 3], there.jib_from_grab[:3, 3]
+        start, end = here.jib_from_grab.translation, there.jib_from_grab.translation
         alpha, azimuth, rope = geometry.swing_of(start + share * (end - start))
         grab = GrabState(
             float(alpha), float(azimuth), float(rope),

@@ -1,30 +1,40 @@
-"""The grab on its ropes, integrated by MuJoCo in a frame that moves with O but does not turn.
+"""The grab on its ropes, in a frame that moves with O but does not turn.
 
 In that frame the pivot rests and the grab feels gravity less O's acceleration, which is what slewing and luffing do to
-it; the hoist is a slide that follows its command; the four ropes turn the grab back as a spring does.
+it; the hoist follows its command; the ropes turn the grab back as a spring does. `Plant` holds what all suspensions
+share; the equations of motion are in `simgrab.world.trajectory.one_body` and `simgrab.world.trajectory.linked`.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
-from simgrab.model import geometry
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
-from simgrab.world.scenery.grabs.design import Design
+from simgrab.model.scenario import DoublePendulum, Dynamic, FourRopes, Scenario
+from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.weight import Mass
 from simgrab.world.scenery.meshes.ropes import Ropes
+from simgrab.world.trajectory.hanging import rope_lean
+from simgrab.world.trajectory.moment import GrabState
 
 MOST_STEP_S = 0.005
 AIR_KG_M3 = 1.225
 HELD_DAMPING = 2.0  # of critical: jaws in the cargo hold the grab
-# Moves as commanded whatever the grab pulls; what that adds up to is taken back within seconds.
-_HOIST_INERTIA_KG, RETURN_1_S = 1e14, 0.5
+_RETURN_1_S = 0.5  # what the rope differs from its command is taken back within seconds
+
+WIDTH = 23
+"""Columns of the motion that `Plant.run` gives: those of the ropes and of the grab, and three of the length."""
+ROPES, GRAB = slice(0, 10), slice(10, 20)
+"""Of a body: attitude as a quaternion (4), scalar first; angular velocity (3), rad/s, and acceleration (3), rad/s²,
+in its own frame, whose z axis points up along it."""
+LENGTH = slice(20, 23)
+"""Rope paid out, |OT| + |TA|, m; its rate, m/s, and acceleration, m/s². T is the middle of the rope ends."""
 
 Vector = tuple[float, float, float]
 
@@ -47,6 +57,8 @@ class Drive:
         Wind over the ground, m/s; further horizontal acceleration of the grab, m/s².
     held : bool
         The cargo holds the grab.
+    jaw, load : float
+        Opening, rad, and fill.
     """
 
     gravity: Vector
@@ -58,19 +70,35 @@ class Drive:
     wind: tuple[float, float]
     push: tuple[float, float]
     held: bool
+    jaw: float
+    load: float
 
 
-class Hung(NamedTuple):
-    """How the grab hangs in the jib frame, rad and m: swing and |OA|, twist about the vertical, and lean of its head.
+class Forces(NamedTuple):
+    """What acts during one interval, as the equations of motion take it.
 
-    ``head`` is angle and azimuth of the grab's own axis; None where it is along OA.
+    Attributes
+    ----------
+    gravity : tuple of 3 floats
+        m/s².
+    push : tuple of 3 floats
+        On the centre of mass, weight left out, N.
+    rope_acceleration : float
+        Of the rope paid out, m/s².
+    twist, heading : float
+        Stiffness against yaw, N m/rad, and the yaw without torque, rad.
+    damping, yaw_damping, joint_damping : float
+        Of the swing, of the yaw, and of the grab against its ropes, N m s.
     """
 
-    alpha: float
-    azimuth: float
-    rope_length: float
-    yaw: float
-    head: tuple[float, float] | None
+    gravity: Vector
+    push: Vector
+    rope_acceleration: float
+    twist: float
+    heading: float
+    damping: float
+    yaw_damping: float
+    joint_damping: float
 
 
 def turned(vector: Array, angle: float | Array) -> Array:
@@ -80,86 +108,44 @@ def turned(vector: Array, angle: float | Array) -> Array:
     return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 
-def spread_m2(grab: Design, ropes: Ropes) -> float:
-    """Mean over the ropes of the product of the exit's and the termination's distance from the axis, m²."""
-    return float(np.mean(np.sum(np.array(ropes.exits)[:, :2] * grab.terminations[:, :2], axis=1)))
-
-
-class Plant:
-    """The pendulum: a ball joint at O, a slide along the rope, the grab as one rigid body.
+class Plant(ABC):
+    """The grab on its ropes, as a clip begins.
 
     Parameters
     ----------
-    grab : Design
-    ropes : Ropes
-    rope : float
-        |OA|, m.
-    jaw, load : float
-        Opening, rad, and fill.
-    damping, yaw_damping : float
-        Shares of the critical ones.
-    drag_area : float
-        Cd·A, m².
+    scenario : Scenario
+        With dynamic swing.
+    drive : Drive
+        What acts first; it begins on its rope, with its jaws and load.
+
+    Attributes
+    ----------
+    mass : Mass
+    end_height : float
+        Of T, the middle of the rope ends, in the grab's frame, m.
     """
 
-    WIDTH = 13
-    """Columns of `watch`."""
-    ACCELERATIONS = slice(9, 12)
-    """Of these, those that belong to `rates`."""
+    def __init__(self, scenario: Scenario, drive: Drive) -> None:
+        assert isinstance(scenario.swing, Dynamic)
+        suspension = scenario.suspension
+        self._swing, self._design = scenario.swing, design_of(scenario.grab)
+        ends = self._design.terminations
+        exits = np.array(Ropes.of(scenario.jib, len(ends)).exits)
+        self._spread_m2 = float(np.mean(np.sum(exits[:, :2] * ends[:, :2], axis=1)))
+        self.end_height = float(ends[0, 2])
+        self._tilt_ratio = suspension.tilt_ratio if isinstance(suspension, FourRopes) else 1.0
+        self._joint = suspension if isinstance(suspension, DoublePendulum) else None
+        area = self._swing.drag_area_m2
+        self._drag = self._design.cd_a_m2 if area is None else area
+        self._jaw, self._load = drive.jaw, drive.load
+        self.mass = self._design.mass_of(drive.jaw, drive.load)
 
-    def __init__(
-        self, grab: Design, ropes: Ropes, rope: float, jaw: float, load: float, *, damping: float, yaw_damping: float,
-        drag_area: float,
-    ) -> None:  # fmt: skip
-        self._grab, ends = grab, grab.terminations
-        self._spread_m2 = spread_m2(grab, ropes)
-        self._termination_z = float(ends[0, 2])
-        self._damping, self._yaw_damping, self._drag = damping, yaw_damping, drag_area
-        self._jaw, self._load = jaw, load
-        self.mass = grab.mass_of(jaw, load)
-        self._model = _compile(self.mass)
-        self.data, self._probe = mujoco.MjData(self._model), mujoco.MjData(self._model)
-        self.data.qpos[4] = -rope
+    def run(self, drive: Drive, seconds: float, steps: int, instants: Sequence[float] = ()) -> Array:
+        """Integrate one interval, and give the motion at instants within it.
 
-    def hold(self, jaw: float, load: float) -> None:
-        """Move the jaws and change the load: cargo leaves with its own speed, moving jaws keep the angular momentum."""
-        if (jaw, load) == (self._jaw, self._load):
-            return
-        before, after = self._grab.mass_of(self._jaw, load), self._grab.mass_of(jaw, load)
-        rope = -float(self.data.qpos[4])
-        for axis, arms in enumerate((1, 1, 0)):
-            old, new = (m.inertia[axis] + arms * m.mass * (rope - m.centre_z) ** 2 for m in (before, after))
-            self.data.qvel[axis] *= old / new
-        self._jaw, self._load, self.mass = jaw, load, after
-        grab = self._model.body("grab").id
-        self._model.body_mass[grab] = after.mass
-        self._model.body_ipos[grab] = (0.0, 0.0, after.centre_z)
-        self._model.body_inertia[grab] = after.inertia
-
-    def start(self, rotation: Array, rate: Array) -> None:
-        """Set the attitude, a quaternion (4,) in MuJoCo's order, and the angular velocity (3,), grab frame, rad/s."""
-        self.data.qpos[:4], self.data.qvel[:3] = rotation, rate
-
-    def rates(self) -> Array:
-        """Angular velocity (3,), grab frame, rad/s."""
-        return np.array(self.data.qvel[:3])
-
-    def hung(self, slew: float) -> Hung:
-        """Give the grab's state in the jib frame, whose heading is ``slew``, rad."""
-        w, x, y, z, slide = self.data.qpos.tolist()
-        down = turned(np.array([-2 * (x * z + w * y), -2 * (y * z - w * x), 2 * (x * x + y * y) - 1]), -slew)
-        alpha, azimuth, _ = geometry.swing_of(down)
-        return Hung(float(alpha), float(azimuth), -slide, 2 * math.atan2(z, w) - slew, None)
-
-    def run(self, drive: Drive, seconds: float, steps: int) -> None:
-        """Integrate one interval."""
-        self._set_forces(drive, seconds, steps)
-        mujoco.mj_step(self._model, self.data, steps)
-
-    def watch(self, drive: Drive, seconds: float, steps: int, instants: Sequence[float]) -> Array:
-        """Integrate one interval as `run` does, and give the motion at instants within it.
-
-        Between two steps the motion is that of a shorter step from the first of them, by the same integrator.
+        Cargo leaves with its own speed, and moving jaws keep the momentum: by how much they change angular velocities
+        at the interval's beginning counts as acceleration throughout it. Between two steps the motion is that of a
+        shorter step from the first of them, by the same integrator.
 
         Parameters
         ----------
@@ -171,80 +157,119 @@ class Plant:
 
         Returns
         -------
-        ndarray, shape (n, 13)
-            Attitude as a quaternion (4) in MuJoCo's order and the slide, |OA| below O negative, m; angular velocity
-            (3), grab frame, rad/s, and the slide's, m/s; angular acceleration (3) and the slide's, rad/s² and m/s².
+        ndarray, shape (n, `WIDTH`)
         """
-        self._set_forces(drive, seconds, steps)
-        model, data, probe = self._model, self.data, self._probe
-        probe.qfrc_applied, probe.xfrc_applied = data.qfrc_applied, data.xfrc_applied
-        taken, rows, step = 0, np.empty((len(instants), 13)), seconds / steps
-        which = [min(int(instant / step), steps - 1) for instant in instants]
-        for row, number, instant in zip(rows, which, instants, strict=True):
-            while taken < number:
-                mujoco.mj_step(model, data)
-                taken += 1
-            probe.qpos, probe.qvel = data.qpos, data.qvel
-            model.opt.timestep = instant - number * step
-            if model.opt.timestep > 1e-12:  # s; none is left between instants that rounding set apart
-                mujoco.mj_step(model, probe)
-            mujoco.mj_forward(model, probe)
-            model.opt.timestep = step
-            row[:5], row[5:9], row[9:] = probe.qpos, probe.qvel, probe.qacc
-        mujoco.mj_step(model, data, steps - taken)
-        return rows
+        before = self._rates() if instants else np.zeros((2, 3))
+        self._hold(drive.jaw, drive.load)
+        jump = (self._rates() - before) / seconds if instants else before
+        self._apply(self._forces(drive), seconds, steps)
+        taken, rows, step = 0, [], seconds / steps
+        for instant in instants:
+            number = min(int(instant / step), steps - 1)
+            self._advance(number - taken)
+            taken = number
+            rows.append(self._motion(instant - number * step))
+            rows[-1][:20].reshape(2, 10)[:, 7:] += jump
+        self._advance(steps - taken)
+        return np.reshape(rows, (-1, WIDTH))
 
-    def _set_forces(self, drive: Drive, seconds: float, steps: int) -> None:
-        """Set what acts during an interval."""
-        model, data = self._model, self.data
+    def _hold(self, jaw: float, load: float) -> None:
+        """Move the jaws and change the load."""
+        if (jaw, load) == (self._jaw, self._load):
+            return
+        before, self.mass = self._design.mass_of(self._jaw, load), self._design.mass_of(jaw, load)
+        self._jaw, self._load = jaw, load
+        self._keep_momentum(before, self.mass)
+
+    def _forces(self, drive: Drive) -> Forces:
+        """Compute an interval's forces: aerodynamic drag ½ρ Cd·A |v|v, the ropes' spring against yaw, and frictions.
+
+        Frictions are shares of the critical one, 2√(stiffness · inertia). The ropes' ends rise as they turn away from
+        under their exits: the stiffness is m g s²/z, s² being the mean product of distances of exits and ends from the
+        axis, and z the height between them.
+        """
         mass = self.mass
-        qpos, qvel = data.qpos, data.qvel
-        model.opt.timestep = seconds / steps
-        model.opt.gravity[:] = drive.gravity
-        weight = mass.mass * STANDARD_GRAVITY
-        arm = drive.rope - mass.centre_z  # from O to the centre of mass
-        # Swing: critical damping of the compound pendulum, about either axis.
-        inertia = mass.inertia[0] + mass.mass * arm * arm
-        share = HELD_DAMPING if drive.held else self._damping
-        model.dof_damping[0] = model.dof_damping[1] = 2 * share * math.sqrt(weight * arm * inertia)
-        # Yaw: the ropes' terminations rise as they turn away from under their exits.
-        w, x, y, z = (float(v) for v in qpos[:4])
-        p, q, r = (float(v) for v in qvel[:3])  # about the grab's own axes
-        # By how much each of them turns the grab about its rope.
-        by_p, by_q = (z * x - w * y) / (w * w + z * z), (w * x + z * y) / (w * w + z * z)
-        # Half-way through the interval, or the spring would give energy.
-        yaw = 2 * math.atan2(z, w) + (by_p * p + by_q * q + r) * seconds / 2 - drive.heading
-        stiffness = weight * self._spread_m2 / (drive.rope - self._termination_z)
-        model.dof_damping[2] = 2 * (1.0 if drive.held else self._yaw_damping) * math.sqrt(stiffness * mass.inertia[2])
-        torque = -stiffness * math.sin(yaw)
-        data.qfrc_applied[0], data.qfrc_applied[1], data.qfrc_applied[2] = by_p * torque, by_q * torque, torque
-        lag, slip = -drive.rope - float(qpos[4]), -drive.rope_rate - float(qvel[3])
-        follow = -drive.rope_acceleration + RETURN_1_S**2 * lag + 2 * RETURN_1_S * slip
-        data.qfrc_applied[3] = _HOIST_INERTIA_KG * follow
-        # Wind on the grab's own velocity over the ground: O's plus what the swing and the hoist add.
-        down = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))  # the rope's axis, up
-        ahead = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-        aside = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
-        out = float(qvel[3])
-        own = [-arm * (q * ahead[i] - p * aside[i]) + out * down[i] for i in range(3)]
+        paid_out, rate = self._paid_out()
+        lag, slip = drive.rope - paid_out, drive.rope_rate - rate
+        stiffness, inertia = self._pendulum(drive.rope)
+        twist = mass.mass * STANDARD_GRAVITY * self._spread_m2 / (drive.rope - self.end_height)
+        own = self._velocity(drive.rope)  # of the grab over the ground: O's plus what swing and hoist add
         rel = (drive.wind[0] - drive.velocity[0] - own[0], drive.wind[1] - drive.velocity[1] - own[1], -own[2])
         force = 0.5 * AIR_KG_M3 * self._drag * math.sqrt(rel[0] ** 2 + rel[1] ** 2 + rel[2] ** 2)
-        applied = data.xfrc_applied[2]
-        applied[0] = force * rel[0] + mass.mass * drive.push[0]
-        applied[1] = force * rel[1] + mass.mass * drive.push[1]
-        applied[2] = force * rel[2]
+        damping, yaw_damping = (HELD_DAMPING, 1.0) if drive.held else (self._swing.damping, self._swing.yaw_damping)
+        joint_damping = 0.0
+        if self._joint is not None:
+            below = self.end_height - mass.centre_z
+            tilting = math.sqrt(mass.mass * STANDARD_GRAVITY * below * (mass.inertia[0] + mass.mass * below**2))
+            joint_damping = 2 * (HELD_DAMPING if drive.held else self._joint.damping) * tilting
+        return Forces(
+            gravity=drive.gravity,
+            push=(
+                force * rel[0] + mass.mass * drive.push[0], force * rel[1] + mass.mass * drive.push[1], force * rel[2],
+            ),
+            rope_acceleration=drive.rope_acceleration + _RETURN_1_S**2 * lag + 2 * _RETURN_1_S * slip,
+            twist=twist, heading=drive.heading,
+            damping=2 * damping * math.sqrt(stiffness * inertia),
+            yaw_damping=2 * yaw_damping * math.sqrt(twist * mass.inertia[2]),
+            joint_damping=joint_damping,
+        )  # fmt: skip
+
+    def _pendulum(self, rope: float) -> tuple[float, float]:
+        """Stiffness, N m, and inertia, kg m², of small swings in which the grab leans by a ratio κ of its ropes' lean.
+
+        m g (l + κ² b) and m (l + κ b)² + κ² I, with l = |OT| and b from T down to the centre of mass.
+        """
+        mass, ratio = self.mass, self._tilt_ratio
+        arm, below = rope - mass.centre_z, self.end_height - mass.centre_z
+        lever = arm - (1 - ratio) * below
+        stiffness = mass.mass * STANDARD_GRAVITY * (arm - (1 - ratio**2) * below)
+        return stiffness, ratio**2 * mass.inertia[0] + mass.mass * lever * lever
+
+    def _start(self, rope: float) -> tuple[float, float, float, float]:
+        """Lean of the ropes, its azimuth and the yaw with which a clip begins, rad, and the azimuth's rate, rad/s."""
+        start = self._swing.start
+        alpha, azimuth, yaw = np.radians((start.alpha_deg, start.azimuth_deg, start.yaw_deg))
+        lean = rope_lean(float(alpha), self.end_height / (rope - self.end_height), self._tilt_ratio, of_ropes=True)
+        stiffness, inertia = self._pendulum(rope)
+        around = start.roundness * math.sqrt(stiffness / inertia) * (lean / math.sin(lean) if lean else 1.0)
+        return lean, azimuth, yaw, around
+
+    @abstractmethod
+    def grab_state(self, slew: float, jaw: float, load: float) -> GrabState:
+        """Give the grab's state in the jib frame, whose heading is ``slew``, rad."""
+
+    @abstractmethod
+    def _rates(self) -> Array:
+        """Angular velocities of ropes and grab, each in its own frame, rad/s, shape (2, 3)."""
+
+    @abstractmethod
+    def _paid_out(self) -> tuple[float, float]:
+        """Rope paid out, m, and its rate, m/s."""
+
+    @abstractmethod
+    def _velocity(self, rope: float) -> Vector:
+        """Velocity of the centre of mass in the plant's frame, m/s, where so much rope is paid out, m."""
+
+    @abstractmethod
+    def _keep_momentum(self, before: Mass, after: Mass) -> None:
+        """Give the grab another mass distribution and the momentum it has."""
+
+    @abstractmethod
+    def _apply(self, forces: Forces, seconds: float, steps: int) -> None:
+        """Set what acts during an interval, and its steps."""
+
+    @abstractmethod
+    def _advance(self, steps: int) -> None:
+        """Integrate some steps."""
+
+    @abstractmethod
+    def _motion(self, seconds: float) -> Array:
+        """Give the motion a part of a step ahead, shape (`WIDTH`,); the state stays."""
 
 
-def _compile(mass: Mass) -> mujoco.MjModel:
-    spec = mujoco.MjSpec()
-    option = spec.option
-    option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CONTACT
-    rope = spec.worldbody.add_body(name="rope", mass=1e-3, inertia=(1e-3,) * 3, explicitinertial=True)
-    rope.add_joint(name="swing", type=mujoco.mjtJoint.mjJNT_BALL)
-    grab = rope.add_body(
-        name="grab", mass=mass.mass, ipos=(0.0, 0.0, mass.centre_z), inertia=mass.inertia, explicitinertial=True
-    )
-    grab.add_joint(name="hoist", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1), armature=_HOIST_INERTIA_KG)
-    return spec.compile()
+def leaning(lean: float, azimuth: float, yaw: float) -> Array:
+    """Quaternion (4,), scalar first, of `simgrab.model.geometry.grab_rotation`."""
+    half = lean / 2
+    w, x, y = np.cos(half), np.sin(half) * np.sin(azimuth), -np.sin(half) * np.cos(azimuth)
+    c, s = np.cos(yaw / 2), np.sin(yaw / 2)
+    return np.array([w * c, x * c + y * s, y * c - x * s, w * s])

@@ -112,19 +112,19 @@ def test_physics_brings_times_and_a_camera_that_moves():
 def test_workers_and_an_interruption_change_nothing(tmp_path):
     study = catalogue.read(SNOW | {"replications": 3, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
     folder, told = tmp_path / "pictures", []
-    (folder / PARTIAL).mkdir(parents=True)
     identity = {"simgrab": __version__, "digest": study.digest, "made_with": rendered.made_with()}
-    (folder / STUDY).write_text(json.dumps(identity))
-    (folder / PARTIAL / "torn.1.draft").write_bytes(b"half")
-    part = parts(study)[1]
-    (folder / PARTIAL / part.file).write_bytes(made(study, part))  # and then it was killed
+    identity["study"] = msgspec.to_builtins(study)
+    journal, part = laboratory.journal(study, tmp_path), parts(study)[1]
+    with journal.opened(identity):
+        (folder / PARTIAL / "draft-1-torn").write_bytes(b"half")
+        journal.add(part.file, made(study, part))  # and then it was killed
     laboratory.run([study], tmp_path, workers=2, resume=True, progress=lambda *counts: told.append(counts))
     assert told == [(1, 3), (2, 3), (3, 3)]
     alone = pa.concat_tables([make(study, parts(study)[k]) for k in (0, 2)])
     found = pq.read_table(folder / TRIALS)
     assert found.filter(pc.not_equal(found["trial"], 1)).equals(alone)
     (folder / STUDY).write_text(json.dumps(identity | {"made_with": "something else"}))
-    with pytest.raises(StressError, match="another renderer"):
+    with pytest.raises(StressError, match="made_with differs"):
         laboratory.run([study], tmp_path, resume=True)
 
 

@@ -12,7 +12,7 @@ from simgrab.errors import RecordError
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, mount_from_camera, tilt_of
-from simgrab.instrument.estimate.inertial.fit import Data, InertialFit, Path, Priors, fit
+from simgrab.instrument.estimate.inertial.fit import ROUNDS, Data, InertialFit, Path, Priors, fit
 from simgrab.instrument.estimate.inertial.model import (
     ACCELEROMETER,
     ATTITUDE,
@@ -34,7 +34,7 @@ from simgrab.instrument.estimate.inertial.model import (
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.motion import Motion, PathEstimator
-from simgrab.instrument.estimate.pendulum import Nodes
+from simgrab.instrument.estimate.pendulum import THIN_S, Nodes
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
@@ -47,6 +47,12 @@ HEADING_SD = 1e-3  # rad: the level frame's heading is the first node's
 SMOOTH_FRAMES = 3.0  # standard deviation of the filter of the first guess of the swings
 MOST_EXCESS = 1.0  # m/s², of the mean specific force over g
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
+CUT_S = 60.0  # a record with a longer step between frames is refused
+GAP_S = 0.1  # and one whose sensor is silent for longer
+MOST_NOT_FREE = 0.3  # and one in more of which the grab does not swing as the sensor says
+# Factor on the intervals of α for what the model leaves out, such as the grab's own changing shape; chosen on working
+# cycles, whose intervals cover 60 to 100 % of the frames without it.
+WIDENING = 1.4
 SLEWING = 4e-3  # rad/s: a jib that turns faster slews
 REST_S = 0.2  # readings about the vertical are averaged over so long before their most frequent value is sought
 
@@ -87,8 +93,6 @@ class InertialFusion(PathEstimator):
     ----------
     imu : ImuReadings or None
         Of the same record, over all of it. There is no estimate without it.
-    degrees : float
-        Of Student's t distribution of pixel errors.
     damping, damping_sd : float
         Prior of the damping ratio.
     reach_sd_m : float
@@ -108,25 +112,6 @@ class InertialFusion(PathEstimator):
         Prior standard deviation of the accelerometer's bias, m/s².
     cross_sd : float
         Prior standard deviation of the gyroscope's scale error and misalignments.
-    speed, speed_s : float
-        Standard deviation of the jib head's velocity, m/s per axis, and how long it takes to become another one, s.
-    rest_speed : float
-        Standard deviation of the velocity of a jib that stands, m/s per axis.
-    memory_s : float
-        Correlation time of gusts.
-    node_s, cut_s : float
-        Longer steps between frames than the first are divided; a record with a longer one than the second is refused.
-    gap_s : float
-        A record whose sensor is silent for longer is refused.
-    most_not_free : float
-        A record in more of which the grab does not swing as the sensor says is refused.
-    widening : float
-        Factor on the intervals of α for what the model leaves out, such as the grab's own changing shape; chosen on
-        working cycles, whose intervals cover 60 to 100 % of the frames without it.
-    thin_s : float
-        Strengths are sought on frames that are this far apart.
-    searches, rounds : int
-        At most so many linearisations search for the strengths, and so many there are.
 
     Notes
     -----
@@ -144,7 +129,6 @@ class InertialFusion(PathEstimator):
     needs_imu: ClassVar[bool] = True
 
     imu: ImuReadings | None = None
-    degrees: float = 4.0
     damping: float = 0.005
     damping_sd: float = 0.005
     longer_m: float = 0.4
@@ -156,18 +140,6 @@ class InertialFusion(PathEstimator):
     vertical_sd: float = 0.003
     accelerometer_sd: float = 0.4
     cross_sd: float = 0.01
-    speed: float = 2.0
-    speed_s: float = 10.0
-    rest_speed: float = 0.03
-    memory_s: float = 10.0
-    node_s: float = 0.35
-    cut_s: float = 60.0
-    gap_s: float = 0.1
-    most_not_free: float = 0.3
-    widening: float = 1.4
-    thin_s: float = 0.3
-    searches: int = 6
-    rounds: int = 40
 
     @property
     def readings(self) -> ImuReadings:
@@ -205,37 +177,37 @@ class InertialFusion(PathEstimator):
         rest = _at_rest(imu.time, rates[:, 2])
 
         def at(some: slice) -> Data:
-            nodes = Nodes.of(frames, some, self.node_s)
+            nodes = Nodes.of(frames, some)
             summed = preintegrate(nodes.time, imu, turn)
-            links = Links.of(summed, nodes.rope, length, self.memory_s)
+            links = Links.of(summed, nodes.rope, length)
             turning = np.abs(summed.rate[:, 2] - rest)
             resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
             return Data(**vars(nodes), resting=resting, links=links, focal_px=calibration.focal_length_px)
 
-        every = max(min(int(self.thin_s / np.median(np.diff(time))), len(time) // self.parameters), 1)
+        every = max(min(int(THIN_S / np.median(np.diff(time))), len(time) // self.parameters), 1)
         try:
             few = slice(None, None, every)
             thin = at(few if frames.places()[0][few].sum() >= self.parameters else slice(None))
             first = self._first(thin, level, rough.offset[0], np.array([*rates[:, :2].mean(axis=0), rest]))
-            found = fit(thin, first, first, priors, self.searches, self.rounds)
+            found = fit(thin, first, first, priors)
             whole = at(slice(None))
             path = _refined(found.path, thin, whole)
-            found = fit(whole, replace(path, state=_like(path, first)), path, priors, 0, self.rounds)
+            found = fit(whole, replace(path, state=_like(path, first)), path, priors, 0)
         except np.linalg.LinAlgError:
             return "pictures and sensor do not fit: are they of the same record?"
         if not found.converged:
-            return f"not converged in {self.rounds} rounds"
+            return f"not converged in {ROUNDS} rounds"
         odd = float(np.mean(found.path.weight < FREE))
-        if odd > self.most_not_free:
+        if odd > MOST_NOT_FREE:
             return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
         return Start(whole, found, priors, rest, excess)
 
     def unfit(self, time: Array, imu: ImuReadings) -> str:
         """Say why readings do not cover frames at times (n,), or frames are too far apart; empty where all is well."""
         pause = np.diff(time)
-        if len(pause) and pause.max() > self.cut_s:
-            return f"no frame for {pause.max():.1f} s at {time[pause.argmax()]:.1f} s; at most {self.cut_s:g} s"
-        if imu.time[0] > time[0] + self.gap_s or imu.time[-1] < time[-1] - self.gap_s:
+        if len(pause) and pause.max() > CUT_S:
+            return f"no frame for {pause.max():.1f} s at {time[pause.argmax()]:.1f} s; at most {CUT_S:g} s"
+        if imu.time[0] > time[0] + GAP_S or imu.time[-1] < time[-1] - GAP_S:
             return (
                 f"the sensor's readings last from {imu.time[0]:.2f} to {imu.time[-1]:.2f} s, and the frames from "
                 f"{time[0]:.2f} to {time[-1]:.2f} s"
@@ -243,7 +215,7 @@ class InertialFusion(PathEstimator):
         begin = max(int(np.searchsorted(imu.time, time[0], side="right")) - 1, 0)
         inside = imu.time[begin : int(np.searchsorted(imu.time, time[-1])) + 1]
         silent = np.diff(inside)
-        if silent.max(initial=0.0) > self.gap_s:
+        if silent.max(initial=0.0) > GAP_S:
             return f"the sensor is silent for {silent.max():.2f} s at {inside[silent.argmax()]:.2f} s"
         return ""
 
@@ -265,7 +237,7 @@ class InertialFusion(PathEstimator):
         walk[VELOCITY] = 1.2 * imu.accelerometer_noise_density + 2e-3
         walk[GYROSCOPE] = 1.2 * imu.gyroscope_random_walk + 1e-6
         walk[ACCELEROMETER] = 1.2 * imu.accelerometer_random_walk + 1e-5
-        return Priors(mean, sd, first, walk, self.speed, self.speed_s, self.rest_speed, self.degrees)
+        return Priors(mean, sd, first, walk)
 
     def _first(self, data: Data, level: Array, offset: Array, bias: Array) -> Path:
         """Guess a path: attitudes from a gyroscope of some bias (3,) about a tilt (3, 3), swings from the pixels."""
@@ -310,10 +282,10 @@ class InertialFusion(PathEstimator):
             azimuth=azimuth,
             tilt_variance=(along, across),
             swing=s,
-            covariance=of_swing * self.widening**2,
+            covariance=of_swing * WIDENING**2,
             sigma2_variance=0.0,
             offset=path.parameters[OFFSET],
-            stretch_variance=(stretch * self.widening) ** 2,
+            stretch_variance=(stretch * WIDENING) ** 2,
             diagnostics={
                 "forcing": np.exp(path.strengths[FAST]),
                 "lean_sd": np.exp(path.strengths[SLOW]),

@@ -30,7 +30,7 @@ from simgrab.instrument.estimate.inertial.model import (
     derivatives_of_place,
 )
 from simgrab.instrument.estimate.inertial.preintegration import rotation, rotation_vector
-from simgrab.instrument.estimate.pendulum import Nodes, of_axes
+from simgrab.instrument.estimate.pendulum import DEGREES, Nodes, of_axes
 from simgrab.instrument.estimate.strengths import NOISE, Weighed
 from simgrab.model.geometry import Array
 
@@ -41,6 +41,9 @@ NATURAL_FAST, NATURAL_SLOW, BEYOND = 1e-4, 0.005, 9.0  # forces as wind has them
 LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # at the end those of the record itself count, but no less than these
 LEAST_FORCING = 3e-5  # m²/s³: no pendulum of two numbers describes a grab better
 CONVERGED_RAD = 5e-5
+SEARCHES, ROUNDS = 6, 40  # at most so many linearisations search for the strengths, and so many there are
+SPEED, SPEED_S = 2.0, 10.0  # of the jib head, m/s per axis, and how long it takes to become another one, s
+REST_SPEED = 0.03  # m/s per axis, of a jib that stands
 
 
 @dataclass(frozen=True)
@@ -55,22 +58,12 @@ class Priors:
         Of the first state about that of a first guess; infinite where nothing is known.
     walk : ndarray, shape (16,)
         By how much the sensor's noise moves the state in a second.
-    speed, speed_s : float
-        Standard deviation of the camera's velocity per axis, m/s, and how long it takes to become another one, s.
-    rest_speed : float
-        Standard deviation of the velocity of a jib that stands, m/s per axis.
-    degrees : float
-        Of Student's t distribution of pixel errors.
     """
 
     mean: Array
     sd: Array
     first_sd: Array
     walk: Array
-    speed: float
-    speed_s: float
-    rest_speed: float
-    degrees: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +114,7 @@ class InertialFit:
     converged: bool
 
 
-def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rounds: int) -> InertialFit:
+def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int = SEARCHES) -> InertialFit:
     """Fit from a rough path; at most so many rounds search for the strengths.
 
     Parameters
@@ -132,7 +125,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
     start : Path
         To begin with. Where ``searches`` is 0, its strengths and weights are kept.
     priors : Priors
-    searches, rounds : int
+    searches : int
 
     Raises
     ------
@@ -140,7 +133,7 @@ def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int, rou
         If the record determines no path.
     """
     path, converged, loose, last = start, False, searches > 0, 0
-    for done in range(rounds):
+    for done in range(ROUNDS):
         last = done
         bound = priors
         if loose and done < LOOSE_ROUNDS:
@@ -213,18 +206,18 @@ def _linearised(data: Data, path: Path, first: Path, priors: Priors, weigh: str)
     posterior = Weighed(
         steps(of_sensor) + _prior(data, path, first, priors),
         steps(fast * weight[:, None, None]),
-        _places(data, path, priors.degrees),
+        _places(data, path),
         steps(slow * weight[:, None, None]) + prior(path.state, of_lean, nothing, nothing),
         k - 1, int(data.seen.sum()), k - 1, data.focal_px, LEAST_FORCING,
     )  # fmt: skip
     return posterior, weight
 
 
-def _places(data: Data, path: Path, degrees: float) -> Quadratic:
+def _places(data: Data, path: Path) -> Quadratic:
     at, by_state, by_parameter = derivatives_of_place(path.attitude, path.state, path.parameters, data.rope)
     error = data.place - at
     square = np.sum(error**2, axis=-1) * np.exp(-2 * path.strengths[NOISE])
-    weight = data.seen * (degrees + 2) / (degrees + square)
+    weight = data.seen * (DEGREES + 2) / (DEGREES + square)
     return linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
 
 
@@ -237,16 +230,16 @@ def _prior(data: Data, path: Path, first: Path, priors: Priors) -> Quadratic:
     precision = np.zeros_like(off)
     precision[0] = priors.first_sd**-2.0
     steps = np.concatenate([data.links.step[:1], data.links.step])
-    precision[:, VELOCITY] = velocity_precision(path.state[:, VELOCITY], data.resting, steps, priors)[:, None]
+    precision[:, VELOCITY] = velocity_precision(path.state[:, VELOCITY], data.resting, steps)[:, None]
     return prior(off, precision, path.parameters - priors.mean, priors.sd**-2.0)
 
 
-def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array, priors: Priors) -> Array:
+def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array) -> Array:
     """Inverse variance per axis (n,) of what is known of velocities (n, 2): that they are small, and 0 while resting.
 
-    Velocities within `Priors.speed_s` are one measurement, and those of a standing jib within a second. The weight is
+    Velocities within `SPEED_S` are one measurement, and those of a standing jib within a second. The weight is
     Geman and McClure's: a jib that luffs without slewing has none.
     """
-    square = np.sum(velocity**2, axis=-1) / priors.rest_speed**2
+    square = np.sum(velocity**2, axis=-1) / REST_SPEED**2
     stands = resting * (1 + square) ** -2.0 * np.minimum(step, 1)
-    return np.asarray(np.minimum(step / priors.speed_s, 1) * priors.speed**-2.0 + stands * priors.rest_speed**-2.0)
+    return np.asarray(np.minimum(step / SPEED_S, 1) * SPEED**-2.0 + stands * REST_SPEED**-2.0)

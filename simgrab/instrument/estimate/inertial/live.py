@@ -11,7 +11,7 @@ import scipy
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances, update
 from simgrab.instrument.estimate.frames import groups, mount_from_camera
-from simgrab.instrument.estimate.inertial.estimator import SLEWING, InertialFusion, Start
+from simgrab.instrument.estimate.inertial.estimator import SLEWING, WIDENING, InertialFusion, Start
 from simgrab.instrument.estimate.inertial.fit import velocity_precision
 from simgrab.instrument.estimate.inertial.model import (
     ATTITUDE,
@@ -28,7 +28,7 @@ from simgrab.instrument.estimate.inertial.model import (
 )
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.estimate.pendulum import of_axes
+from simgrab.instrument.estimate.pendulum import DEGREES, NODE_S, of_axes
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -155,20 +155,20 @@ class _Filter:
         along, across = iv.split(self._covariance[SWING, SWING], s)
         along = along + (sine * self._offset_sd / self._rope) ** 2
         alpha = float(np.arcsin(min(sine, 1.0)))
-        quantile = iv.student(self._fusion.intervals.level, np.inf) * self._fusion.widening
+        quantile = iv.student(self._fusion.intervals.level, np.inf) * WIDENING
         low, high = iv.radial(np.array(alpha), along, across, quantile)
         return alpha, (float(low), float(high))
 
     def step(self, time: float, place: Array | None, rope: float) -> None:
         """Go on to a frame, and take its pixel in where there is one."""
         rope = rope if np.isfinite(rope) else self._rope
-        parts = max(int(np.ceil((time - self.time) / self._fusion.node_s - 1e-9)), 1)
+        parts = max(int(np.ceil((time - self.time) / NODE_S - 1e-9)), 1)
         nodes = np.linspace(self.time, time, parts + 1)
         ropes = np.linspace(self._rope, rope, parts + 1)
         summed = preintegrate(nodes, self._imu.between(nodes[0] - 1, nodes[-1]), self._mount_from_camera)
         for i in range(parts):
             one = slice(i, i + 1)
-            links = Links.of(summed.part(one), ropes[i : i + 2], self._length, self._fusion.memory_s)
+            links = Links.of(summed.part(one), ropes[i : i + 2], self._length)
             self._predict(links, float(nodes[i]))
             self._stand(links)
         self.time, self._rope = time, rope
@@ -197,7 +197,7 @@ class _Filter:
     def _stand(self, links: Links) -> None:
         """Take in what is known of the jib head's velocity, as the fit does."""
         velocity, resting = self._state[VELOCITY], np.abs(links.imu.rate[:, 2] - self._rest) < SLEWING
-        precision = float(velocity_precision(velocity[None], resting, links.step, self._priors)[0])
+        precision = float(velocity_precision(velocity[None], resting, links.step)[0])
         jacobian = np.zeros((2, ALL))
         jacobian[:, VELOCITY] = np.eye(2)
         self._update(jacobian, -velocity, np.eye(2) / precision)
@@ -211,14 +211,13 @@ class _Filter:
         surprise = float(error @ np.linalg.solve(jacobian @ self._covariance @ jacobian.T + noise, error))
         self._surprises.append(surprise)
         self._disagrees_since = min(self._disagrees_since, now) if surprise > SURPRISE else np.inf
-        degrees = self._priors.degrees
         if len(self._surprises) == SURPRISES and min(self._surprises) > SURPRISE:
             # So many outliers running are none: the grab does not swing freely.
             self._held_until = now + NOT_FREE_S
             loose = np.arange(SWING.start, LEAN.stop)
             self._covariance[loose, loose] += NOT_FREE_SD**2
         else:
-            noise = noise * (degrees + surprise) / (degrees + 2)
+            noise = noise * (DEGREES + surprise) / (DEGREES + 2)
         self._update(jacobian, error, noise)
 
     def _update(self, jacobian: Array, error: Array, noise: Array) -> None:

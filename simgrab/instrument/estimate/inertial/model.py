@@ -26,7 +26,7 @@ import numpy as np
 from simgrab.instrument.estimate import pendulum
 from simgrab.instrument.estimate.chain import jacobian
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, rotation, rotation_vector
-from simgrab.instrument.estimate.pendulum import seen_from, turning
+from simgrab.instrument.estimate.pendulum import MEMORY_S, seen_from, turning
 from simgrab.model.geometry import STANDARD_GRAVITY, Array, rotation_z
 
 ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
@@ -44,9 +44,9 @@ class Links(pendulum.Links):
     imu: Preintegrated
 
     @classmethod
-    def of(cls, imu: Preintegrated, rope: Array, length: float, memory_s: float) -> Links:
+    def of(cls, imu: Preintegrated, rope: Array, length: float) -> Links:
         """Make the steps of readings between nodes with rope lengths (k,)."""
-        return cls(imu.step, rope[:-1], rope[1:], length, memory_s, imu)
+        return cls(imu.step, rope[:-1], rope[1:], length, imu)
 
 
 def heading(attitude: Array) -> Array:
@@ -103,7 +103,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
     swing = a + h / 6 * total
     swing[:, :2] *= (levers[1] / links.after)[:, None]
     velocity = x[:, VELOCITY] + acceleration * h
-    lean = x[:, LEAN] * np.exp(-h / links.memory_s)
+    lean = x[:, LEAN] * np.exp(-h / MEMORY_S)
     still = np.zeros_like(x[:, ATTITUDE])
     return now @ imu.turn @ rotation(wrong), np.concatenate(
         [still, velocity, x[:, GYROSCOPE], x[:, ACCELEROMETER], swing, lean], axis=-1

@@ -43,7 +43,7 @@ def drift(rendered: RenderPass, on: Surface, thickness: float, wind_m_s: Array, 
     Layer
         Its glow is in units of `TINT`.
     """
-    wind = wind_m_s if rendered.jib_from_place is None else rendered.jib_from_place[:3, :3].T @ wind_m_s  # place frame
+    wind = wind_m_s if rendered.jib_from_place is None else rendered.jib_from_place.rotation.T @ wind_m_s  # place frame
     speed = math.hypot(wind[0], wind[1])
     east, north = (np.float32(w / speed) for w in wind[:2]) if speed else (np.float32(1), np.float32(0))
     along = on.x * east + on.y * north - np.float32(speed * time_s % (STRETCH * ACROSS_M))

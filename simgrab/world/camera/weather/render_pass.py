@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.model.geometry import Array, Intrinsics
+from simgrab.model.geometry import Array, Intrinsics, Pose
 
 Picture = NDArray[np.float32]
 Vector = tuple[float, float, float]
@@ -37,7 +37,7 @@ class RenderPass:
         Exposure time.
     grab_m : tuple of 3 floats
         Grab centre, jib frame.
-    jib_from_place : ndarray, shape (4, 4), or None
+    jib_from_place : Pose or None
         Pose of what stands on the ground; None where it never moves.
     water_m : float or None
         Height of open water above the ground, which takes no snow and no puddles.
@@ -52,7 +52,7 @@ class RenderPass:
     height_m: float
     shutter_s: float
     grab_m: Vector
-    jib_from_place: Array | None = None
+    jib_from_place: Pose | None = None
     water_m: float | None = None
 
 

@@ -10,10 +10,10 @@ import yaml
 import simgrab
 from simgrab.dataset import sensors as files
 from simgrab.errors import ScenarioError
+from simgrab.lab.sensors.camera import looking
 from simgrab.model.scenario import SideCamera
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.sensors.camera import looking
 from simgrab.world.trajectory.trajectory import Trajectory
 
 CAMERAS = {
@@ -60,7 +60,7 @@ def test_a_picture_shows_the_target_where_the_files_project_it(written, name, fr
     body = np.array([truth[2], 0.0, scenario.jib.head_height_m]) if name == "cam1" else np.zeros(3)
     pixels = []
     for point in ((0.0, 0.0, height + 0.8), (0.0, 0.0, 0.0)):
-        x, y, z = pose[:3, :3].T @ ((grab @ (*point, 1.0))[:3] + body - pose[:3, 3])
+        x, y, z = pose[:3, :3].T @ (grab.apply(point) + body - pose[:3, 3])
         assert z > 0
         pixels.append((fu * x / z + cu, fv * y / z + cv))
     np.testing.assert_allclose(truth[3:5], pixels[1], atol=1e-6)

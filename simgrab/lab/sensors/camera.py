@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from simgrab.io import pictures
 from simgrab.model.geometry import Array, Intrinsics
-from simgrab.model.scenario import Camera, FixedMount, PixelFocal, Scenario, SideCamera
+from simgrab.model.scenario import Camera, FixedMount, PixelFocal, SideCamera
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
-from simgrab.world.sensors.device import SWING, Device
+from simgrab.world.sensors.device import SWING, Device, Setting
 from simgrab.world.sensors.errors import Clock
 from simgrab.world.sensors.motion import Motion
 from simgrab.world.trajectory.moment import Moment
@@ -20,24 +20,14 @@ SKY_RGB = (176, 190, 205)
 
 
 class CameraDevice(Device):
-    """Pictures without weather, optics, lens or display.
-
-    Parameters
-    ----------
-    sensor : SideCamera
-    scenario : Scenario
-    world : int
-        Number of the scenario's variant.
-    renders : bool
-        Whether pictures are rendered; their numbers and truth are the same without.
-    """
+    """Pictures without weather, optics, lens or display."""
 
     columns = ("picture",)
     truth_columns = ("time [s]", "radius [m]", "u [px]", "v [px]", *SWING)
 
-    def __init__(self, sensor: SideCamera, scenario: Scenario, world: int, *, renders: bool) -> None:
-        super().__init__(Clock(sensor.rate_hz, 0.0, 0.0))
-        self._sensor, self._scenario, self._number, self._renders = sensor, scenario, world, renders
+    def __init__(self, sensor: SideCamera, setting: Setting) -> None:
+        super().__init__(Clock(sensor.rate_hz))
+        self._sensor, self._setting = sensor, setting
         camera = Camera(
             width_px=sensor.width_px, height_px=sensor.height_px, focal=PixelFocal(sensor.focal_length_px),
             mount=FixedMount(),
@@ -54,31 +44,30 @@ class CameraDevice(Device):
         assert moment.jib is not None
         rotation, centre = self.body_from_sensor[:3, :3], self.body_from_sensor[:3, 3]
         if self._sensor.mount == "platform":
-            centre = centre - (moment.jib.radius, 0.0, self._scenario.jib.head_height_m)
+            centre = centre - (moment.jib.radius, 0.0, self._setting.scenario.jib.head_height_m)
         return rotation, centre
 
-    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
-        assert kept.all()
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
         moments = [motion.moment(i) for i in range(len(motion.time))]
         pixels = np.array([self._pixel(moment) for moment in moments]).reshape(-1, 2)
         number = np.arange(self._taken, self._taken + len(moments), dtype=float)
         self._taken += len(moments)
-        if self._renders:
+        if self._setting.renders:
             self.pictures = [pictures.encode(self._picture(moment)[..., ::-1], "jpeg", QUALITY) for moment in moments]
         return number[:, None], np.column_stack([motion.radius, pixels, np.degrees(motion.swing).T])
 
     def _pixel(self, moment: Moment) -> Array:
         """Pixel of the grab centre A; NaN behind the camera."""
         rotation, centre = self.station(moment)
-        return self.intrinsics.project((moment.grab.jib_from_grab[:3, 3] - centre) @ rotation)
+        return self.intrinsics.project((moment.grab.jib_from_grab.translation - centre) @ rotation)
 
     def _picture(self, moment: Moment) -> NDArray[np.uint8]:
         if self._close is None:
             from simgrab.world.camera.renderer import Renderer  # with OpenGL
 
-            world = model.build(self._scenario, draw_up(self._scenario, self._number))
-            seen = self._scenario.with_camera(self._camera)
-            self._renderer = Renderer(world, seen, self.station)
+            scenario = self._setting.scenario
+            world = model.build(scenario, draw_up(scenario, self._setting.world))
+            self._renderer = Renderer(world, scenario.with_camera(self._camera), self.station)
             self._close = self._renderer.close
         picture = np.array(self._renderer.rgb(moment))
         picture[self._renderer.view(moment).ids == model.NOTHING] = SKY_RGB

@@ -9,13 +9,14 @@ import yaml
 import simgrab
 from simgrab.dataset import sensors as files
 from simgrab.errors import ScenarioError
+from simgrab.lab.sensors.lidar import LidarDevice, extinction
 from simgrab.model import geometry
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Lidar, Weather, variant
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.model import NOTHING
-from simgrab.world.sensors.lidar import LidarDevice, extinction
+from simgrab.world.sensors.device import Setting
 from simgrab.world.sensors.motion import motions
 
 PLAIN = {
@@ -52,7 +53,7 @@ def test_points_lie_on_the_surfaces_that_they_name(clean):
     from simgrab.world.trajectory.trajectory import Trajectory
 
     grab, design = Trajectory(scenario).at(0).grab, design_of(scenario.grab)
-    own = (jib[ids == 3] - grab.jib_from_grab[:3, 3]) @ grab.jib_from_grab[:3, :3]
+    own = (jib[ids == 3] - grab.jib_from_grab.translation) @ grab.jib_from_grab.rotation
     placed = design.frames(grab.jaw)
     steel = trimesh.util.concatenate(
         [trimesh.Trimesh(trimesh.transform_points(b.steel.vertices, placed[b.name]), b.steel.faces, process=False)
@@ -61,7 +62,7 @@ def test_points_lie_on_the_surfaces_that_they_name(clean):
     assert len(own) > 20
     _, apart, _ = trimesh.proximity.closest_point_naive(steel, own[::10])
     assert apart.max() < 1e-6  # single precision of the meshes
-    ends = grab.jib_from_grab[:3, 3] + grab.jib_from_grab[:3, :3] @ design.terminations[0]
+    ends = grab.jib_from_grab.translation + grab.jib_from_grab.rotation @ design.terminations[0]
     ropes = jib[ids == 2]
     assert ropes[:, 2].min() > ends[2] - 3.0
     assert ropes[:, 2].max() < 0.1
@@ -83,7 +84,7 @@ def test_the_moment_that_is_scanned_is_the_frames():
 def scanned(distance=25.0, weather=None, **keys):
     """One scan of a wall that is as far away in every direction, with its truth."""
     sensor = Lidar(rings=60, columns=120, **CLEAN | keys)
-    device = LidarDevice(sensor, scene(weather), lambda name: stream(1, 0, name), 0)
+    device = LidarDevice(sensor, Setting(scene(weather), 0, lambda name: stream(1, 0, name)))
     true = np.full(7200, distance)
     device.cast = lambda *_: (true, np.zeros(7200, int))
     return device._scan(None, 0)

@@ -1,4 +1,4 @@
-"""Files by name below a URL: a folder or an object store, by fsspec. A file appears whole or not at all."""
+"""Files by name below a folder or a URL of an object store, by fsspec. A file appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import unquote_to_bytes
 
-from simgrab.errors import DatasetError, first_line
+from simgrab.errors import DatasetError, SimgrabError, first_line
 from simgrab.io import files
+from simgrab.io.parse import Refuse
 
 T = TypeVar("T")
 
@@ -39,22 +40,29 @@ def is_url(place: object) -> bool:
 
 @dataclass(frozen=True)
 class Store:
-    """Files below a URL. It can be pickled; each process opens a connection of its own.
+    """Files below a place. It can be pickled; each process opens a connection of its own.
 
-    Whatever a driver raises comes as a `DatasetError` of one line. Requests to remote stores are repeated, with growing
-    pauses, before that.
+    Whatever a driver raises comes as an error of one line. Requests to remote stores are repeated, with growing pauses,
+    before that.
 
     Parameters
     ----------
-    url : str
-        As fsspec takes it: ``s3://…``, ``gs://…``, ``file://…``; settings of the driver come from its environment, such
-        as ``AWS_ENDPOINT_URL``.
+    place : str
+        Path of a folder, or a URL as fsspec takes it: ``s3://…``, ``gs://…``, ``file://…``; settings of the driver come
+        from its environment, such as ``AWS_ENDPOINT_URL``.
+    drafts : str
+        Of a folder: name of a folder below it in which files are drafted. They are not synchronised with the disk, and
+        those that a dead process left are not looked for. Drafts lie beside their files, and are both, unless given.
+    refuse : callable
+        From a line to what is raised.
     """
 
-    url: str
+    place: str
+    drafts: str = ""
+    refuse: Refuse = field(default=DatasetError, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"url": self.url}
+        return {name: value for name, value in self.__dict__.items() if name != "_cached"}
 
     @property
     def _opened(self) -> tuple[Any, str]:
@@ -68,57 +76,57 @@ class Store:
     def _open(self) -> tuple[Any, str]:
         import fsspec
 
-        if self.url.lower().startswith("file://"):
-            path = os.fsdecode(unquote_to_bytes(self.url[len("file://") :]))
-            if not path.startswith("/"):
-                raise DatasetError(f"{self.url} cannot be used: the URL of a folder begins with file:///")
-            return fsspec.filesystem("file"), self._named(path)
-        scheme = self.url.partition(":")[0].lower()
+        if self.folder is not None:
+            return fsspec.filesystem("file"), str(self.folder)
+        scheme = self.place.partition(":")[0].lower()
         try:
-            found: tuple[Any, str] = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
+            system, base = fsspec.core.url_to_fs(self.place, use_listings_cache=False)
         except ImportError as problem:
             extra = f": pip install 'simgrab[{_EXTRAS[scheme]}]'" if scheme in _EXTRAS else ""
-            raise DatasetError(f"{self.url}: {first_line(problem)}{extra}") from None
+            raise self.refuse(f"{self.place}: {first_line(problem)}{extra}") from None
         except ValueError as problem:
-            raise DatasetError(f"{self.url} cannot be used: {first_line(problem)}") from None
+            raise self.refuse(f"{self.place} cannot be used: {first_line(problem)}") from None
         except Exception as problem:  # a driver may raise anything
             raise self._refusal("use", problem) from problem
-        return found[0], self._named(found[1])
-
-    def _named(self, path: str) -> str:
-        base = path.rstrip("/")
-        if not base:
-            raise DatasetError(f"{self.url} cannot be used: it names no folder")
-        return base
+        if not base.rstrip("/"):
+            raise self.refuse(f"{self.place} cannot be used: it names no folder")
+        return system, base.rstrip("/")
 
     @property
     def folder(self) -> Path | None:
         """The folder that it is; None in a remote store."""
-        system, path = self._opened
-        return Path(path) if "file" in _protocols(system) else None
+        if not is_url(self.place):
+            return Path(self.place)
+        if not self.place.lower().startswith("file://"):
+            return None
+        path = os.fsdecode(unquote_to_bytes(self.place[len("file://") :]))
+        if not path.startswith("/") or not path.strip("/"):
+            raise self.refuse(f"{self.place} cannot be used: the URL of a folder begins with file:/// and its name")
+        return Path(path)
 
     def _path(self, name: str) -> str:
         return f"{self._opened[1]}/{name}"
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file."""
-        if self.folder is not None:
-            with self.writing(name) as draft:
-                draft.write_bytes(data)
-        else:
-            self._upload(name, len(data), lambda system, path: system.pipe_file(path, data))
+        with self.writing(name) as draft:
+            draft.write_bytes(data)
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """Give a local file to write to, which takes the name at the end; left with an error, nothing does."""
-        if self.folder is not None:
-            with self._local(), files.drafted(self.folder / name) as draft:
+        with self.guarded(), contextlib.ExitStack() as stack:
+            if self.folder is None:
+                draft = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simgrab-"))) / "draft"
                 yield draft
-            return
-        with self._local(), tempfile.TemporaryDirectory(prefix="simgrab-") as scratch:
-            draft = Path(scratch) / "draft"
-            yield draft
-            self._upload(name, draft.stat().st_size, lambda system, path: system.put_file(str(draft), path))
+                self._upload(name, draft.stat().st_size, lambda system, path: system.put_file(str(draft), path))
+            elif self.drafts:
+                (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
+                draft = self.folder / self.drafts / f"draft-{os.getpid()}-{name.replace('/', '-')}"
+                yield draft
+                draft.replace(self.folder / name)
+            else:
+                yield stack.enter_context(files.drafted(self.folder / name))
 
     def _upload(self, name: str, size: int, send: Callable[[Any, str], object]) -> None:
         def attempt() -> None:
@@ -146,14 +154,14 @@ class Store:
         """
         start, end = span or (0, None)
         if span is None and (found := self._size(name)) > most_bytes:
-            raise DatasetError(f"{self.url}: {name} has {found} bytes; the limit is {most_bytes}")
+            raise self.refuse(f"{self.place}: {name} has {found} bytes; the limit is {most_bytes}")
 
         def attempt() -> bytes:
             return bytes(self._opened[0].cat_file(self._path(name), start=start, end=end))
 
         data = self._tried(f"read {name} of", attempt)
         if span is not None and len(data) != span[1] - span[0]:
-            raise DatasetError(f"{self.url}: {name} is cut off")
+            raise self.refuse(f"{self.place}: {name} is cut off")
         return data
 
     def _size(self, name: str) -> int:
@@ -194,17 +202,20 @@ class Store:
         prefix = f"{folder}/" if folder else ""
         return {prefix + name: int(one["size"]) for name, one in names if not name.endswith(".draft")}
 
-    def holds_folders(self) -> bool:
-        """Whether there are folders directly below the URL."""
+    def names(self, folder: str = "") -> set[str]:
+        """Names of the files and folders directly in a folder, if there is one; drafts are left out."""
         system, base = self._opened
 
-        def attempt() -> bool:
+        def attempt() -> set[str]:
             try:
-                return any(one["type"] == "directory" for one in system.ls(base, detail=True))
+                if self.folder is not None:  # without looking at each
+                    return set(os.listdir(self.folder / folder))  # noqa: PTH208
+                found = system.ls(f"{base}/{folder}".rstrip("/"), detail=False)
+                return {name.rstrip("/").rpartition("/")[2] for name in found}
             except FileNotFoundError:
-                return False
+                return set()
 
-        return self._tried("list", attempt)
+        return {name for name in self._tried("list", attempt) if name and not name.endswith(".draft")}
 
     def remove(self, name: str) -> None:
         """Remove a file."""
@@ -215,7 +226,7 @@ class Store:
         for pause in range(ATTEMPTS):
             try:
                 return attempt()
-            except (MemoryError, DatasetError):
+            except (MemoryError, SimgrabError):
                 raise
             except Exception as problem:
                 if not remote or isinstance(problem, _PERMANENT) or pause == ATTEMPTS - 1:
@@ -224,7 +235,7 @@ class Store:
         raise AssertionError
 
     @contextlib.contextmanager
-    def _local(self) -> Iterator[None]:
+    def guarded(self) -> Iterator[None]:
         """Answer an error of the local file system with one line."""
         try:
             yield
@@ -233,12 +244,12 @@ class Store:
                 raise
             raise self._refusal("write to", problem) from problem
 
-    def _refusal(self, what: str, problem: Exception) -> DatasetError:
+    def _refusal(self, what: str, problem: Exception) -> SimgrabError:
         if isinstance(problem, OSError) and problem.errno in _FULL:
-            place = self.url if self.folder is not None else tempfile.gettempdir()
-            return DatasetError(f"no space left for {place}; free some and continue with --resume")
+            place = self.place if self.folder is not None else tempfile.gettempdir()
+            return self.refuse(f"no space left for {place}; free some and continue with --resume")
         why = "it is not there" if isinstance(problem, FileNotFoundError) else first_line(problem)
-        return DatasetError(f"cannot {what} {self.url}: {why}")
+        return self.refuse(f"cannot {what} {self.place}: {why}")
 
 
 def _is_file(found: dict[str, Any]) -> bool:

@@ -10,6 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
+from simgrab.model.scenario import Scenario
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.trajectory.clip import Block, ClipMotion
+from simgrab.world.trajectory.noise import low_pass
 
 KG_M_MM2 = 0.0041
 """Mass of a metre of rope over its diameter squared: six strands about a steel core."""
@@ -136,6 +140,50 @@ class Strings:
         change = decay * ((fast * second - slow * first) * cos - (fast * first + slow * second) * sin)
         self._state = value[-1] + rest, change[-1]
         return np.stack([value + rest, change, -2 * slow * change - frequency**2 * value], axis=1)[:-1]
+
+
+class RopeWaves:
+    """The waves of a clip's ropes, block by block of its motion.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Whose suspension has waves.
+    course : ClipMotion
+    """
+
+    def __init__(self, scenario: Scenario, course: ClipMotion) -> None:
+        waves, self._design = scenario.suspension.waves, design_of(scenario.grab)
+        kg_m = len(self._design.terminations) * KG_M_MM2 * scenario.jib.rope_diameter_mm**2
+        self._strings = Strings(waves.modes, waves.damping, kg_m)
+        self._shaken = course.noise(low_pass(waves.bandwidth_hz), waves.exit_rms_m_s2, "waves")
+
+    def advance(
+        self, block: Block, which: NDArray[np.intp], late: Array, begun: dict[str, Array], fields: dict[str, Array]
+    ) -> Waves:
+        """Go on by a block.
+
+        Parameters
+        ----------
+        block : Block
+        which : ndarray of int, shape (n,)
+            Increasing numbers of the block's intervals in which the instants are.
+        late : ndarray, shape (n,)
+            The instants since these began, s.
+        begun, fields : dict of str to ndarray
+            Fields of `Motion` at the beginnings of all intervals, and at the instants.
+        """
+        own = np.split(late, np.searchsorted(which, range(1, len(block.push))))
+        amplitudes = [
+            self._strings.step(
+                block.interval, own[i].tolist(), length=float(begun["length"][i]),
+                kg=self._design.mass_of(drive.jaw, drive.load).mass, direction=begun["direction"][i],
+                bend=begun["direction_acceleration"][i], gravity=block.gravity[i], shaken=shaken,
+            )
+            for i, (drive, shaken) in enumerate(zip(block.drives(), next(self._shaken), strict=True))
+        ]  # fmt: skip
+        amplitude, rate, acceleration = np.concatenate(amplitudes).transpose(1, 0, 2, 3)
+        return Waves(amplitude, rate, acceleration, fields["length"], fields["rope_rate"], fields["rope_acceleration"])
 
 
 def _across(vector: Array, direction: Array) -> Array:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import Lidar, Scenario, Weather
+from simgrab.model.scenario import Lidar, Weather
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
-from simgrab.world.sensors.device import SWING, Device
-from simgrab.world.sensors.errors import Clock, Open, counted
+from simgrab.world.sensors.device import SWING, Device, Setting
+from simgrab.world.sensors.errors import Clock, counted
 from simgrab.world.sensors.motion import Motion
+
+if TYPE_CHECKING:
+    import mujoco
 
 _DB_KM = math.log(10) / 10 / 1000  # 1/m
 _SHOWN = np.array([1, 1, 1, 1, 0, 0], np.uint8)  # groups of geoms: place, jib, ropes, grab
@@ -31,24 +34,15 @@ def extinction(weather: Weather) -> float:
 
 
 class LidarDevice(Device):
-    """A scanner whose beams of one scan are all sent at once.
-
-    Parameters
-    ----------
-    sensor : Lidar
-    scenario : Scenario
-    opened : callable
-    world : int
-        Number of the scenario's variant, which keys what is random about the place.
-    """
+    """A scanner whose beams of one scan are all sent at once."""
 
     columns = ("x [m]", "y [m]", "z [m]", "ring")
     truth_columns = ("time [s]", "range [m]", "id", *SWING)
 
-    def __init__(self, sensor: Lidar, scenario: Scenario, opened: Open, world: int) -> None:
-        super().__init__(Clock.draw(sensor.rate_hz, sensor.clock_offset_ms, sensor.clock_drift_ppm, opened))
-        self._sensor, self._scenario, self._number, self._noise = sensor, scenario, world, opened("noise")
-        self._extinction = extinction(scenario.weather)
+    def __init__(self, sensor: Lidar, setting: Setting) -> None:
+        super().__init__(Clock.draw(sensor.rate_hz, sensor, setting.opened))
+        self._sensor, self._setting, self._noise = sensor, setting, setting.opened("noise")
+        self._extinction = extinction(setting.scenario.weather)
         self.body_from_sensor = np.eye(4)
         self.body_from_sensor[:3, 3] = sensor.position_m
         elevation = np.radians(np.linspace(*sensor.elevation_deg, sensor.rings))
@@ -57,8 +51,7 @@ class LidarDevice(Device):
         self._ring = np.repeat(np.arange(sensor.rings), sensor.columns)
         self._world: tuple[model.World, mujoco.MjData] | None = None
 
-    def _read(self, motion: Motion, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
-        assert kept.all()
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
         swing = np.degrees(motion.swing).T
         scans = [self._scan(motion, i) for i in range(len(motion.time))]
         self._counts = np.array([len(points) for points, _ in scans])
@@ -105,13 +98,16 @@ class LidarDevice(Device):
         id : ndarray of int, shape (n,)
             0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing.
         """
+        import mujoco  # whose OpenGL `simgrab.world` chooses
+
+        scenario = self._setting.scenario
         if self._world is None:
-            world = model.build(self._scenario, draw_up(self._scenario, self._number))
+            world = model.build(scenario, draw_up(scenario, self._setting.world))
             self._world = world, mujoco.MjData(world.model)
         world, data = self._world
         world.pose(data, motion.moment(i))
         # The platform's frame is that of the jib, moved to the slewing axis at the height of the quay.
-        centre = np.array(self._sensor.position_m) - (float(motion.radius[i]), 0.0, self._scenario.jib.head_height_m)
+        centre = np.array(self._sensor.position_m) - (float(motion.radius[i]), 0.0, scenario.jib.head_height_m)
         geom, far = np.empty(len(directions), np.int32), np.empty(len(directions))
         mujoco.mj_multiRay(
             world.model, data, centre, directions.ravel(), _SHOWN, 1, -1, geom, far, None, len(directions),

@@ -1,0 +1,62 @@
+"""What a dataset stores of a frame: its row of labels, its mask, and its files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from simgrab.errors import DatasetError, first_line
+from simgrab.io.journal import Journal
+from simgrab.model.truth import Row
+from simgrab.runtime.versions import Fingerprint
+
+MOST_RECORD_BYTES = 2**24
+
+
+class Record(msgspec.Struct, frozen=True):
+    """What is known of a stored frame.
+
+    Attributes
+    ----------
+    truth : Row
+    mask : dict
+        The visible grab in the whole picture, as COCO's compressed run lengths.
+    rendered_by : Fingerprint
+    """
+
+    truth: Row
+    mask: dict[str, Any]
+    rendered_by: Fingerprint
+
+
+def unit(frame: int) -> str:
+    """Name a frame in the journal of a dataset."""
+    return f"{frame:08d}.json"
+
+
+def known(journal: Journal, frame: int) -> Record:
+    """Read the record of a finished frame."""
+    name = journal.record(unit(frame))
+    try:
+        return msgspec.json.decode(journal.store.read(name, most_bytes=MOST_RECORD_BYTES), type=Record)
+    except (msgspec.DecodeError, ValueError, RecursionError) as problem:
+        why = f"{type(problem).__name__}: {first_line(problem)}"
+        raise DatasetError(
+            f"{journal.store.place}/{name} is damaged ({why}); delete it, and --resume renders the frame again"
+        ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class StoredFrame:
+    """A stored frame: its record, and its files by name."""
+
+    record: Record
+    files: dict[str, bytes]
+
+    def keep(self, journal: Journal) -> None:
+        """Store it: pictures first, then its record, which makes it count."""
+        for name, data in self.files.items():
+            journal.store.write(name, data)
+        journal.add(unit(self.record.truth.frame), msgspec.json.encode(self.record))

@@ -1,0 +1,130 @@
+"""Where the files of sensors beside the camera lie in a dataset, and how a sensor is described there, as by EuRoC's.
+
+What a sensor reports lies below ``sensors/``, and the truth below ``sensors_truth/``, so that the first folder can be
+handed on without the second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import (
+    HoistEncoder,
+    Imu,
+    Inclinometer,
+    Lidar,
+    LuffEncoder,
+    MotionSensor,
+    Scenario,
+    SideCamera,
+    SlewEncoder,
+)
+
+_BODIES = {
+    "jib-head": "jib frame: origin O, x outboard, z up",
+    "camera": "camera frame: x right, y down, z forward",
+    "platform": "platform frame: origin on the slewing axis at the height of the quay, x outboard, z up",
+    "rope": "rope frame: origin O, z up along the rope, x as the jib's without swing",
+    "grab": "grab frame: origin A, z up along the rope, x across the jaws' closing line",
+}
+
+
+def names(scenario: Scenario) -> Iterator[str]:
+    """Name the files that a dataset of the scenario has for sensors."""
+    for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
+        for name, sensor in scenario.sensors.items():
+            data, truth = tables_of(clip, name, sensor)
+            yield from (data, f"{folder_of(clip, name)}/sensor.yaml", truth)
+            if isinstance(sensor, SideCamera):
+                seconds = len(scenario.span(clip)) / scenario.clip.frame_rate_hz
+                yield from (f"{folder_of(clip, name)}/data/{picture_of(k)}" for k in range(sensor.count(seconds)))
+
+
+def picture_of(number: int) -> str:
+    """Name a picture of a side camera."""
+    return f"{number:06d}.jpg"
+
+
+def folder_of(clip: int, sensor: str) -> str:
+    """Name the folder of what a sensor reports."""
+    return f"sensors/clip_{clip:03d}/{sensor}"
+
+
+def tables_of(clip: int, name: str, sensor: MotionSensor) -> tuple[str, str]:
+    """Name the two tables of a sensor: what it reports, and the truth."""
+    kind = "parquet" if isinstance(sensor, Lidar) else "csv"
+    return f"{folder_of(clip, name)}/data.{kind}", f"sensors_truth/clip_{clip:03d}/{name}/truth.{kind}"
+
+
+def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
+    """Describe a sensor as EuRoC's ``sensor.yaml`` does: by what its maker states, never by what was drawn.
+
+    Parameters
+    ----------
+    sensor : MotionSensor
+    body_from_sensor : ndarray, shape (4, 4), or None
+        Nominal pose, T_BS.
+    """
+    return "\n".join(_lines(sensor, body_from_sensor)) + "\n"
+
+
+def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str]:
+    kind, _, _ = sensor.__struct_config__.tag.partition("-")  # type: ignore[union-attr]  # all of them have one
+    match sensor:
+        case Imu() | Inclinometer() | Lidar() | SideCamera():
+            assert body_from_sensor is not None
+            mount = "platform" if isinstance(sensor, Lidar) else sensor.mount
+            yield f"sensor_type: {kind}"
+            yield f"comment: simgrab, on the {mount}"
+            yield ""
+            yield f"# Sensor extrinsics wrt. the body frame: {_BODIES[mount]}."
+            yield "T_BS:"
+            yield "  cols: 4"
+            yield "  rows: 4"
+            rows = (", ".join(_number(value) for value in row) for row in body_from_sensor)
+            yield f"  data: [{(',' + chr(10) + ' ' * 9).join(rows)}]"
+        case SlewEncoder() | LuffEncoder() | HoistEncoder():
+            yield "sensor_type: encoder"
+            yield f"comment: simgrab, {kind}"
+    yield f"rate_hz: {_number(sensor.rate_hz)}"
+    yield ""
+    match sensor:
+        case Imu():
+            yield "# inertial sensor noise model parameters (static)"
+            errors = sensor.errors
+            for name, unit in (
+                ("gyroscope_noise_density", "rad / s / sqrt(Hz)"), ("gyroscope_random_walk", "rad / s^2 / sqrt(Hz)"),
+                ("accelerometer_noise_density", "m / s^2 / sqrt(Hz)"),
+                ("accelerometer_random_walk", "m / s^3 / sqrt(Hz)"),
+            ):  # fmt: skip
+                yield f"{name}: {_number(getattr(errors, name))}  # [ {unit} ]"
+        case Inclinometer():
+            yield f"bandwidth_hz: {_number(sensor.bandwidth_hz)}"
+            yield f"noise_deg: {_number(sensor.noise_deg)}"
+            yield f"resolution_deg: {_number(sensor.resolution_deg)}"
+        case SideCamera():
+            f, half = _number(sensor.focal_length_px), (sensor.width_px / 2, sensor.height_px / 2)
+            yield f"resolution: [{sensor.width_px}, {sensor.height_px}]"
+            yield "camera_model: pinhole"
+            yield "# fu, fv, cu, cv; (0, 0) is the outer corner of the top-left pixel"
+            yield f"intrinsics: [{f}, {f}, {_number(half[0])}, {_number(half[1])}]"
+            yield "distortion_model: radial-tangential"
+            yield "distortion_coefficients: [0.0, 0.0, 0.0, 0.0]"
+        case Lidar():
+            for name in ("elevation_deg", "azimuth_deg", "range_m"):
+                yield f"{name}: [{', '.join(_number(value) for value in getattr(sensor, name))}]"
+            yield f"rings: {sensor.rings}"
+            yield f"columns: {sensor.columns}"
+            for name in ("range_noise_m", "angle_noise_deg", "resolution_m"):
+                yield f"{name}: {_number(getattr(sensor, name))}"
+        case SlewEncoder():
+            yield f"resolution_deg: {_number(sensor.resolution_deg)}"
+        case LuffEncoder() | HoistEncoder():
+            yield f"resolution_m: {_number(sensor.resolution_m)}"
+
+
+def _number(value: float) -> str:
+    """Write a number so that YAML 1.1 takes it for one: with a point before the exponent."""
+    mantissa, e, exponent = repr(float(value)).partition("e")
+    return f"{mantissa}{'' if '.' in mantissa or not e else '.0'}{e}{exponent}"
