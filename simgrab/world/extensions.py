@@ -79,11 +79,8 @@ class Extensions:
 
     def describe(self) -> dict[str, Any] | None:
         """Return what the manifest states of the functions, with digests of their source; None where there are none."""
-        given = [
-            ("randomiser", self.randomiser),
-            ("trajectory", self.trajectory),
-            *(("effect", e) for e in self.effects),
-        ]
+        effects = [("effect", effect) for effect in self.effects]
+        given = [("randomiser", self.randomiser), ("trajectory", self.trajectory), *effects]
         functions = [{"role": role} | _identity(function) for role, function in given if function is not None]
         return {"functions": functions, "note": NOTE} if functions else None
 

@@ -19,7 +19,7 @@ from simgrab.errors import RendererError
 from simgrab.runtime import environment
 from simgrab.runtime.processes import PLACE
 from simgrab.runtime.versions import Fingerprint
-from simgrab.world import gl_variables, llvm
+from simgrab.world import llvm
 
 if TYPE_CHECKING:
     import mujoco
@@ -42,7 +42,7 @@ def choose() -> str:
 
     MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. A variable that names something
     else, or would change pictures, is ignored, here and in worker processes, and a warning names it; see
-    `simgrab.world.gl_variables`. On a machine with several GPUs, worker processes take them in turn, unless
+    `simgrab.runtime.environment`. On a machine with several GPUs, worker processes take them in turn, unless
     ``MUJOCO_EGL_DEVICE_ID`` names one.
 
     Returns
@@ -52,7 +52,7 @@ def choose() -> str:
         `import mujoco` itself would fail; `offscreen` reports why.
     """
     os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # Mesa's warnings; what it cannot do comes as an error
-    ignored = gl_variables.take_out()
+    ignored = environment.take_out_drawing()
     backend = _backend(os.environ.get("MUJOCO_GL", "").strip().lower())
     for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):
         value = os.environ.get(name, "")
@@ -208,7 +208,7 @@ def _out_of_memory_raises() -> Iterator[None]:
 
 def _advice() -> str:
     """Say what may help where OpenGL cannot be opened: to unset variables, or to install it."""
-    chosen = ", ".join(f"{name}={value}" for name, value in gl_variables.that_choose().items())
+    chosen = ", ".join(f"{name}={value}" for name, value in environment.choosing().items())
     if not chosen:
         return INSTALL_HINT
     advice = f"unset these environment variables, which may be why: {chosen}"
@@ -235,13 +235,11 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
             "OpenGL was in use when this process was forked, and would never answer here: start workers by "
             'multiprocessing\'s "spawn", as DataLoader(…, multiprocessing_context="spawn") does'
         )
-    old = _old_pyopengl()
-    if old and os.environ["MUJOCO_GL"] == "disabled":
-        raise RendererError(
-            f"no offscreen OpenGL: PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo; {PYOPENGL_HINT}"
-        )
     if os.environ["MUJOCO_GL"] == "disabled":
-        raise RendererError(f"no offscreen OpenGL (EGL lists no device, and OSMesa is not installed); {_advice()}")
+        why = f"(EGL lists no device, and OSMesa is not installed); {_advice()}"
+        if old := _old_pyopengl():
+            why = f"(PyOpenGL {old}, which pyrender asks for, is too old for MuJoCo); {PYOPENGL_HINT}"
+        raise RendererError(f"no offscreen OpenGL {why}")
     llvm.keep_apart()
     _used_by = os.getpid()
     try:

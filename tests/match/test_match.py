@@ -29,7 +29,7 @@ from simgrab.model import scenes
 from simgrab.model.distributions import Uniform
 from simgrab.model.scenario import Sharpening, variants
 from simgrab.model.srgb import decoded, encoded
-from simgrab.world.camera.optics.processing import sharpened
+from simgrab.world.camera.optics.chain import sharpened
 
 SIZE = 384, 216
 GAIN, READ = 4e-4, 3e-3

@@ -9,13 +9,8 @@ from simgrab.dataset import stored
 from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 
-SMALL = {
-    "camera.width_px": 480,
-    "camera.height_px": 270,
-    "camera.focal.pixels_per_mm": 342.67 / 4,
-    "image.samples": 0,
-    "image.shadow_map_px": 1024,
-}
+SMALL = {"camera.width_px": 480, "camera.height_px": 270, "camera.focal.pixels_per_mm": 342.67 / 4,
+         "image.samples": 0, "image.shadow_map_px": 1024}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", slow_but([n for n in scenes.names() if n.startswith("exam-")], "exam-heavy-snow"))

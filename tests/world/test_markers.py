@@ -60,15 +60,11 @@ def test_circles_and_a_target_are_where_their_centres_project_and_belong_to_the_
 
 
 def test_balls_hang_between_o_and_the_rope_ends_and_count_as_ropes():
-    from simgrab.world.trajectory.trajectory import Trajectory
-
-    scenario = small_scene(**STEADY, markers={"balls": {"distances_m": [3.0, 4.5], "diameter_m": 0.4}})
-    frame = next(iter(simgrab.frames(scenario, [1])))
-    grab = Trajectory(scenario).at(1).grab
-    end = grab.jib_from_grab.apply((0.0, 0.0, design_of(scenario.grab).terminations[0, 2]))
-    camera = np.reshape(frame.truth.jib_from_camera, (3, 4))
+    scenario, frame, _ = seen({"balls": {"distances_m": [3.0, 4.5], "diameter_m": 0.4}})
+    grab, camera = (np.reshape(pose, (3, 4)) for pose in (frame.truth.jib_from_grab, frame.truth.jib_from_camera))
+    end = grab @ (0.0, 0.0, design_of(scenario.grab).terminations[0, 2], 1.0)
     for distance in (3.0, 4.5):
-        point = (distance * end[:3] / np.linalg.norm(end[:3]) - camera[:, 3]) @ camera[:, :3]
+        point = (distance * end / np.linalg.norm(end) - camera[:, 3]) @ camera[:, :3]
         x, y = scenario.camera.intrinsics.project(point).astype(int)
         assert frame.ids[y, x] == 2
         assert frame.depth[y, x] == pytest.approx(point[2] * (1 - 0.2 / np.linalg.norm(point)), abs=0.01)
@@ -91,11 +87,7 @@ def test_pictures_of_plates():
     assert (tag[64, 64:-64] == 0).all()
     points = mark_points(AprilTag(size_m=0.6, position_m=(1.0, 0.5, 0.1)), 1.64)
     np.testing.assert_allclose(points[0], (1.3, 0.8, 1.74))
-    assert mark_points(replace_size(Circles(), 2.0), 0.0)[0, 0] == pytest.approx(1.5)
-
-
-def replace_size(plate, size):
-    return Circles(size_m=size, position_m=plate.position_m)
+    assert mark_points(Circles(size_m=2.0), 0.0)[0, 0] == pytest.approx(1.5)
 
 
 def test_a_scenario_without_marks_is_written_as_ever():

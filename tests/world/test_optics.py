@@ -27,14 +27,9 @@ NEUTRAL, GREY = Exposure(0.0, False), Exposure(0.0, True)
 NOISY = Optics(sensor=Sensor(full_well_e=1000, read_noise_e=20))
 # Everything at once.
 NIGHT = Optics(
-    vignetting_stops=1.5,
-    defocus_px=2.5,
-    chromatic_px=1.5,
-    exposure=AutoExposure(),
-    sensor=Sensor(full_well_e=6000, read_noise_e=4, fixed_pattern_percent=1),
-    night_mode="auto",
-    recompress_quality=40,
-)
+    vignetting_stops=1.5, defocus_px=2.5, chromatic_px=1.5, exposure=AutoExposure(), night_mode="auto",
+    sensor=Sensor(full_well_e=6000, read_noise_e=4, fixed_pattern_percent=1), recompress_quality=40,
+)  # fmt: skip
 
 
 def flat(level, width=WIDTH, height=HEIGHT):
@@ -52,9 +47,6 @@ def take(optics, light, *, intrinsics=PLAIN, seed=0, frame=0, exposure=NEUTRAL):
     return expose(optics, light, intrinsics=intrinsics, seed=seed, frame=frame, exposure=exposure)
 
 
-# Light and picture
-
-
 def test_the_transfer_is_srgb_and_gives_back_every_value():
     values = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
     assert (to_display(to_linear(values)) == values).all()
@@ -64,54 +56,28 @@ def test_the_transfer_is_srgb_and_gives_back_every_value():
     assert to_display(flat(-1.0)).max() == 0
 
 
-# Off
-
-
 def test_all_effects_off_leave_every_byte():
     light = scene()
     assert Optics().off
     assert Optics(sharpening=Sharpening(radius_px=0.3)).off
     assert (take(Optics(), light, intrinsics=CROOKED) == to_display(light)).all()
     assert (recompress(to_display(light), 0) == to_display(light)).all()
+    assert (defocus(light, 1.0) == light).all()  # up to a pixel there is none
     assert metered(Optics(), light) == NEUTRAL
-
-
-@pytest.mark.parametrize(
-    "optics",
-    [
-        Optics(vignetting_stops=1),
-        Optics(defocus_px=3),
-        Optics(chromatic_px=2),
-        Optics(exposure=FixedExposure(exposure_ev=0.5)),
-        Optics(exposure=AutoExposure()),
-        Optics(night_mode="on"),
-        Optics(sensor=Sensor(full_well_e=1000)),
-        Optics(sensor=Sensor(fixed_pattern_percent=3)),
-        Optics(white_balance=(1.2, 1.0, 0.8)),
-        Optics(sharpening=Sharpening(amount=1.0)),
-        Optics(recompress_quality=50),
-    ],
-    ids=lambda optics: next(f for f in optics.__struct_fields__ if getattr(optics, f) != getattr(Optics(), f)),
-)
-def test_each_effect_alone_changes_the_picture(optics):
-    light = scene()
-    assert not optics.off
-    seen = recompress(take(optics, light, exposure=metered(optics, light)), optics.recompress_quality)
-    assert (seen != to_display(light)).mean() > 0.05
-
-
-# Contract
+    every = {
+        name: getattr(NIGHT, name) for name in ("vignetting_stops", "defocus_px", "chromatic_px", "exposure", "sensor")
+    }
+    every |= {"night_mode": "on", "recompress_quality": 40, "white_balance": (1.2, 1.0, 0.8)}
+    assert not any(Optics(**{name: value}).off for name, value in every.items())
+    assert not Optics(sharpening=Sharpening(amount=1.0)).off
 
 
 def test_light_is_left_alone_and_a_frame_can_be_taken_again():
     light = scene()
-    before = light.copy()
+    light.flags.writeable = False
     exposure = metered(NIGHT, light)
     first = take(NIGHT, light, exposure=exposure, frame=7)
-    recompress(first, 40)
-    again = take(NIGHT, light, exposure=exposure, frame=7)
-    assert (light == before).all()
-    assert (first == again).all()
+    assert (first == take(NIGHT, light, exposure=exposure, frame=7)).all()
 
 
 def test_noise_differs_between_frames_and_seeds():
@@ -123,21 +89,16 @@ def test_noise_differs_between_frames_and_seeds():
 @pytest.mark.parametrize("defocus_px", [2.5, 20.0])  # small kernels are summed, large ones go through a DFT
 @pytest.mark.parametrize("grey", [False, True])
 def test_bytes_do_not_depend_on_the_number_of_threads(defocus_px, grey):
-    light, before = scene(width=640, height=360), cv2.getNumThreads()
-    k = Intrinsics(640, 360, 548.0, 330.0, 170.0)
+    light, before, pictures = scene(width=640, height=360), cv2.getNumThreads(), set()
     optics = Optics(1.5, defocus_px, 1.5, sensor=NIGHT.sensor)
+    k, exposure = Intrinsics(640, 360, 548.0, 330.0, 170.0), Exposure(math.log2(3.0), grey)
     try:
-        pictures = []
         for threads in (1, 2, 5):
             cv2.setNumThreads(threads)
-            taken = take(optics, light.copy(), intrinsics=k, exposure=Exposure(math.log2(3.0), grey))
-            pictures.append(recompress(taken, 40))
+            pictures.add(recompress(take(optics, light.copy(), intrinsics=k, exposure=exposure), 40).tobytes())
     finally:
         cv2.setNumThreads(before)
-    assert all((p == pictures[0]).all() for p in pictures)
-
-
-# Lens
+    assert len(pictures) == 1
 
 
 @pytest.mark.parametrize("intrinsics", [PLAIN, CROOKED], ids=["plain", "crooked"])
@@ -175,11 +136,6 @@ def test_a_defocused_point_is_a_disc_of_the_diameter_that_was_asked_for(diameter
     assert np.ptp(inside) < 0.01 * inside.mean()
 
 
-def test_defocus_up_to_a_pixel_is_none():
-    light = scene()
-    assert (defocus(light, 1.0) == light).all()
-
-
 def test_chromatic_aberration_grows_with_the_radius():
     rng = np.random.default_rng(4)
     light, centre = np.zeros((HEIGHT, WIDTH, 3), np.float32), np.array([CROOKED.cx_px, CROOKED.cy_px])
@@ -198,9 +154,6 @@ def test_chromatic_aberration_grows_with_the_radius():
         assert moved[2] == pytest.approx(-expected, abs=0.06)
 
 
-# Exposure
-
-
 @pytest.mark.parametrize("ev", [-2.0, 1.0, 1.5])
 def test_a_stop_doubles_the_light(ev):
     optics = Optics(exposure=FixedExposure(exposure_ev=ev))
@@ -217,12 +170,8 @@ def test_automatic_exposure_brings_the_mean_to_its_target(light_level, ev):
     wanted = 0.2 * 2.0**ev
     assert exposure.gain * (light @ BT709).mean() == pytest.approx(wanted, rel=0.02)
     assert to_linear(take(optics, flat(0.1), exposure=metered(optics, flat(0.1)))).mean() == pytest.approx(wanted, 0.01)
-
-
-def test_the_gain_ends_at_its_bound():
-    optics = Optics(exposure=AutoExposure(max_gain_db=20.0))
-    assert metered(optics, flat(1e-4)).gain == pytest.approx(10)
-    assert metered(optics, flat(0.0)).gain == pytest.approx(10)
+    bound = Optics(exposure=AutoExposure(max_gain_db=20.0))
+    assert [metered(bound, flat(dark)).gain for dark in (1e-4, 0.0)] == pytest.approx([10, 10])
 
 
 def exposures(optics, rate, lights):
@@ -235,23 +184,14 @@ def exposures(optics, rate, lights):
 
 @pytest.mark.parametrize("rate", [5.0, 25.0])
 def test_the_exposure_lags_by_its_time_constant(rate):
-    optics, lights = (
-        Optics(exposure=AutoExposure(target_level=0.2, lag_s=2.0)),
-        [flat(0.2)] + [flat(0.05)] * round(2 * rate),
-    )
+    optics = Optics(exposure=AutoExposure(target_level=0.2, lag_s=2.0))
+    lights = [flat(0.2)] + [flat(0.05)] * round(2 * rate)
     first, *gains = (exposure.gain for exposure in exposures(optics, rate, lights))
     assert first == pytest.approx(1)  # settled when a clip begins
     assert math.log2(gains[-1]) / 2 == pytest.approx(1 - math.exp(-1))  # of the two stops, after one time constant
     assert all(a < b for a, b in itertools.pairwise(gains))
-
-
-def test_without_a_lag_every_frame_is_metered():
-    optics = Optics(exposure=AutoExposure(lag_s=0.0))
-    lights = [flat(level) for level in (0.2, 0.01, 0.7)]
-    assert list(exposures(optics, 25.0, lights)) == [metered(optics, light) for light in lights]
-
-
-# Sensor
+    prompt = Optics(exposure=AutoExposure(lag_s=0.0))
+    assert list(exposures(prompt, rate, lights[:2])) == [metered(prompt, light) for light in lights[:2]]
 
 
 def photon_transfer(optics, gain, *, grey=False):
@@ -310,31 +250,13 @@ def test_the_fixed_pattern_stays_and_is_the_cameras_own():
     assert (doubled == pictures[0]).all()  # it multiplies light
 
 
-# Night
-
-
 def test_grey_is_the_luminance_of_bt709():
     light = scene()
     seen = take(Optics(night_mode="on"), light, exposure=Exposure(0.0, True))
-    assert (seen[..., 0] == seen[..., 1]).all()
-    assert (seen[..., 0] == seen[..., 2]).all()
+    assert (np.ptp(seen, axis=2) == 0).all()
     assert to_linear(seen)[..., 0] == pytest.approx(light @ BT709, abs=0.005)
     assert metered(Optics(night_mode="on"), light).grey
     assert not metered(Optics(night_mode="off", exposure=AutoExposure()), flat(1e-4)).grey
-
-
-# Processing
-
-
-def test_scenes_without_the_keys_of_processing_are_digested_as_before_there_were_any():
-    plain = scenes.load("quay-day")
-    stated = scenes.load("quay-day", {"optics.white_balance": [1.0, 1.0, 1.0], "optics.sharpening.amount": 0.0})
-    assert not {"white_balance", "sharpening"} & set(plain.to_dict()["optics"])
-    assert stated.digest() == plain.digest()
-    for key, value in (("white_balance", [1.1, 1.0, 0.9]), ("sharpening", {"amount": 0.5, "radius_px": 2.0})):
-        other = scenes.load("quay-day", {f"optics.{key}": value})
-        assert other.digest() != plain.digest()
-        assert other.to_dict()["optics"][key] == value
 
 
 def test_white_balance_multiplies_light_and_leaves_grey_alone():
@@ -365,9 +287,6 @@ def test_night_begins_at_its_gain_and_ends_well_below():
     assert seen == [False, True, True, True, False, False]
 
 
-# Coding
-
-
 def test_artefacts_grow_as_the_quality_falls():
     rgb = take(NOISY, scene())
     psnr = [cv2.PSNR(rgb, recompress(rgb, quality)) for quality in (10, 30, 50, 70, 90, 100)]
@@ -377,14 +296,10 @@ def test_artefacts_grow_as_the_quality_falls():
 
 
 def test_coding_keeps_colours_in_their_channels_and_grey_grey():
-    red = np.zeros((32, 32, 3), np.uint8)
-    red[..., 0] = 200
+    red = np.full((32, 32, 3), (200, 0, 0), np.uint8)
     assert recompress(red, 80)[16, 16] == pytest.approx((200, 0, 0), abs=6)
-    grey = recompress(take(NOISY, scene(), exposure=Exposure(0.0, True)), 30)
+    grey = recompress(take(NOISY, scene(), exposure=GREY), 30)
     assert np.ptp(grey.astype(int), axis=2).max() <= 1
-
-
-# Settings
 
 
 @pytest.mark.parametrize(

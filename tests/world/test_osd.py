@@ -26,49 +26,42 @@ CLOCK = "2022年01月26日 星期三 14:05:37"
 PICTURES = [(name, size) for name in layouts.names() for size in ((1920, 1080), (1280, 720))]
 
 
-class Reader:
-    """Reads characters by matching each alone, drawn here by Pillow eight times as large and shrunk.
+def drawn(character, width, height, size, ends):
+    """A character with its outline in a cell, drawn by Pillow eight times as large and shrunk."""
+    font = ImageFont.truetype(FONT, size)
+    image = Image.new("RGBA", (8 * width, 8 * height), (0, 0, 0, 0))
+    at = (4 * width, (8 * height - ends) // 2)
+    black = {"stroke_width": size // 20, "stroke_fill": "black"}
+    ImageDraw.Draw(image).text(at, character, "white", font, anchor="ms", **black)
+    return np.asarray(image.reduce(8), float)
 
-    Only the pixels that a character itself covers count, so that the background does not. ``groups`` are the
-    characters of one font, each group with the width and height of its cells.
-    """
 
-    def __init__(self, *groups):
-        fonts = (ImageFont.truetype(FONT, size) for size in range(640, 40, -1))
-        font = next(font for font in fonts if self.fits(font, groups))
-        boxes = [font.getbbox(c, anchor="ms") for characters, _, _ in groups for c in characters]
-        ends = min(b[1] for b in boxes) + max(b[3] for b in boxes)
-        self.glyphs = {}
-        for characters, width, height in groups:
-
-            def drawn(character, stroke, width=width, height=height):
-                image = Image.new("L", (8 * width, 8 * height))
-                at = (4 * width, (8 * height - ends) // 2)
-                ImageDraw.Draw(image).text(at, character, 255, font, anchor="ms", stroke_width=stroke)
-                return np.asarray(image.reduce(8), float).ravel() / 255
-
-            fill = np.stack([drawn(c, 0) for c in characters], axis=-1)
-            ink = np.stack([drawn(c, font.size // 20) for c in characters], axis=-1)
-            weight = np.maximum(fill, ink)
-            self.glyphs[characters] = fill, weight / weight.sum(0)
-
-    @staticmethod
-    def fits(font, groups):
-        boxes = [
-            (font.getbbox(c, anchor="ms", stroke_width=font.size // 20), *size) for cs, *size in groups for c in cs
-        ]
+def likeness(*groups):
+    """Pictures, over grey, of characters: groups of one size, each with width and height of its cells."""
+    for size in range(640, 40, -1):
+        font = ImageFont.truetype(FONT, size)
+        boxes = [(font.getbbox(c, anchor="ms", stroke_width=size // 20), w, h) for cs, w, h in groups for c in cs]
         height = max(b[3] for b, _, _ in boxes) - min(b[1] for b, _, _ in boxes)
-        return all(height <= 8 * h and 2 * max(-b[0], b[2]) <= 8 * w for b, w, h in boxes)
+        if all(height <= 8 * h and 2 * max(-b[0], b[2]) <= 8 * w for b, w, h in boxes):
+            break
+    ends = min(b[1] for b, _, _ in boxes) + max(b[3] for b, _, _ in boxes)
+    for characters, width, height in groups:
+        for character in characters:
+            rgba = drawn(character, width, height, size, ends)
+            share = rgba[..., 3] / 255
+            yield character, rgba[..., 0] * share + 120 * (1 - share)
 
-    def read(self, picture, cells, characters):
-        """The best match over shifts of ±1 px of each cell's crop."""
-        fill, weight = self.glyphs[characters]
-        shifts = list(itertools.product((-1, 0, 1), repeat=2))
-        crops = (picture[y0 + i : y1 + i, x0 + j : x1 + j] for x0, y0, x1, y1 in cells for i, j in shifts)
-        crop = np.stack([c.mean(axis=2).ravel() / 255 for c in crops])
-        cost = crop**2 @ weight - 2 * crop @ (weight * fill) + (weight * fill**2).sum(0)
-        best = cost.reshape(len(cells), len(shifts), -1).min(axis=1).argmin(axis=1)
-        return "".join(characters[k] for k in best)
+
+def read(picture, cells, glyphs):
+    """What cells of a picture show: each the nearest glyph of its size, over shifts of ±1 px."""
+    shifts = list(itertools.product((-1, 0, 1), repeat=2))
+
+    def nearest(x0, y0, x1, y1):
+        crops = [picture[y0 + i : y1 + i, x0 + j : x1 + j].mean(axis=2) for i, j in shifts]
+        alike = {c: g for c, g in glyphs.items() if g.shape == crops[0].shape}
+        return min(alike, key=lambda c: min(np.abs(crop - alike[c]).sum() for crop in crops))
+
+    return "".join(nearest(*cell) for cell in cells)
 
 
 def random_times(count):
@@ -76,38 +69,34 @@ def random_times(count):
     return [datetime(1971, 1, 1) + timedelta(seconds=int(s)) for s in rng.integers(0, 8_000_000_000, count)]
 
 
-def backgrounds(width, height):
+def noisy(width, height):
     """Noise over a slope, with hard edges: nothing that a display's designer would choose."""
     rng = np.random.default_rng(3)
     slope = np.linspace(0, 255, width)[None, :, None] * rng.random((1, 1, 3))
     blocks = np.kron(rng.integers(0, 256, (height // 15, width // 20, 3)), np.ones((15, 20, 1)))
-    noisy = (0.4 * slope + 0.6 * blocks + rng.normal(0, 20, (height, width, 3))).clip(0, 255).astype(np.uint8)
-    while True:
-        yield np.roll(noisy, rng.integers(0, width, 2), axis=(0, 1))
+    return (0.4 * slope + 0.6 * blocks + rng.normal(0, 20, (height, width, 3))).clip(0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize(("name", "size"), slow_but(PICTURES, PICTURES[1]))
 def test_digits_and_clock_read_back_exactly(name, size):
     layout = layouts.load(name).scaled(*size)
-    overlay, background, rng = Overlay(layout), backgrounds(*size), np.random.default_rng(1)
-    rope = Reader((DIGITS, layout.digit_width_px, layout.digit_height_px))
+    overlay, rng = Overlay(layout), np.random.default_rng(1)
+    rope = dict(likeness((DIGITS, layout.digit_width_px, layout.digit_height_px)))
     cells, high = layout.clock.cells, layout.clock.size_px
-    latin, chinese = [c.isascii() and c != " " for c in CLOCK_PATTERN], [not c.isascii() for c in CLOCK_PATTERN]
-    clock = Reader((LATIN, cells[0][2] - cells[0][0], high), (CHINESE, high, high))
+    clock = dict(likeness((LATIN, cells[0][2] - cells[0][0], high), (CHINESE, high, high)))
+    inked = [c != " " for c in CLOCK_PATTERN]
     for moment in random_times(40):
         lengths = tuple(int(n) / 100 for n in rng.integers(0, 10_000, 2))
         text, words = layout.text(*lengths), clock_text(moment, 0.0)
-        picture = overlay.blend(next(background), Shown(words, text, text, None))
-        assert layout.lengths(rope.read(picture, layout.cells, DIGITS)) == lengths
-        for kind, some in ((LATIN, latin), (CHINESE, chinese)):
-            read = clock.read(picture, list(itertools.compress(cells, some)), kind)
-            assert read == "".join(itertools.compress(words, some))
+        picture = overlay.blend(np.full((*size[::-1], 3), 120, np.uint8), Shown(words, text, text, None))
+        assert layout.lengths(read(picture, layout.cells, rope)) == lengths
+        assert read(picture, list(itertools.compress(cells, inked)), clock) == words.replace(" ", "")
 
 
 @pytest.mark.parametrize(("name", "size"), [*PICTURES, ("four-point-four", (480, 270))])
 def test_only_the_characters_cells_change(name, size):
     layout = layouts.load(name).scaled(*size)
-    rgb = next(backgrounds(*size))
+    rgb = noisy(*size)
     before = rgb.copy()
     text = layout.text(20.15, 21.37)
     overlay, words = Overlay(layout), Shown(CLOCK, text, text, None)
@@ -187,12 +176,6 @@ def test_each_row_shows_the_last_refresh_before_it_was_read_out(time, lag, rate,
             assert [c for c in text if c.isdigit()][i] == digits[i]
 
 
-def torn_at(into, lengths_at, layout=None):
-    """A readout of 0.1 s in which a refresh falls after a share ``into``."""
-    display = Display(layout="two-by-four", lag_s=0.0, refresh_hz=1.0, readout_s=0.1)
-    return shown(display, layout or layouts.load("two-by-four"), 1.0 - 0.1 * into, lengths_at)
-
-
 def test_the_lag_is_what_it_says():
     display = Display(layout="two-by-four", lag_s=0.75, refresh_hz=4.0, readout_s=0.0, constant_m=2.5)
     for time, then in ((0.0, 0.0), (0.74, 0.0), (1.0, 0.25), (1.2499, 0.25), (1.25, 0.5), (10.1, 9.25)):
@@ -203,28 +186,23 @@ def test_the_lag_is_what_it_says():
 
 
 def test_a_tear_counts_only_where_it_is_seen():
-    def step(t):
-        return (12.5, 12.5) if t < 0.5 else (21.1, 22.2)
-
-    old, new = "1000 1000", "1860 1970"
+    display = Display(layout="two-by-four", lag_s=0.0, refresh_hz=1.0, readout_s=0.1)
+    old, new, half = "1000 1000", "1860 1970", "1000 1970"
     # Hoist digits in rows 32 to 76, closing digits in 88 to 132, of 1080.
-    for row, expected in (
-        (32, (new, new, None)),  # the first digit row is new already
-        (33, (old, new, 33)),
-        (80, (old, new, 80)),  # between the numbers: the upper is old and the lower new
-        (131, (old, new, 131)),
-        (132, (old, old, None)),  # below the last digit
-        (900, (old, old, None)),
+    for row, hoist, expected in (
+        (32, 21.1, (new, new, None)),  # the first digit row is new already
+        (33, 21.1, (old, new, 33)),
+        (80, 21.1, (old, new, 80)),  # between the numbers: the upper is old and the lower new
+        (131, 21.1, (old, new, 131)),
+        (132, 21.1, (old, old, None)),  # below the last digit
+        (900, 21.1, (old, old, None)),
+        (50, 12.5, (half, half, None)),  # only the closing rope's number changes: the tear above it is not seen
     ):
-        seen = torn_at((row + 0.5) / 1080, step)
+        time = 1.0 - 0.1 * (row + 0.5) / 1080
+        seen = shown(
+            display, layouts.load("two-by-four"), time, lambda t, h=hoist: (12.5, 12.5) if t < 0.5 else (h, 22.2)
+        )
         assert (seen.rope_text, seen.rope_text_below, seen.torn_row_px) == expected
-
-    # Only the closing rope's number changes: the tear above it is not seen.
-    def closing(t):
-        return (12.5, 12.5) if t < 0.5 else (12.5, 22.2)
-
-    seen = torn_at(50.5 / 1080, closing)
-    assert (seen.rope_text, seen.rope_text_below, seen.torn_row_px) == ("1000 1970", "1000 1970", None)
 
 
 def test_frames_that_know_no_time_neither_lag_nor_tear():

@@ -1,6 +1,5 @@
 """simgrab's render passes beside MuJoCo's own renderer, and pictures drawn in part beside those drawn whole."""
 
-import itertools
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -9,7 +8,6 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import slow_but, small_scene
-from OpenGL import GL
 
 import simgrab
 from simgrab.world import gl
@@ -18,16 +16,12 @@ from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery import model
 from simgrab.world.scenery.model import FAR_M, HIDDEN, NEAR_M
 
-SIDES = (GL.GL_TEXTURE_WIDTH, GL.GL_TEXTURE_HEIGHT)
-DARK = {"sun": 0.0, "sky": 0.5}
 SCENES = {
     "quay": small_scene(frames=3),
-    "overcast": small_scene(frames=3, light=DARK),
+    "overcast": small_scene(frames=3, light={"sun": 0.0, "sky": 0.5}),
     "low sun": small_scene(frames=3, light={"sun_elevation_deg": 12.0, "sun_azimuth_deg": 100.0}),
-    "hold": simgrab.load("hold-coal", {"frames": 3}, size=(480, 270)),
-    "water": simgrab.load("water-side", {"frames": 3}, size=(480, 270)),
     "lens": small_scene(frames=3, camera__distortion={"k1": -0.1}),
-    "rain": simgrab.load("rain", {"frames": 3}, size=(480, 270)),
+    **{name: simgrab.load(name, {"frames": 3}, size=(480, 270)) for name in ("hold-coal", "water-side", "rain")},
 }
 
 
@@ -67,88 +61,37 @@ def by_mujoco(scene, moment, *, segment):
 
 
 @pytest.mark.parametrize("frame", [0, 2])
-def test_ids_and_depth_are_those_of_mujoco_to_the_bit(generator, frame):
+def test_ids_and_depth_are_those_of_mujoco_to_the_bit_and_colours_but_for_rounding(generator, frame):
     scene, moment = generator.scene(frame), generator.project(frame).moment
     view = scene.renderer.view(moment)
     colour, buffer, groups = by_mujoco(scene, moment, segment=1)
     np.testing.assert_array_equal(view.ids, groups[colour[..., 0].astype(int) + 256 * colour[..., 1].astype(int)])
     depth = np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer * (FAR_M - NEAR_M)), np.float32)
     np.testing.assert_array_equal(view.depth, depth)
-
-
-@pytest.mark.parametrize("frame", [0, 2])
-def test_colours_are_those_of_mujoco_but_for_rounding(generator, frame):
-    scene, moment = generator.scene(frame), generator.project(frame).moment
-    ours = scene.renderer.rgb(moment).astype(int)
-    theirs = by_mujoco(scene, moment, segment=0)[0]
-    apart = np.abs(ours - theirs)
+    apart = np.abs(scene.renderer.rgb(moment).astype(int) - by_mujoco(scene, moment, segment=0)[0])
     assert apart.mean() < 0.5  # MuJoCo rounds the light of sun and sky by itself
     assert (apart.max(axis=2) > 8).mean() < 2e-3  # edges of shadows
 
 
-def levels(texture):
-    """All levels of a texture of the current context."""
-    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
-    GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-    for level in itertools.count():
-        size = [GL.glGetTexLevelParameteriv(GL.GL_TEXTURE_2D, level, side) for side in SIDES]
-        if not all(size):
-            return
-        pixels = GL.glGetTexImage(GL.GL_TEXTURE_2D, level, GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
-        yield *map(int, size), np.frombuffer(pixels, np.uint8).tobytes()
-
-
-def test_textures_are_uploaded_as_mujoco_does(generator):
-    scene = generator.scene(0)
-    scene.renderer.rgb(generator.project(0).moment)
-    made = scene.renderer._passes._textures
-    assert {"grab_body", "rope"} <= set(made) <= set(scene.world.textures)
-    ours = {name: list(levels(texture)) for name, texture in made.items()}
-    with textured(scene) as (world, buffer):
-        for name, own in ours.items():
-            theirs = list(levels(int(buffer.context.texture[world.model.texture(name).id])))
-            assert own[0] == theirs[0]
-            assert [level[:2] for level in own] == [level[:2] for level in theirs]
-            for one, other in zip(own, theirs, strict=True):
-                apart = np.abs(np.frombuffer(one[2], np.uint8).astype(int) - np.frombuffer(other[2], np.uint8))
-                assert apart.max() <= (0 if "llvmpipe" in scene.renderer.fingerprint.renderer else 2)
-
-
-def frames(scene, indices=None):
+def pictures(scene, indices):
     with FrameGenerator(scene) as generator:
-        return {i: generator.frame(i, full=True) for i in (range(scene.frames) if indices is None else indices)}
+        return {i: generator.frame(i).rgb for i in indices}
 
 
-def compare_with_whole(generator, monkeypatch):
-    renderer = generator.scene(0).renderer
-    assert renderer._at_rest(generator.project(0).moment)
-    for number in range(3):
-        monkeypatch.setattr(renderer, "_reuses", True)
-        frame = generator.frame(number, full=True)
-        monkeypatch.setattr(renderer, "_reuses", False)
-        whole = generator.frame(number, full=True)
-        assert msgspec.to_builtins(frame.truth) == msgspec.to_builtins(whole.truth)
-        np.testing.assert_array_equal(frame.full.ids, whole.full.ids)
-        np.testing.assert_array_equal(frame.full.depth, whole.full.depth)
-        np.testing.assert_array_equal(frame.mask, whole.mask)
-        apart = (frame.rgb != whole.rgb).any(axis=2)
-        assert apart.mean() < 1e-4  # single pixels at edges of shadows
-
-
-def test_pictures_drawn_over_what_stands_still_are_those_drawn_whole(generator, monkeypatch):
-    compare_with_whole(generator, monkeypatch)
-
-
-def test_with_a_lens_too(monkeypatch):
-    with FrameGenerator(SCENES["lens"]) as generator:
-        compare_with_whole(generator, monkeypatch)
-
-
-def test_a_picture_does_not_depend_on_what_was_drawn_before():
-    forwards = frames(SCENES["quay"])
-    for number, frame in frames(SCENES["quay"], [2, 0]).items():
-        np.testing.assert_array_equal(frame.rgb, forwards[number].rgb)
-        np.testing.assert_array_equal(frame.depth, forwards[number].depth)
+@pytest.mark.parametrize("name", slow_but(SCENES, "quay", "lens"))
+def test_pictures_drawn_over_what_stands_still_are_those_drawn_whole(name, monkeypatch):
+    with FrameGenerator(SCENES[name]) as generator:
+        renderer = generator.scene(0).renderer
+        assert renderer._at_rest(generator.project(0).moment)
+        for number in range(3):
+            monkeypatch.setattr(renderer, "_reuses", True)
+            frame = generator.frame(number, full=True)
+            monkeypatch.setattr(renderer, "_reuses", False)
+            whole = generator.frame(number, full=True)
+            assert msgspec.to_builtins(frame.truth) == msgspec.to_builtins(whole.truth)
+            for buffer in ("ids", "depth", "mask"):
+                np.testing.assert_array_equal(getattr(frame, buffer), getattr(whole, buffer))
+            assert (frame.rgb != whole.rgb).any(axis=2).mean() < 1e-4  # single pixels at edges of shadows
 
 
 def test_a_crane_that_stands_and_moves_is_drawn_alike_in_any_order():
@@ -156,9 +99,9 @@ def test_a_crane_that_stands_and_moves_is_drawn_alike_in_any_order():
     with FrameGenerator(scene) as generator:
         rests = {i: generator.scene(0).renderer._at_rest(generator.project(i).moment) for i in (0, 5, 60, 79)}
     assert set(rests.values()) == {True, False}
-    there = frames(scene, list(rests))
-    for number, frame in frames(scene, list(rests)[::-1]).items():
-        np.testing.assert_array_equal(frame.rgb, there[number].rgb)
+    there = pictures(scene, rests)
+    for number, rgb in pictures(scene, reversed(rests)).items():
+        np.testing.assert_array_equal(rgb, there[number])
 
 
 @pytest.fixture(scope="module")
@@ -173,26 +116,12 @@ def quays():
             yield generator, renderer
 
 
-@pytest.fixture(scope="module")
-def other():
-    with FrameGenerator(SCENES["water"]) as generator:
-        yield generator
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"present": False},
-        {"grab__load": 0.0, "grab__jaw": 0.5},
-        {"grab__load": 1.0},
-        {"grab__alpha": 0.3, "grab__rope_length": 25.0},
-        {"grab__rope_length": 4.0},
-        {"grab__rope_length": 1.0, "grab__alpha": 0.1},
-        {"jib": simgrab.JibState(0.0, 30.0, 0.0), "time": 0.0},
-    ],
-    ids=str,
-)
-def test_any_moment_at_rest_is_drawn_as_whole_and_whatever_came_before(changes, quays, other):
+@pytest.mark.parametrize("changes", [
+    {"present": False}, {"grab__load": 0.0, "grab__jaw": 0.5}, {"grab__load": 1.0},
+    {"grab__alpha": 0.3, "grab__rope_length": 25.0}, {"grab__rope_length": 4.0},
+    {"grab__rope_length": 1.0, "grab__alpha": 0.1}, {"jib": simgrab.JibState(0.0, 30.0, 0.0), "time": 0.0},
+], ids=str)  # fmt: skip
+def test_any_moment_at_rest_is_drawn_as_whole_and_whatever_came_before(changes, quays):
     generator, whole = quays
     first, renderer = generator.project(0).moment, generator.scene(0).renderer
     grab = {key.removeprefix("grab__"): value for key, value in changes.items() if key.startswith("grab__")}
@@ -200,7 +129,7 @@ def test_any_moment_at_rest_is_drawn_as_whole_and_whatever_came_before(changes, 
     moment = replace(first, grab=replace(first.grab, **grab), **own)
     assert renderer._at_rest(moment)
     rgb, view = renderer.rgb(moment), renderer.view(moment)
-    other.frame(0)  # another context in the same process
+    whole.rgb(moment)  # another context in the same process
     renderer.rgb(first)
     renderer.view(moment, (-50, -40, 700, 400))
     np.testing.assert_array_equal(renderer.rgb(moment), rgb)

@@ -89,37 +89,36 @@ def test_a_dataset_holds_the_photographs_and_is_made_again(yard: Path) -> None:
     assert again.place == made.place
 
 
-def video(levels: list[int]) -> bytes:
-    """Frames of one grey level each."""
+def video(frames: list[np.ndarray], codec: str = "libx264", turned: int = 0, **options: str) -> bytes:
+    """Frames of one size."""
     data = io.BytesIO()
     with av.open(data, "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=10)
-        stream.width, stream.height, stream.pix_fmt = 160, 90, "yuv420p"
-        for level in levels:
-            frame = av.VideoFrame.from_ndarray(np.full((90, 160, 3), level, np.uint8), format="rgb24")
-            container.mux(stream.encode(frame))
+        stream = container.add_stream(codec, rate=10, options=options)
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = "rgb24" if codec.endswith("rgb") else "yuv420p"
+        stream.set_display_rotation(turned)
+        for rgb in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
         container.mux(stream.encode())
     return data.getvalue()
 
 
+def grey(*levels: int) -> list[np.ndarray]:
+    return [np.full((90, 160, 3), level, np.uint8) for level in levels]
+
+
 def test_a_video_goes_on_frame_by_frame_and_repeats(tmp_path: Path) -> None:
-    (tmp_path / "yard.mp4").write_bytes(video([60, 120, 180]))
+    (tmp_path / "yard.mp4").write_bytes(video(grey(60, 120, 180)))
     moving = scene(tmp_path, "yard.mp4", frames=5, **{"light.sun": 0.0})
     levels = [float(np.median(frame.rgb)) for frame in simgrab.frames(moving, (0, 1, 2, 3, 1))]
     assert np.allclose(levels, [60, 120, 180, 60, 120], atol=3)
 
 
 def test_a_photograph_and_a_video_are_shown_as_players_show_them(tmp_path: Path) -> None:
-    rgb, exif, data = np.kron(photograph(2, (32, 64)), np.ones((2, 2, 1), np.uint8)), Image.Exif(), io.BytesIO()
+    rgb, exif = np.kron(photograph(2, (32, 64)), np.ones((2, 2, 1), np.uint8)), Image.Exif()
     exif[0x112] = 6  # to be turned by 90° clockwise
     Image.fromarray(rgb).save(tmp_path / "turned.png", exif=exif)
-    with av.open(data, "w", format="mp4") as container:
-        stream = container.add_stream("libx264rgb", rate=10, options={"qp": "0"})
-        stream.width, stream.height, stream.pix_fmt = 64, 128, "rgb24"
-        stream.set_display_rotation(-90)
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
-        container.mux(stream.encode())
-    (tmp_path / "turned.mp4").write_bytes(data.getvalue())
+    (tmp_path / "turned.mp4").write_bytes(video([rgb], "libx264rgb", -90, qp="0"))
     for name in ("turned.png", "turned.mp4"):
         shown = Sequence(read(tmp_path / name, AssertionError), AssertionError)[0]
         np.testing.assert_array_equal(shown, np.rot90(rgb, -1), name)
@@ -128,27 +127,23 @@ def test_a_photograph_and_a_video_are_shown_as_players_show_them(tmp_path: Path)
         scene(tmp_path, "deep.png")
 
 
-def bomb() -> bytes:
-    """A PNG of 100 megapixels in a few kilobytes."""
+def png(picture: Image.Image) -> bytes:
     data = io.BytesIO()
-    Image.new("1", (10_000, 10_000)).save(data, "PNG")
+    picture.save(data, "PNG")
     return data.getvalue()
 
 
-def whole() -> bytes:
-    data = io.BytesIO()
-    Image.fromarray(photograph(1)).save(data, "PNG")
-    return data.getvalue()
+WHOLE = png(Image.fromarray(photograph(1)))
 
 
 @pytest.mark.parametrize(
     ("name", "content", "problem"),
     [
-        ("yard.png", whole()[:2000], "cut off"),
-        ("yard.png", bomb(), "at most 40 million"),
+        ("yard.png", WHOLE[:2000], "cut off"),
+        ("yard.png", png(Image.new("1", (10_000, 10_000))), "at most 40 million"),
         ("yard.png", b"hello", "not a JPEG"),
-        ("yard.txt", whole(), r"must be a folder, or end in one of \.jpg"),
-        ("yard.mp4", video([60, 120])[:300], "not a video that can be opened"),
+        ("yard.txt", WHOLE, r"must be a folder, or end in one of \.jpg"),
+        ("yard.mp4", video(grey(60, 120))[:300], "not a video that can be opened"),
         ("yard.mp4", b"", "not a video that can be opened"),
         ("yard.mp4", b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:6,\nother.ts\n", "playlists are not followed"),
     ],

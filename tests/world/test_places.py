@@ -26,10 +26,6 @@ OPTIONS: dict[str, Quay | Hold | Water | Plain] = {
 }
 FAST = ("quay, grain, high pile", "hold, coal, full", "plain", "water, rough")
 GROUND = ("apron", "water", "deck 0", "deck 1", "deck 2", "deck 3", "deck 4", "hull", "tank top", "quay wall", "yard")
-STANDING = {  # what stands on the quay: parts of which every solid, or the lowest one, must touch the slabs
-    "every": ("cones", "barrels", "pallet", "loader tyres", "truck tyres", "tarpaulin", "pile"),
-    "lowest": ("hopper frame", "hopper walkway", "hopper conveyor", "loader bucket", "skip", "bollards", "kerb"),
-}
 _BUILT: dict[str, list[Part]] = {}
 
 
@@ -50,23 +46,15 @@ def bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 @pytest.mark.parametrize("name", slow_but(OPTIONS, *FAST))
-def test_parts_are_closed_finite_and_named_once(name: str) -> None:
-    parts = place(name)
-    assert len({p.name for p in parts}) == len(parts)
-    for part in parts:
-        assert np.isfinite(part.mesh.vertices).all(), part.name
-        assert part.mesh.is_watertight, part.name
-        assert part.mesh.is_winding_consistent, part.name
-        assert part.mesh.volume > 0, part.name
-        if part.uv is not None:
-            assert part.uv.shape == (len(part.mesh.vertices), 2), part.name
-            assert np.isfinite(part.uv).all(), part.name
-
-
-@pytest.mark.parametrize("name", slow_but(OPTIONS, *FAST))
-def test_a_place_stays_within_its_budget(name: str) -> None:
+def test_parts_are_closed_finite_named_once_and_within_their_budget(name: str) -> None:
     parts = place(name)
     materials = {p.material.name: p.material for p in parts}
+    assert len({p.name for p in parts}) == len(parts)
+    for part in parts:
+        mesh, uv = part.mesh, np.zeros((len(part.mesh.vertices), 2)) if part.uv is None else part.uv
+        assert uv.shape == (len(mesh.vertices), 2), part.name
+        assert np.isfinite([*mesh.vertices.ravel(), *uv.ravel()]).all(), part.name
+        assert (mesh.is_watertight, mesh.is_winding_consistent, mesh.volume > 0) == (True, True, True), part.name
     assert sum(len(p.mesh.faces) for p in parts) < 120_000
     assert len(materials) <= 60
     assert sum(m.picture.nbytes for m in materials.values() if m.picture is not None) < 115e6
@@ -120,18 +108,6 @@ def test_nothing_floats(name: str) -> None:
     assert not [(parts[owner[k]].name, *low[k].round(2), *high[k].round(2)) for k in np.flatnonzero(~held)[:6]]
 
 
-@pytest.mark.parametrize("name", slow_but([n for n in OPTIONS if n.startswith("quay")], *FAST))
-def test_what_stands_on_the_quay_touches_it(name: str) -> None:
-    for part in place(name):
-        foot = bodies(part.mesh)[0][:, 2] + HEIGHT
-        if part.name in STANDING["every"]:
-            feet = foot if part.name not in ("cones", "pallet") else np.sort(foot)[: len(foot) // 3]
-            assert (feet <= 0.01).all(), part.name
-            assert (feet >= -0.6).all(), part.name
-        elif part.name in STANDING["lowest"]:
-            assert foot.min() <= 0.01, part.name
-
-
 def test_the_same_stream_gives_the_same_place_and_another_seed_another() -> None:
     option = OPTIONS["water, rough"]
     first = place("water, rough")
@@ -148,7 +124,6 @@ def test_the_same_stream_gives_the_same_place_and_another_seed_another() -> None
 
 
 def test_the_head_height_moves_the_place_and_changes_nothing_else() -> None:
-    low = place("water, rough")
     high = build(OPTIONS["water, rough"], head_height=HEIGHT + 7.0, rng=stream(0, 0, "place"))
-    for a, b in zip(low, high, strict=True):
+    for a, b in zip(place("water, rough"), high, strict=True):
         np.testing.assert_allclose(a.mesh.vertices - [0, 0, 7.0], b.mesh.vertices, atol=1e-9)

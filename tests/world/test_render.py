@@ -154,11 +154,8 @@ def test_no_opengl_says_what_to_install(monkeypatch, scene):
 
 def test_a_sun_that_does_not_shine_casts_no_shadows_and_none_are_missed():
     with FrameGenerator(small_scene(light={"sun": 0.0, "sky": 0.5})) as generator:
-        model, renderer, moment = (
-            generator.scene(0).world.model,
-            generator.scene(0).renderer,
-            generator.project(0).moment,
-        )
+        scene, moment = generator.scene(0), generator.project(0).moment
+        model, renderer = scene.world.model, scene.renderer
         assert not model.light_castshadow.any()
         without = renderer.rgb(moment)
         model.light_castshadow[model.light("sun").id] = True

@@ -25,12 +25,10 @@ BUILT = [{"seed": 5}, {"image.shadow_map_px": 2048, "grab.wear": 0.9, "jib.rope_
 
 
 def scene(*changes):
-    merged = {}
-    for change in changes:
-        merged |= change
-    if "swing" in merged:
-        merged = {key: value for key, value in merged.items() if not key.startswith("swing.")}
-    return simgrab.load("quay-day", merged)
+    merged = {key: value for change in changes for key, value in change.items()}
+    return simgrab.load(
+        "quay-day", {k: v for k, v in merged.items() if not (k.startswith("swing.") and "swing" in merged)}
+    )
 
 
 def same(one, other):

@@ -91,11 +91,7 @@ def receivers(
 
 def tiles_of(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tiles of a picture in which, or within a pixel of which, any pixel is set, shape (rows, columns)."""
-    wide = cv2.dilate(pixels.view(np.uint8), np.ones((3, 3), np.uint8))
-    height, width = wide.shape
-    padded = np.pad(wide, ((0, -height % TILE_PX), (0, -width % TILE_PX)))
-    rows, columns = padded.shape[0] // TILE_PX, padded.shape[1] // TILE_PX
-    return np.asarray(padded.reshape(rows, TILE_PX, columns, TILE_PX).max(axis=(1, 3)).astype(bool))
+    return _any(np.asarray(cv2.dilate(pixels.view(np.uint8), np.ones((3, 3), np.uint8))), TILE_PX).astype(bool)
 
 
 def tiles_near(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:

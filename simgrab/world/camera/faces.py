@@ -62,14 +62,21 @@ class FileFace:
     Parameters
     ----------
     data : Path or bytes
+    advances : bool
+        Whether boxes are as wide as advances: so the bundled font fits cells.
     """
 
-    def __init__(self, data: Path | bytes) -> None:
+    def __init__(self, data: Path | bytes, *, advances: bool = False) -> None:
         self._sized = functools.lru_cache(maxsize=4)(functools.partial(fonts.sized, data))
+        self._advances = advances
 
     def box(self, character: str) -> Box:  # noqa: D102
-        mask, (x, y) = self._sized(_EM).getmask2(character, "L", anchor="ms")
-        left, top, right, bottom = mask.getbbox()
+        x, y, font = 0, 0, self._sized(_EM)
+        if self._advances:
+            left, top, right, bottom = font.getbbox(character, anchor="ms")
+        else:
+            mask, (x, y) = font.getmask2(character, "L", anchor="ms")
+            left, top, right, bottom = mask.getbbox()
         return (x + left) / _EM, (y + top) / _EM, (x + right) / _EM, (y + bottom) / _EM
 
     def mask(self, character: str, size: int, shape: tuple[int, int], at: tuple[float, int], outline_px: int) -> Mask:  # noqa: D102
@@ -80,15 +87,9 @@ class FileFace:
         return np.asarray(picture)
 
 
-class BundledFace(FileFace):
-    """The face of the bundled font, whose boxes are as wide as its advances: it fits cells as it always has."""
-
-    def __init__(self) -> None:
-        super().__init__(BUNDLED)
-
-    def box(self, character: str) -> Box:  # noqa: D102
-        left, top, right, bottom = self._sized(_EM).getbbox(character, anchor="ms")
-        return left / _EM, top / _EM, right / _EM, bottom / _EM
+def bundled() -> FileFace:
+    """Open the face of the bundled font."""
+    return FileFace(BUNDLED, advances=True)
 
 
 class PenFace:
@@ -137,7 +138,7 @@ def face(font: Font) -> Face:
     """Open the face of a font; a generated one must have a shape."""
     match font:
         case BundledFont():
-            return BundledFace()
+            return bundled()
         case FontFile():
             return FileFace(models.recall(font.sha256, font.file, _REFUSE).data)
         case GeneratedFont():

@@ -61,10 +61,5 @@ class Lens:
         x0, y0, x1, y1 = window
         if x0 >= 0 and y0 >= 0 and x1 <= self._full[2] and y1 <= self._full[3]:
             return self._ideal[y0:y1, x0:x1]
-        return self._undistorted(window)
-
-    def _undistorted(self, window: Window) -> Array:
-        x0, y0, x1, y1 = window
-        return self._intrinsics.undistort(
-            np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
-        )
+        centres = np.stack(np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5), axis=-1)
+        return self._intrinsics.undistort(centres)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab.model.layouts import CLOCK_PATTERN, Layout, Rectangle
 from simgrab.model.scenario import Ink
-from simgrab.world.camera.faces import BundledFace, Face, Mask
+from simgrab.world.camera.faces import Face, Mask, bundled
 from simgrab.world.trajectory.display import Shown
 
 DIGITS = "0123456789"
@@ -99,14 +99,14 @@ class Overlay:
     def __init__(self, layout: Layout, face: Face | None = None, ink: Ink | None = None) -> None:
         self.layout = layout
         self._ink = ink or Ink()
-        bundled = BundledFace()
+        own = bundled()
         size = layout.clock.size_px
         widths = {c: x1 - x0 for c, (x0, _, x1, _) in zip(CLOCK_PATTERN, layout.clock.cells, strict=True)}
         cells = [(DIGITS + ":", widths["0"], size), (CHINESE, size, size)]
-        self._clock = _glyphs(_Pen(bundled, Ink(), cells), cells)
+        self._clock = _glyphs(_Pen(own, Ink(), cells), cells)
         cells = [(DIGITS, layout.digit_width_px, layout.digit_height_px)]
         cells += [(".", x1 - x0, y1 - y0) for x0, y0, x1, y1 in layout.points[:1]]
-        self._numbers = _glyphs(_Pen(face or bundled, self._ink, cells), cells)
+        self._numbers = _glyphs(_Pen(face or own, self._ink, cells), cells)
 
     def blend(self, rgb: NDArray[np.uint8], shown: Shown) -> NDArray[np.uint8]:
         """Lay the display over a picture.

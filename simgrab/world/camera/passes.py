@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -94,17 +94,24 @@ _PHOTOGRAPH_FRAGMENT = (
 )
 
 
-@dataclass
+@dataclass(frozen=True)
 class Target:
-    """Framebuffers for windows of one size, and those in which a picture of what stands still is kept."""
+    """Framebuffers for windows of one size, by name.
+
+    Those of ``ids`` and ``picture`` are drawn into, ``resolved`` takes the mean of samples, and ``kept_ids`` and
+    ``kept_picture`` keep what stands still.
+    """
 
     size: tuple[int, int]
     samples: int
-    ids: int
-    picture: int
-    resolved: int
-    kept_ids: int | None = None
-    kept_picture: int | None = None
+    framebuffers: dict[str, int] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> int:
+        if name not in self.framebuffers:
+            form, samples = (GL.GL_R8, 0) if name.endswith("ids") else (GL.GL_RGBA8, self.samples)
+            made = _framebuffer(self.size, form, 0 if name == "resolved" else samples)
+            self.framebuffers[name] = made
+        return self.framebuffers[name]
 
 
 class Passes:
@@ -160,18 +167,16 @@ class Passes:
     def made(self, size: tuple[int, int], *, smooth: bool = True) -> Target:
         """Make framebuffers for windows of a size, with antialiasing or without; they are used as ``target``."""
         samples = self._context.offSamples if smooth else 0
-        target = Target(
-            size, samples, ids=_framebuffer(size, GL.GL_R8), picture=_framebuffer(size, GL.GL_RGBA8, samples),
-            resolved=_framebuffer(size, GL.GL_RGBA8),
-        )  # fmt: skip
+        target = Target(size, samples)
+        for name in ("ids", "picture", "resolved"):
+            target[name]
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         return target
 
     def free(self, target: Target) -> None:
         """Free framebuffers."""
-        for framebuffer in (target.ids, target.kept_ids, target.picture, target.kept_picture, target.resolved):
-            if framebuffer is not None:
-                _free(framebuffer)
+        for framebuffer in target.framebuffers.values():
+            _free(framebuffer)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
 
     def show(self, picture: NDArray[np.uint8]) -> None:
@@ -190,20 +195,15 @@ class Passes:
         GL.glUniform2f(self._uniform["size"], rows.shape[1], rows.shape[0])
         GL.glUseProgram(0)
 
-    def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
-        """Draw the shadow map of geoms."""
-        self._cast(scene, self._context.shadowFBO, geoms, clear=True)
-        self._darkened = _WHOLE_MAP
-
-    def keep_shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom]) -> None:
-        """Draw the shadow map of geoms that stand still, and keep it for `shade_over`."""
-        if self._kept is None:
+    def shade(self, scene: mujoco.MjvScene, geoms: Iterable[Geom], *, keep: bool = False) -> None:
+        """Draw the shadow map of geoms, or the one that is kept for `shade_over`."""
+        if keep and self._kept is None:
             self._kept = _framebuffer((self._context.shadowSize, self._context.shadowSize))
-        self._cast(scene, self._kept, geoms, clear=True)
+        self._cast(scene, self._kept if keep else self._context.shadowFBO, geoms, clear=True)
         self._darkened = _WHOLE_MAP
 
     def shade_over(self, scene: mujoco.MjvScene, moving: Iterable[Geom], part: tuple[float, ...]) -> None:
-        """Add moving geoms to the shadow map that `keep_shade` kept.
+        """Add moving geoms to the shadow map that `shade` kept.
 
         Parameters
         ----------
@@ -231,44 +231,36 @@ class Passes:
         sun = scene.lights[self._model.light("sun").id]
         return _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), float(self._context.shadowClip))
 
-    def _cast(self, scene: mujoco.MjvScene, framebuffer: int, geoms: Iterable[Geom], *, clear: bool) -> None:
+    def _cast(self, scene: mujoco.MjvScene, framebuffer: int | None, geoms: Iterable[Geom], *, clear: bool) -> None:
         side, (projection, view) = self._context.shadowSize, self._sun_view(scene)
-        with _attributes():
-            _load(GL.GL_PROJECTION, projection)
-            _load(GL.GL_MODELVIEW, view)
-            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-            GL.glDrawBuffer(GL.GL_NONE)
-            clip = GL.glClipControl or clip_control.glClipControl  # OSMesa has it as a function of the extension alone
-            clip(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
-            GL.glEnable(GL.GL_DEPTH_TEST)
-            GL.glDepthFunc(GL.GL_GEQUAL)  # depth goes from 1 at the near plane to 0, as in MuJoCo
-            GL.glDepthMask(GL.GL_TRUE)
-            GL.glClearDepth(0.0)
-            if clear:
-                GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
-            GL.glViewport(1, 1, side - 2, side - 2)  # what lies outside is lit
-            GL.glShadeModel(GL.GL_FLAT)
-            GL.glDisable(GL.GL_LIGHTING)
-            GL.glDisable(GL.GL_CULL_FACE)
-            GL.glColorMask(0, 0, 0, 0)
-            GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
-            GL.glPolygonOffset(-1.5, -4.0)
-            for geom in geoms:
-                self._draw(geom, self._mesh(geom.number))
+        GL.glPushAttrib(GL.GL_ALL_ATTRIB_BITS)
+        _load(GL.GL_PROJECTION, projection)
+        _load(GL.GL_MODELVIEW, view)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        GL.glDrawBuffer(GL.GL_NONE)
+        clip = GL.glClipControl or clip_control.glClipControl  # OSMesa has it as a function of the extension alone
+        clip(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glDepthFunc(GL.GL_GEQUAL)  # depth goes from 1 at the near plane to 0, as in MuJoCo
+        GL.glDepthMask(GL.GL_TRUE)
+        GL.glClearDepth(0.0)
+        if clear:
+            GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
+        GL.glViewport(1, 1, side - 2, side - 2)  # what lies outside is lit
+        GL.glShadeModel(GL.GL_FLAT)
+        GL.glDisable(GL.GL_LIGHTING)
+        GL.glDisable(GL.GL_CULL_FACE)
+        GL.glColorMask(0, 0, 0, 0)
+        GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
+        GL.glPolygonOffset(-1.5, -4.0)
+        for geom in geoms:
+            self._draw(geom, self._mesh(geom.number))
+        GL.glPopAttrib()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         GL.glDrawBuffer(GL.GL_COLOR_ATTACHMENT0)
 
-    def keep_colour(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
-    ) -> NDArray[np.uint8]:
-        """Draw geoms that stand still, and keep the picture for `colour_over`; see `colour`."""
-        target = self.target
-        if target.kept_picture is None:
-            target.kept_picture = _framebuffer(target.size, GL.GL_RGBA8, target.samples)
-        return self._colour_whole(target.kept_picture, scene, rect, geoms, shadowed)
-
     def colour(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, shadowed: bool, keep: bool = False
     ) -> NDArray[np.uint8]:
         """Draw a picture of geoms.
 
@@ -281,23 +273,27 @@ class Passes:
         geoms : iterable of Geom
         shadowed : bool
             Whether the shadow map keeps the sun from pixels.
+        keep : bool
+            Whether the picture is kept for `colour_over`.
 
         Returns
         -------
         ndarray of uint8, shape (h, w, 3)
         """
-        return self._colour_whole(self.target.picture, scene, rect, geoms, shadowed)
+        name, whole = "kept_picture" if keep else "picture", (0, 0, rect.width, rect.height)
+        self._colour(name, scene, rect, [(whole, geoms, True)], shadowed)
+        return self._read(name, whole)
 
     def colour_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
         redrawn: Sequence[tuple[Window, Sequence[Geom]]], *, shadowed: bool,
     ) -> Iterator[tuple[Window, NDArray[np.uint8]]]:  # fmt: skip
-        """Draw moving geoms over the picture that `keep_colour` kept.
+        """Draw moving geoms over the picture that `colour` kept.
 
         Parameters
         ----------
         scene, rect, shadowed
-            As for `keep_colour`.
+            As for `colour`.
         moving : sequence of Geom
         windows : sequence of Window
             Of the picture, which hold all that is drawn.
@@ -308,27 +304,20 @@ class Passes:
         ------
         tuple of Window and ndarray of uint8, shape (h, w, 3)
         """
-        self._copy(self.target.kept_picture, self.target.picture, windows)
+        self._copy("picture", windows)
         whole = (0, 0, rect.width, rect.height)
         steps = [(window, geoms, True) for window, geoms in redrawn] + [(whole, moving, False)]
-        self._colour(self.target.picture, scene, rect, steps, shadowed)
+        self._colour("picture", scene, rect, steps, shadowed)
         for window in windows:
-            yield window, self._read(self.target.picture, window)
-
-    def _colour_whole(
-        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], shadowed: bool
-    ) -> NDArray[np.uint8]:
-        whole = (0, 0, rect.width, rect.height)
-        self._colour(framebuffer, scene, rect, [(whole, geoms, True)], shadowed)
-        return self._read(framebuffer, whole)
+            yield window, self._read("picture", window)
 
     def _colour(
-        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect,
+        self, name: str, scene: mujoco.MjvScene, rect: mujoco.MjrRect,
         steps: Iterable[tuple[Window, Iterable[Geom], bool]], shadowed: bool,
     ) -> None:  # fmt: skip
         """Draw geoms into windows, one after another, each of which is cleared before or not."""
         self._set_up(scene, rect, segment=False)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glDisable(GL.GL_COLOR_MATERIAL)
         GL.glDisable(GL.GL_LIGHTING)
         GL.glUseProgram(self._program)
@@ -354,13 +343,13 @@ class Passes:
                     self._draw(geom, self._display_list(geom.number))
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
-    def _read(self, framebuffer: int, window: Window) -> NDArray[np.uint8]:
+    def _read(self, name: str, window: Window) -> NDArray[np.uint8]:
         """Read the mean of each pixel's samples."""
         x0, y0, x1, y1 = window
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, framebuffer)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self.target.resolved)
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self.target[name])
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self.target["resolved"])
         GL.glBlitFramebuffer(*window, *window, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target.resolved)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target["resolved"])
         rgb = np.empty((y1 - y0, x1 - x0, 3), np.uint8)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x0, y0, x1 - x0, y1 - y0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, array=rgb)
@@ -368,9 +357,9 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Draw the ids and depth of geoms; see `colour`.
+        """Draw the ids and depth of geoms, and keep them for `identify_over` or not; see `colour`.
 
         Returns
         -------
@@ -379,40 +368,27 @@ class Passes:
         depth : ndarray of float32, shape (h, w)
             What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
-        return self._identify_whole(self.target.ids, scene, rect, geoms)
-
-    def keep_ids(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Draw ids and depth of geoms that stand still, and keep them for `identify_over`; see `identify`."""
-        target = self.target
-        if target.kept_ids is None:
-            target.kept_ids = _framebuffer(target.size, GL.GL_R8)
-        return self._identify_whole(target.kept_ids, scene, rect, geoms)
+        name = "kept_ids" if keep else "ids"
+        self._identify(name, scene, rect, geoms, clear=True)
+        return self._read_ids(name, (0, 0, rect.width, rect.height))
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
     ) -> Iterator[tuple[Window, NDArray[np.uint8], NDArray[np.float32]]]:
-        """Draw moving geoms over the ids and depth that `keep_ids` kept; see `colour_over`.
+        """Draw moving geoms over the ids and depth that `identify` kept; see `colour_over`.
 
         The model lists what stands still first, so each pixel is what it is when all are drawn at once.
         """
-        self._copy(self.target.kept_ids, self.target.ids, windows)
-        self._identify(self.target.ids, scene, rect, moving, clear=False)
+        self._copy("ids", windows)
+        self._identify("ids", scene, rect, moving, clear=False)
         for window in windows:
-            yield window, *self._read_ids(self.target.ids, window)
-
-    def _identify_whole(
-        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom]
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        self._identify(framebuffer, scene, rect, geoms, clear=True)
-        return self._read_ids(framebuffer, (0, 0, rect.width, rect.height))
+            yield window, *self._read_ids("ids", window)
 
     def _identify(
-        self, framebuffer: int, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
+        self, name: str, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
     ) -> None:
         self._set_up(scene, rect, segment=True)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         with _scissors((0, 0, rect.width, rect.height)):
             if clear:
                 GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
@@ -420,10 +396,10 @@ class Passes:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
 
-    def _read_ids(self, framebuffer: int, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _read_ids(self, name: str, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
         ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
         GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
@@ -431,10 +407,10 @@ class Passes:
         ids -= 1  # 0, which is nothing, becomes 255
         return ids, depth
 
-    def _copy(self, source: int | None, target: int, windows: Iterable[Window]) -> None:
-        """Copy colours and depth in windows from one framebuffer to another."""
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, source)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, target)
+    def _copy(self, name: str, windows: Iterable[Window]) -> None:
+        """Copy colours and depth of what is kept in windows."""
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self.target[f"kept_{name}"])
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self.target[name])
         both = GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT
         for window in windows:
             GL.glBlitFramebuffer(*window, *window, both, GL.GL_NEAREST)
@@ -590,15 +566,6 @@ def _free(framebuffer: int) -> None:
         attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
         GL.glDeleteRenderbuffers(1, [attached])
     GL.glDeleteFramebuffers(1, [framebuffer])
-
-
-@contextmanager
-def _attributes() -> Iterator[None]:
-    GL.glPushAttrib(GL.GL_ALL_ATTRIB_BITS)
-    try:
-        yield
-    finally:
-        GL.glPopAttrib()
 
 
 def _load(mode: Any, matrix: Array) -> None:

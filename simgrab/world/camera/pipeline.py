@@ -132,7 +132,7 @@ class Camera:
         place = scenario.place
         rendered = RenderPass(
             light, view.depth, view.ids, k, rotation,
-            centre_m=(float(offset[0]), float(offset[1]), float(offset[2])),
+            centre_m=_vector(offset),
             height_m=scenario.jib.head_height_m + float(offset[2]),
             shutter_s=scenario.shutter.exposure_s,
             grab_m=_vector(moment.grab.jib_from_grab.translation),

@@ -22,7 +22,7 @@ from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Lens, PictureMap, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, NOTHING, ROPE, World
-from simgrab.world.scenery.places.photo import MATERIAL
+from simgrab.world.scenery.places.plain import PHOTOGRAPH
 from simgrab.world.trajectory.moment import Moment, Tilt
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ class Renderer:
             self._boxes = geoms.boxes(model)
             self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
-            screen = MATERIAL if self._background else ""
+            screen = PHOTOGRAPH if self._background else ""
             self._passes = Passes(model, world.textures, self._buffer, self._aim.size, screen)
             self._aim.target, self._aims = self._passes.target, [self._aim]
             self.fingerprint = gl.fingerprint()
@@ -360,7 +360,7 @@ class Renderer:
         if self._aim.still is None:
             stand = [geom for geom in self._geoms if geom.stands]
             rect = self.aim(self._aim.drawn, self._scene)
-            ids, buffer = self._passes.keep_ids(self._scene, rect, stand)
+            ids, buffer = self._passes.identify(self._scene, rect, stand, keep=True)
             self._aim.still = ids, _metres(buffer)
         return self._aim.still
 
@@ -375,10 +375,11 @@ class Renderer:
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
                 if not self._shade_kept:  # it is the same for every camera
-                    passes.keep_shade(scene, stand)
+                    passes.shade(scene, stand, keep=True)
                     self._shade_kept = True
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
-            rgb = passes.keep_colour(scene, self.aim(self._aim.drawn, scene), stand, shadowed=self._aim.shadowed)
+            rect = self.aim(self._aim.drawn, scene)
+            rgb = passes.colour(scene, rect, stand, shadowed=self._aim.shadowed, keep=True)
             self._aim.backdrop = rgb, cells
         return self._aim.backdrop
 
@@ -468,16 +469,12 @@ class Renderer:
             for x in range(x0, x1, self._aim.size[0]):
                 tile = (x, y, min(x + self._aim.size[0], x1), min(y + self._aim.size[1], y1))
                 at = np.s_[y - y0 : tile[3] - y0, x - x0 : tile[2] - x0]
-                ids[at], depth[at] = self._draw_ids(tile, finer)
+                rect, (left, top, right, bottom) = self.aim(tile, self._scene, finer), (v / finer for v in tile)
+                near, _, _, low = self._aim.drawn
+                some = self._geoms_in((left - near, low - bottom, right - near, low - top))
+                own, buffer = self._passes.identify(self._scene, rect, some)
+                ids[at], depth[at] = own[::-1], _metres(buffer)[::-1]
         return ids, depth
-
-    def _draw_ids(self, window: Window, finer: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        rect = self.aim(window, self._scene, finer)
-        x0, y0, x1, y1 = (v / finer for v in window)
-        left, _, _, bottom = self._aim.drawn
-        some = self._geoms_in((x0 - left, bottom - y1, x1 - left, bottom - y0))
-        ids, buffer = self._passes.identify(self._scene, rect, some)
-        return ids[::-1], _metres(buffer)[::-1]
 
 
 def _bent(lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32]) -> View:

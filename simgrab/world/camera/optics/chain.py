@@ -10,13 +10,15 @@ import numpy as np
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Optics
+from simgrab.model.scenario.optics import Sharpening
 from simgrab.world.camera.optics.exposure import Exposure
 from simgrab.world.camera.optics.focus import defocus
 from simgrab.world.camera.optics.lens import chromatic, vignetting
 from simgrab.world.camera.optics.light import Light, Picture, luminance, to_display
-from simgrab.world.camera.optics.processing import balanced, sharpened
 from simgrab.world.camera.optics.sensor import noisy, pattern
 from simgrab.world.camera.row_blocks import each_block
+
+NEUTRAL = (1.0, 1.0, 1.0)
 
 
 def expose(
@@ -52,7 +54,9 @@ def expose(
         level = cv2.multiply(seen, response[rows], scale=exposure.gain)
         rng = stream(seed, frame, f"optics.noise.{rows.start}")
         level = noisy(level, optics.sensor, exposure.gain, rng)
-        taken = to_display(level if exposure.grey else balanced(level, optics.white_balance))
+        if not exposure.grey and optics.white_balance != NEUTRAL:
+            level = level * np.array(optics.white_balance, np.float32)
+        taken = to_display(level)
         picture[rows] = cv2.cvtColor(taken, cv2.COLOR_GRAY2RGB) if exposure.grey else taken
 
     each_block(len(light), take)
@@ -69,3 +73,33 @@ def _response(intrinsics: Intrinsics, axes: int, stops: float, fixed_pattern_per
         result = result * (1 + np.float32(fixed_pattern_percent / 100) * pattern(result.shape, seed))
     result.setflags(write=False)
     return result
+
+
+def sharpened(picture: Picture, by: Sharpening) -> Picture:
+    """Sharpen a picture (height, width, 3) of 8-bit values by an unsharp mask."""
+    if not by.amount:
+        return picture
+    blurred = cv2.GaussianBlur(picture, (0, 0), by.radius_px, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.addWeighted(picture, 1 + by.amount, blurred, -by.amount, 0))
+
+
+def recompress(rgb: Picture, quality: int) -> Picture:
+    """Code and decode a finished picture, display included: what a still taken out of a stream looks like.
+
+    JPEG stands in for the stream's key frames. Both quantise a block transform, so blocks, ringing and coarse chroma
+    look alike; H.264's deblocking and what it carries over from frame to frame are not here. A clip's are in its video.
+
+    Parameters
+    ----------
+    rgb : ndarray of uint8, shape (height, width, 3)
+    quality : int
+        JPEG quality 1 … 100 with chroma at half the resolution; 0 leaves the picture alone.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+    """
+    if quality == 0:
+        return rgb
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB))

@@ -21,12 +21,11 @@ from simgrab.world.camera.weather import precipitation
 from simgrab.world.camera.weather.air import haze
 from simgrab.world.camera.weather.drift import TINT as DRIFT_TINT
 from simgrab.world.camera.weather.drift import drift
-from simgrab.world.camera.weather.dust import TINT, Puff, cloud, dust, puff_of_frame
+from simgrab.world.camera.weather.dust import TINT, cloud_of_frame, dust
 from simgrab.world.camera.weather.glass import DIRT, SNOW_LIGHT, glass, lying
 from simgrab.world.camera.weather.ground import Lamp, ground
 from simgrab.world.camera.weather.layer import Layer, Maker
-from simgrab.world.camera.weather.particles import Particles, scatter
-from simgrab.world.camera.weather.precipitation import Precipitation
+from simgrab.world.camera.weather.precipitation import Particles, Precipitation, scatter
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
 from simgrab.world.camera.weather.still import Seen, Still
 from simgrab.world.camera.weather.streaks import draw, expose
@@ -65,7 +64,6 @@ def apply(
     wind_m_s: Vector | None = None,
     airlight: Vector | None = None,
     lamps: Sequence[Lamp] = (),
-    puffs: Sequence[Puff] | None = None,
     cargo: Cargo = "coal",
 ) -> Weathered:
     """Put weather between a scene and the camera.
@@ -90,8 +88,6 @@ def apply(
         Estimated from the picture's mean unless given.
     lamps : sequence of Lamp
         The sun and floodlights, for glints and for the particles near them.
-    puffs : sequence of Puff, optional
-        Where dust was raised; a puff of random age from the grab's jaws unless given.
     cargo : str
         What the dust is of.
 
@@ -110,9 +106,9 @@ def apply(
         streamers = drift(rendered, surface(rendered), weather.drift_thickness, wind, time_s, seed=seed)
         sheets.append(_Sheet(streamers.block, _times(white, DRIFT_TINT)))
     if weather.dust_thickness:
-        for puff in [puff_of_frame(rendered, seed=seed, frame=frame)] if puffs is None else puffs:
-            of = cloud(puff, rendered, weather.dust_thickness, weather.dust_radius_m, wind)
-            sheets.append(_Sheet(dust(of, rendered, seed=seed), _times(white, TINT[cargo])))
+        thickness, radius = weather.dust_thickness, weather.dust_radius_m
+        cloud = cloud_of_frame(rendered, thickness, radius, wind, seed=seed, frame=frame)
+        sheets.append(_Sheet(dust(cloud, rendered, seed=seed), _times(white, TINT[cargo])))
     if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
         sheets += (_Sheet(part, white) for part in _air(weather, seen, lamps, white, wind, seed, frame))
     light, keep = rendered.light, np.ones(rendered.depth.shape, np.float32)

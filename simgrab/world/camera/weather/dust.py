@@ -12,7 +12,7 @@ from simgrab.model.rng import stream
 from simgrab.model.scenario import Cargo
 from simgrab.world.camera.row_blocks import enlarged
 from simgrab.world.camera.weather import noise
-from simgrab.world.camera.weather.layer import Layer, Maker, clear
+from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector, ray_maps
 
 SPREAD_M_S = 0.25  # growth of a cloud's standard deviation, about the turbulence near the ground
@@ -30,21 +30,6 @@ TINT: dict[Cargo, Vector] = {
     "bauxite": (0.68, 0.42, 0.28),
     "sulphur": (0.86, 0.78, 0.36),
 }
-
-
-@dataclass(frozen=True)
-class Puff:
-    """Where dust came from and how long ago.
-
-    Attributes
-    ----------
-    origin_m : tuple of 3 floats
-        Jib frame.
-    age_s : float
-    """
-
-    origin_m: Vector
-    age_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,16 +50,21 @@ class Cloud:
     thickness: float
 
 
-def puff_of_frame(rendered: RenderPass, *, seed: int, frame: int) -> Puff:
-    """Return a puff from the grab's jaws, of random age."""
+def cloud_of_frame(
+    rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array, *, seed: int, frame: int
+) -> Cloud:
+    """Return dust that the grab's jaws raised a random time ago."""
     x, y, z = rendered.grab_m
-    return Puff((x, y, z - BELOW_GRAB_M), stream(seed, frame, "weather.dust.age").uniform(0, LONGEST_S))
+    age = stream(seed, frame, "weather.dust.age").uniform(0, LONGEST_S)
+    return cloud((x, y, z - BELOW_GRAB_M), age, rendered, thickness, radius_m, wind_m_s)
 
 
-def cloud(puff: Puff, rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array) -> Cloud:
+def cloud(
+    origin_m: Vector, age_s: float, rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array
+) -> Cloud:
     """Return what has become of a puff. Its dust stays the same, so the thickness falls as the square of the radius."""
-    radius = radius_m + SPREAD_M_S * puff.age_s
-    centre = (puff.origin_m + wind_m_s * puff.age_s - rendered.centre_m) @ rendered.jib_from_camera
+    radius = radius_m + SPREAD_M_S * age_s
+    centre = (origin_m + wind_m_s * age_s - rendered.centre_m) @ rendered.jib_from_camera
     return Cloud(centre, radius, thickness * (radius_m / radius) ** 2)
 
 
@@ -94,13 +84,9 @@ def dust(of: Cloud, rendered: RenderPass, *, seed: int) -> Maker:
         thickness = column(of, rays.x[at], rays.y[at], length, rendered.depth[at] * length)
         within = slice(some.start - inside.start, some.stop - inside.start)
         thickness *= enlarged(lobes, BILLOW_STEP, within, width)
-        layer, here = (
-            clear(rendered.depth[rows].shape),
-            (slice(some.start - rows.start, some.stop - rows.start), columns),
-        )
-        layer.keep[here] = cv2.exp(-thickness)
-        layer.glow[here] = 1 - layer.keep[here]
-        return layer
+        keep = np.ones(rendered.depth[rows].shape, np.float32)
+        keep[some.start - rows.start : some.stop - rows.start, columns] = cv2.exp(-thickness)
+        return Layer(keep, 1 - keep)
 
     return block
 

@@ -15,7 +15,7 @@ from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
 from simgrab.world.camera.weather.still import At, Seen
-from simgrab.world.camera.weather.surface import STEP, Surface, coarse_rays, surface
+from simgrab.world.camera.weather.surface import STEP, Surface, surface
 from simgrab.world.scenery.model import PLACE, ROPE
 
 SPAN_M = 51.2  # noise repeats after so much
@@ -63,9 +63,7 @@ def ground(weather: Weather, seen: Seen, lamps: Sequence[Lamp], white: float, *,
     if weather.wetness:
         puddles = noise.tile(seed, 0, "weather.puddles", 1.45)
         wet = partial(_wet, puddles, weather.wetness, lamps, white)
-        layer = Layer(
-            *seen.fields("wet", wet, STEP, keep=not lamps)
-        )  # each frame has a sky of its own beside the lamps
+        layer = Layer(*seen.fields("wet", wet, STEP, keep=not lamps))  # beside lamps, each frame has its own sky
     if weather.snow_cover:
         patches = noise.tile(seed, 0, "weather.snow.cover", 1.5)
         cover, pattern = seen.fields("snow", partial(_snow, patches, weather.snow_cover), STEP)
@@ -84,8 +82,8 @@ def _wet(
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
     damp = np.float32(1 - (1 - WET_ALBEDO) * min(1.0, 2 * wetness))
     keep = np.where(on.solid, damp + (PUDDLE_ALBEDO - damp) * puddle, np.float32(1))
-    camera_z, ground_z = rendered.centre_m[2], rendered.centre_m[2] - rendered.height_m
-    camera = _towards((*rendered.centre_m[:2], camera_z), on, ground_z)
+    ground_z = rendered.centre_m[2] - rendered.height_m
+    camera = _towards(rendered.centre_m, on, ground_z)
     steep = camera[2]  # cosine of the angle of incidence
     mirror = (FRESNEL + (1 - FRESNEL) * cv2.pow(1 - steep, 5)) * on.solid * np.float32(min(1.0, 2 * wetness))
     glow = mirror * (np.float32(0.5) + np.float32(0.5) * puddle)  # the film does not cover every grain
@@ -132,50 +130,35 @@ def _snow(patches: Picture, cover: float, rendered: RenderPass, at: At) -> tuple
 
 
 def _lit(rendered: RenderPass, snow: Picture, pattern: Picture, white: float) -> Layer:
-    """Light snow as the scene is lit."""
-    light, layer = _SnowLight(rendered, white), Layer(np.empty_like(snow), np.empty_like(snow))
+    """Light snow as the scene is lit; its grain follows a pattern.
+
+    It is as bright as white where the picture is of mean brightness; light and shade of the scene show on it, the large
+    ones more than the small.
+    """
+    (height, width), grey = snow.shape, np.empty_like(snow)
+
+    def look(rows: slice) -> None:
+        light = rendered.light[rows.start * STEP : rows.stop * STEP : STEP]
+        grey[rows] = cv2.cvtColor(light, cv2.COLOR_RGB2GRAY)[:, ::STEP]
+
+    each_block(height, look)
+    size = max(1, width // 32), max(1, height // 32)
+    small = cv2.GaussianBlur(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
+    mean, floor = np.float32(max(float(small.mean()), 1e-6)), np.float32(0.02 * white)
+    bright = cv2.pow(np.clip(small / mean, np.float32(0.05), np.float32(4)), 0.35)
+    large, wide = (cv2.resize(m, (width, height)) for m in (small, bright))
+    layer = Layer(np.empty_like(snow), np.empty_like(snow))
 
     def shine(rows: slice) -> None:
-        np.subtract(1, snow[rows], out=layer.keep[rows])
-        np.multiply(snow[rows], light.of(rows, pattern[rows]), out=layer.glow[rows])
-
-    each_block(len(snow), shine)
-    return layer
-
-
-class _SnowLight:
-    """How bright snow is, in units of white.
-
-    As bright as white is where the picture is of mean brightness; light and shade of the scene show on it, the large
-    ones more than the small.
-
-    Parameters
-    ----------
-    rendered : RenderPass
-    white : float
-    """
-
-    def __init__(self, rendered: RenderPass, white: float) -> None:
-        height, width = coarse_rays(rendered.intrinsics).x.shape
-        self._grey = np.empty((height, width), np.float32)
-        each_block(height, partial(self._look, rendered))
-        size = max(1, width // 32), max(1, height // 32)
-        large = cv2.GaussianBlur(cv2.resize(self._grey, size, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
-        mean = np.float32(max(float(large.mean()), 1e-6))
-        wide = cv2.pow(np.clip(large / mean, np.float32(0.05), np.float32(4)), 0.35)
-        self._large, self._wide = (cv2.resize(m, (width, height)) for m in (large, wide))
-        self._floor = np.float32(0.02 * white)
-
-    def _look(self, rendered: RenderPass, rows: slice) -> None:
-        light = rendered.light[rows.start * STEP : rows.stop * STEP : STEP]
-        self._grey[rows] = cv2.cvtColor(light, cv2.COLOR_RGB2GRAY)[:, ::STEP]
-
-    def of(self, rows: slice, pattern: Picture) -> Picture:
-        """Radiance in some rows, given the noise that the snow's grain follows."""
-        contrast = (self._grey[rows] + self._floor) / (self._large[rows] + self._floor)
+        contrast = (grey[rows] + floor) / (large[rows] + floor)
         fine = cv2.pow(np.clip(contrast, np.float32(0.1), np.float32(2)), 0.12)
-        grain = np.float32(0.94) + np.float32(0.12) * pattern
-        return np.minimum(np.float32(SNOW_ALBEDO) * self._wide[rows] * fine * grain, np.float32(1.05))
+        grain = np.float32(0.94) + np.float32(0.12) * pattern[rows]
+        light = np.minimum(np.float32(SNOW_ALBEDO) * wide[rows] * fine * grain, np.float32(1.05))
+        np.subtract(1, snow[rows], out=layer.keep[rows])
+        np.multiply(snow[rows], light, out=layer.glow[rows])
+
+    each_block(height, shine)
+    return layer
 
 
 def _enlarged(layer: Layer, rendered: RenderPass) -> Maker:

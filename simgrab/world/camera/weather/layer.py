@@ -49,8 +49,3 @@ Maker = Callable[[slice], Layer | None]  # makes a block of a layer; None where 
 def matte(keep: Picture, brightness: float = 1.0) -> Layer:
     """Return a layer that is as bright as the colour, times ``brightness``, wherever it hides what lies behind."""
     return Layer(keep, cv2.addWeighted(keep, -brightness, keep, 0.0, brightness))
-
-
-def clear(shape: tuple[int, int]) -> Layer:
-    """Return a layer that changes nothing."""
-    return Layer(np.ones(shape, np.float32), np.zeros(shape, np.float32))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,14 +55,6 @@ class RenderPass:
     jib_from_place: Pose | None = None
     water_m: float | None = None
 
-    def __post_init__(self) -> None:
-        shape = (self.intrinsics.height_px, self.intrinsics.width_px)
-        if self.light.shape != (*shape, 3) or self.depth.shape != shape or self.ids.shape != shape:
-            raise ValueError(
-                f"light, depth and ids must be of the camera's {shape}, "
-                f"got {self.light.shape}, {self.depth.shape} and {self.ids.shape}"
-            )
-
 
 @dataclass(frozen=True, eq=False)
 class RayMaps:
@@ -89,8 +80,3 @@ def ray_maps(intrinsics: Intrinsics) -> RayMaps:
         x, y, z = rays.T
         maps[0][row], maps[1][row], maps[2][row] = x / z, y / z, 1 / z
     return RayMaps(*maps)
-
-
-def distance(rendered: RenderPass) -> Picture:
-    """Return the true distance of what each pixel shows, m, shape (height, width)."""
-    return cv2.multiply(rendered.depth, ray_maps(rendered.intrinsics).length)

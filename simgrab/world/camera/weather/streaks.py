@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from simgrab.model.geometry import Array, Intrinsics
 from simgrab.world.camera.row_blocks import each_block, enlarged, threaded_map
 from simgrab.world.camera.weather.layer import Layer, Maker, matte
-from simgrab.world.camera.weather.particles import Particles
+from simgrab.world.camera.weather.precipitation import Particles
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 
 APERTURE_M = 0.003  # 4.8 mm at F/1.6

@@ -7,8 +7,7 @@ import numpy as np
 from simgrab.model.scenario import Hold, Photo, Place, Plain, Quay, RandomPlace
 from simgrab.world.scenery.meshes.part import Part
 from simgrab.world.scenery.places.hold import hold
-from simgrab.world.scenery.places.photo import photo
-from simgrab.world.scenery.places.plain import plain
+from simgrab.world.scenery.places.plain import photo, plain
 from simgrab.world.scenery.places.quay import quay
 from simgrab.world.scenery.places.water import water
 

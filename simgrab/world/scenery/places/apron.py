@@ -12,8 +12,9 @@ import numpy as np
 import trimesh
 
 from simgrab.world.scenery.meshes.part import Material, Paint, Part
-from simgrab.world.scenery.places import materials, shapes
-from simgrab.world.scenery.places.canvas import Canvas, Picture, cloud, noise
+from simgrab.world.scenery.places import materials
+from simgrab.world.scenery.places.canvas import Canvas, Picture, noise, shrunk, toned
+from simgrab.world.scenery.places.shapes import bar, box, join, ladder, loft, outline, placed, profile, sheet
 from simgrab.world.scenery.textures import load
 
 SIZE = 48.0  # side of the painted square, metres
@@ -57,9 +58,8 @@ def slabs(pixels: int, rng: np.random.Generator) -> Paint:
     uneven = noise(rng, cells=6)
 
     def paint() -> Picture:
-        small = np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
         side = pixels // n
-        wrapped = np.tile(small, (2, 2, 1))
+        wrapped = np.tile(shrunk(tile, scale), (2, 2, 1))
         picture = np.empty((pixels, pixels, 3), np.uint8)
         for number, (at, turns, tone, warmth) in enumerate(cuts):
             y, x = at % (wrapped.shape[0] - side)
@@ -69,8 +69,7 @@ def slabs(pixels: int, rng: np.random.Generator) -> Paint:
             window = np.s_[row * side : (row + 1) * side, column * side : (column + 1) * side]
             lut = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
             picture[window] = cv2.LUT(np.ascontiguousarray(piece), lut[None])
-        broad = cv2.resize((225 + 60 * (cloud((256, 256), uneven) - 0.5)).astype(np.uint8), (pixels, pixels))
-        return np.asarray(cv2.multiply(picture, cv2.merge([broad] * 3), scale=1 / 230), np.uint8)
+        return toned(picture, uneven, 225, 60, 230)
 
     return paint
 
@@ -88,17 +87,11 @@ def joints(canvas: Canvas, rng: np.random.Generator) -> None:
     for column in np.arange(-half, half, SLAB):
         for row in np.arange(-half, half, SLAB):
             if rng.random() < 0.35:
-                canvas.stripe(
-                    (column + SLAB / 2, row),
-                    (column + SLAB / 2, row + SLAB),
-                    0.02,
-                    (80, 78, 73),
-                    opacity=0.7,
-                    wear=0.35,
-                )
+                cut = column + SLAB / 2
+                canvas.stripe((cut, row), (cut, row + SLAB), 0.02, (80, 78, 73), opacity=0.7, wear=0.35)
             if rng.random() < 0.10:  # a patched corner
                 w, d = rng.uniform(0.6, 2.2, 2)
-                patch = np.array([(0, 0), (w, 0), (w, d), (0, d)]) + (column, row)
+                patch = np.array(outline(0, 0, w, d)) + (column, row)
                 grey = int(rng.integers(84, 150))
                 canvas.paint(patch, (grey, grey, grey - 4), opacity=0.55, wear=0.15)
 
@@ -114,7 +107,7 @@ def apron(edge_y: float, *, pixels: int, wear: float, rng: np.random.Generator) 
         for side in (-0.45, 0.45):
             canvas.stripe((-half, rail + side), (half, rail + side), 0.03, (66, 63, 58), opacity=0.8, wear=0.3)
         canvas.stripe((-half, rail), (half, rail), 2.6 * GROOVE, (58, 51, 45), opacity=0.75, wear=0.12)
-        canvas.grime([(-half, rail - 0.3), (half, rail - 0.3), (half, rail + 0.3), (-half, rail + 0.3)], 0.35, blur=0.2)
+        canvas.grime(outline(-half, rail - 0.3, half, rail + 0.3), 0.35, blur=0.2)
     worn = 0.30 + 0.45 * wear
     canvas.stripe((-half, edge_y + 1.35), (half, edge_y + 1.35), 0.15, YELLOW, wear=worn)
     for line in (rails[1] - 1.5, rails[1] + 2.6):
@@ -152,7 +145,7 @@ def ground(apron: Apron, near: Material) -> list[Part]:
                     z += [0.0, -0.07, -0.07, 0.0]
             y.append(y1)
             z.append(0.0)
-            mesh = shapes.sheet([x0, x1], y, np.broadcast_to(z, (2, len(y))), bottom=-2.0)
+            mesh = sheet([x0, x1], y, np.broadcast_to(z, (2, len(y))), bottom=-2.0)
             uv = apron.canvas.uv(mesh.vertices)
             parts.append(Part(f"apron {i}{j}", mesh, material, uv))
     return parts
@@ -173,59 +166,48 @@ def edge(apron: Apron, water_z: float, first: float) -> list[Part]:
     concrete = Material("wall concrete", rgba=(0.86, 0.85, 0.82, 1), texture=load("concrete"), tile_m=7.0, specular=0.0)
     rail, head = [], []
     for r in apron.rails_y:
-        rail.append(shapes.box((-FAR, r - 0.06, -0.09), (FAR, r + 0.06, -0.006)))
-        rail.append(shapes.box((-FAR, r - 0.13, -0.10), (FAR, r + 0.13, -0.062)))
-        head.append(shapes.box((-FAR, r - 0.032, -0.03), (FAR, r + 0.032, 0.002)))
-    kerbs = [
-        shapes.profile(
-            [(0, -0.1), (0.34, -0.1), (0.34, 0.22), (0.28, 0.28), (0.06, 0.28), (0, 0.22)],
-            (x + 0.2, y, 0),
-            (x + 7.8, y, 0),
-        )
-        for x in first + 8.0 * np.arange(-15, 15)
-    ]
-    coping = shapes.box((-FAR, y - 0.06, -1.2), (FAR, y + 0.10, -0.004))
-    wall = shapes.box((-FAR, y - 0.001, water_z - 3), (FAR, y + 1.5, -1.1))
+        rail.append(box((-FAR, r - 0.06, -0.09), (FAR, r + 0.06, -0.006)))
+        rail.append(box((-FAR, r - 0.13, -0.10), (FAR, r + 0.13, -0.062)))
+        head.append(box((-FAR, r - 0.032, -0.03), (FAR, r + 0.032, 0.002)))
+    kerb = [(0, -0.1), (0.34, -0.1), (0.34, 0.22), (0.28, 0.28), (0.06, 0.28), (0, 0.22)]
+    kerbs = [profile(kerb, (x + 0.2, y, 0), (x + 7.8, y, 0)) for x in first + 8.0 * np.arange(-15, 15)]
+    coping = box((-FAR, y - 0.06, -1.2), (FAR, y + 0.10, -0.004))
+    wall = box((-FAR, y - 0.001, water_z - 3), (FAR, y + 1.5, -1.1))
     parts = [
-        Part("crane rails", shapes.join(rail), materials.rusty("rail rust")),
-        Part("rail heads", shapes.join(head), materials.plain("rail head", (0.52, 0.51, 0.50), specular=0.5)),
-        Part(
-            "kerb",
-            shapes.join(kerbs),
-            materials.painted("kerb paint", (0.45, 0.40, 0.23), texture="concrete", tile_m=4.0),
-        ),
-        Part("quay wall", shapes.join([coping, wall]), concrete),
+        Part("crane rails", join(rail), materials.rusty("rail rust")),
+        Part("rail heads", join(head), materials.plain("rail head", (0.52, 0.51, 0.50), specular=0.5)),
+        Part("kerb", join(kerbs), materials.painted("kerb paint", (0.45, 0.40, 0.23), texture="concrete", tile_m=4.0)),
+        Part("quay wall", join([coping, wall]), concrete),
     ]
     tyres, panels, posts, rungs = [], [], [], []
     for x in first + 8.0 * np.arange(-9, 10):
-        panels.append(shapes.box((x - 0.7, y - 0.75, water_z + 0.2), (x + 0.7, y - 0.5, -0.35)))
-        tyres += [shapes.bar((x, y - 0.52, z), (x, y + 0.02, z), 0.42, sides=14) for z in (water_z + 0.9, -0.95)]
+        panels.append(box((x - 0.7, y - 0.75, water_z + 0.2), (x + 0.7, y - 0.5, -0.35)))
+        tyres += [bar((x, y - 0.52, z), (x, y + 0.02, z), 0.42, sides=14) for z in (water_z + 0.9, -0.95)]
         if round((x - first) / 8) % 2 == 0:
-            posts.append(shapes.placed(bollard(), x + 4, y + 1.0))
+            posts.append(placed(bollard(), x + 4, y + 1.0))
         if round((x - first) / 8) % 5 == 1:
-            rungs.append(shapes.ladder((x + 3, y - 0.16, water_z - 1), (x + 3, y - 0.16, -0.02)))
+            rungs.append(ladder((x + 3, y - 0.16, water_z - 1), (x + 3, y - 0.16, -0.02)))
             rungs += [
-                shapes.bar((x + 3 + s, y - 0.16, -0.4), (x + 3 + s, y + 0.02, -0.4), 0.02, sides=5)
-                for s in (-0.22, 0.22)
+                bar((x + 3 + s, y - 0.16, -0.4), (x + 3 + s, y + 0.02, -0.4), 0.02, sides=5) for s in (-0.22, 0.22)
             ]
     return [
         *parts,
-        Part("fender rubber", shapes.join(tyres), materials.rubber()),
-        Part("fender panels", shapes.join(panels), materials.plain("fender panel", (0.13, 0.14, 0.15))),
-        Part("bollards", shapes.join(posts), materials.painted("bollard paint", (0.36, 0.30, 0.16), tile_m=2.0)),
-        Part("quay ladders", shapes.join(rungs), materials.yellow_paint()),
+        Part("fender rubber", join(tyres), materials.RUBBER),
+        Part("fender panels", join(panels), materials.plain("fender panel", (0.13, 0.14, 0.15))),
+        Part("bollards", join(posts), materials.painted("bollard paint", (0.36, 0.30, 0.16), tile_m=2.0)),
+        Part("quay ladders", join(rungs), materials.SAFETY_YELLOW),
     ]
 
 
 def bollard() -> trimesh.Trimesh:
     """Return a T-head mooring bollard on its base plate, 0.65 m high, foot at the origin."""
-    base = shapes.bar((0, 0, -0.05), (0, 0, 0.05), 0.42, sides=16)
+    base = bar((0, 0, -0.05), (0, 0, 0.05), 0.42, sides=16)
     ring = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     rings = [
         np.stack([rx * np.cos(ring) + lean, ry * np.sin(ring), np.full(16, z)], 1)
         for z, rx, ry, lean in (
             (0.0, 0.30, 0.30, 0), (0.08, 0.22, 0.22, 0), (0.36, 0.20, 0.20, 0), (0.46, 0.30, 0.42, -0.04),
-            (0.56, 0.34, 0.50, -0.06), (0.63, 0.26, 0.42, -0.06), (0.65, 0.10, 0.24, -0.06),
+            (0.56, 0.34, 0.50, -0.06), (0.63, 0.26, 0.42, -0.06), (0.65, 0.10, 0.24, -0.06)
         )
     ]  # fmt: skip
-    return shapes.join([base, shapes.loft(rings)])
+    return join([base, loft(rings)])

@@ -40,6 +40,24 @@ def cloud(shape: tuple[int, int], drawn: Sequence[Plane]) -> Plane:
     return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32)
 
 
+def tiled(tile: NDArray[Any], pixels: int) -> NDArray[Any]:
+    """Repeat a tile over a square of ``pixels`` a side."""
+    repeat = -(-pixels // len(tile))
+    return np.ascontiguousarray(np.tile(tile, (repeat, repeat, 1))[:pixels, :pixels])
+
+
+def shrunk(tile: Picture, scale: float) -> Picture:
+    """Scale a picture down evenly."""
+    return np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def toned(picture: Picture, drawn: Sequence[Plane], level: int, span: int, norm: int, cells: int = 256) -> Picture:
+    """Multiply a square picture by smooth noise: level ± span/2 over norm, of what `noise` has drawn."""
+    tone = (level + span * (cloud((cells, cells), drawn) - 0.5)).astype(np.uint8)
+    tone = np.asarray(cv2.resize(tone, picture.shape[:2]))
+    return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / norm), np.uint8)
+
+
 _Method = TypeVar("_Method", bound=Callable[..., None])
 _Scattered = tuple[tuple[int, int, int, int], list[Plane], Picture]
 """The window of pixels that holds cargo, its unevenness and its grit."""

@@ -10,9 +10,10 @@ import trimesh
 
 from simgrab.model.scenario import Hold
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.places import apron, materials, sea, shapes, ship
-from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane
+from simgrab.world.scenery.places import apron, materials, sea, ship
+from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane, shrunk, tiled
 from simgrab.world.scenery.places.heap import CARGOES, Cargo, Field, cones, dug, roughened, warped
+from simgrab.world.scenery.places.shapes import across, bar, box, join, ladder, outline, pose, prism, profile, sheet
 from simgrab.world.scenery.textures import load
 
 LENGTH, BREADTH = 26.0, 31.6  # of the hold, metres
@@ -37,7 +38,7 @@ def hold(place: Hold, *, head_height: float, rng: np.random.Generator) -> list[P
     ]
     aside = float(rng.uniform(-1.2, 1.2))
     along = float(rng.uniform(-1.5, 1.5))
-    placed = [p.moved(shapes.pose(along, aside, deck_z)) for p in parts]
+    placed = [p.moved(pose(along, aside, deck_z)) for p in parts]
     # The quay lies at the ship's side at smaller y, so its frame is turned half round.
     edge_y = ship.HALF_BEAM - aside + 0.95
     quay = apron.apron(edge_y, pixels=2048, wear=place.wear, rng=rng)
@@ -45,11 +46,11 @@ def hold(place: Hold, *, head_height: float, rng: np.random.Generator) -> list[P
         *apron.ground(quay, Material("apron", texture=quay.canvas.finish(None, 1.0), specular=0.0)),
         *apron.edge(quay, water_z, float(rng.uniform(-3, 3))),
     ]
-    placed += [p.moved(shapes.pose(0, 0, 0, np.pi)) for p in shore]
+    placed += [p.moved(pose(0, 0, 0, np.pi)) for p in shore]
     bands = [(-edge_y - 0.5, aside - ship.HALF_BEAM), (aside + ship.HALF_BEAM, sea.FAR)]
     placed += sea.sea(water_z, 0.25, bands, (aside + ship.HALF_BEAM,), rng=rng)
     yaw = float(rng.normal(0, np.radians(4)))
-    return [p.moved(shapes.pose(0, 0, -head_height, yaw)) for p in placed]
+    return [p.moved(pose(0, 0, -head_height, yaw)) for p in placed]
 
 
 def _shaded(texture: str, tint: tuple[float, float, float], blotch: Plane, *, soiled: float, cargo: Cargo) -> Picture:
@@ -79,8 +80,8 @@ def _walls(depth: float, place: Hold, rng: np.random.Generator) -> list[Part]:
         bulkheads.append(_corrugated(s * half_l, floor + STOOL[1] - 0.02, -0.05))
         out, foot, head = half_l + 0.6, half_l - STOOL[0], half_l - 0.35
         stool = [(out, floor - 0.05), (foot, floor - 0.05), (head, floor + STOOL[1]), (out, floor + STOOL[1])]
-        bulkheads.append(shapes.across([(s * x, z) for x, z in stool], -half_b, half_b))
-        sides.append(shapes.box((-half_l, s * half_b, floor), (half_l, s * (half_b + 0.1), -0.06)))
+        bulkheads.append(across([(s * x, z) for x, z in stool], -half_b, half_b))
+        sides.append(box((-half_l, s * half_b, floor), (half_l, s * (half_b + 0.1), -0.06)))
         foot, shell, knuckle = half_b - SLOPE[0], half_b + 0.05, floor + SLOPE[1]
         lower = [(shell, floor), (foot, floor - 0.04), (foot, floor + 0.02), (half_b - 0.02, knuckle), (shell, knuckle)]
         sides.append(_along([(s * y, z) for y, z in lower], half_l - 0.3))
@@ -88,32 +89,27 @@ def _walls(depth: float, place: Hold, rng: np.random.Generator) -> list[Part]:
         upper = [(half_b + 0.05, -5.4), (half_b + 0.05, -5.5), (inner, -1.25), (inner, -1.1)]
         sides.append(_along([(s * y, z) for y, z in upper], half_l))
         for x in np.arange(-half_l + 0.8, half_l - 0.5, 0.85):
-            frames.append(
-                shapes.box((x - 0.012, s * half_b, floor + SLOPE[1] - 0.3), (x + 0.012, s * (half_b - 0.38), -5.2))
-            )
-            frames.append(
-                shapes.box(
-                    (x - 0.08, s * (half_b - 0.36), floor + SLOPE[1] - 0.2), (x + 0.08, s * (half_b - 0.38), -5.25)
-                )
-            )
+            web, flange = s * (half_b - 0.38), s * (half_b - 0.36)
+            frames.append(box((x - 0.012, s * half_b, knuckle - 0.3), (x + 0.012, web, -5.2)))
+            frames.append(box((x - 0.08, flange, knuckle - 0.2), (x + 0.08, web, -5.25)))
     rungs = []
     for s, y in ((-1, 3.2), (1, -4.1)):
         at = s * (half_l - 0.75)
-        rungs.append(shapes.ladder((at, y, floor + 1.2), (at, y, -0.6), side=(0, 1, 0)))
+        rungs.append(ladder((at, y, floor + 1.2), (at, y, -0.6), side=(0, 1, 0)))
         for z in np.arange(floor + 3.5, -0.8, 2.4):
-            rungs += [shapes.bar((at, y + d, z), (s * (half_l + 0.2), y + d, z), 0.02, sides=5) for d in (-0.22, 0.22)]
-        rungs.append(shapes.box((at - 0.05, y + 0.3, floor + 7.0), (s * (half_l + 0.3), y + 1.4, floor + 7.06)))
+            rungs += [bar((at, y + d, z), (s * (half_l + 0.2), y + d, z), 0.02, sides=5) for d in (-0.22, 0.22)]
+        rungs.append(box((at - 0.05, y + 0.3, floor + 7.0), (s * (half_l + 0.3), y + 1.4, floor + 7.06)))
     return [
-        _hung("bulkheads", shapes.join(bulkheads), plate, floor, 1),
-        _hung("hold sides", shapes.join(sides), plate, floor, 0),
-        _hung("side frames", shapes.join(frames), plate, floor, 0),
-        Part("hold ladders", shapes.join(rungs), materials.rusty("ladder rust")),
+        _hung("bulkheads", join(bulkheads), plate, floor, 1),
+        _hung("hold sides", join(sides), plate, floor, 0),
+        _hung("side frames", join(frames), plate, floor, 0),
+        Part("hold ladders", join(rungs), materials.rusty("ladder rust")),
     ]
 
 
-def _along(outline: list[tuple[float, float]], half: float) -> trimesh.Trimesh:
+def _along(section: list[tuple[float, float]], half: float) -> trimesh.Trimesh:
     """Extrude a cross-section of (y, z) points along the ship."""
-    return shapes.profile(outline, (-half, 0, 0), (half, 0, 0))
+    return profile(section, (-half, 0, 0), (half, 0, 0))
 
 
 def _corrugated(x: float, low: float, high: float) -> trimesh.Trimesh:
@@ -124,7 +120,7 @@ def _corrugated(x: float, low: float, high: float) -> trimesh.Trimesh:
         out = deep / 2 * (1 if i % 2 else -1)
         line += [(x + out, y - 0.32 * pitch), (x + out, y + 0.32 * pitch)]
     back = [(px + 0.04, py) for px, py in reversed(line)]
-    return shapes.prism([*line, *back], low, high)
+    return prism([*line, *back], low, high)
 
 
 def _hung(name: str, mesh: trimesh.Trimesh, material: Material, floor: float, along: int) -> Part:
@@ -157,18 +153,12 @@ def heap(place: Hold, cargo: Cargo, depth: float, x: Field, y: Field, rng: np.ra
     level = place.fill * (depth - 2.2)
     gx, gy = warped(x, y, rng)
     angle = rng.uniform(0, 2 * np.pi, 22)
-    tops = np.stack(
-        [
-            LENGTH / 2 * np.clip(1.25 * np.cos(angle), -1, 1),
-            BREADTH / 2 * np.clip(1.25 * np.sin(angle), -1, 1),
-            np.minimum(level + rng.uniform(0.2, 2.6, 22), depth - 1.7),
-        ],
-        axis=1,
-    )
-    inner = np.column_stack(
-        [rng.uniform(-9, 9, 9), rng.uniform(-9, 9, 9), np.minimum(level + rng.normal(0.0, 0.7, 9), depth - 1.9)]
-    )
-    field = cones(gx, gy, np.vstack([tops, inner]), slope)
+    rim = np.array([LENGTH, BREADTH]) / 2 * np.clip(1.25 * np.stack([np.cos(angle), np.sin(angle)], 1), -1, 1)
+    rim_z = np.minimum(level + rng.uniform(0.2, 2.6, 22), depth - 1.7)
+    inner = rng.uniform(-9, 9, (2, 9)).T
+    inner_z = np.minimum(level + rng.normal(0.0, 0.7, 9), depth - 1.9)
+    tops = np.column_stack([np.vstack([rim, inner]), np.concatenate([rim_z, inner_z])])
+    field = cones(gx, gy, tops, slope)
     field = np.maximum(field, level - rng.uniform(0.8, 1.4) if level > 1.5 else -0.4)
     pits = [
         [rng.uniform(-5.5, 5.5), rng.uniform(-5, 5), max(level - rng.uniform(0.8, 3.2), -0.5), rng.uniform(1.4, 2.6)]
@@ -186,25 +176,12 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     tile = load("tanktop")
     scale = PIXELS / SIZE * 10.0 / tile.shape[0]
 
-    def base() -> Picture:
-        small = np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-        repeat = -(-PIXELS // small.shape[0])
-        return np.ascontiguousarray(np.tile(small, (repeat, repeat, 1))[:PIXELS, :PIXELS])
-
-    canvas = Canvas(base, SIZE, PIXELS, rng=rng)
+    canvas = Canvas(lambda: tiled(shrunk(tile, scale), PIXELS), SIZE, PIXELS, rng=rng)
     cover = np.clip((field + 0.30) / 0.32, 0, 1.3)[:, ::-1].T
     canvas.spill(cover, (-half_l, -half_b), (half_l, half_b))
     for s in (-1, 1):
-        canvas.grime(
-            [(-half_l, s * half_b), (half_l, s * half_b), (half_l, s * (half_b - 5)), (-half_l, s * (half_b - 5))],
-            0.5,
-            blur=2.0,
-        )
-        canvas.grime(
-            [(s * half_l, -half_b), (s * half_l, half_b), (s * (half_l - 1.6), half_b), (s * (half_l - 1.6), -half_b)],
-            0.6,
-            blur=0.9,
-        )
+        canvas.grime(outline(-half_l, s * half_b, half_l, s * (half_b - 5)), 0.5, blur=2.0)
+        canvas.grime(outline(s * half_l, -half_b, s * (half_l - 1.6), half_b), 0.6, blur=0.9)
     for _ in range(24):
         canvas.blot(rng.uniform(-12, 12, 2), float(rng.uniform(0.3, 1.6)), float(rng.uniform(0.1, 0.35)))
     finished = canvas.finish(load(cargo.texture), 1024 / cargo.tile_m)
@@ -212,8 +189,8 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     picture = cache(lambda: np.asarray(cv2.convertScaleAbs(finished(), alpha=1.45), np.uint8))
     dim = 1.0 - 0.22 * (1 - place.fill)  # less sky reaches the bottom of an empty hold
     material = Material("hold bottom", rgba=(dim, dim, dim, 1.0), texture=picture, specular=0.02)
-    floor = shapes.box((-half_l, -half_b, -depth - 0.3), (half_l, half_b, -depth))
-    mound = shapes.sheet(x, y, field - depth, bottom=-depth - 0.4)
+    floor = box((-half_l, -half_b, -depth - 0.3), (half_l, half_b, -depth))
+    mound = sheet(x, y, field - depth, bottom=-depth - 0.4)
     return [
         Part("tank top", floor, material, canvas.uv(floor.vertices)),
         Part("hold cargo", mound, material, canvas.uv(mound.vertices)),

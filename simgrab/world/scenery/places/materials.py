@@ -37,21 +37,7 @@ def rusty(name: str = "rusty") -> Material:
     return Material(name, texture=picture, tile_m=5.0, specular=0.05)
 
 
-def rubber() -> Material:
-    """Tyres and fenders."""
-    return plain("rubber", (0.085, 0.085, 0.09), specular=0.05)
-
-
-def galvanised() -> Material:
-    """Dull zinc: gratings, ladders, guard rails."""
-    return plain("galvanised", (0.47, 0.48, 0.48), specular=0.2)
-
-
-def glass() -> Material:
-    """Dark cab windows."""
-    return plain("glass", (0.07, 0.09, 0.10), specular=0.7)
-
-
-def yellow_paint() -> Material:
-    """Faded safety yellow of rails and bollards."""
-    return plain("safety yellow", (0.62, 0.50, 0.13))
+RUBBER = plain("rubber", (0.085, 0.085, 0.09), specular=0.05)  # tyres and fenders
+GALVANISED = plain("galvanised", (0.47, 0.48, 0.48), specular=0.2)  # gratings, ladders, guard rails: dull zinc
+GLASS = plain("glass", (0.07, 0.09, 0.10), specular=0.7)  # dark cab windows
+SAFETY_YELLOW = plain("safety yellow", (0.62, 0.50, 0.13))  # faded, of rails and bollards

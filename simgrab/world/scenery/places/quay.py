@@ -8,9 +8,10 @@ import numpy as np
 
 from simgrab.model.scenario import Quay
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.places import apron, clutter, hopper, materials, sea, shapes, ship, truck
+from simgrab.world.scenery.places import apron, clutter, hopper, materials, sea, ship, truck
 from simgrab.world.scenery.places.canvas import cloud, noise
 from simgrab.world.scenery.places.heap import CARGOES, Cargo, Field, pile
+from simgrab.world.scenery.places.shapes import box, join, loft, outline, pose, rectangle, sheet
 from simgrab.world.scenery.textures import load
 
 LANE = 5.25  # from the seaward rail to the middle of the lane between the rails, metres
@@ -24,15 +25,11 @@ def quay(place: Quay, *, head_height: float, rng: np.random.Generator) -> list[P
     canvas = site.canvas
     water_z = -float(rng.uniform(2.6, 3.8))
     heap = _heap(place, cargo, site.rails_y[1], rng)
-    parts = [
-        *_receiver(place, site, cargo, rng),
-        *_clutter(site, heap.x[-1] - 1.5, rng),
-        *_trench(site),
-    ]
+    parts = [*_receiver(place, site, cargo, rng), *_clutter(site, heap.x[-1] - 1.5, rng), *_trench(site)]
     _strew(site, place, heap, rng)
     surface = Material("apron", texture=canvas.finish(load(cargo.texture), 1024 / cargo.tile_m), specular=0.0)
     if place.pile_height_m > 0:
-        mesh = shapes.sheet(heap.x, heap.y, heap.field, bottom=-0.4)
+        mesh = sheet(heap.x, heap.y, heap.field, bottom=-0.4)
         parts.append(Part("pile", mesh, surface, canvas.uv(mesh.vertices)))
     parts += [*apron.ground(site, surface), *apron.edge(site, water_z, float(rng.uniform(-3, 3)))]
     style = ship.looks(rng)
@@ -42,13 +39,13 @@ def quay(place: Quay, *, head_height: float, rng: np.random.Generator) -> list[P
         *ship.deck(style, cargo, is_open=False, wear=place.wear, rng=rng, pixels=1536),
         *ship.topsides(style, is_open=False, rng=rng),
     ]
-    berth = shapes.pose(float(rng.uniform(-6, 6)), edge_y - 1.0 - ship.HALF_BEAM, deck_z)
+    berth = pose(float(rng.uniform(-6, 6)), edge_y - 1.0 - ship.HALF_BEAM, deck_z)
     parts += [p.moved(berth) for p in vessel]
     parts += sea.sea(
         water_z, 0.25, [(-sea.FAR, edge_y - 1.0 - 2 * ship.HALF_BEAM), (edge_y - 1.0, edge_y + 0.5)], (edge_y,), rng=rng
     )
     yaw = float(rng.normal(0, np.radians(5)))
-    return [p.moved(shapes.pose(0, 0, -head_height, yaw)) for p in parts]
+    return [p.moved(pose(0, 0, -head_height, yaw)) for p in parts]
 
 
 @dataclass(frozen=True)
@@ -120,41 +117,37 @@ def _receiver(place: Quay, site: apron.Apron, cargo: Cargo, rng: np.random.Gener
         return []
     if place.receiver == "hopper":
         parts, feet = hopper.hopper(cargo, rng=rng), hopper.footprints()
-        canvas.grime(_moved([(-3.6, -3.6), (3.6, -3.6), (3.6, 3.6), (-3.6, 3.6)], x, y, yaw), 0.35, blur=0.8)
+        canvas.grime(_moved(outline(-3.6, -3.6, 3.6, 3.6), x, y, yaw), 0.35, blur=0.8)
     else:
         x += float(rng.uniform(-1, 1))
         parts, feet = truck.truck(cargo, rng=rng), truck.footprints()
         y += float(rng.uniform(0.2, 0.9))
     for foot in feet:
         canvas.grime(_moved(foot, x, y, yaw), 0.75, blur=0.16)
-    return [p.moved(shapes.pose(x, y, 0, yaw)) for p in parts]
+    return [p.moved(pose(x, y, 0, yaw)) for p in parts]
 
 
-def _moved(outline: list[tuple[float, float]], x: float, y: float, yaw: float) -> Field:
+def _moved(corners: list[tuple[float, float]], x: float, y: float, yaw: float) -> Field:
     c, s = np.cos(yaw), np.sin(yaw)
-    return np.asarray(outline) @ np.array([[c, s], [-s, c]]) + (x, y)
+    return np.asarray(corners) @ np.array([[c, s], [-s, c]]) + (x, y)
 
 
 def _clutter(site: apron.Apron, pile_end: float, rng: np.random.Generator) -> list[Part]:
     """Park a loader at one end of the pile, ``pile_end`` metres off; at the other a skip, drums, a stack and cones."""
     canvas = site.canvas
     side = float(rng.choice([-1, 1]))
-    x, y, yaw = (
-        side * (pile_end + float(rng.uniform(3.6, 4.8))),
-        float(rng.uniform(6.0, 8.0)),
-        float(rng.normal(0, 0.35)),
-    )
-    yaw += np.pi if side > 0 else 0.0
+    x, y = side * (pile_end + float(rng.uniform(3.6, 4.8))), float(rng.uniform(6.0, 8.0))
+    yaw = float(rng.normal(0, 0.35)) + (np.pi if side > 0 else 0.0)
     canvas.grime(_moved(clutter.LOADER_FOOTPRINT, x, y, yaw), 0.7, blur=0.3)
     way = np.array([(x - side * 2 + side * 9 * t, y + 2.5 * np.sin(2.2 * t)) for t in np.linspace(0, 1, 20)])
     canvas.tracks(way, 0.5, width=0.6, gauge=2.1)
-    parts = [p.moved(shapes.pose(x, y, 0, yaw)) for p in clutter.loader()]
+    parts = [p.moved(pose(x, y, 0, yaw)) for p in clutter.loader()]
     cx, cy = -side * (pile_end + float(rng.uniform(2.0, 4.0))), float(rng.uniform(9.5, 12.5))
     drums = [(cx + 3.2, cy - 1.0), (cx + 3.9, cy - 0.8), (cx + 3.4, cy - 0.3)][: int(rng.integers(2, 4))]
     lane = site.rails_y[1] + 2.0
     tapers = [(-side * (pile_end + 0.8) + float(rng.normal(0, 0.1)), lane + 1.6 * i) for i in range(4)]
     for at, size in (((cx, cy), 1.3), *((d, 0.3) for d in drums), *((c, 0.2) for c in tapers)):
-        square = [(at[0] + size * i, at[1] + size * j) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        square = outline(at[0] - size, at[1] - size, at[0] + size, at[1] + size)
         canvas.grime(square, 0.6, blur=0.15 * size + 0.08)
     return [
         *parts,
@@ -169,25 +162,21 @@ def _clutter(site: apron.Apron, pile_end: float, rng: np.random.Generator) -> li
 def _trench(site: apron.Apron) -> list[Part]:
     """Cable trench with chequered covers beside the landward rail, and drain grates, lying 3 cm proud."""
     y = site.rails_y[1] + 1.25
-    site.canvas.grime([(-24, y - 0.4), (24, y - 0.4), (24, y + 0.4), (-24, y + 0.4)], 0.45, blur=0.12)
+    site.canvas.grime(outline(-24, y - 0.4, 24, y + 0.4), 0.45, blur=0.12)
     covers = []
     for x in np.arange(-36, 36, 1.2):
-        plate = shapes.rectangle(1.18, 0.62, 0.0, (x, y))
-        covers.append(
-            shapes.loft([plate - [0, 0, 0.02], plate + [0, 0, 0.025], shapes.rectangle(1.14, 0.58, 0.032, (x, y))])
-        )
+        plate = rectangle(1.18, 0.62, 0.0, (x, y))
+        covers.append(loft([plate - [0, 0, 0.02], plate + [0, 0, 0.025], rectangle(1.14, 0.58, 0.032, (x, y))]))
     grates = []
     for x in (-15.0, -3.0, 9.0, 21.0):
         gy = site.rails_y[0] + 1.1
-        site.canvas.grime(
-            [(x - 0.5, gy - 0.4), (x + 0.5, gy - 0.4), (x + 0.5, gy + 0.4), (x - 0.5, gy + 0.4)], 1.2, blur=0.1
-        )
-        grates += [shapes.box((x - 0.4, gy + s - 0.03, -0.02), (x + 0.4, gy + s + 0.03, 0.03)) for s in (-0.28, 0.28)]
+        site.canvas.grime(outline(x - 0.5, gy - 0.4, x + 0.5, gy + 0.4), 1.2, blur=0.1)
+        grates += [box((x - 0.4, gy + s - 0.03, -0.02), (x + 0.4, gy + s + 0.03, 0.03)) for s in (-0.28, 0.28)]
         grates += [
-            shapes.box((x + d - 0.012, gy - 0.27, -0.02), (x + d + 0.012, gy + 0.27, 0.025))
+            box((x + d - 0.012, gy - 0.27, -0.02), (x + d + 0.012, gy + 0.27, 0.025))
             for d in np.linspace(-0.38, 0.38, 12)
         ]
     return [
-        Part("trench covers", shapes.join(covers), materials.painted("cover plates", (0.30, 0.285, 0.265), tile_m=3.0)),
-        Part("drain grates", shapes.join(grates), materials.rusty("grate iron")),
+        Part("trench covers", join(covers), materials.painted("cover plates", (0.30, 0.285, 0.265), tile_m=3.0)),
+        Part("drain grates", join(grates), materials.rusty("grate iron")),
     ]

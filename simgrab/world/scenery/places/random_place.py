@@ -17,6 +17,7 @@ from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes as steel
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
 from simgrab.world.scenery.places import shapes
+from simgrab.world.scenery.places.canvas import tiled
 from simgrab.world.scenery.places.plain import slab
 
 SPAN_M = 64.0  # of the ground's picture, which repeats
@@ -67,9 +68,8 @@ def _tiled(rng: np.random.Generator) -> Texture:
         tile = cv2.resize(textures.load(str(name)), (side, side), interpolation=cv2.INTER_AREA)
         tint = rng.uniform(0.5, 1.3, 3) * rng.uniform(0.6, 1.3)
         tile = np.clip(tile * tint, 0, 255).astype(np.uint8)
-        repeat = -(-_PIXELS // side)
-        layers.append(np.tile(tile, (repeat, repeat, 1))[:_PIXELS, :_PIXELS])
-    first, second = (np.ascontiguousarray(layer) for layer in layers)
+        layers.append(tiled(tile, _PIXELS))
+    first, second = layers
     if rng.random() < 0.5:
         return first
     cells = int(rng.integers(2, 12))

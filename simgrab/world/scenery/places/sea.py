@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.places import shapes
-from simgrab.world.scenery.places.canvas import Picture, Plane, cloud, noise
+from simgrab.world.scenery.places.canvas import Picture, Plane, cloud, noise, tiled, toned
+from simgrab.world.scenery.places.shapes import sheet
 from simgrab.world.scenery.textures import load
 
 SIZE, PIXELS, TILE = 48.0, 2048, 16.0  # metres, pixels, metres of the ripple tile
@@ -63,37 +63,31 @@ def sea(
                 if i == 2 and -half <= y[0] and y[1] <= half:
                     x = np.linspace(-half, half, n)
                     y = np.linspace(y[0], y[1], max(2, round((y[1] - y[0]) / SIZE * n)))
-                    fade = np.minimum(
-                        np.clip((half - np.abs(x)) / 3, 0, 1)[:, None], np.clip((half - np.abs(y)) / 3, 0, 1)
-                    )
+                    fade_x, fade_y = (np.clip((half - np.abs(v)) / 3, 0, 1) for v in (x, y))
+                    fade = np.minimum(fade_x[:, None], fade_y)
                     field = swell[:, : len(y)] * fade
                 inside = -half <= y[0] and y[-1] <= half
-                parts.append(_sheet(f"water {band}{i}{j}", x, y, z + field, z, near if inside else far))
+                mesh = sheet(x, y, z + field, bottom=z - 1.0)
+                uv = mesh.vertices[:, :2] / SIZE + 0.5
+                parts.append(Part(f"water {band}{i}{j}", mesh, near if inside else far, uv))
     return parts
 
 
-def _sheet(name: str, x: shapes.Vector, y: shapes.Vector, field: shapes.Vector, z: float, water: Material) -> Part:
-    mesh = shapes.sheet(x, y, field, bottom=z - 1.0)
-    return Part(name, mesh, water, mesh.vertices[:, :2] / SIZE + 0.5)
-
-
-def _ripples(chop: float, shifts: NDArray[np.int64], windy: list[Plane], toned: list[Plane]) -> Picture:
+def _ripples(chop: float, shifts: NDArray[np.int64], windy: list[Plane], tone: list[Plane]) -> Picture:
     """Two ripple tiles crossed, with patches of wind and calm; seamless."""
     side = round(PIXELS * TILE / SIZE)
     tile = cv2.resize(load("water"), (side, side), interpolation=cv2.INTER_AREA)
     sheets = []
     for turn, (row, column) in enumerate(shifts):
         one = np.roll(np.rot90(tile, turn), (int(row), int(column)), (0, 1))
-        sheets.append(np.ascontiguousarray(np.tile(one, (4, 4, 1))[:PIXELS, :PIXELS]))
-    uneven = cloud((256, 256), toned)
+        sheets.append(tiled(one, PIXELS))
     wind = cv2.resize(cloud((512, 512), windy), (PIXELS, PIXELS))
     share = np.clip(0.72 + 0.4 * (wind - 0.5), 0, 1)
     ripples = cv2.blendLinear(sheets[0], sheets[1], share, 1 - share)
     mean = np.full_like(ripples, tile.mean(axis=(0, 1)).astype(np.uint8))
     relief = np.clip((0.25 + 0.75 * chop) * (0.5 + wind), 0.1, 1.0).astype(np.float32)
     picture = cv2.blendLinear(ripples, mean, relief, 1 - relief)
-    tone = cv2.resize((220 + 60 * (uneven - 0.5)).astype(np.uint8), (PIXELS, PIXELS))
-    return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / 215), np.uint8)
+    return toned(picture, tone, 220, 60, 215)
 
 
 def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], windy: list[Plane], laced: list[Plane]) -> Picture:

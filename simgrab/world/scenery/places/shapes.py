@@ -73,6 +73,11 @@ def across(outline: Sequence[Sequence[float]], y0: float, y1: float) -> trimesh.
     return profile([(-x, z) for x, z in outline], (0, y0, 0), (0, y1, 0))
 
 
+def plates(outline: Sequence[Sequence[float]], middles: Iterable[float], half: float) -> list[trimesh.Trimesh]:
+    """Extrude a side view to plates about some y, each ``half`` to either side."""
+    return [across(outline, y - half, y + half) for y in middles]
+
+
 def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     """Join rings of equally many points (counter-clockwise seen from the last ring) and cap both ends."""
     ring = [np.asarray(r, float) for r in rings]
@@ -114,6 +119,11 @@ def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] 
     """Corners of a level rectangle, counter-clockwise from above, shape (4, 3), metres."""
     x, y = width / 2, depth / 2
     return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]]) + [*centre, 0.0]
+
+
+def outline(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float]]:
+    """Corners of a rectangle on the ground, from one to the opposite one."""
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
 def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trimesh.Trimesh:

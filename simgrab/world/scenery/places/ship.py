@@ -14,9 +14,10 @@ import shapely
 import trimesh
 
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.places import fittings, materials, shapes
-from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane, cloud, noise
+from simgrab.world.scenery.places import fittings, materials
+from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane, cloud, noise, tiled, toned
 from simgrab.world.scenery.places.heap import Cargo
+from simgrab.world.scenery.places.shapes import across, box, join, placed, prism, railing
 from simgrab.world.scenery.textures import load
 
 SIZE = 48.0  # side of the painted square of deck, metres
@@ -62,10 +63,7 @@ def deck(
 
     def base() -> Picture:
         small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) * tint
-        count = -(-pixels // len(small))
-        plates = np.tile(small.astype(np.uint8), (count, count, 1))[:pixels, :pixels]
-        broad = cv2.resize((215 + 70 * (cloud((256, 256), uneven) - 0.5)).astype(np.uint8), (pixels, pixels))
-        return np.asarray(cv2.multiply(plates, cv2.merge([broad] * 3), scale=1 / 220), np.uint8)
+        return toned(tiled(small.astype(np.uint8), pixels), uneven, 215, 70, 220)
 
     canvas = Canvas(base, SIZE, pixels, rng=rng)
     for centre in (-PITCH, 0.0, PITCH):
@@ -91,7 +89,7 @@ def deck(
     for i in range(5):
         plate = shapely.box(cuts[i], -HALF_BEAM, cuts[i + 1], HALF_BEAM)
         plate = plate.difference(hole) if hole is not None and i == 2 else plate
-        mesh = shapes.prism(plate, -0.04, 0.0)
+        mesh = prism(plate, -0.04, 0.0)
         parts.append(Part(f"deck {i}", mesh, plating, canvas.uv(mesh.vertices)))
     return parts
 
@@ -116,21 +114,15 @@ def coaming(*, is_open: bool) -> trimesh.Trimesh:
     """
     foot = -1.3 if is_open else -0.02
     solids = [
-        shapes.prism(ring(0.03).difference(ring(0.0)), foot, COAMING),
-        shapes.prism(ring(0.38).difference(ring(0.03)), COAMING - 0.03, COAMING),
-        shapes.prism(ring(0.16).difference(ring(0.03)), 0.70, 0.73),
-        shapes.prism(ring(0.22).difference(ring(0.17)), COAMING - 0.001, COAMING + 0.07),
+        prism(ring(0.03).difference(ring(0.0)), foot, COAMING),
+        prism(ring(0.38).difference(ring(0.03)), COAMING - 0.03, COAMING),
+        prism(ring(0.16).difference(ring(0.03)), 0.70, 0.73),
+        prism(ring(0.22).difference(ring(0.17)), COAMING - 0.001, COAMING + 0.07),
     ]
     line = ring(0.03).exterior
-    bracket = [
-        (0.0, -0.02),
-        (0.52, -0.02),
-        (0.52, 0.04),
-        (0.14, COAMING - 0.35),
-        (0.32, COAMING - 0.04),
-        (0.0, COAMING - 0.04),
-    ]
-    plate = shapes.across(bracket, -0.009, 0.009)
+    top = COAMING - 0.04
+    bracket = [(0.0, -0.02), (0.52, -0.02), (0.52, 0.04), (0.14, COAMING - 0.35), (0.32, top), (0.0, top)]
+    plate = across(bracket, -0.009, 0.009)
     for at in np.arange(0.4, line.length, 1.05):
         p, q = (np.array(line.interpolate(at + d).coords[0]) for d in (-0.05, 0.05))
         along = (q - p) / np.linalg.norm(q - p)
@@ -138,8 +130,8 @@ def coaming(*, is_open: bool) -> trimesh.Trimesh:
         out = np.array([along[1], -along[0]])
         if shapely.Point(middle + out).within(ring(0.03)):
             out = -out
-        solids.append(shapes.placed(plate, float(middle[0]), float(middle[1]), yaw=float(np.arctan2(out[1], out[0]))))
-    return shapes.join(solids)
+        solids.append(placed(plate, float(middle[0]), float(middle[1]), yaw=float(np.arctan2(out[1], out[0]))))
+    return join(solids)
 
 
 def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[Part]:
@@ -148,49 +140,39 @@ def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[P
     panel = fittings.cover(HATCH[0] + 0.6, HATCH[1] / 2 + 0.28)
     for x in (-PITCH, PITCH) if is_open else (-PITCH, 0.0, PITCH):
         for s in (-1, 1):
-            covers.append(shapes.placed(panel, x, s * (HATCH[1] / 4 + 0.15), COAMING + 0.05))
+            covers.append(placed(panel, x, s * (HATCH[1] / 4 + 0.15), COAMING + 0.05))
     stand = HATCH[0] / 2 + 1.75
     if is_open:
-        covers += [shapes.placed(fittings.folded(HATCH[1] + 0.5), s * stand, 0, 0.0) for s in (-1, 1)]
+        covers += [placed(fittings.folded(HATCH[1] + 0.5), s * stand, 0, 0.0) for s in (-1, 1)]
     closed = coaming(is_open=False)
     middle = coaming(is_open=True) if is_open else closed
-    coamings = shapes.join([shapes.placed(closed, -PITCH, 0), middle, shapes.placed(closed, PITCH, 0)])
+    coamings = join([placed(closed, -PITCH, 0), middle, placed(closed, PITCH, 0)])
     frames, coils = [], []
     for s in (-1, 1):
         frame, coil = fittings.winch()
         at = (s * PITCH / 2 + 0.2, float(rng.uniform(10.0, 10.3)) * float(rng.choice([-1, 1])))
-        frames.append(shapes.placed(frame, *at, yaw=np.pi / 2))
-        coils.append(shapes.placed(coil, *at, yaw=np.pi / 2))
+        frames.append(placed(frame, *at, yaw=np.pi / 2))
+        coils.append(placed(coil, *at, yaw=np.pi / 2))
     small = []
     for x in (-22.0, -18.2, -8.5, -3.0, 5.5, 9.5, 18.4, 22.0):
         for s in (-1, 1):
             kind = (fittings.bitts, fittings.ventilator, fittings.manhole, fittings.access_hatch)[int(rng.integers(4))]
             y = {"bitts": 14.0, "ventilator": 14.7, "manhole": 10.2, "access_hatch": 9.9}[kind.__name__]
-            small.append(shapes.placed(kind(), x + float(rng.uniform(-0.8, 0.8)), s * y))
-    rails = [
-        shapes.railing([(-40, s * (HALF_BEAM - 0.15), 0), (40, s * (HALF_BEAM - 0.15), 0)], spacing=1.6)
-        for s in (-1, 1)
-    ]
+            small.append(placed(kind(), x + float(rng.uniform(-0.8, 0.8)), s * y))
+    rails = [railing([(-40, s * (HALF_BEAM - 0.15), 0), (40, s * (HALF_BEAM - 0.15), 0)], spacing=1.6) for s in (-1, 1)]
     lines = [fittings.pipes(-45, 45, s * 12.75) for s in (-1, 1)]
+    deck, dull = style.deck, materials.dull
+    steel = materials.painted("coaming paint", dull(deck, 0.9), tile_m=8.0, texture="hullplate", fine=True)
+    cover = materials.painted("cover paint", dull(deck, 0.85), tile_m=7.0, fine=True)
+    pipe = materials.painted("pipe paint", dull(style.fittings, 0.8), tile_m=4.0)
     body = materials.painted("ship fittings", style.fittings, tile_m=5.0)
-    steel = materials.painted(
-        "coaming paint", materials.dull(style.deck, 0.9), tile_m=8.0, texture="hullplate", fine=True
-    )
     return [
         Part("coamings", coamings, steel),
-        Part(
-            "hatch covers",
-            shapes.join(covers),
-            materials.painted("cover paint", materials.dull(style.deck, 0.85), tile_m=7.0, fine=True),
-        ),
-        Part(
-            "deck pipes",
-            shapes.join(lines),
-            materials.painted("pipe paint", materials.dull(style.fittings, 0.8), tile_m=4.0),
-        ),
-        Part("deck fittings", shapes.join([*small, *frames]), body),
-        Part("winch rope", shapes.join(coils), materials.plain("mooring rope", (0.42, 0.40, 0.33), specular=0.0)),
-        Part("deck rails", shapes.join(rails), materials.plain("deck rail", (0.52, 0.51, 0.47))),
+        Part("hatch covers", join(covers), cover),
+        Part("deck pipes", join(lines), pipe),
+        Part("deck fittings", join([*small, *frames]), body),
+        Part("winch rope", join(coils), materials.plain("mooring rope", (0.42, 0.40, 0.33), specular=0.0)),
+        Part("deck rails", join(rails), materials.plain("deck rail", (0.52, 0.51, 0.47))),
     ]
 
 
@@ -204,14 +186,12 @@ def hull(style: Looks, waterline: float, *, rng: np.random.Generator) -> list[Pa
     cuts = [-FAR, -72.0, -24.0, 24.0, 72.0, FAR]
     for s in (-1, 1):
         for i in range(5):
-            mesh = shapes.box((cuts[i], s * HALF_BEAM, foot), (cuts[i + 1], s * (HALF_BEAM + 0.03), 0.22))
+            mesh = box((cuts[i], s * HALF_BEAM, foot), (cuts[i + 1], s * (HALF_BEAM + 0.03), 0.22))
             share = mesh.vertices[:, 0] / SIZE + 0.5
             across_v = (mesh.vertices[:, 2] - foot) / (0.22 - foot)
             uv = np.stack([np.abs(share - 2 * np.round(share / 2)), 0.002 + 0.996 * across_v], 1)
             parts.append(Part(f"hull {s + 1}{i}", mesh, skin, uv))
-    gunwale = shapes.join(
-        [shapes.box((-FAR, s * (HALF_BEAM - 0.02), 0.19), (FAR, s * (HALF_BEAM + 0.05), 0.23)) for s in (-1, 1)]
-    )
+    gunwale = join([box((-FAR, s * (HALF_BEAM - 0.02), 0.19), (FAR, s * (HALF_BEAM + 0.05), 0.23)) for s in (-1, 1)])
     return [*parts, Part("gunwale", gunwale, materials.painted("gunwale paint", style.hull))]
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import trimesh
 
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.places import materials, shapes
+from simgrab.world.scenery.places import materials
 from simgrab.world.scenery.places.heap import Cargo, cones, roughened, warped
+from simgrab.world.scenery.places.shapes import across, bar, beam, box, join, loft, outline, plates, sheet
 from simgrab.world.scenery.textures import load
 
 PAINTS = ((0.40, 0.16, 0.13), (0.20, 0.29, 0.40), (0.56, 0.55, 0.52), (0.24, 0.34, 0.26), (0.52, 0.39, 0.16))
@@ -21,29 +22,18 @@ def wheel(x: float, y: float, radius: float, width: float) -> tuple[trimesh.Trim
     angle = np.linspace(0, 2 * np.pi, 20, endpoint=False)
     rings = [
         np.stack([x + r * np.cos(angle), np.full(20, y + s), radius - 0.01 + r * np.sin(angle)], 1)
-        for s, r in (
-            (-width / 2, 0.80 * radius),
-            (-0.4 * width, radius),
-            (0.4 * width, radius),
-            (width / 2, 0.80 * radius),
-        )
+        for s, r in zip(width * np.array([-0.5, -0.4, 0.4, 0.5]), radius * np.array([0.8, 1, 1, 0.8]), strict=True)
     ]
-    tyre = shapes.loft(rings)
+    tyre = loft(rings)
     tyre.fix_normals()
-    hub = shapes.bar(
-        (x, y - width / 2 - 0.015, radius - 0.01), (x, y + width / 2 + 0.015, radius - 0.01), 0.5 * radius, sides=12
-    )
-    return tyre, hub
+    height, half = radius - 0.01, width / 2
+    return tyre, bar((x, y - half - 0.015, height), (x, y + half + 0.015, height), 0.5 * radius, sides=12)
 
 
 def footprints() -> list[list[tuple[float, float]]]:
     """Outlines of the shadow that the lorry keeps under itself, metres, its own frame."""
-    tyres = [
-        [(x - 0.4, y - 0.3), (x + 0.4, y - 0.3), (x + 0.4, y + 0.3), (x - 0.4, y + 0.3)]
-        for x in AXLES
-        for y in (-1.0, 1.0)
-    ]
-    return [*tyres, [(-4.1, -1.1), (4.0, -1.1), (4.0, 1.1), (-4.1, 1.1)]]
+    tyres = [outline(x - 0.4, y - 0.3, x + 0.4, y + 0.3) for x in AXLES for y in (-1.0, 1.0)]
+    return [*tyres, outline(-4.1, -1.1, 4.0, 1.1)]
 
 
 def truck(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
@@ -54,111 +44,84 @@ def truck(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
     tyres, hubs = zip(*_wheels(), strict=True)
     load_material = Material("truck load", texture=load(cargo.texture), tile_m=cargo.tile_m, specular=0.02)
     return [
-        Part("truck cab", shapes.join(_cab()), cab),
-        Part("truck windows", shapes.join(_windows()), materials.glass()),
-        Part("truck bed", shapes.join(_bed()), bed),
-        Part("truck chassis", shapes.join(_chassis()), materials.plain("truck black", (0.13, 0.13, 0.13))),
-        Part("truck tyres", shapes.join(tyres), materials.rubber()),
-        Part("truck hubs", shapes.join(hubs), materials.plain("truck hub", (0.34, 0.32, 0.30))),
-        Part("truck lamps", shapes.join(_lamps(1)), materials.plain("tail lamp", (0.42, 0.07, 0.05))),
-        Part("truck headlamps", shapes.join(_lamps(-1)), materials.plain("headlamp", (0.72, 0.72, 0.68), specular=0.5)),
+        Part("truck cab", join(_cab()), cab),
+        Part("truck windows", join(_windows()), materials.GLASS),
+        Part("truck bed", join(_bed()), bed),
+        Part("truck chassis", join(_chassis()), materials.plain("truck black", (0.13, 0.13, 0.13))),
+        Part("truck tyres", join(tyres), materials.RUBBER),
+        Part("truck hubs", join(hubs), materials.plain("truck hub", (0.34, 0.32, 0.30))),
+        Part("truck lamps", join(_lamps(1)), materials.plain("tail lamp", (0.42, 0.07, 0.05))),
+        Part("truck headlamps", join(_lamps(-1)), materials.plain("headlamp", (0.72, 0.72, 0.68), specular=0.5)),
         Part("truck load", _load(cargo, rng), load_material),
     ]
 
 
 def _cab() -> list[trimesh.Trimesh]:
     body = [(1.95, 0.95), (4.02, 0.75), (4.10, 1.55), (3.92, 2.62), (3.72, 2.86), (2.6, 2.95), (1.95, 2.80)]
-    solids = [
-        shapes.across(body, -1.2, 1.2),
-        shapes.across([(3.85, 2.66), (4.12, 2.62), (4.12, 2.67), (3.85, 2.72)], -1.15, 1.15),
-    ]
+    solids = [across(body, -1.2, 1.2), across([(3.85, 2.66), (4.12, 2.62), (4.12, 2.67), (3.85, 2.72)], -1.15, 1.15)]
     deflector = [(2.15, 2.85), (3.25, 2.90), (2.85, 3.18), (2.2, 3.30)]
-    solids.append(shapes.across(deflector, -0.85, 0.85))
+    solids.append(across(deflector, -0.85, 0.85))
+    wing = [(2.4, 0.95), (2.55, 1.2), (3.55, 1.2), (3.7, 0.95)]
     for side in (-1, 1):  # front wings over the wheels, steps, mirrors
-        solids.append(
-            shapes.across([(2.4, 0.95), (2.55, 1.2), (3.55, 1.2), (3.7, 0.95)], side * 1.2 - 0.06, side * 1.2 + 0.06)
-        )
+        solids += plates(wing, [side * 1.2], 0.06)
         for z, y in ((2.45, 1.42), (1.95, 1.42)):
-            solids.append(shapes.bar((3.75, side * 1.15, z), (4.0, side * y, z), 0.018, sides=5))
-        solids.append(shapes.box((3.95, side * 1.30, 1.80), (4.03, side * 1.54, 2.5)))
+            solids.append(bar((3.75, side * 1.15, z), (4.0, side * y, z), 0.018, sides=5))
+        solids.append(box((3.95, side * 1.30, 1.80), (4.03, side * 1.54, 2.5)))
     return solids
 
 
 def _windows() -> list[trimesh.Trimesh]:
     screen = [(4.075, 1.78), (4.11, 1.78), (3.955, 2.58), (3.92, 2.58)]
-    solids = [shapes.across(screen, -1.05, 1.05)]
-    for side in (-1, 1):
-        pane = [(2.75, 1.75), (3.85, 1.75), (3.72, 2.5), (2.8, 2.55)]
-        solids.append(shapes.across(pane, side * 1.2 - 0.015, side * 1.2 + 0.015))
-    return solids
+    pane = [(2.75, 1.75), (3.85, 1.75), (3.72, 2.5), (2.8, 2.55)]
+    return [across(screen, -1.05, 1.05), *plates(pane, (-1.2, 1.2), 0.015)]
 
 
 def _bed() -> list[trimesh.Trimesh]:
     wall, half = 0.05, WIDTH / 2
-    solids = [shapes.box((REAR, -half + wall, FLOOR - 0.06), (FRONT, half - wall, FLOOR))]
+    solids = [box((REAR, -half + wall, FLOOR - 0.06), (FRONT, half - wall, FLOOR))]
     for side in (-1, 1):
         inner, outer = side * (half - wall), side * half
-        solids.append(shapes.box((REAR, inner, FLOOR - 0.05), (FRONT, outer, SIDE)))
-        solids.append(shapes.box((REAR, side * half - 0.07, SIDE - 0.02), (FRONT, side * half + 0.07, SIDE + 0.10)))
+        solids.append(box((REAR, inner, FLOOR - 0.05), (FRONT, outer, SIDE)))
+        solids.append(box((REAR, side * half - 0.07, SIDE - 0.02), (FRONT, side * half + 0.07, SIDE + 0.10)))
         for x in np.linspace(REAR + 0.15, FRONT - 0.15, 9):
-            solids.append(shapes.box((x - 0.05, outer, FLOOR), (x + 0.05, outer + side * 0.07, SIDE)))
-    solids.append(shapes.box((FRONT, -half, FLOOR - 0.05), (FRONT + wall, half, SIDE + 0.25)))
-    solids.append(
-        shapes.across(
-            [(FRONT, SIDE + 0.20), (FRONT + 0.75, 3.02), (FRONT + 0.75, 3.07), (FRONT, SIDE + 0.26)], -half, half
-        )
-    )
-    solids.append(
-        shapes.across(
-            [(REAR, FLOOR), (REAR + 0.05, FLOOR), (REAR - 0.10, SIDE), (REAR - 0.15, SIDE)], -half + wall, half - wall
-        )
-    )
-    for y in np.linspace(-0.95, 0.95, 5):
-        gate = [(REAR - 0.02, FLOOR), (REAR + 0.02, FLOOR), (REAR - 0.13, SIDE), (REAR - 0.20, SIDE)]
-        solids.append(shapes.across(gate, y - 0.05, y + 0.05))
+            solids.append(box((x - 0.05, outer, FLOOR), (x + 0.05, outer + side * 0.07, SIDE)))
+    solids.append(box((FRONT, -half, FLOOR - 0.05), (FRONT + wall, half, SIDE + 0.25)))
+    roof = [(FRONT, SIDE + 0.20), (FRONT + 0.75, 3.02), (FRONT + 0.75, 3.07), (FRONT, SIDE + 0.26)]
+    back = [(REAR, FLOOR), (REAR + 0.05, FLOOR), (REAR - 0.10, SIDE), (REAR - 0.15, SIDE)]
+    gate = [(REAR - 0.02, FLOOR), (REAR + 0.02, FLOOR), (REAR - 0.13, SIDE), (REAR - 0.20, SIDE)]
+    solids += [across(roof, -half, half), across(back, -half + wall, half - wall)]
+    solids += plates(gate, np.linspace(-0.95, 0.95, 5), 0.05)
     solids += [
-        shapes.beam((x, -half, FLOOR - 0.12), (x, half, FLOOR - 0.12), 0.10, 0.14)
-        for x in np.linspace(REAR + 0.2, FRONT, 8)
+        beam((x, -half, FLOOR - 0.12), (x, half, FLOOR - 0.12), 0.10, 0.14) for x in np.linspace(REAR + 0.2, FRONT, 8)
     ]
     return solids
 
 
 def _chassis() -> list[trimesh.Trimesh]:
-    solids = [shapes.box((-4.05, s * 0.42 - 0.06, 0.72), (3.9, s * 0.42 + 0.06, 1.10)) for s in (-1, 1)]
-    solids += [shapes.bar((x, -1.05, 0.51), (x, 1.05, 0.51), 0.10) for x in AXLES]
-    solids.append(shapes.box((3.95, -1.22, 0.38), (4.14, 1.22, 0.78)))  # front bumper
-    solids.append(shapes.box((-4.22, -1.15, 0.45), (-4.12, 1.15, 0.60)))  # under-run bar
-    solids += [shapes.box((-4.2, s * 0.5 - 0.05, 0.5), (-3.95, s * 0.5 + 0.05, 1.0)) for s in (-1, 1)]
-    solids.append(shapes.bar((0.2, 0.95, 0.80), (1.4, 0.95, 0.80), 0.30, sides=14))  # fuel tank
-    solids += [shapes.bar((0.3, -0.95, z), (1.5, -0.95, z), 0.13) for z in (0.72, 0.98)]  # air tanks
-    solids += [shapes.box((x, s * 0.4, 0.78), (x + 0.08, s * 0.95, 0.86)) for x in (0.5, 1.2) for s in (-1, 1)]
-    solids.append(shapes.bar((1.78, -1.0, 0.8), (1.78, -1.0, 3.15), 0.07))  # exhaust
-    for side in (-1, 1):
-        for x in AXLES[1:]:
-            flap = [
-                (x - 0.62, 0.75),
-                (x - 0.4, 1.13),
-                (x + 0.4, 1.13),
-                (x + 0.62, 0.75),
-                (x + 0.45, 1.08),
-                (x - 0.45, 1.08),
-            ]
-            solids.append(shapes.across(flap, side * 1.0 - 0.28, side * 1.0 + 0.28))
-    return solids
+    solids = [box((-4.05, s * 0.42 - 0.06, 0.72), (3.9, s * 0.42 + 0.06, 1.10)) for s in (-1, 1)]
+    solids += [bar((x, -1.05, 0.51), (x, 1.05, 0.51), 0.10) for x in AXLES]
+    solids.append(box((3.95, -1.22, 0.38), (4.14, 1.22, 0.78)))  # front bumper
+    solids.append(box((-4.22, -1.15, 0.45), (-4.12, 1.15, 0.60)))  # under-run bar
+    solids += [box((-4.2, s * 0.5 - 0.05, 0.5), (-3.95, s * 0.5 + 0.05, 1.0)) for s in (-1, 1)]
+    solids.append(bar((0.2, 0.95, 0.80), (1.4, 0.95, 0.80), 0.30, sides=14))  # fuel tank
+    solids += [bar((0.3, -0.95, z), (1.5, -0.95, z), 0.13) for z in (0.72, 0.98)]  # air tanks
+    solids += [box((x, s * 0.4, 0.78), (x + 0.08, s * 0.95, 0.86)) for x in (0.5, 1.2) for s in (-1, 1)]
+    solids.append(bar((1.78, -1.0, 0.8), (1.78, -1.0, 3.15), 0.07))  # exhaust
+    flap = np.array([(-0.62, 0.75), (-0.4, 1.13), (0.4, 1.13), (0.62, 0.75), (0.45, 1.08), (-0.45, 1.08)])
+    return solids + [
+        plate for side in (-1.0, 1.0) for x in AXLES[1:] for plate in plates((flap + (x, 0)).tolist(), [side], 0.28)
+    ]
 
 
 def _lamps(end: int) -> list[trimesh.Trimesh]:
     if end > 0:
-        return [shapes.box((-4.25, s * 1.0 - 0.16, 0.58), (-4.11, s * 1.0 + 0.16, 0.72)) for s in (-1, 1)]
-    return [shapes.box((4.0, s * 0.9 - 0.2, 0.84), (4.10, s * 0.9 + 0.2, 1.04)) for s in (-1, 1)]
+        return [box((-4.25, s * 1.0 - 0.16, 0.58), (-4.11, s * 1.0 + 0.16, 0.72)) for s in (-1, 1)]
+    return [box((4.0, s * 0.9 - 0.2, 0.84), (4.10, s * 0.9 + 0.2, 1.04)) for s in (-1, 1)]
 
 
 def _wheels() -> list[tuple[trimesh.Trimesh, trimesh.Trimesh]]:
-    wheels = [wheel(AXLES[0], side * 1.02, 0.53, 0.32) for side in (-1, 1)]
-    for x in AXLES[1:]:
-        for y in (-1.12, -0.78, 0.78, 1.12):
-            wheels.append(wheel(x, y, 0.53, 0.29))
-    return wheels
+    front = [wheel(AXLES[0], side * 1.02, 0.53, 0.32) for side in (-1, 1)]
+    return front + [wheel(x, y, 0.53, 0.29) for x in AXLES[1:] for y in (-1.12, -0.78, 0.78, 1.12)]
 
 
 def _load(cargo: Cargo, rng: np.random.Generator) -> trimesh.Trimesh:
@@ -169,4 +132,4 @@ def _load(cargo: Cargo, rng: np.random.Generator) -> trimesh.Trimesh:
     field = roughened(field, 0.1, 0.6 * cargo.rough, rng)
     gap = np.minimum(np.minimum(x - x[0], x[-1] - x)[:, None], 1.2 - np.abs(y))
     field = np.minimum(field, 2.42 + gap * np.tan(cargo.repose))
-    return shapes.sheet(x, y, field, bottom=FLOOR + 0.02)
+    return sheet(x, y, field, bottom=FLOOR + 0.02)
