@@ -8,11 +8,7 @@ replaced, and at the end all:
     mujoco    simgrab's own picture
     cycles    the same, path-traced: geometry, textures, light, lens and sensor are simgrab's
     grab      a grab by other code; simgrab labels it as a user's own grab, and MuJoCo renders it too
-    textures  procedural materials with roughness, metal and relief
-    ground    photographs as ground, and other things standing about
-    light     another sky and sun, or lamps, and the AgX view transform
     sensor    another sensor: mosaic, noise, denoising, sharpening and tone
-    coder     WebP, AVIF, JPEG 4:1:1, HEVC, VP9 or MPEG-4
     digits    the display in other fonts and colours
     all       all of these
 
@@ -64,7 +60,7 @@ def make(maker: Maker, worlds: Sequence[World], names: Sequence[str]) -> dict[st
 
 
 def show(scores: dict[str, Any]) -> None:
-    """Print the tables; MuJoCo's pictures of a condition's worlds are named ``mujoco`` or ``mujoco-REPLACEMENT``."""
+    """Print the tables; MuJoCo's pictures of a condition's worlds are named ``mujoco`` or ``mujoco-grab``."""
     console = Console(width=WIDTH)
     for name, groups in scores["detectors"].items():
         console.print(boxes_table(name, groups))

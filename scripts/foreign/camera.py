@@ -1,15 +1,11 @@
-"""From linear light to a stored picture: simgrab's camera, or another sensor, other digits and another coder."""
+"""From linear light to a stored picture: simgrab's camera, or another sensor and other digits."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
-from typing import Any, BinaryIO
 
-import av
 import cv2
 import matplotlib
 import numpy as np
@@ -20,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from simgrab.io.pictures import encode
 from simgrab.model.layouts import Layout
-from simgrab.model.scenario import FixedExposure, Scenario
+from simgrab.model.scenario import Scenario
 from simgrab.model.srgb import encoded
 from simgrab.world.camera import lamps
 from simgrab.world.camera.buffers import Buffers
@@ -35,13 +31,11 @@ FONTS = tuple(
     Path(matplotlib.get_data_path()) / "fonts" / "ttf" / f"{name}.ttf"
     for name in ("DejaVuSansMono", "DejaVuSans-Bold", "DejaVuSerif", "STIXGeneral")
 )
-VIDEO_CODERS = ("hevc", "vp9", "mpeg4")
-CODERS = ("webp", "avif", "4:1:1 JPEG", *VIDEO_CODERS)
 
 
 def photographed(
     scenario: Scenario, buffers: Buffers, light: Light, replaced: Collection[str], rng: Generator
-) -> tuple[bytes, str]:
+) -> bytes:
     """Take a picture of linear light before the lens' shading, bent by the lens already.
 
     Parameters
@@ -51,25 +45,19 @@ def photographed(
         Of the moment.
     light : ndarray of float32, shape (height, width, 3)
     replaced : collection of str
-        Of "light", whose tone is final, "sensor", "digits" and "coder".
+        Of "sensor" and "digits".
     rng : Generator
 
     Returns
     -------
-    tuple of bytes and str
-        The file and its suffix: JPEG as simgrab stores it, or PNG of what another coder left.
+    bytes
+        JPEG, as simgrab stores it.
     """
     own = structs.replace(
         scenario,
         display=structs.replace(scenario.display, layout="none"),
         optics=structs.replace(scenario.optics, recompress_quality=0),
     )
-    if "light" in replaced:
-        own = structs.replace(
-            own,
-            light=structs.replace(own.light, floodlights=0.0, sky=1.0),
-            optics=structs.replace(own.optics, exposure=FixedExposure()),
-        )
     if "sensor" in replaced:
         rgb = foreign_sensor(_lit(own, buffers, light), rng)
     else:
@@ -77,10 +65,8 @@ def photographed(
     layout, shown = scenario.display_layout, buffers.projection.nominal.shown
     if layout and shown:
         rgb = foreign_digits(rgb, layout, shown, rng) if "digits" in replaced else Overlay(layout).blend(rgb, shown)
-    if "coder" in replaced:
-        return encode(cv2.cvtColor(foreign_coder(rgb, rng), cv2.COLOR_RGB2BGR), "png", 0), ".png"
     rgb = recompress(rgb, scenario.optics.recompress_quality)
-    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality), ".jpg"
+    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality)
 
 
 def _lit(scenario: Scenario, buffers: Buffers, light: Light) -> Light:
@@ -153,62 +139,3 @@ def _fitted(path: Path, characters: str, width: float, height: float) -> ImageFo
     boxes = [ImageFont.truetype(str(path), 1000).getbbox(c, anchor="ms") for c in characters]
     widest, tallest = max(box[2] - box[0] for box in boxes), max(box[3] - box[1] for box in boxes)
     return ImageFont.truetype(str(path), max(int(1000 * min(width / widest, height / tallest)), 6))
-
-
-def foreign_coder(rgb: Picture, rng: Generator) -> Picture:
-    """Code and decode a picture by another coder than simgrab's JPEG."""
-    return coded(rgb, CODERS[int(rng.integers(len(CODERS)))], float(rng.uniform()))
-
-
-def coded(rgb: Picture, coder: str, quality: float) -> Picture:
-    """Code and decode a picture; ``quality`` goes from 0, poor, to 1."""
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    still = {
-        "webp": (".webp", [cv2.IMWRITE_WEBP_QUALITY, round(15 + 55 * quality)]),
-        "avif": (".avif", [cv2.IMWRITE_AVIF_QUALITY, round(20 + 40 * quality), cv2.IMWRITE_AVIF_SPEED, 9]),
-        "4:1:1 JPEG": (
-            ".jpg",
-            [
-                cv2.IMWRITE_JPEG_QUALITY,
-                round(18 + 50 * quality),
-                cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-                cv2.IMWRITE_JPEG_SAMPLING_FACTOR_411,
-            ],
-        ),
-    }
-    if coder in still:
-        suffix, options = still[coder]
-        _, data = cv2.imencode(suffix, bgr, options)
-        return np.asarray(cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB))
-    file = io.BytesIO()
-    film(file, "matroska", [rgb], 25, coder, quality)
-    file.seek(0)
-    with av.open(file, "r") as coded_file:
-        frame = next(coded_file.decode(video=0))
-        return np.ascontiguousarray(frame.to_ndarray(format="rgb24")[: rgb.shape[0], : rgb.shape[1]])
-
-
-def film(
-    file: BinaryIO | str, container: str, frames: Iterable[Picture], rate_hz: float, coder: str, quality: float
-) -> None:
-    """Code pictures of one size as a video by one of `VIDEO_CODERS` or h264; an odd side gets a pixel more."""
-    names = {
-        "h264": ("libx264", {"crf": str(round(34 - 14 * quality)), "preset": "fast"}),
-        "hevc": (
-            "libx265",
-            {"crf": str(round(40 - 14 * quality)), "preset": "veryfast", "x265-params": "log-level=none:pools=1"},
-        ),
-        "vp9": ("libvpx-vp9", {"crf": str(round(56 - 22 * quality)), "b": "0", "cpu-used": "6"}),
-        "mpeg4": ("mpeg4", {"qmin": str(round(18 - 13 * quality)), "qmax": str(round(18 - 13 * quality))}),
-    }
-    name, options = names[coder]
-    with av.open(file, "w", format=container) as opened:
-        stream: Any = opened.add_stream(name, rate=Fraction(rate_hz).limit_denominator(1001), options=options)
-        stream.pix_fmt, stream.thread_count = "yuv420p", 1
-        for number, rgb in enumerate(frames):
-            height, width = rgb.shape[:2]
-            even = np.pad(rgb, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-            if not number:
-                stream.width, stream.height = even.shape[1], even.shape[0]
-            opened.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
-        opened.mux(stream.encode(None))

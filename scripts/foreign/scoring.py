@@ -21,16 +21,16 @@ from simgrab.model import label_arrays as labels
 from simgrab.model.scenario import Labels
 
 
-def record(folder: Path, replacement: str) -> Record:
-    """Read the truth of a world with one replacement."""
-    return msgspec.json.decode((folder / f"truth-{replacement}.json").read_bytes(), type=Record)
+def record(folder: Path, geometry: str) -> Record:
+    """Read the truth of one geometry of a world."""
+    return msgspec.json.decode((folder / f"truth-{geometry}.json").read_bytes(), type=Record)
 
 
 def complete(folder: Path, names: Sequence[str]) -> bool:
     """Whether all pictures of some conditions, and MuJoCo's beside, are made."""
     return all(
-        (folder / f"truth-{replacement.name}.json").exists() and picture(folder, name) is not None
-        for name, replacement in with_mujoco(names).items()
+        (folder / f"truth-{geometry}.json").exists() and picture(folder, name) is not None
+        for name, geometry in with_mujoco(names).items()
     )
 
 
@@ -57,10 +57,10 @@ def score(
     reads = list[Read]()
     for world in done:
         folder = root / world.name
-        rows = {one: record(folder, one.name).truth for one in with_mujoco(names).values()}
+        rows = {one: record(folder, one).truth for one in with_mujoco(names).values()}
         layout = world.scenario(size).display_layout if any(row.rope_text for row in rows.values()) else None
-        for name, replacement in with_mujoco(names).items():
-            row, path = rows[replacement], picture(folder, name)
+        for name, geometry in with_mujoco(names).items():
+            row, path = rows[geometry], picture(folder, name)
             assert path is not None
             rgb = pictures.decode(path.read_bytes(), str(path))
             labelled = labels.is_labelled(row, Labels().least_visible_fraction)
