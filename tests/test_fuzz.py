@@ -52,12 +52,13 @@ def test_a_kept_case_is_read_back_whole(tmp_path):
     assert Case.load(case.keep(tmp_path / "case", "why \udcff")) == case
 
 
-@pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "detector", *slow_but(["video"])])
+@pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "video", "detector"])
 def test_the_same_seed_makes_the_same_inputs(made, kind):
     first, again, other = (list(generators.cases(kind, 6, seed, made)) for seed in (5, 5, 6))
     assert first == again
     assert first != other
-    assert {case.generator for case in first} == {"structure", "bytes"}
+    structured = generators.KINDS[kind](made).structured is not None
+    assert {case.generator for case in first} == ({"structure", "bytes"} if structured else {"bytes"})
 
 
 def test_documents_are_written_as_they_are_read():
