@@ -5,7 +5,6 @@ pytest.importorskip("onnx")
 
 from scripts import fuzz
 from scripts.fuzzing import corpus, documents, generators
-from scripts.fuzzing.generators import Case
 from scripts.fuzzing.watch import ACCEPTED, LIMIT, MESSAGE, REFUSED, SIGNAL, TRACEBACK, Limits, Watched
 
 EXPECTED = {
@@ -47,11 +46,6 @@ def test_each_fault_is_seen_and_attributed_to_its_input(tmp_path):
         assert text in outcomes[name].text, (name, outcomes[name])
 
 
-def test_a_kept_case_is_read_back_whole(tmp_path):
-    case = Case("dataset", 3, "bytes", {"\udcff/a\nb": b"\x00\xff", "\udcff/c/d": b""}, "\udcff")
-    assert Case.load(case.keep(tmp_path / "case", "why \udcff")) == case
-
-
 @pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "video", "detector"])
 def test_the_same_seed_makes_the_same_inputs(made, kind):
     first, again, other = (list(generators.cases(kind, 6, seed, made)) for seed in (5, 5, 6))
@@ -76,7 +70,7 @@ CHEAP = ["scenario", "camera", "table"]
 @pytest.mark.parametrize(("kinds", "count"), [(CHEAP, 60), *slow_but([(list(generators.KINDS), 240)])])
 def test_hostile_files_are_accepted_or_refused_in_one_line(made, tmp_path, kinds, count):
     tallies = fuzz.fuzz(kinds, count, 0, tmp_path, made=made)
-    failed = [(path.parent.name, outcome.text) for tally in tallies for path, outcome in tally.failures]
+    failed = [(str(path), outcome.text) for tally in tallies for path, outcome in tally.failures]
     assert not failed
     for tally in tallies:
         assert tally.counts[ACCEPTED], f"no {tally.kind} is accepted: its inputs reach nothing behind the reader"

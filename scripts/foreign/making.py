@@ -1,6 +1,6 @@
-"""Make the pictures of one world: truth and MuJoCo's picture by simgrab, the others by Blender and another camera.
+"""Make the pictures of one world: truth and MuJoCo's picture by simgrab, the others by Blender.
 
-A file appears whole or not at all, so an interrupted world goes on where it was.
+An interrupted world goes on with the geometry at which it was.
 """
 
 from __future__ import annotations
@@ -8,28 +8,27 @@ from __future__ import annotations
 import json
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from scripts.foreign.camera import Light, photographed
 from scripts.foreign.export import export
-from scripts.foreign.worlds import CONDITIONS, Condition, World
+from scripts.foreign.worlds import PICTURES, World
 from simgrab.dataset import stored
 from simgrab.errors import RendererError
 from simgrab.io.files import write
-from simgrab.model.rng import stream
+from simgrab.io.pictures import encode
 from simgrab.world.camera.lens import Lens
+from simgrab.world.camera.pipeline import Camera
 from simgrab.world.frames import FrameGenerator
 
 ROOT = Path(__file__).parents[2]
-SUFFIXES = (".jpg", ".png")
-
 
 PathTracer = Callable[[dict[str, Any]], None]
 """What renders a job, as `scripts.foreign.blender.render` states it, or raises `RendererError`."""
@@ -75,37 +74,21 @@ class Maker:
     threads: int
     trace: PathTracer
 
-    def make(self, world: World, names: Iterable[str]) -> None:
-        """Make what is missing of some conditions of a world."""
-        folder = self.folder / "worlds" / world.name
+    def make(self, world: World) -> None:
+        """Make what is missing of a world."""
+        folder = self.folder / world.name
         folder.mkdir(parents=True, exist_ok=True)
-        geometries = dict[str, list[str]]()
-        for name in names:
-            geometries.setdefault(CONDITIONS[name].geometry, []).append(name)
-        for geometry, wanted in geometries.items():
-            missing = [name for name in wanted if CONDITIONS[name].traced and picture(folder, name) is None]
-            if missing or not (folder / f"truth-{geometry}.json").exists():
-                self._make(world, geometry, missing, folder)
+        for geometry, pictures in PICTURES.items():
+            if not truth(folder, geometry).exists():
+                with FrameGenerator(world.geometry(geometry, self.size, folder)) as generator:
+                    made = stored.make(generator, 0)
+                    (own,) = made.files.values()
+                    traced = photographed(generator, self._light(generator))
+                    for name, data in zip(pictures, (own, traced), strict=True):
+                        write(folder / f"{name}.jpg", data)
+                write(truth(folder, geometry), msgspec.json.encode(made.record))
 
-    def _make(self, world: World, geometry: str, missing: Sequence[str], folder: Path) -> None:
-        """Make truth and MuJoCo's picture of a geometry, and the missing pictures of the path tracer's light."""
-        scenario = world.scenario(self.size)
-        if geometry == "grab":
-            scenario = world.with_other_grab(scenario, folder)
-        with FrameGenerator(scenario) as generator:
-            made = stored.make(generator, 0)
-            (data,) = made.files.values()
-            beside = Condition(grab=geometry == "grab").beside
-            write(folder / f"{beside}{Path(made.record.truth.file).suffix}", data)
-            if missing:
-                light = self._light(generator)
-                buffers = generator.scene(0).draw(generator.project(0))
-                for name in missing:
-                    rng = stream(world.seed, 0, "foreign.camera")
-                    write(folder / f"{name}.jpg", photographed(scenario, buffers, light, CONDITIONS[name].camera, rng))
-        write(folder / f"truth-{geometry}.json", msgspec.json.encode(made.record))
-
-    def _light(self, generator: FrameGenerator) -> Light:
+    def _light(self, generator: FrameGenerator) -> NDArray[np.float32]:
         """Path-trace a frame, and bend it as its lens does."""
         with tempfile.TemporaryDirectory() as temporary:
             scene, out = Path(temporary) / "scene.npz", Path(temporary) / "light.npy"
@@ -118,6 +101,13 @@ class Maker:
         return np.maximum(np.asarray(light), 0)
 
 
-def picture(folder: Path, name: str) -> Path | None:
-    """Path of a condition's picture, where it is made."""
-    return next((path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").exists()), None)
+def photographed(generator: FrameGenerator, light: NDArray[np.float32]) -> bytes:
+    """Make simgrab's camera take frame 0 in linear light of shape (height, width, 3), which the lens has bent."""
+    scenario, buffers = generator.scenario, generator.scene(0).draw(generator.project(0))
+    rgb = Camera(scenario).develop(replace(buffers, rgb=light)).rgb
+    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality)
+
+
+def truth(folder: Path, geometry: str) -> Path:
+    """Path of a geometry's labels in a world's folder; they are written when its pictures are complete."""
+    return folder / f"truth-{geometry}.json"

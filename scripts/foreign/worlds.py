@@ -1,8 +1,7 @@
-"""The worlds of the foreign exam: what is rendered of each, and the conditions under which it is rendered."""
+"""The worlds of the foreign exam."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,53 +23,8 @@ FAMILIES = (
 KINDS = {DEFAULT_FAMILY: ("frame",), "clamshell or orange-peel": ("frame", "tines"), "scissors": ("levers",)}
 TIMES = ("day", "dusk", "night")
 SEEDS = {"tune": 9_310_000, "final": 9_710_000}  # neither half shares a world with the other, training or an exam
-
-
-@dataclass(frozen=True)
-class Condition:
-    """One way to make pictures of the worlds.
-
-    Attributes
-    ----------
-    grab : bool
-        Whether the grab is by other code; simgrab labels the world with it.
-    traced : bool
-        Whether Blender renders it, and not MuJoCo.
-    camera : tuple of str
-        What is replaced after the renderer: "sensor", "digits".
-    """
-
-    grab: bool = False
-    traced: bool = True
-    camera: tuple[str, ...] = ()
-
-    @property
-    def geometry(self) -> str:
-        """Name of what is rendered and labelled: simgrab's own world, or the one with another grab."""
-        return "grab" if self.grab else "own"
-
-    @property
-    def beside(self) -> str:
-        """Name of MuJoCo's picture of the same geometry."""
-        return "mujoco-grab" if self.grab else "mujoco"
-
-
-CONDITIONS: Mapping[str, Condition] = {
-    "mujoco": Condition(traced=False),
-    "cycles": Condition(),
-    "grab": Condition(grab=True),
-    "sensor": Condition(camera=("sensor",)),
-    "digits": Condition(camera=("digits",)),
-    "all": Condition(grab=True, camera=("sensor", "digits")),
-}
-
-
-def with_mujoco(names: Iterable[str]) -> dict[str, str]:
-    """List the pictures of some conditions and MuJoCo's beside, each with its geometry."""
-    conditions = {name: CONDITIONS[name] for name in names}
-    return {
-        picture: condition.geometry for name, condition in conditions.items() for picture in (name, condition.beside)
-    }
+#: MuJoCo's and the path tracer's picture of each geometry: simgrab's own world, and the one with another grab.
+PICTURES = {"own": ("mujoco", "cycles"), "grab": ("mujoco-grab", "grab")}
 
 
 @dataclass(frozen=True)
@@ -104,6 +58,11 @@ class World:
     def empty(self) -> bool:
         """Whether its grab is absent: in a quarter of the worlds, spread over families and times."""
         return (self.number // len(FAMILIES) + self.number) % len(FAMILIES) == len(FAMILIES) - 1
+
+    def geometry(self, name: str, size: tuple[int, int], folder: Path) -> Scenario:
+        """Draw the scenario of one of `PICTURES`' geometries; another grab's file goes into the folder."""
+        scenario = self.scenario(size)
+        return scenario if name == "own" else self.with_other_grab(scenario, folder)
 
     def scenario(self, size: tuple[int, int]) -> Scenario:
         """Draw its scenario: of an instant, without weather, and without motion blur."""

@@ -62,21 +62,11 @@ class Case:
             path.write_bytes(data)
 
     def keep(self, folder: Path, report: str) -> Path:
-        """Write it with what went wrong; returns the file that `load` takes."""
+        """Write it and what went wrong into a folder; returns the file or folder that was opened."""
         shutil.rmtree(folder, ignore_errors=True)
         self.write(folder / "input")
         (folder / "report.txt").write_text(report, encoding="utf-8", errors="backslashreplace")
-        about = {name: getattr(self, name) for name in ("kind", "number", "generator", "target")}
-        (folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="ascii")
-        return folder / "case.json"
-
-    @classmethod
-    def load(cls, path: Path) -> Case:
-        """Read what `keep` wrote."""
-        root = path.parent / "input"
-        files = (file for file in root.rglob("*") if file.is_file())
-        content = {str(file.relative_to(root)): file.read_bytes() for file in files}
-        return cls(content=content, **json.loads(path.read_text(encoding="ascii")))
+        return folder / "input" / self.target
 
 
 @dataclass(frozen=True)
