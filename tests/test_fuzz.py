@@ -67,7 +67,7 @@ def test_documents_are_written_as_they_are_read():
 CHEAP = ["scenario", "camera", "table"]
 
 
-@pytest.mark.parametrize(("kinds", "count"), [(CHEAP, 60), *slow_but([(list(generators.KINDS), 240)])])
+@pytest.mark.parametrize(("kinds", "count"), [(CHEAP, 60), *slow_but([(list(generators.KINDS), 320)])])
 def test_hostile_files_are_accepted_or_refused_in_one_line(made, tmp_path, kinds, count):
     tallies = fuzz.fuzz(kinds, count, 0, tmp_path, made=made)
     failed = [(str(path), outcome.text) for tally in tallies for path, outcome in tally.failures]

@@ -120,7 +120,7 @@ def _swing(n: int) -> tuple[Array, Array, Array]:
 
 
 def pictures() -> Iterator[tuple[str, bytes]]:
-    """Suffix and content of small pictures in several formats, each with a direction of its top."""
+    """Suffix and content of small pictures in several formats, each with a direction of its top, and of a large one."""
     grey = np.random.default_rng(0).integers(0, 256, (33, 64), np.uint8)
     for number, (kind, suffix, mode, options) in enumerate(PICTURES):
         out, exif = io.BytesIO(), Image.Exif()
@@ -128,6 +128,9 @@ def pictures() -> Iterator[tuple[str, bytes]]:
         tagged = {"exif": exif} if kind in ("JPEG", "PNG", "WEBP") else {}
         Image.fromarray(grey).convert(mode).save(out, kind, **options, **tagged)
         yield suffix, out.getvalue()
+    out = io.BytesIO()
+    Image.new("1", (20_000, 4_000)).save(out, "PNG")
+    yield ".png", out.getvalue()
 
 
 def videos() -> Iterator[tuple[str, bytes]]:
