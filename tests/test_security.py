@@ -23,11 +23,11 @@ SAFE = {"yaml": {"safe_load", "YAMLError"}}  # names of them that make nothing b
 BUILTINS = {"eval", "exec", "compile", "__import__"}
 # Modules that users name by --instrument or --estimator, in suites and in studies; and our own by name.
 IMPORTERS = {
-    "__init__.py", "cli/_verbs.py", "utilities/modules.py", "world/gl.py",
+    "__init__.py", "cli/_verbs.py", "instrument/estimate/__init__.py", "runtime/modules.py", "world/gl.py",
 }  # fmt: skip
 
 
-PIPES = "utilities/processes.py"  # between a command and its workers, whose items are pickled
+PIPES = "runtime/processes.py"  # between a command and its workers, whose items are pickled
 
 
 def name_of(node):

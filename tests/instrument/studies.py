@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import pendulum_simulator as pendulum
 
 from simgrab.instrument.estimate import (
     ESTIMATORS,
@@ -22,6 +21,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import camera_rotation, grab_centre, to_camera
 from simgrab.model.records.estimates import Estimates, Intervals
 from simgrab.model.rng import stream
+from tests.instrument import pendulum_simulator as pendulum
 
 H = 1644.82
 AZIMUTH = 0.7

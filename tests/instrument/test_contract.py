@@ -11,14 +11,14 @@ from importlib.metadata import EntryPoint
 
 import msgspec
 import numpy as np
-import pendulum_simulator as pendulum
 import pytest
-import studies
 
 from simgrab.errors import RecordError
 from simgrab.instrument import estimate
 from simgrab.instrument.estimate import ESTIMATORS, GROUP, IntervalSettings, Table
 from simgrab.model.geometry import camera_rotation
+from tests.instrument import pendulum_simulator as pendulum
+from tests.instrument import studies
 
 CAMERA = studies.camera()
 NAMES = list(ESTIMATORS)

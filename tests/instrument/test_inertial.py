@@ -13,14 +13,14 @@ from click.testing import CliRunner
 
 import simgrab
 from simgrab.cli.estimate import command
-from simgrab.dataset.sensors import STAMP, yaml
+from simgrab.dataset.sensor_files import yaml
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate import InertialFusion, RopeAware
 from simgrab.instrument.estimate.inertial import live, model
 from simgrab.instrument.estimate.inertial.live import InertialTracker
 from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation, rotation_vector
-from simgrab.instrument.estimate.inertial.readings import ImuReadings, read_imu
+from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, read_imu
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.instrument.run.run import run
 from simgrab.model import scenes

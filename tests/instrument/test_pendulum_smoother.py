@@ -1,12 +1,12 @@
 import numpy as np
-import pendulum_simulator as simulator
 import pytest
-import studies
 
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.frames import groups
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, Nodes, advance
 from simgrab.model.geometry import camera_rotation
+from tests.instrument import pendulum_simulator as simulator
+from tests.instrument import studies
 
 TILTED = camera_rotation(np.deg2rad(5.0), 0.7, 0.0)
 

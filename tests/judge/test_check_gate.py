@@ -297,9 +297,9 @@ def test_the_cache_goes_by_the_code_that_draws_alone(tmp_path, monkeypatch):
     """A page, an instrument or a judge changes no pixel; the world, a label and a scene's key may."""
     monkeypatch.setattr(cache, "PACKAGE", tmp_path)
     digests = []
-    for name in ("text.py", "studio/app.py", "pages/html.py", "judge/audit.py", "studio/static/page.js", "cli/run.py",
-                 "world/scene.py", "labels/truth.py", "scenario/swing.py"):  # fmt: skip
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    for name in ("text.py", "pages/studio/app.py", "reports/html.py", "judge/audit.py", "pages/studio/page.js",
+                 "cli/run.py", "world/scene.py", "model/truth.py", "model/scenario/swing.py"):  # fmt: skip
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).write_text("pass")
         digests.append(cache._drawing_code.__wrapped__())
     assert len(set(digests[:6])) == 1

@@ -3,11 +3,12 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
 from conftest import SMALL
-from test_dataset import digest, simgrab
+from test_dataset import digest
 
 from simgrab.dataset.render import render
 from simgrab.model import scenes
@@ -54,8 +55,8 @@ def test_every_preset_is_among_them():
 def test_two_workers_give_the_same_bytes_also_when_killed_and_resumed(drawn, tmp_path):
     scenario, path = drawn
     out = tmp_path / "out"
-    command = simgrab("render", path / "manifest.json", "--out", out, "--quiet", "--workers", 2)
-    process = subprocess.Popen(command, start_new_session=True)
+    command = [sys.executable, "-m", "simgrab", "render", path / "manifest.json", "--out", out, "--quiet"]
+    process = subprocess.Popen([*command, "--workers", "2"], start_new_session=True)
     rows = out / ".partial" / "rows"
     while process.poll() is None and len(list(rows.glob("*.json"))) < scenario.frames // 2:
         time.sleep(0.005)

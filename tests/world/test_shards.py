@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import simgrab
-from simgrab.dataset import datasets, stores
+from simgrab.dataset import datasets
 from simgrab.dataset import shard_reader as shards
 from simgrab.dataset.export import export
 from simgrab.dataset.render import render
 from simgrab.dataset.shards import Shards, frames_of
 from simgrab.errors import DatasetError, ScenarioError
+from simgrab.io import stores
 from simgrab.io.journal import Journal
 from tests.conftest import SMALL
 from tests.s3_server import BUCKET, contents, folder_contents, s3

@@ -23,7 +23,8 @@ from simgrab.model.scenario import Scenario
 
 PACKAGE = Path(__file__).parents[2]
 # Where the code is that decides pixels and labels.
-DRAWING = ("runtime", "io", "model", "world", "dataset", "lab/sensors", "training/assembled")
+_ROOMS = ("runtime", "io", "model", "world", "dataset", "lab/sensors", "training/assembled")
+DRAWING = ("errors.py", "text.py", *(f"{room}/**/*.py" for room in _ROOMS))
 
 Progress = Callable[[int, int], None]
 
@@ -96,8 +97,7 @@ def _renderer() -> str:
 
 def drawing_modules() -> list[Path]:
     """Modules that pictures and labels depend on."""
-    found = (path for place in DRAWING for path in PACKAGE.glob(f"{place}/**/*.py"))
-    return sorted([*found, PACKAGE / "errors.py", PACKAGE / "text.py"])
+    return sorted(path for place in DRAWING for path in PACKAGE.glob(place))
 
 
 @cache

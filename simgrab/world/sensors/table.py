@@ -13,11 +13,11 @@ DEVICES = {
     "slew-encoder": "simgrab.world.sensors.encoders:EncoderDevice",
     "luff-encoder": "simgrab.world.sensors.encoders:EncoderDevice",
     "hoist-encoder": "simgrab.world.sensors.encoders:EncoderDevice",
-    "lidar": "simgrab.world.sensors.lidar:LidarDevice",
-    "camera": "simgrab.world.sensors.camera:CameraDevice",
+    "lidar": "simgrab.lab.sensors.lidar:LidarDevice",
+    "camera": "simgrab.lab.sensors.camera:CameraDevice",
 }
 """From the ``model`` of a sensor to a `simgrab.world.sensors.device.Device`, which takes sensor and setting."""
-ROPE_WAVES = "simgrab.world.sensors.waves:RopeWaves"
+ROPE_WAVES = "simgrab.lab.sensors.waves:RopeWaves"
 """What gives the ropes' waves to `simgrab.world.sensors.motion.motions`; it takes scenario and course."""
 
 

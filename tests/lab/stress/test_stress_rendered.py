@@ -12,12 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 import tomli_w
 from click.testing import CliRunner
-from simgrab.dataset.dataset import render
-from simgrab.geometry import camera_rotation, eq2_cos_alpha, vertical_direction
 from stress_runs import refused
 
-from simgrab import __version__, calibration
+from simgrab import __version__
 from simgrab.cli import cli
+from simgrab.dataset.render import render
 from simgrab.errors import SimgrabError, StressError
 from simgrab.instrument.observation import observe
 from simgrab.instrument.pipeline import bundled
@@ -26,6 +25,8 @@ from simgrab.lab.stress import catalogue, estimators, geometric, laboratory, ren
 from simgrab.lab.stress.laboratory import PARTIAL, STUDY, TRIALS, made, make, parts
 from simgrab.lab.stress.rendered import Watched, watch
 from simgrab.lab.stress.study import quickened, situation
+from simgrab.model import calibration
+from simgrab.model.geometry import camera_rotation, eq2_cos_alpha, vertical_direction
 
 TINY = {
     "place.model": "plain", "camera.width_px": 480, "camera.height_px": 270, "camera.focal.model": "pixels",

@@ -20,7 +20,7 @@ FAMILIES = {
     "clamshell": ("simgrab.world.scenery.grabs.clamshell", "clamshell"),
     "orange-peel": ("simgrab.world.scenery.grabs.orange_peel", "orange_peel"),
     "scissors": ("simgrab.world.scenery.grabs.scissors", "scissors"),
-    "assembled": ("simgrab.world.scenery.grabs.assembled", "assembled"),
+    "assembled": ("simgrab.training.assembled", "assembled"),
     "mesh": ("simgrab.world.scenery.grabs.from_file", "from_file"),
 }
 

@@ -17,10 +17,10 @@ import numpy as np
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
 from simgrab.model.scenario.grab import Assembled
+from simgrab.training.assembled.dimensions import Chance, Dimensions
+from simgrab.training.assembled.head import head, middle, rope_ends
+from simgrab.training.assembled.jaws import jaw, strut, vessel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
-from simgrab.world.scenery.grabs.assembled.head import head, middle, rope_ends
-from simgrab.world.scenery.grabs.assembled.jaws import jaw, strut, vessel
 from simgrab.world.scenery.grabs.design import Body, Design, Heaps
 from simgrab.world.scenery.grabs.shells import GAP_M
 

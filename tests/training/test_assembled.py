@@ -13,9 +13,9 @@ from simgrab.model import scenes
 from simgrab.model.scenario import Assembled, Clutter, RandomPlace
 from simgrab.model.scenario.grab import Grab
 from simgrab.model.scenario.vary import variants
+from simgrab.training.assembled import assembled
 from simgrab.world.scenery import places
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.scenery.grabs.assembled import assembled
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design
 from simgrab.world.scenery.grabs.drawn import any_of
 from simgrab.world.scenery.parked import parked_grabs

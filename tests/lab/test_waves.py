@@ -5,8 +5,8 @@ import pytest
 from scipy.linalg import eigvalsh_tridiagonal
 
 import simgrab
+from simgrab.lab.sensors.waves import KG_M_MM2, Strings, Waves
 from simgrab.model.geometry import STANDARD_GRAVITY
-from simgrab.world.sensors.waves import KG_M_MM2, Strings, Waves
 
 LENGTH, KG, KG_M = 18.0, 10_500.0, 4 * KG_M_MM2 * 32.0**2
 SPEED = np.sqrt(KG * STANDARD_GRAVITY / KG_M)

@@ -10,10 +10,10 @@ import yaml
 import simgrab
 from simgrab.dataset import sensors as files
 from simgrab.errors import ScenarioError
+from simgrab.lab.sensors.camera import looking
 from simgrab.model.scenario import SideCamera
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.sensors.camera import looking
 from simgrab.world.trajectory.trajectory import Trajectory
 
 CAMERAS = {

@@ -7,8 +7,8 @@ import shapely
 import trimesh
 
 from simgrab.model.geometry import Array
+from simgrab.training.assembled.dimensions import Chance, Dimensions
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.assembled.dimensions import Chance, Dimensions
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Part

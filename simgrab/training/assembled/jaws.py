@@ -10,8 +10,8 @@ import shapely
 import trimesh
 
 from simgrab.model.geometry import Array
+from simgrab.training.assembled.dimensions import CURVE_POINTS, Chance, Dimensions
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.assembled.dimensions import CURVE_POINTS, Chance, Dimensions
 from simgrab.world.scenery.grabs.shells import GAP_M, polygons
 from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes

@@ -9,6 +9,7 @@ import yaml
 import simgrab
 from simgrab.dataset import sensors as files
 from simgrab.errors import ScenarioError
+from simgrab.lab.sensors.lidar import LidarDevice, extinction
 from simgrab.model import geometry
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Lidar, Weather, variant
@@ -16,7 +17,6 @@ from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.model import NOTHING
 from simgrab.world.sensors.device import Setting
-from simgrab.world.sensors.lidar import LidarDevice, extinction
 from simgrab.world.sensors.motion import motions
 
 PLAIN = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +15,9 @@ from simgrab.world.scenery.plan import draw_up
 from simgrab.world.sensors.device import SWING, Device, Setting
 from simgrab.world.sensors.errors import Clock, counted
 from simgrab.world.sensors.motion import Motion
+
+if TYPE_CHECKING:
+    import mujoco
 
 _DB_KM = math.log(10) / 10 / 1000  # 1/m
 _SHOWN = np.array([1, 1, 1, 1, 0, 0], np.uint8)  # groups of geoms: place, jib, ropes, grab
@@ -95,6 +98,8 @@ class LidarDevice(Device):
         id : ndarray of int, shape (n,)
             0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing.
         """
+        import mujoco  # whose OpenGL `simgrab.world` chooses
+
         scenario = self._setting.scenario
         if self._world is None:
             world = model.build(scenario, draw_up(scenario, self._setting.world))

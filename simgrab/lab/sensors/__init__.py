@@ -1,0 +1,1 @@
+"""Sensors beside the camera that only rival methods use."""
