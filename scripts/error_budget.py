@@ -1,6 +1,6 @@
 """Render clips, measure them by the bundled instrument or another detector, and print what limits the angle in each.
 
-    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm,alarm] [--work runs/budget]
+    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm] [--work runs/budget]
         [--grab SCENE] [--detector any-grab]
 
 Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states
@@ -17,8 +17,6 @@ from typing import Any
 import click
 import msgspec
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from simgrab.cli._progress import bar
 from simgrab.dataset.render import render
@@ -26,11 +24,12 @@ from simgrab.instrument.pipeline import assemble
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import open_source
 from simgrab.judge.evaluate.evaluation import evaluate
-from simgrab.judge.evaluate.table import text
+from simgrab.judge.evaluate.table import tables
 from simgrab.model import calibration, scenes
 from simgrab.model.calibration import Calibration
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Grab
+from simgrab.reports.terminal import cell, stdout, table
 
 OFFSET_SD_M = 0.05
 FIXED = {"camera.mount": {"model": "fixed"}, "display.layout": "two-by-four"}
@@ -78,50 +77,19 @@ def measured_offset(camera: Calibration, seed: int) -> Calibration:
     return msgspec.structs.replace(camera, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
 
 
-def folder(name: str) -> str:
-    """Name a clip's folder."""
-    return name.replace(",", "").replace(" ", "-").replace("/", "-")
-
-
-def show(found: Mapping[str, Mapping[str, Any]]) -> None:
-    """Print the clips side by side: RMSE of α, degrees, stage by stage; then what detector, reader and alarm did."""
-    table = Table(title="RMSE of α, deg: each row is told one thing less than the one above it")
-    table.add_column("")
-    for name in found:
-        table.add_column(name, justify="right")
-    budgets = [f["budget"] for f in found.values()]
-    for i, stage in enumerate(budgets[0]["chain"]):
-        table.add_row(stage["stage"], *(_deg(b["chain"][i]) for b in budgets))
-    table.add_row("the run itself", *(_deg(b["run"]) for b in budgets))
-    table.add_row("offset drawn about the true one", *(_deg(b["drawn"]) for b in budgets), end_section=True)
-    table.add_row("true box's centre, all else true", *(_deg(b["aside"][0]) for b in budgets))
-    table.add_row("the paper's method, true centres", *(_deg(b["paper"][0]) for b in budgets))
-    table.add_row("the paper's method, detected centres", *(_deg(b["paper"][1]) for b in budgets), end_section=True)
-    table.add_row("what adds most", *(b["limit"] for b in budgets), end_section=True)
-    for row in zip(*(_measured(f) for f in found.values()), strict=True):
-        table.add_row(row[0][0], *(text for _, text in row))
-    Console(width=200).print(table)
-
-
-def _measured(f: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return [
-        ("recall", text(f["detection"]["recall"], 4)),
-        ("centre error, median (px)", text(f["detection"]["centre"].get("median_px"), 2)),
-        ("frames read right", text(f["reading"]["frames_right"]["value"], 4)),
-        ("95 % intervals hold", text(f["interval"]["share"])),
-        ("true events beyond 10.5 deg, missed", f"{f['alarm']['sure']}, {f['alarm']['missed']}"),
-        ("alarms, false", f"{f['alarm']['reported']}, {f['alarm']['false']}"),
-    ]
-
-
-def _deg(row: Mapping[str, Any]) -> str:
-    return "refused" if row["rmse_deg"] is None else f"{row['rmse_deg']:.3f}"
+def show(name: str, found: Mapping[str, Any]) -> None:
+    """Print what `simgrab evaluate` prints, below a clip's name."""
+    console = stdout()
+    console.rule(name)
+    for each in tables(found):
+        console.print(table(each.rows, each.head, each.title))
+        console.print(cell(each.note), highlight=False)
 
 
 @click.command()
 @click.option("--minutes", default=5.0, show_default=True)
 @click.option("--rate", default=3.0, show_default=True, help="Frames a second.")
-@click.option("--only", help="Names of clips, with commas between them (a name's own commas left out).")
+@click.option("--only", "names", multiple=True, type=click.Choice(list(CLIPS)), help="As often as wanted.")
 @click.option("--seed", default=11, show_default=True)
 @click.option("--grab", help="Scene whose grab hangs there, in place of the usual one.")
 @click.option(
@@ -130,17 +98,16 @@ def _deg(row: Mapping[str, Any]) -> str:
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/budget"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
 def main(
-    minutes: float, rate: float, only: str | None, seed: int, grab: str | None, detector: str, work: Path, workers: int
-) -> None:
+    minutes: float, rate: float, names: tuple[str, ...], seed: int, grab: str | None, detector: str, work: Path,
+    workers: int,
+) -> None:  # fmt: skip
     """Print the error budgets."""
-    wanted = {name.strip() for name in only.split(",")} if only else None
-    names = [name for name in CLIPS if wanted is None or name.replace(",", "") in wanted]
-    if wanted is not None and len(names) < len(wanted):
-        raise click.UsageError(f"--only: one of these is no clip: {', '.join(sorted(wanted))}")
     work.mkdir(parents=True, exist_ok=True)
     settings = {"frames": round(60 * minutes * rate), "clip.frame_rate_hz": rate, "seed": seed}
     other_grab = scenes.load(grab).grab if grab else None
-    show({name: budget(name, work / folder(name), settings, workers, other_grab, detector) for name in names})
+    for name in names or CLIPS:
+        folder = work / name.replace(",", "").replace(" ", "-").replace("/", "-")
+        show(name, budget(name, folder, settings, workers, other_grab, detector))
 
 
 if __name__ == "__main__":

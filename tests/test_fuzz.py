@@ -5,7 +5,6 @@ pytest.importorskip("onnx")
 
 from scripts import fuzz
 from scripts.fuzzing import corpus, documents, generators
-from scripts.fuzzing.generators import Case
 from scripts.fuzzing.watch import ACCEPTED, LIMIT, MESSAGE, REFUSED, SIGNAL, TRACEBACK, Limits, Watched
 
 EXPECTED = {
@@ -47,17 +46,13 @@ def test_each_fault_is_seen_and_attributed_to_its_input(tmp_path):
         assert text in outcomes[name].text, (name, outcomes[name])
 
 
-def test_a_kept_case_is_read_back_whole(tmp_path):
-    case = Case("dataset", 3, "bytes", {"\udcff/a\nb": b"\x00\xff", "\udcff/c/d": b""}, "\udcff")
-    assert Case.load(case.keep(tmp_path / "case", "why \udcff")) == case
-
-
-@pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "detector", *slow_but(["video"])])
+@pytest.mark.parametrize("kind", ["scenario", "camera", "run", "table", "picture", "video", "detector"])
 def test_the_same_seed_makes_the_same_inputs(made, kind):
     first, again, other = (list(generators.cases(kind, 6, seed, made)) for seed in (5, 5, 6))
     assert first == again
     assert first != other
-    assert {case.generator for case in first} == {"structure", "bytes"}
+    structured = generators.KINDS[kind](made).structured is not None
+    assert {case.generator for case in first} == ({"structure", "bytes"} if structured else {"bytes"})
 
 
 def test_documents_are_written_as_they_are_read():
@@ -72,10 +67,10 @@ def test_documents_are_written_as_they_are_read():
 CHEAP = ["scenario", "camera", "table"]
 
 
-@pytest.mark.parametrize(("kinds", "count"), [(CHEAP, 60), *slow_but([(list(generators.KINDS), 240)])])
+@pytest.mark.parametrize(("kinds", "count"), [(CHEAP, 60), *slow_but([(list(generators.KINDS), 320)])])
 def test_hostile_files_are_accepted_or_refused_in_one_line(made, tmp_path, kinds, count):
     tallies = fuzz.fuzz(kinds, count, 0, tmp_path, made=made)
-    failed = [(path.parent.name, outcome.text) for tally in tallies for path, outcome in tally.failures]
+    failed = [(str(path), outcome.text) for tally in tallies for path, outcome in tally.failures]
     assert not failed
     for tally in tallies:
         assert tally.counts[ACCEPTED], f"no {tally.kind} is accepted: its inputs reach nothing behind the reader"

@@ -1,6 +1,6 @@
-"""Make the pictures of one world: truth and MuJoCo's picture by simgrab, the others by Blender and other cameras.
+"""Make the pictures of one world: truth and MuJoCo's picture by simgrab, the others by Blender.
 
-A file appears whole or not at all, so an interrupted world goes on where it was.
+An interrupted world goes on with the geometry at which it was.
 """
 
 from __future__ import annotations
@@ -8,35 +8,30 @@ from __future__ import annotations
 import json
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import msgspec
 import numpy as np
-from skimage import data as samples_of_skimage
+from numpy.typing import NDArray
 
-from scripts.foreign.camera import photographed
 from scripts.foreign.export import export
-from scripts.foreign.worlds import CONDITIONS, Condition, Replacement, World, beside
+from scripts.foreign.worlds import PICTURES, World
 from simgrab.dataset import stored
 from simgrab.errors import RendererError
 from simgrab.io.files import write
-from simgrab.model.rng import stream
+from simgrab.io.pictures import encode
 from simgrab.world.camera.lens import Lens
+from simgrab.world.camera.pipeline import Camera
 from simgrab.world.frames import FrameGenerator
 
 ROOT = Path(__file__).parents[2]
-SUFFIXES = (".jpg", ".png")
-BELOW_GRAB_M = 0.5
-#: Photographs of surfaces that come with scikit-image, under CC0.
-SURFACES = ("brick", "grass", "gravel")
 
-
-PathTracer = Callable[[Sequence[dict[str, Any]]], None]
-"""What renders jobs, as `scripts.foreign.blender.render` states them, or raises `RendererError`."""
+PathTracer = Callable[[dict[str, Any]], None]
+"""What renders a job, as `scripts.foreign.blender.render` states it, or raises `RendererError`."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +40,10 @@ class Blender:
 
     python: str
 
-    def __call__(self, jobs: Sequence[dict[str, Any]]) -> None:
-        """Render jobs; see `PathTracer`."""
+    def __call__(self, job: dict[str, Any]) -> None:
+        """Render a job; see `PathTracer`."""
         with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
-            json.dump(list(jobs), file)
+            json.dump(job, file)
             file.flush()
             command = [self.python, "-m", "scripts.foreign.blender", file.name]
             try:
@@ -79,68 +74,40 @@ class Maker:
     threads: int
     trace: PathTracer
 
-    def make(self, world: World, names: Iterable[str]) -> None:
-        """Make what is missing of some conditions of a world."""
-        folder = self.folder / "worlds" / world.name
+    def make(self, world: World) -> None:
+        """Make what is missing of a world."""
+        folder = self.folder / world.name
         folder.mkdir(parents=True, exist_ok=True)
-        replacements = dict.fromkeys(CONDITIONS[name].replacement for name in names)
-        for replacement in replacements:
-            wanted = [name for name in names if CONDITIONS[name].replacement == replacement]
-            missing = [name for name in wanted if CONDITIONS[name].light and picture(folder, name) is None]
-            if missing or not (folder / f"truth-{replacement.name}.json").exists():
-                self._make_replaced(world, replacement, missing, folder)
+        for geometry, pictures in PICTURES.items():
+            if not truth(folder, geometry).exists():
+                with FrameGenerator(world.geometry(geometry, self.size, folder)) as generator:
+                    made = stored.make(generator, 0)
+                    (own,) = made.files.values()
+                    traced = photographed(generator, self._light(generator))
+                    for name, data in zip(pictures, (own, traced), strict=True):
+                        write(folder / f"{name}.jpg", data)
+                write(truth(folder, geometry), msgspec.json.encode(made.record))
 
-    def _make_replaced(self, world: World, replacement: Replacement, missing: Sequence[str], folder: Path) -> None:
-        scenario = world.replaced(world.scenario(self.size), replacement, folder)
-        with FrameGenerator(scenario) as generator:
-            made = stored.make(generator, 0)
-            (data,) = made.files.values()
-            write(folder / f"{beside(Condition(replacement))}{Path(made.record.truth.file).suffix}", data)
-            if missing:
-                self._trace(world, missing, generator, folder)
-        write(folder / f"truth-{replacement.name}.json", msgspec.json.encode(made.record))
-
-    def _trace(self, world: World, missing: Sequence[str], generator: FrameGenerator, folder: Path) -> None:
-        """Path-trace what some conditions need, and make their pictures."""
-        scenario, scene, projection = generator.scenario, generator.scene(0), generator.project(0)
-        lens = None if scenario.camera.intrinsics.distortion.is_null else Lens(scenario.camera.intrinsics)
-        full = scene.renderer.full
+    def _light(self, generator: FrameGenerator) -> NDArray[np.float32]:
+        """Path-trace a frame, and bend it as its lens does."""
         with tempfile.TemporaryDirectory() as temporary:
-            place = Path(temporary)
-            np.savez(place / "scene.npz", **export(generator))
-            np.savez(place / "photographs.npz", **surface_photographs())
-            lights = {CONDITIONS[name].light: CONDITIONS[name].render for name in missing}
-            points = generator.scene(0).world.plan.grab_points(projection.moment.grab)
-            lowest = float(projection.moment.grab.jib_from_grab.apply(points)[:, 2].min())
-            jobs = [
-                {
-                    "scene": str(place / "scene.npz"), "photographs": str(place / "photographs.npz"),
-                    "replaced": list(replaced or ()), "dusk": world.time == "dusk",
-                    "light": "lamps" if scenario.light.floodlights else "sun",
-                    "ground_m": -scenario.jib.head_height_m, "ceiling_m": lowest - BELOW_GRAB_M, "seed": world.seed,
-                    "samples": self.samples, "threads": self.threads, "out": str(place / f"{light}.npy"),
-                }
-                for light, replaced in lights.items()
-            ]  # fmt: skip
-            self.trace(jobs)
-            buffers = scene.draw(projection)
-            for name in missing:
-                condition = CONDITIONS[name]
-                light = np.load(place / f"{condition.light}.npy").astype(np.float32)
-                bent = light if lens is None else np.asarray(lens.map(full).resample(light, cv2.INTER_CUBIC))
-                replaced = (*(condition.render or ()), *condition.camera)
-                file, suffix = photographed(
-                    scenario, buffers, np.maximum(bent, 0), replaced, stream(world.seed, 0, "foreign.camera")
-                )
-                write(folder / f"{name}{suffix}", file)
+            scene, out = Path(temporary) / "scene.npz", Path(temporary) / "light.npy"
+            np.savez(scene, **export(generator))
+            self.trace({"scene": str(scene), "samples": self.samples, "threads": self.threads, "out": str(out)})
+            light = np.load(out).astype(np.float32)
+        intrinsics = generator.scenario.camera.intrinsics
+        if not intrinsics.distortion.is_null:
+            light = Lens(intrinsics).map(generator.scene(0).renderer.full).resample(light, cv2.INTER_CUBIC)
+        return np.maximum(np.asarray(light), 0)
 
 
-def surface_photographs() -> dict[str, Any]:
-    """Photographs of surfaces, RGB."""
-    grey = {name: getattr(samples_of_skimage, name)() for name in SURFACES}
-    return {name: np.repeat(picture[..., None], 3, axis=2) for name, picture in grey.items()}
+def photographed(generator: FrameGenerator, light: NDArray[np.float32]) -> bytes:
+    """Make simgrab's camera take frame 0 in linear light of shape (height, width, 3), which the lens has bent."""
+    scenario, buffers = generator.scenario, generator.scene(0).draw(generator.project(0))
+    rgb = Camera(scenario).develop(replace(buffers, rgb=light)).rgb
+    return encode(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), "jpeg", scenario.image.quality)
 
 
-def picture(folder: Path, name: str) -> Path | None:
-    """Path of a condition's picture, where it is made."""
-    return next((path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").exists()), None)
+def truth(folder: Path, geometry: str) -> Path:
+    """Path of a geometry's labels in a world's folder; they are written when its pictures are complete."""
+    return folder / f"truth-{geometry}.json"

@@ -14,7 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from scripts.fuzzing import bytewise, corpus, documents, media, nets, tables
+from scripts.fuzzing import bytewise, corpus, documents, nets, tables
 from simgrab.io.resources import SCENES
 from simgrab.judge.check import suite
 from simgrab.lab.stress import catalogue
@@ -62,21 +62,11 @@ class Case:
             path.write_bytes(data)
 
     def keep(self, folder: Path, report: str) -> Path:
-        """Write it with what went wrong; returns the file that `load` takes."""
+        """Write it and what went wrong into a folder; returns the file or folder that was opened."""
         shutil.rmtree(folder, ignore_errors=True)
         self.write(folder / "input")
         (folder / "report.txt").write_text(report, encoding="utf-8", errors="backslashreplace")
-        about = {name: getattr(self, name) for name in ("kind", "number", "generator", "target")}
-        (folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="ascii")
-        return folder / "case.json"
-
-    @classmethod
-    def load(cls, path: Path) -> Case:
-        """Read what `keep` wrote."""
-        root = path.parent / "input"
-        files = (file for file in root.rglob("*") if file.is_file())
-        content = {str(file.relative_to(root)): file.read_bytes() for file in files}
-        return cls(content=content, **json.loads(path.read_text(encoding="ascii")))
+        return folder / "input" / self.target
 
 
 @dataclass(frozen=True)
@@ -85,15 +75,15 @@ class Kind:
 
     Attributes
     ----------
-    structured : callable
-        Makes the files of one input of random numbers.
+    structured : callable, optional
+        Makes the files of one input of random numbers, for every second input.
     seeds : tuple of Made
         Sound ones for the byte mutator.
     damaged : tuple of str
         Names of the files that it may damage; empty for all.
     """
 
-    structured: Callable[[Random], Made]
+    structured: Callable[[Random], Made] | None
     seeds: tuple[Made, ...]
     damaged: tuple[str, ...] = ()
 
@@ -126,16 +116,9 @@ def _set() -> Kind:
     """Arguments of ``--set``, one after another with NUL bytes between them."""
     flat = dict(_dotted(scenes.load("quay-day").to_dict()))
 
-    def argument(rng: Random) -> str:
-        key = rng.choice(sorted(flat))
-        if rng.random() < 2 / 3:
-            return f"{key}={documents.inline(documents.changed(rng, flat[key]))}"
-        text = rng.choice((documents.inline(documents.value(rng)), rng.choice(documents.TEXTS), documents.text(rng)))
-        equal = rng.choice(("=", "=", "=", "", "==", " = "))
-        return rng.choice((key, rng.choice(documents.KEYS), f"{key}.a")) + equal + text
-
     def joined(rng: Random) -> Made:
-        text = "\0".join(argument(rng) for _ in range(rng.randint(1, 3)))
+        keys = [rng.choice(sorted(flat)) for _ in range(rng.randint(1, 3))]
+        text = "\0".join(f"{key}={documents.inline(documents.changed(rng, flat[key]))}" for key in keys)
         encodable = re.sub("[\ud800-\udc7f\udd00-\udfff]", "?", text)  # what no bytes of an argument are decoded to
         return _alone(".txt", os.fsencode(encodable))
 
@@ -178,15 +161,12 @@ def _content(folder: Path, keep: Callable[[str], bool]) -> dict[str, bytes]:
     return {name: path.read_bytes() for name, path in paths if keep(name)}
 
 
-def _either(kinds: list[Kind]) -> Kind:
-    seeds = tuple(seed for kind in kinds for seed in kind.seeds)
-    return Kind(lambda rng: rng.choice(kinds).structured(rng), seeds, kinds[0].damaged)
-
-
 def _run(made: Path) -> Kind:
     names = ("run.json", "alarms.json", "camera.toml", "angles.parquet")
-    runs = (_content(made / name, lambda file: file != "angles.csv") for name in (corpus.RUN, corpus.RUN_OF_VIDEO))
-    return _either([_folder(sound, names) for sound in runs])
+    folders = (made / corpus.RUN, made / corpus.RUN_OF_VIDEO)
+    kinds = [_folder(_content(folder, lambda file: file != "angles.csv"), names) for folder in folders]
+    makers = [kind.structured for kind in kinds if kind.structured]
+    return Kind(lambda rng: rng.choice(makers)(rng), tuple(seed for kind in kinds for seed in kind.seeds), names)
 
 
 def _truth(made: Path) -> Kind:
@@ -201,29 +181,20 @@ def _dataset(made: Path) -> Kind:
 
 def _table(made: Path) -> Kind:
     csv, parquet = (made / corpus.RECORD).read_bytes(), (made / corpus.DATASET / "labels.parquet").read_bytes()
-    return _either([
-        Kind(lambda rng: _alone(".csv", tables.csv(rng, csv)), (_alone(".csv", csv),)),
-        Kind(lambda rng: _alone(".parquet", tables.parquet(rng, parquet)), (_alone(".parquet", parquet),)),
-    ])  # fmt: skip
+    seeds = (_alone(".csv", csv), _alone(".parquet", parquet))
+    return Kind(lambda rng: _alone(".parquet", tables.parquet(rng, parquet)), seeds)
 
 
 def _picture(made: Path) -> Kind:
-    """Folder of a picture, half of them beside a sound one."""
+    """Folder of a picture beside a sound one."""
     sound = next(iter(sorted((made / corpus.DATASET).glob("images/*/*.jpg")))).read_bytes()
-    some = [media.picture(Random(i)) for i in range(24)]
-    seeds = tuple(("", {f"1{suffix}": data}) for suffix, data in [(".jpg", sound), *some] if len(data) < 1 << 18)
-
-    def structured(rng: Random) -> Made:
-        suffix, data = media.picture(rng)
-        return "", {f"1{suffix}": data} | ({"0.jpg": sound} if rng.random() < 0.5 else {})
-
-    return Kind(structured, seeds)
+    seeds = (("", {f"1{suffix}": data, "0.jpg": sound}) for suffix, data in [(".jpg", sound), *corpus.pictures()])
+    return Kind(None, tuple(seeds))
 
 
 def _video(made: Path) -> Kind:
-    some = [one for one in (media.video(Random(i)) for i in range(24)) if 100 < len(one[1]) < 1 << 18]
-    seeds = [(".mp4", (made / corpus.VIDEO).read_bytes()), *some]
-    return Kind(lambda rng: _alone(*media.video(rng)), tuple(_alone(*one) for one in seeds))
+    seeds = [(".mp4", (made / corpus.VIDEO).read_bytes()), *corpus.videos()]
+    return Kind(None, tuple(_alone(*one) for one in seeds))
 
 
 def _baseline() -> Kind:
@@ -257,7 +228,7 @@ KINDS: dict[str, Callable[[Path], Kind]] = {
 
 
 def cases(name: str, count: int, seed: int, made: Path) -> Iterator[Case]:
-    """Make inputs of a kind, half of them by each generator; the same for the same seed and versions of libraries.
+    """Make inputs of a kind, by its generators in turns; the same for the same seed and versions of libraries.
 
     Parameters
     ----------
@@ -271,7 +242,7 @@ def cases(name: str, count: int, seed: int, made: Path) -> Iterator[Case]:
     kind = KINDS[name](made)
     for number in range(count):
         rng = Random(f"{seed}/{name}/{number}")
-        if number % 2:
+        if number % 2 or kind.structured is None:
             suffix, sound = rng.choice(kind.seeds)
             file = rng.choice(kind.damaged or tuple(sorted(sound)))
             others = [files[file] for _, files in kind.seeds if file in files]

@@ -1,4 +1,4 @@
-"""Hostile tables, CSV and Parquet: valid ones of which cells, columns and types are replaced."""
+"""Hostile tables in Parquet: valid ones of which cells, columns and types are replaced."""
 
 from __future__ import annotations
 
@@ -12,16 +12,6 @@ import pyarrow.parquet as pq
 
 from scripts.fuzzing.documents import CHANGES, FLOATS, INTEGERS, KEYS, TEXTS, number
 
-CELLS = (
-    "", " ", "nan", "NaN", "inf", "-inf", "1e999", "1,5", "0x10", "1_000", "٣", "--", "NULL", "None", "true", '"',
-    '"a', "a\x00b",
-    "9" * 400, "1e-320", "-1", "0", "1e300", "1\t2", "=1+1", "x" * 3000, "'", "；", "960", "-960", "1e6",
-)  # fmt: skip
-HEADERS = (
-    "u_px", "v_px", "grab_u_px", "grab_v_px", "rope_length_m", "time_s", "", " u_px ", '"u_px"', "U_PX", "u_px\x00",
-    "a\nb", "é",
-    "x" * 500,
-)  # fmt: skip
 _BAD_UTF8 = b"\xff\xfe\x80a"
 
 
@@ -121,31 +111,3 @@ def parquet(rng: Random, sound: bytes) -> bytes:
     packed = rng.choice(("none", "snappy", "gzip", "zstd", "brotli"))
     pq.write_table(table, out, compression=packed, use_dictionary=rng.random() < 0.5, row_group_size=3)
     return out.getvalue()
-
-
-def csv(rng: Random, sound: bytes) -> bytes:
-    """CSV file near a sound one."""
-    rows = [line.split(",") for line in sound.decode("utf-8").splitlines()]
-    for _ in range(rng.choice(CHANGES)):
-        change, at = rng.randrange(9), rng.randrange(1, len(rows)) if len(rows) > 1 else 0
-        column = rng.randrange(max(len(rows[at]), 1))
-        if change <= 2 and rows[at]:
-            rows[at][column] = rng.choice((*CELLS, *[str(number(rng))] * 20))
-        elif change == 3 and column < len(rows[0]):
-            rows[0][column] = rng.choice(HEADERS)
-        elif change == 4:
-            rows[at] = rng.choice(([], [""], rows[at][:-1], [*rows[at], "1"], rows[at] * 50))
-        elif change == 5:
-            rows = rng.choice((rows[:1], rows[1:], rows[:2], rows * 2, [*rows[:1], *rows[:0:-1]]))
-        elif change == 6:
-            rows = [[*row, row[column] if column < len(row) else ""] for row in rows]
-        elif change == 7:
-            rows = [row[:column] + row[column + 1 :] for row in rows]
-        else:
-            value = rng.choice(CELLS)
-            rows = [rows[0], *([*row[:column], value, *row[column + 1 :]] for row in rows[1:])]
-        rows = rows or [[]]
-    comma = rng.choice([*[","] * 20, ";", "\t", ", "])
-    end = rng.choice([*["\n"] * 20, "\r\n", "\r", "\n\n"])
-    code = rng.choice([*["utf-8"] * 20, "utf-8-sig", "utf-16", "latin-1"])
-    return (end.join(comma.join(row) for row in rows) + end).encode(code, errors="replace")

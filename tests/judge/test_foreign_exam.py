@@ -5,33 +5,21 @@ import pytest
 from click.testing import CliRunner
 
 from scripts import foreign_exam
-from scripts.foreign import camera, grabs, making, scoring, surfaces
+from scripts.foreign import grabs
 from scripts.foreign.export import export
-from scripts.foreign.making import Maker, picture
-from scripts.foreign.worlds import BOTH, CONDITIONS, OWN, SEEDS, TIMES, World, beside
+from scripts.foreign.making import Maker, photographed
+from scripts.foreign.worlds import SEEDS, TIMES, World
+from simgrab.dataset import stored
 from simgrab.errors import RendererError
 from simgrab.model import scenes
-from simgrab.model.scenario import Mesh, Plain
+from simgrab.model.scenario import Mesh
 from simgrab.world.camera.optics import to_linear
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.grabs.from_file import from_file
-from simgrab.world.scenery.model import GRAB, PLACE, ROPE
+from simgrab.world.scenery.model import GRAB, PLACE
 from tests.conftest import SMALL
 
 SIZE = 480, 270
-PICTURES = ("cycles", "sensor", "coder")
-
-
-def test_each_condition_replaces_one_thing_and_the_last_one_all():
-    replaced = {
-        name: ({"grab"} if one.replacement.grab else set()) | set(one.render or ()) | set(one.camera)
-        for name, one in CONDITIONS.items()
-    }
-    single = set(CONDITIONS) - {"mujoco", "cycles", "all"}
-    assert replaced["mujoco"] == replaced["cycles"] == set()
-    assert all(replaced[name] == {name} for name in single)
-    assert replaced["all"] == single
-    assert {beside(one) for one in CONDITIONS.values()} == {"mujoco", "mujoco-grab", "mujoco-ground", "mujoco-both"}
 
 
 def test_twelve_worlds_have_every_family_at_every_time_and_halves_share_none():
@@ -43,14 +31,12 @@ def test_twelve_worlds_have_every_family_at_every_time_and_halves_share_none():
     assert len({World(half, number).seed for half in SEEDS for number in range(10_000)}) == 20_000
 
 
-def test_a_replacement_changes_grab_and_place_alone(tmp_path):
+def test_another_grab_changes_the_grab_alone(tmp_path):
     world = World("tune", 0)
     own = world.scenario(SIZE)
-    both = world.replaced(own, BOTH, tmp_path)
-    assert isinstance(both.grab, Mesh)
-    assert isinstance(both.place, Plain)
-    assert both.camera == own.camera
-    assert world.replaced(own, OWN, tmp_path) == own
+    other = world.with_other_grab(own, tmp_path)
+    assert isinstance(other.grab, Mesh)
+    assert (other.camera, other.place, other.light) == (own.camera, own.place, own.light)
     assert own.light.floodlights == 0 < World("tune", 8).scenario(SIZE).light.floodlights
 
 
@@ -74,23 +60,6 @@ def test_a_grab_by_other_code_opens_outwards_on_ropes_that_end_on_top(tmp_path, 
     assert (design.terminations[:, 2] >= closed[:, 2].max() - 0.05).all()
 
 
-def test_blender_has_simgrabs_groups():
-    assert (surfaces.PLACE, surfaces.ROPE, surfaces.GRAB) == (PLACE, ROPE, GRAB)
-
-
-@pytest.fixture(scope="module")
-def rendered():
-    changes = SMALL | {
-        "camera.distortion": {"k1": -0.1}, "image.shadow_map_px": 0,
-        "display.layout": "two-by-four",
-        "optics.recompress_quality": 60, "optics.exposure": {"model": "auto"},
-    }  # fmt: skip
-    scenario = scenes.load("quay-day", changes)
-    with FrameGenerator(scenario) as generator:
-        scene = generator.scene(0)
-        yield scenario, scene.draw(generator.project(0)), generator.frame(0).rgb
-
-
 def test_an_exported_grab_fills_the_box_of_the_labels():
     with FrameGenerator(scenes.load("quay-day", SMALL)) as generator:
         scene, truth = export(generator), generator.frame(0).truth
@@ -110,65 +79,24 @@ def test_an_exported_grab_fills_the_box_of_the_labels():
     assert len(vertices) == len(np.split(scene["faces"], scene["faces_ends"])) == len(scene["names"]) + 1
 
 
-def test_with_nothing_replaced_a_picture_is_simgrabs_own(rendered):
-    scenario, buffers, rgb = rendered
-    file, suffix = camera.photographed(scenario, buffers, to_linear(buffers.rgb), (), np.random.default_rng(0))
-    _, expected = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, scenario.image.quality])
-    assert suffix == ".jpg"
-    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(file, np.uint8), 1), cv2.imdecode(expected, 1))
+def fake(job):
+    """Render the same light everywhere."""
+    with np.load(job["scene"]) as file:
+        width, height = file["camera"][:2].astype(int)
+        assert {PLACE, GRAB} <= set(file["groups"].ravel())
+    np.save(job["out"], np.full((height, width, 3), 0.2, np.float16))
 
 
-@pytest.mark.parametrize("replaced", ["light", "sensor", "digits", "coder"])
-def test_what_is_replaced_changes_the_picture_and_not_where_things_are(rendered, replaced):
-    scenario, buffers, rgb = rendered
-    light = to_linear(buffers.rgb)
-    file, _ = camera.photographed(scenario, buffers, light, (replaced,), np.random.default_rng(5))
-    made = cv2.imdecode(np.frombuffer(file, np.uint8), 1)
-    grey = [cv2.GaussianBlur(p[30:240].mean(axis=2), (0, 0), 2) for p in (made, rgb[..., ::-1])]
-    (dx, dy), _ = cv2.phaseCorrelate(*(np.hypot(cv2.Sobel(g, -1, 1, 0), cv2.Sobel(g, -1, 0, 1)) for g in grey))
-    assert np.hypot(dx, dy) < 0.3
-    assert (made != rgb[..., ::-1]).any()
-
-
-def test_another_sensor_keeps_red_red():
-    light = np.full((64, 96, 3), 0.05, np.float32) + np.float32([0.2, 0, 0])
-    one, same = (camera.foreign_sensor(light, np.random.default_rng(1)) for _ in range(2))
-    np.testing.assert_array_equal(one, same)
-    red, green, blue = one.mean(axis=(0, 1))
-    assert red > 1.3 * max(green, blue)
-
-
-@pytest.mark.parametrize("coder", camera.CODERS)
-def test_every_coder_returns_much_the_same_picture(coder):
-    ramp = np.repeat(np.linspace(20, 230, 96, dtype=np.uint8)[None, :, None], 64, axis=0) * np.ones(3, np.uint8)
-    assert np.abs(camera.coded(ramp, coder, 1.0).astype(int) - ramp).mean() < 6
-
-
-def fake():
-    """A path tracer that renders even light."""
-    calls = []
-
-    def trace(jobs):
-        calls.append(jobs)
-        for job in jobs:
-            with np.load(job["scene"]) as file:
-                width, height = file["camera"][:2].astype(int)
-                assert {PLACE, GRAB} <= set(file["groups"].ravel())
-            assert job["ceiling_m"] > job["ground_m"]
-            np.save(job["out"], np.full((height, width, 3), 0.2, np.float16))
-
-    return trace, calls
-
-
-def killed_after(pictures):
-    left = iter(range(pictures))
-
-    def photographed(*arguments):
-        if next(left, None) is None:
-            raise RendererError("killed")
-        return camera.photographed(*arguments)
-
-    return photographed
+def test_of_simgrabs_own_light_a_picture_is_simgrabs_own():
+    changes = SMALL | {
+        "camera.distortion": {"k1": -0.1}, "image.shadow_map_px": 0, "display.layout": "two-by-four",
+        "optics.recompress_quality": 60, "optics.exposure": {"model": "auto"},
+    }  # fmt: skip
+    with FrameGenerator(scenes.load("quay-day", changes)) as generator:
+        light = to_linear(generator.scene(0).draw(generator.project(0)).rgb)
+        made = photographed(generator, light)
+        (own,) = stored.make(generator, 0).files.values()
+    np.testing.assert_array_equal(*(cv2.imdecode(np.frombuffer(data, np.uint8), 1) for data in (made, own)))
 
 
 class SmallWorld(World):
@@ -181,46 +109,37 @@ class SmallWorld(World):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A world whose making was interrupted after one picture, and then went on."""
+    """A world whose making was interrupted after one geometry, and then went on."""
     root = tmp_path_factory.mktemp("exam")
-    world = SmallWorld("tune", 1)
-    where = root / "worlds" / world.name
-    trace, _ = fake()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "photographed", killed_after(1))
-        with pytest.raises(RendererError, match="killed"):
-            Maker(root, SIZE, 1, 1, trace).make(world, PICTURES)
-    first = picture(where, PICTURES[0]).read_bytes()
-    assert [picture(where, name) is not None for name in PICTURES] == [True, False, False]
-    trace, more = fake()
-    maker = Maker(root, SIZE, 1, 1, trace)
-    maker.make(world, PICTURES)
-    assert [len(jobs) for jobs in more] == [1]  # one light for both
-    assert picture(where, PICTURES[0]).read_bytes() == first
-    maker.make(world, PICTURES)
-    assert len(more) == 1
+    world, traced = SmallWorld("tune", 1), []
+
+    def killed(job):
+        if traced:
+            raise RendererError("killed")
+        traced.append(job)
+        fake(job)
+
+    with pytest.raises(RendererError, match="killed"):
+        Maker(root / "worlds", SIZE, 1, 1, killed).make(world)
+    assert not foreign_exam.complete(root / "worlds" / world.name)
+    maker = Maker(root / "worlds", SIZE, 1, 1, lambda job: traced.append(job) or fake(job))
+    maker.make(world)
+    maker.make(world)
+    assert len(traced) == 2  # one for each geometry
     return root
 
 
-def test_an_interrupted_world_goes_on(folder):
-    where = folder / "worlds" / "tune-0001"
-    assert scoring.complete(where, PICTURES)
-    assert not scoring.complete(where, ("all",))
-    assert scoring.record(where, "own").truth.width_px == SIZE[0]
-
-
 def test_the_command_scores_what_is_there(folder):
-    asked = ["--out", str(folder), "--worlds", "2", "--conditions", ",".join(PICTURES), "--size", "480x270",
-             "--detector", "any-grab"]  # fmt: skip
-    done = CliRunner().invoke(foreign_exam.main, asked)
+    asked = ["--out", str(folder), "--worlds", "2", "--detector", "any-grab", "--size"]
+    done = CliRunner().invoke(foreign_exam.main, [*asked, "480x270"])
     assert done.exit_code == 0, done.output
     scores = msgspec.json.decode((folder / "scores-tune.json").read_bytes())
     assert scores["worlds"] == 1
     assert scores["incomplete"] == ["tune-0000"]
-    assert {*PICTURES, "mujoco"} <= scores["detectors"]["any-grab"].keys()
+    assert {"mujoco", "cycles", "mujoco-grab", "grab"} <= scores["detectors"]["any-grab"].keys()
     assert all(figures["labelled"] == 1 for figures in scores["detectors"]["any-grab"].values())
     assert (folder / "sheet-tune-mujoco.jpg").exists()
     assert "cycles" in done.output
-    other = CliRunner().invoke(foreign_exam.main, [*asked[:6], "--size", "960x540"])
+    other = CliRunner().invoke(foreign_exam.main, [*asked, "960x540"])
     assert other.exit_code == 2
     assert "choose another --out" in other.output
