@@ -10,7 +10,7 @@ import msgspec
 
 from scripts.foreign.making import picture
 from scripts.foreign.worlds import DEFAULT_FAMILY, World, with_mujoco
-from simgrab.dataset.record import Record
+from simgrab.dataset.record import FrameRecord
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
 from simgrab.io import pictures
@@ -21,9 +21,9 @@ from simgrab.model import label_arrays as labels
 from simgrab.model.scenario import Labels
 
 
-def record(folder: Path, replacement: str) -> Record:
+def record(folder: Path, replacement: str) -> FrameRecord:
     """Read the truth of a world with one replacement."""
-    return msgspec.json.decode((folder / f"truth-{replacement}.json").read_bytes(), type=Record)
+    return msgspec.json.decode((folder / f"truth-{replacement}.json").read_bytes(), type=FrameRecord)
 
 
 def complete(folder: Path, names: Sequence[str]) -> bool:

@@ -77,7 +77,7 @@ def command(
 
     from simgrab.cli._progress import bar
     from simgrab.instrument.pipeline import assemble
-    from simgrab.instrument.run.run import Options, run
+    from simgrab.instrument.run.run import RunOptions, run
     from simgrab.instrument.run.runs import alarms
     from simgrab.instrument.run.subject import BUNDLED, open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
@@ -97,7 +97,7 @@ def command(
         chosen = assemble(
             detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu
         )
-    options = Options(live=live, video=not no_video, rate_hz=rate)
+    options = RunOptions(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera or camera_beside(source), out, chosen, options, progress)
     if as_json:

@@ -155,7 +155,7 @@ def _listed(parts: list[Piece]) -> str:
     return ", ".join(sorted(groups)[:_MOST_LISTED] + alone[:_MOST_LISTED] + more)
 
 
-def _facts(keys: Mesh, model: models.Model, reading: Reading, made: Design) -> list[tuple[str, str]]:
+def _facts(keys: Mesh, model: models.ModelFile, reading: Reading, made: Design) -> list[tuple[str, str]]:
     parts = reading.pieces
     low, high = _extent(made)
     width, length, height = high - low
@@ -197,7 +197,7 @@ def _facts(keys: Mesh, model: models.Model, reading: Reading, made: Design) -> l
     return facts
 
 
-def _doubts_of_file(keys: Mesh, model: models.Model, reading: Reading) -> list[str]:
+def _doubts_of_file(keys: Mesh, model: models.ModelFile, reading: Reading) -> list[str]:
     """Say what of a file is not there, is not read, or is likely meant otherwise."""
     found = []
     for name in model.missing:
@@ -225,7 +225,7 @@ def _step(vertices: Array) -> float:
     return float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
 
 
-def _doubts_of_axis(keys: Mesh, model: models.Model, reading: Reading) -> list[str]:
+def _doubts_of_axis(keys: Mesh, model: models.ModelFile, reading: Reading) -> list[str]:
     """Compare the axes that may point up, where no key says which does.
 
     A grab is alike to both sides, but not above and below: the axis along which the steel lies least evenly points up.

@@ -16,7 +16,7 @@ from simgrab.errors import DatasetError, DetectorError, SourceError
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
-from simgrab.instrument.source import Files, open_source
+from simgrab.instrument.source import PictureFiles, open_source
 from simgrab.io import parquet
 from simgrab.io.destination import check_file, writing
 from simgrab.io.files import drafted
@@ -84,21 +84,21 @@ def detect(
     (6, 'found')
     """
     opened = open_source(source)
-    if not isinstance(opened, Files):
+    if not isinstance(opened, PictureFiles):
         raise SourceError(f"{opened.name} is a video; simgrab run measures it")
     looks = open_detector(detector) if isinstance(detector, str | Path) else detector
     return replace(_detect(opened.files, _whole(opened), looks, progress), note=opened.note)
 
 
 def detect_dataset(
-    path: Path, rows: Sequence[frame_files.Row], detector: Detector, progress: Progress | None = None
+    path: Path, rows: Sequence[frame_files.PictureRow], detector: Detector, progress: Progress | None = None
 ) -> Detections:
     """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `detect`."""
     files = [path / row.file for row in rows]
     return _detect(files, map(frame_files.picture, files, rows), detector, progress)
 
 
-def _whole(source: Files) -> Iterator[Picture]:
+def _whole(source: PictureFiles) -> Iterator[Picture]:
     for frame in source:
         if frame.picture is None:
             raise SourceError(f"{source.name}: {frame.reason}")

@@ -28,7 +28,7 @@ _LOOKS_LIKE = np.deg2rad(0.1)
 
 
 @dataclass(frozen=True)
-class Measured:
+class EstimatedRecord:
     """A record, the camera it was seen by, what was made of it, and what to beware of, a line each."""
 
     record: PixelRecord
@@ -98,7 +98,7 @@ def _kind(estimator: str) -> type[Estimator]:
 
 def measure(
     path: str | Path, camera: str | Path, estimator: str = DEFAULT, *, imu: str | Path | None = None
-) -> Measured:
+) -> EstimatedRecord:
     """Estimate tilt and swing from a file.
 
     Parameters
@@ -130,7 +130,7 @@ def measure(
         )
     found = kind.estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
-    return Measured(record, calibration, found, warnings)
+    return EstimatedRecord(record, calibration, found, warnings)
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
@@ -152,7 +152,7 @@ def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) ->
     )
 
 
-def as_json(measured: Measured) -> dict[str, Any]:
+def as_json(measured: EstimatedRecord) -> dict[str, Any]:
     """Plain data in degrees, with null for what is not there; every frame's α as well."""
     estimate = measured.estimate
     plain = estimate_json(estimate) | {"warnings": list(measured.warnings), "alpha_deg": _degrees(estimate.alpha)}

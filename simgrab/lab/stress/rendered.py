@@ -29,7 +29,7 @@ from simgrab.model.rng import stream
 from simgrab.model.scenario import Iid, Scenario
 
 if TYPE_CHECKING:  # geometric studies do without OpenGL and onnxruntime: what needs them is imported late
-    from simgrab.instrument.angles import Seen
+    from simgrab.instrument.angles import RecordArrays
     from simgrab.instrument.contract import Frame
     from simgrab.instrument.pipeline import Pipeline
     from simgrab.world.frames import Frame as RenderedFrame
@@ -55,7 +55,7 @@ class Watched:
         Under the replication's own seed.
     calibration : Calibration
         Calibration that the instrument gets.
-    seen : Seen
+    seen : RecordArrays
     truth : ndarray, shape (6, n)
         Of the swing α, azimuth (rad) and rope (m), of the camera β, azimuth and roll (rad).
     centre : ndarray, shape (n, 2)
@@ -66,7 +66,7 @@ class Watched:
 
     scenario: Scenario
     calibration: Calibration
-    seen: Seen
+    seen: RecordArrays
     truth: Array
     centre: Array
     present: NDArray[np.bool_]

@@ -19,7 +19,7 @@ from simgrab.errors import ScenarioError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import SHIPPED
 from simgrab.instrument.observation import Observation, one
-from simgrab.instrument.pipeline import Pipeline, Record, assemble
+from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
 from simgrab.io import pictures
 from simgrab.model.calibration import Calibration
 from simgrab.model.scenario import Iid, Scenario
@@ -122,7 +122,7 @@ def record_of(scenario: Scenario, frame: int) -> range:
     return span[:: max(math.ceil(len(span) / MOST_FRAMES), 1)]
 
 
-def _described(record: Record, index: int) -> dict[str, Any]:
+def _described(record: MeasuredRecord, index: int) -> dict[str, Any]:
     measured, tilt = record.measurements[index], record.tilt
     plain: dict[str, Any] = msgspec.to_builtins(measured)
     angles = {

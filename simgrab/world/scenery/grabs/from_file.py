@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError, SimgrabError, first_line
 from simgrab.io import models
-from simgrab.io.models import MOST_FACES, Model
+from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import shown
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Mesh
@@ -241,7 +241,7 @@ def _shifted(solid: trimesh.Trimesh, origin: Array) -> trimesh.Trimesh:
     return solid.copy().apply_translation(-origin)
 
 
-def read(keys: Mesh, model: Model) -> Reading:
+def read(keys: Mesh, model: ModelFile) -> Reading:
     """Read a model as keys turn and scale it.
 
     Raises
@@ -270,12 +270,12 @@ def read(keys: Mesh, model: Model) -> Reading:
     return Reading(found, origin, contents)
 
 
-def usual_up(model: Model) -> str:
+def usual_up(model: ModelFile) -> str:
     """Give the axis that points up in files of a model's format."""
     return "y" if model.format in ("glb", "gltf") else "z"
 
 
-def _contents(model: Model) -> Contents:
+def _contents(model: ModelFile) -> Contents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's, of what is refused later

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from trimesh.transformations import quaternion_matrix
 
 from simgrab.io import models
-from simgrab.io.models import MOST_NODES, Model
+from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
 from simgrab.model.srgb import encoded
@@ -32,7 +32,7 @@ _MOST_TARGETS, _MOST_JOINTS = 100, 16
 """Of morph targets that have an effect, and of joints of a vertex."""
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read a glTF file or a GLB file."""
     content = models.gltf(model.format, model.data, refuse)
     for name in extensions.required(content.get("extensionsRequired", [])):
@@ -51,7 +51,7 @@ def read(model: Model, refuse: Refuse) -> Contents:
 class _Buffers:
     """What accessors give."""
 
-    def __init__(self, model: Model, content: Mapping[str, Any], refuse: Refuse) -> None:
+    def __init__(self, model: ModelFile, content: Mapping[str, Any], refuse: Refuse) -> None:
         self._model, self._content, self._refuse = model, content, refuse
         self._wholes: dict[int, memoryview] = {}
 

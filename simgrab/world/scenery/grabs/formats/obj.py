@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simgrab.io import models
-from simgrab.io.models import MOST_NODES, Model
+from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
@@ -94,7 +94,7 @@ class _Look:
     unread: set[str] = field(default_factory=set)
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read an OBJ file.
 
     Its nodes are its objects, its groups, and one for each object's and group's part of a material.
@@ -214,7 +214,7 @@ def _some(names: Iterable[str]) -> str:
 # Material libraries.
 
 
-def _libraries(model: Model) -> tuple[dict[str, _Look], list[str]]:
+def _libraries(model: ModelFile) -> tuple[dict[str, _Look], list[str]]:
     """Read the materials of all libraries that the file names."""
     looks: dict[str, _Look] = {}
     doubts = []
@@ -229,7 +229,7 @@ def _libraries(model: Model) -> tuple[dict[str, _Look], list[str]]:
     return looks, doubts
 
 
-def _library(model: Model, file: str, data: bytes) -> dict[str, _Look]:
+def _library(model: ModelFile, file: str, data: bytes) -> dict[str, _Look]:
     stated: dict[str, dict[str, tuple[str, str]]] = {}  # by material and keyword in lower case: the line's two ends
     own: dict[str, tuple[str, str]] = {}
     for line in models.lines(data):
@@ -241,7 +241,7 @@ def _library(model: Model, file: str, data: bytes) -> dict[str, _Look]:
     return {name: _look(model, file, lines) for name, lines in stated.items()}
 
 
-def _look(model: Model, file: str, lines: dict[str, tuple[str, str]]) -> _Look:
+def _look(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) -> _Look:
     """Make a material of its lines."""
     doubts, rgb, texture, scale, offset = list[str](), (1.0, 1.0, 1.0), None, (1.0, 1.0), (0.0, 0.0)
     if "kd" in lines:
